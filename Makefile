@@ -1,0 +1,51 @@
+# make demo | test | test-slow | lint | install
+#
+# On Debian, `install` brings the missing system packages (as root or by sudo) and a virtual environment on top
+# of them. To use an existing PETSc instead (cluster module, conda), see "Installing" in README.md.
+
+DEBIAN := python3-petsc4py python3-petsc4py-real python3-petsc4py-complex \
+          python3-slepc4py python3-slepc4py-real python3-slepc4py-complex \
+          python3-mpi4py python3-h5py-mpi python3-numpy python3-scipy python3-matplotlib \
+          mpi-default-bin libopenblas0-pthread python3-venv
+SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
+PYTHON := .venv/bin/python
+
+# Open MPI refuses root and more ranks than cores unless told; both are normal in a container.
+export OMPI_ALLOW_RUN_AS_ROOT := 1
+export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
+export OMPI_MCA_rmaps_base_oversubscribe := 1
+export OPENBLAS_NUM_THREADS := 1
+
+.PHONY: install demo test test-slow lint
+
+install: .venv/.ready
+
+# The compiled packages come from Debian and are built for numpy 1: pip takes only the pure Python ones, and
+# nothing may bring numpy 2 or another h5py.
+PURE := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+        deps = p["dependencies"] + p["optional-dependencies"]["test"]; \
+        print(*(d for d in deps if not re.match("numpy|scipy|mpi4py|h5py|petsc4py|slepc4py|tomli", d)))
+
+.venv/.ready: pyproject.toml Makefile
+	@missing=$$(for p in $(DEBIAN); do dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
+	if [ -n "$$missing" ]; then \
+	    $(SUDO) apt-get update -qq && \
+	    $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing; \
+	fi
+	/usr/bin/python3 -m venv --clear --system-site-packages .venv
+	echo "numpy<1.25" > .venv/constraints.txt
+	.venv/bin/python -m pip install -q -c .venv/constraints.txt $$(.venv/bin/python -c '$(PURE)')
+	.venv/bin/python -m pip install -q --no-deps -e .
+	@touch $@
+
+demo: install
+	mpiexec -n 2 $(PYTHON) -m hpcred
+
+test: install
+	$(PYTHON) -m pytest -m "not slow"
+
+test-slow: install
+	$(PYTHON) -m pytest -m slow
+
+lint: install
+	.venv/bin/ruff check .

@@ -1,0 +1,82 @@
+"""What each row of the matrices is: node, direction and position; rows of this rank only."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass
+class Dofs:
+    """Labels of the rows of this rank: `node` (rows,), `direction` (rows,) 0..5, `position` (rows, 3) in m."""
+
+    node: np.ndarray
+    direction: np.ndarray
+    position: np.ndarray
+
+    def take(self, rows):
+        return Dofs(self.node[rows], self.direction[rows], self.position[rows])
+
+
+def direction_index(name) -> int:
+    """0..5 of "x", "y", "z", "rx", "ry", "rz". Raises InputError."""
+    if name not in DIRECTIONS:
+        raise InputError(f"direction: found {name!r}, expected one of {', '.join(DIRECTIONS)}")
+    return DIRECTIONS.index(name)
+
+
+def rows_of_node(model, node: int) -> dict[int, int]:
+    """Global row of each direction (0..5) of a node. Collective. Raises InputError if there is no such node."""
+    dofs = require_dofs(model, f"node {node}")
+    local = np.flatnonzero(dofs.node == node)
+    mine = {int(dofs.direction[i]): int(i) + model.first_row for i in local}
+    found = {}
+    for part in model.comm.allgather(mine):
+        found |= part
+    if not found:
+        low = model.comm.allgather(int(dofs.node.min()) if dofs.node.size else None)
+        high = model.comm.allgather(int(dofs.node.max()) if dofs.node.size else None)
+        low, high = (f([v for v in values if v is not None]) for f, values in ((min, low), (max, high)))
+        raise InputError(f"node {node} does not exist in {model.name}; its nodes are numbered {low} to {high}")
+    return found
+
+
+def position_of_node(model, node: int) -> np.ndarray:
+    """Coordinates (3,) of a node. Collective."""
+    row = next(iter(rows_of_node(model, node).values())) - model.first_row
+    mine = model.dofs.position[row] if 0 <= row < model.local_rows else None
+    return next(p for p in model.comm.allgather(mine) if p is not None)
+
+
+def row_of(model, target) -> int:
+    """Global row (from 0) of a dof given as its number (from 1) or as a pair (node, direction). Collective."""
+    if isinstance(target, (int, np.integer)):
+        if not 1 <= target <= model.size:
+            raise InputError(
+                f"dof {target} does not exist in {model.name}; its dofs are numbered 1 to {model.size}"
+            )
+        return int(target) - 1
+    node, direction = target
+    rows = rows_of_node(model, int(node))
+    index = direction_index(direction)
+    if index not in rows:
+        have = ", ".join(DIRECTIONS[d] for d in sorted(rows))
+        raise InputError(f"node {node} of {model.name} has no dof in direction {direction}; it has {have}")
+    return rows[index]
+
+
+def require_dofs(model, purpose: str) -> Dofs:
+    """The dof labels, or InputError when the model came without nodes."""
+    if model.dofs is None:
+        raise InputError(
+            f"{model.name} has no node coordinates, which {purpose} needs; convert it with --nodes"
+        )
+    return model.dofs
+
+
+def target_name(target) -> str:
+    """"20:z" for a pair (node, direction), "dof 115" for a number."""
+    return f"dof {target}" if isinstance(target, (int, np.integer)) else f"{target[0]}:{target[1]}"
