@@ -23,16 +23,15 @@ class Basis:
     column that brought it, is dropped. Owns PETSc objects: call close(). All methods are collective.
     """
 
-    def __init__(self, mass: PETSc.Mat, deflate: SLEPc.BV | None = None, tolerance: float = 1e-11):
+    def __init__(self, mass: PETSc.Mat, deflate: SLEPc.BV | None = None, tolerance: float = 1e-12):
         self.mass = mass
         self.tolerance = tolerance
         self._leading = 0
         self.size = 0
         self._block = create_block(mass, 32)
         if deflate is not None:
-            self._leading = deflate.getActiveColumns()[1]
             self._append(deflate)
-            self.size = 0
+            self._leading, self.size = self.size, 0
 
     def close(self):
         self._block.destroy()

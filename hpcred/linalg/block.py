@@ -1,7 +1,7 @@
 """Blocks of distributed column vectors: SLEPc BVs, and the four operations that the reduction needs on them.
 
 A block has the row layout of a matrix and `columns` columns; all functions are collective and act on the active
-columns. Small factors (Gram matrices, coefficients) are real numpy arrays, identical on all ranks.
+columns. Small factors (Gram matrices, coefficients) are numpy arrays, identical on all ranks.
 """
 
 from contextlib import contextmanager
@@ -63,14 +63,21 @@ def apply(mat: PETSc.Mat, block: SLEPc.BV, result: SLEPc.BV):
 
 
 def inner(left: SLEPc.BV, right: SLEPc.BV) -> np.ndarray:
-    """left^T right (columns of left, columns of right)."""
+    """left^T right (columns of left, columns of right), with left real."""
     (l0, l1), (r0, r1) = left.getActiveColumns(), right.getActiveColumns()
     if l0 == l1 or r0 == r1:
         return np.zeros((l1 - l0, r1 - r0))
     small = right.dot(left)
-    values = small.getDenseArray()[l0:l1, r0:r1].real.copy()
+    values = small.getDenseArray()[l0:l1, r0:r1].copy()
     small.destroy()
-    return values
+    return values if np.iscomplexobj(values) and values.imag.any() else values.real.copy()
+
+
+def column_norms(block: SLEPc.BV) -> np.ndarray:
+    """2-norms of the active columns (columns,)."""
+    with local_rows(block) as rows:
+        squares = (np.abs(rows) ** 2).sum(axis=0)
+    return np.sqrt(block.comm.tompi4py().allreduce(squares))
 
 
 def add_product(result: SLEPc.BV, block: SLEPc.BV, factor: np.ndarray, alpha=1.0, beta=1.0):
@@ -92,7 +99,7 @@ def turn(block: SLEPc.BV, factor: np.ndarray):
 
 
 def _small(factor, row0, row1, column0, column1):
-    values = np.zeros((row1, column1), order="F")
+    values = np.zeros((row1, column1), dtype=PETSc.ScalarType, order="F")
     values[row0:, column0:] = factor
     mat = PETSc.Mat().createDense((row1, column1), array=values, comm=PETSc.COMM_SELF)
     mat.assemble()

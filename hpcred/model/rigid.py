@@ -4,8 +4,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..linalg.basis import Basis
-from ..linalg.block import add_product, apply, copy_of, create_block, inner, local_rows, turn
-from ..linalg.shifted import column_norms
+from ..linalg.block import add_product, apply, column_norms, copy_of, create_block, inner, local_rows, turn
 from ..petsc import PETSc, SLEPc
 from .dofs import require_dofs
 

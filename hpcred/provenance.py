@@ -1,0 +1,62 @@
+"""What a result file says about the run that made it."""
+
+import platform
+from dataclasses import asdict
+from datetime import datetime, timezone
+from importlib.metadata import PackageNotFoundError, version
+
+from .petsc import MPI, SCALAR, PETSc, SLEPc
+
+
+def versions() -> dict:
+    """Versions of everything that can change a number."""
+    found = {
+        "python": platform.python_version(),
+        "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+        "slepc": ".".join(map(str, SLEPc.Sys.getVersion())),
+        "mpi": MPI.Get_library_version().strip("\x00\n ").split(",")[0],
+    }
+    for package in ("hpcred", "numpy", "h5py", "mpi4py"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = str(getattr(__import__(package), "__version__", "unknown"))
+    return found
+
+
+def describe(item) -> dict:
+    """A frozen dataclass of the public API as a dictionary, with its kind."""
+    name = type(item).__name__
+    kind = "".join("_" + c.lower() if c.isupper() else c for c in name).lstrip("_")
+    return {"kind": kind, **{key: value for key, value in asdict(item).items() if value is not None}}
+
+
+def provenance(model, framed, basis, frame, damping, context, progress, defect) -> dict:
+    """Everything but the matrices; plain types only. Collective."""
+    solver = context.solver
+    info = framed.model.K.getInfo()
+    return {
+        "date": model.comm.bcast(datetime.now(timezone.utc).isoformat(timespec="seconds")),
+        "versions": versions(),
+        "scalar": SCALAR,
+        "ranks": model.comm.size,
+        "petsc_options": PETSc.Options().getAll(),
+        "model": model.name,
+        "size": model.size,
+        "free_size": framed.model.size,
+        "nonzeros": int(info["nz_used"]),
+        "rigid_body_modes": framed.rigid.count if framed.rigid is not None else 0,
+        "inputs": model.input_names,
+        "outputs": model.output_names,
+        "frame": describe(frame) if frame is not None else {"kind": "none"},
+        "damping": describe(damping) if damping is not None else {"kind": "none"},
+        "basis": [describe(item) for item in basis],
+        "deflation_tolerance": context.tolerance,
+        "ingredients": context.report,
+        "orthonormality_defect": defect,
+        "symmetry_defects": model.symmetry_defects,
+        "ordering": solver.records[-1]["ordering"] if solver.records else "none",
+        "factorisations": solver.records,
+        "symbolic_analyses": solver.analyses,
+        "run": progress.summary(),
+    }

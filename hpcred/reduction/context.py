@@ -1,0 +1,69 @@
+"""What an ingredient of a basis may use: the framed model, the solver, the loads, and a place for its report."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..linalg.block import apply, create_block, from_dense, inner, turn
+from ..linalg.shifted import ShiftedSolver
+
+DEPENDENT = 1e-12  # eigenvalue of the Gram matrix of unit columns below which loads count as dependent
+
+
+@dataclass
+class Context:
+    """Given to `extend(basis, context)` of every ingredient. Call close(); collective."""
+
+    framed: object
+    progress: object
+    tolerance: float
+    report: list = field(default_factory=list)
+    _solver: ShiftedSolver | None = None
+    _loads: object = None
+
+    def __post_init__(self):
+        self.model, self.rigid = self.framed.model, self.framed.rigid
+
+    @property
+    def solver(self) -> ShiftedSolver:
+        """The one solver of the run."""
+        if self._solver is None:
+            self._solver = ShiftedSolver(self.model, self.rigid)
+        return self._solver
+
+    @property
+    def loads(self):
+        """The independent columns of B, self-equilibrated for a free body, as a block; owned by the context."""
+        if self._loads is None:
+            self._loads = from_dense(self.model.B)
+            if self.rigid is not None:
+                self.rigid.equilibrate(self._loads)
+            gram = inner(self._loads, self._loads)
+            size = np.sqrt(np.diag(gram))
+            scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+            values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
+            kept = values > DEPENDENT
+            if not kept.all():
+                turn(self._loads, scale[:, None] * vectors[:, kept])
+                self._loads.setActiveColumns(0, int(kept.sum()))
+                self.note("inputs", columns=len(kept), kept=int(kept.sum()))
+        return self._loads
+
+    def times_mass(self, block):
+        """M block as a new block."""
+        first, last = block.getActiveColumns()
+        product = create_block(self.model.M, last - first)
+        apply(self.model.M, block, product)
+        return product
+
+    def note(self, where: str, columns: int, kept: int, **more):
+        """Record how many of the columns offered were new; shown by the command line, kept in the result."""
+        self.report.append({"where": where, "columns": columns, "kept": kept, **more})
+        dropped = f", {columns - kept} dependent dropped" if columns > kept else ""
+        self.progress.say(f"{where}: {kept} new vectors{dropped}")
+
+    def close(self):
+        if self._solver is not None:
+            self._solver.close()
+        if self._loads is not None:
+            self._loads.destroy()

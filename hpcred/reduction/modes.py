@@ -1,0 +1,177 @@
+"""Modal reduction: the lowest modes, the modes in a band, or listed modes of (K, M) extend a basis."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..linalg.block import add_product, apply, column_norms, create_block, inner, local_rows
+from ..linalg.eigen import lowest_modes, modes_in_interval
+from ..linalg.mumps import SingularMatrix
+from ..petsc import SCALAR
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Undamped modes: exactly one of the lowest `count`, all in `band` (Hz), or those of the list `index`.
+
+    `index` counts from 1 as finite-element programs do: rigid-body modes of a free body come first (1 to 6), and
+    are never part of the basis.
+    """
+
+    count: int | None = None
+    band: tuple[float, float] | None = None
+    index: tuple[int, ...] | None = None
+
+    def __post_init__(self):
+        if sum(value is not None for value in (self.count, self.band, self.index)) != 1:
+            raise InputError("modes: expected exactly one of count, band and index")
+        if self.band is not None and not 0 <= self.band[0] < self.band[1]:
+            raise InputError(f"modes.band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
+        if self.count is not None and self.count < 1:
+            raise InputError(f"modes.count: found {self.count}, expected at least 1")
+        if self.index is not None and (not self.index or min(self.index) < 1):
+            raise InputError(f"modes.index: found {list(self.index)}, expected numbers from 1")
+
+    def columns(self, inputs: int, rigid: int) -> int:
+        """Number of vectors known beforehand (0 for a band)."""
+        return self.count or len(set(self.index or ()))
+
+    def check(self, size: int, rigid: int):
+        """Refuse what the model cannot have. Raises InputError."""
+        if self.index is not None and min(self.index) <= rigid:
+            raise InputError(
+                f"modes.index: modes 1 to {rigid} of a free body are its rigid-body modes, "
+                f"its elastic modes start at {rigid + 1}"
+            )
+        if self._highest(rigid) > size - rigid:
+            raise InputError(
+                f"modes: {self._highest(rigid)} elastic modes asked for, the model has {size - rigid}"
+            )
+
+    def _highest(self, rigid):
+        """How many of the lowest elastic modes have to be known."""
+        return self.count or (max(self.index) - rigid if self.index else 0)
+
+    def extend(self, basis, context):
+        """Add the modes to the basis. Collective."""
+        rigid = context.rigid.count if context.rigid is not None else 0
+        self.check(context.model.size, rigid)
+        with context.progress.stage("modes", self._name()):
+            if self.band is not None:
+                values, block = self._in_band(context)
+            else:
+                values, block = _lowest(context, self._highest(rigid))
+                if self.index is not None:
+                    chosen = np.array(sorted(set(self.index))) - rigid - 1
+                    values, block = values[chosen], _choose(context, block, chosen)
+            residual = _residual(context, values, block)
+        frequencies = np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
+        kept = 0
+        if block is not None:
+            with context.progress.stage("orthogonalise"):
+                kept = basis.extend(block)
+            block.destroy()
+        context.note(
+            self._name(), len(values), kept, frequencies_hz=frequencies.tolist(), residual=residual
+        )
+
+    def _name(self):
+        if self.band is not None:
+            return f"modes in {self.band[0]:g} to {self.band[1]:g} Hz"
+        return f"{self.count} lowest modes" if self.count else f"modes {list(self.index)}"
+
+    def _in_band(self, context):
+        low, high = ((2 * np.pi * f) ** 2 for f in self.band)
+        if low == 0:
+            low = -0.01 * high  # below the rigid-body modes, where K - low M is definite
+        if SCALAR == "real":
+            values, block = modes_in_interval(context.model.K, context.model.M, low, high)
+            return _without_rigid(context, values, block)
+        # No inertia in complex builds: take ever more of the lowest modes until one lies above the band.
+        rigid = context.rigid.count if context.rigid is not None else 0
+        count, most = 16, context.model.size - rigid
+        while True:
+            values, block = _lowest(context, min(count, most))
+            if values[-1] > high or len(values) == most:
+                break
+            block.destroy()
+            count *= 2
+        inside = np.flatnonzero((values > low) & (values < high))
+        return values[inside], _choose(context, block, inside)
+
+
+def _lowest(context, count):
+    try:
+        context.solver.factor(0.0)
+    except SingularMatrix as error:
+        raise _free_body(context) from error
+    right, left = create_block(context.model.K, 1), create_block(context.model.K, 1)
+
+    def solve(x, y):
+        with local_rows(right) as rows:
+            rows[:, 0] = x.getArray(readonly=True)
+        try:
+            context.solver.solve(right, left)
+        except SingularMatrix as error:
+            raise _free_body(context) from error
+        with local_rows(left) as rows:
+            y.setArray(rows[:, 0])
+
+    # a probe, since an error inside SLEPc's callback would reach the user as SLEPc's
+    probe = context.model.K.createVecs()
+    probe[0].set(1.0)
+    solve(*probe)
+    for vector in probe:
+        vector.destroy()
+    pairs = lowest_modes(context.model.K, context.model.M, count, solve)
+    right.destroy()
+    left.destroy()
+    return pairs
+
+
+def _free_body(context):
+    return InputError(
+        f"basis: K of {context.model.name} is singular, so the body can move freely; "
+        "take frame kind 'buckens', 'chord' or 'tangent'"
+    )
+
+
+def _choose(context, block, columns):
+    """The chosen columns as a new block, None for none; the block is destroyed."""
+    if not len(columns):
+        block.destroy()
+        return None
+    chosen = create_block(context.model.K, len(columns))
+    with local_rows(block) as source, local_rows(chosen) as target:
+        target[...] = source[:, columns]
+    block.destroy()
+    return chosen
+
+
+def _without_rigid(context, values, block):
+    """Leave out the modes that are rigid-body motions."""
+    if block is None or context.rigid is None:
+        return values, block
+    product = context.times_mass(block)
+    share = (inner(context.rigid.R, product) ** 2).sum(axis=0) / np.diag(inner(block, product))
+    product.destroy()
+    elastic = np.flatnonzero(share < 0.5)
+    block = _choose(context, block, elastic)
+    if block is not None:
+        context.rigid.project(block)
+    return values[elastic], block
+
+
+def _residual(context, values, block):
+    """Largest ||K x - lambda M x|| / (lambda ||M x||) over the modes."""
+    if block is None:
+        return 0.0
+    product, force = context.times_mass(block), create_block(context.model.K, len(values))
+    apply(context.model.K, block, force)
+    size = column_norms(product)
+    add_product(force, product, np.diag(values), alpha=-1.0)
+    residual = float((column_norms(force) / (np.abs(values) * size)).max())
+    product.destroy()
+    force.destroy()
+    return residual

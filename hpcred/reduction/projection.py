@@ -1,0 +1,39 @@
+"""Galerkin projection (20 with W = V) and diagonalisation of the reduced model (52-54)."""
+
+import numpy as np
+
+from ..linalg.block import apply, create_block, from_dense, inner
+from ..linalg.eigen import symmetric_eigenpairs
+
+WIDTH = 64  # columns projected at a time, which bounds the memory
+
+
+def project(mat, columns, width=WIDTH) -> np.ndarray:
+    """V^T A V (m, m) for the active columns V. Collective."""
+    first, last = columns.getActiveColumns()
+    result = np.zeros((last - first, last - first))
+    for low in range(first, last, width):
+        high = min(low + width, last)
+        columns.setActiveColumns(low, high)
+        product = create_block(mat, high - low)
+        apply(mat, columns, product)
+        columns.setActiveColumns(first, last)
+        result[:, low - first : high - first] = inner(columns, product)
+        product.destroy()
+    return result
+
+
+def project_columns(columns, mat) -> np.ndarray:
+    """V^T B (m, p) for a dense B. Collective."""
+    block = from_dense(mat)
+    result = inner(columns, block)
+    block.destroy()
+    return result
+
+
+def diagonalise(basis, stiffness: np.ndarray):
+    """Turn the basis so that V^T K V is diagonal (53, 54); returns omega^2 (m,)."""
+    comm = basis.mass.comm.tompi4py()
+    squares, rotation = comm.bcast(symmetric_eigenpairs((stiffness + stiffness.T) / 2))
+    basis.turn(rotation)
+    return squares

@@ -1,0 +1,46 @@
+"""The reduced model: small numpy arrays, the same on all ranks, and what they came from."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass
+class ReducedModel:
+    """M x'' + D x' + K x = B u, y = C x with m coordinates, p inputs, r outputs; SI units.
+
+    M, D, K (m, m), B (m, p), C (r, m); `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52).
+    `provenance`: what made it. `columns`: the basis V as a distributed block (n, m), zero at the dofs that the frame
+    holds, when the reduction was run here; None after reading a file. close() frees it.
+    """
+
+    M: np.ndarray
+    D: np.ndarray
+    K: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    frequencies: np.ndarray
+    input_names: list = field(default_factory=list)
+    output_names: list = field(default_factory=list)
+    provenance: dict = field(default_factory=dict)
+    columns: object = None
+
+    @property
+    def size(self) -> int:
+        return len(self.M)
+
+    def transfer_function(self, s: complex) -> np.ndarray:
+        """H(s) = C (s^2 M + s D + K)^-1 B (r, p), (25, 41)."""
+        return self.C @ np.linalg.solve(s * s * self.M + s * self.D + self.K, self.B.astype(complex))
+
+    def close(self):
+        """Free the basis. Collective."""
+        if self.columns is not None:
+            self.columns.destroy()
+        self.columns = None
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
