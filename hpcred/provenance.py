@@ -34,9 +34,10 @@ def describe(item) -> dict:
 def provenance(model, framed, basis, frame, damping, context, progress, defect) -> dict:
     """Everything but the matrices; plain types only. Collective."""
     solver = context.solver
-    info = framed.model.K.getInfo()
-    return {
-        "date": model.comm.bcast(datetime.now(timezone.utc).isoformat(timespec="seconds")),
+    info = framed.model.K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)
+    run = progress.summary()
+    record = {
+        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "versions": versions(),
         "scalar": SCALAR,
         "ranks": model.comm.size,
@@ -58,5 +59,6 @@ def provenance(model, framed, basis, frame, damping, context, progress, defect) 
         "ordering": solver.records[-1]["ordering"] if solver.records else "none",
         "factorisations": solver.records,
         "symbolic_analyses": solver.analyses,
-        "run": progress.summary(),
+        "run": run,
     }
+    return model.comm.bcast(record)

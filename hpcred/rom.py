@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .linalg.block import local_rows
+
 
 @dataclass
 class ReducedModel:
@@ -32,6 +34,10 @@ class ReducedModel:
     def transfer_function(self, s: complex) -> np.ndarray:
         """H(s) = C (s^2 M + s D + K)^-1 B (r, p), (25, 41)."""
         return self.C @ np.linalg.solve(s * s * self.M + s * self.D + self.K, self.B.astype(complex))
+
+    def local_columns(self):
+        """The rows of the basis on this rank as a numpy view (rows, m), in a `with` block."""
+        return local_rows(self.columns)
 
     def close(self):
         """Free the basis. Collective."""

@@ -109,6 +109,7 @@ class Factorisation:
                 "memory_mb_used_max_rank": mumps.getMumpsInfog(21),
                 "memory_mb_used_total": mumps.getMumpsInfog(22),
                 "negative_pivots": mumps.getMumpsInfog(12),
+                "null_pivots": mumps.getMumpsInfog(28),
                 "workspace_retries": retries,
                 "columns_solved": 0,
                 "solve_seconds": 0.0,

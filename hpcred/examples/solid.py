@@ -1,0 +1,94 @@
+"""A block of 8-node hexahedra, to try large cases: every rank assembles the rows it owns, without communication."""
+
+from itertools import product
+
+import numpy as np
+
+from ..errors import InputError
+from ..model.dofs import Dofs
+from ..model.model import SecondOrderModel, row_range
+from ..petsc import MPI
+
+
+def solid(
+    cells=(60, 24, 24), size=None, inputs=6, clamped=True, comm=MPI.COMM_WORLD, young=2.1e11, poisson=0.3,
+    density=7850.0,
+) -> SecondOrderModel:  # fmt: skip
+    """A block of `cells` (3,) hexahedra with edges `size` (3,) in m, by default 10 mm a cell. Collective.
+
+    `clamped`: the nodes at x = 0 are held and left out. `inputs`: forces in x, y, z at nodes spread over the face
+    at the other end. Three dofs a node, node numbers along z first, then y, then x; consistent mass.
+    """
+    cells = tuple(int(count) for count in cells)
+    if len(cells) != 3 or min(cells) < 1:
+        raise InputError(f"cells: found {list(cells)}, expected three numbers of at least 1")
+    size = np.array(size if size is not None else [0.01 * count for count in cells], dtype=float)
+    if size.shape != (3,) or (size <= 0).any():
+        raise InputError(f"size: found {size.tolist()}, expected three positive lengths in m")
+    grid = np.array(cells) + 1
+    skipped = grid[1] * grid[2] if clamped else 0
+    count = int(np.prod(grid)) - skipped
+    if not 1 <= inputs <= 3 * grid[1] * grid[2]:
+        raise InputError(f"inputs: found {inputs}, expected 1 to {3 * grid[1] * grid[2]}")
+    first, last = row_range(comm, 3 * count, 3)
+    nodes = np.arange(first // 3, last // 3) + skipped
+    place = np.array(np.unravel_index(nodes, grid)).T
+    stiffness, mass = hexahedron(size / cells, young, poisson, density)
+    indptr, indices, values = _rows(place, nodes, grid, cells, clamped, skipped, {"K": stiffness, "M": mass})
+    labels = np.repeat(nodes - skipped + 1, 3)
+    position = np.repeat(place * (size / cells), 3, axis=0)
+    dofs = Dofs(labels, np.tile(np.arange(3, dtype=np.int8), len(nodes)), position)
+    model = SecondOrderModel.from_csr(comm, 3 * count, indptr, indices, values, dofs=dofs, name="solid")
+    face = np.linspace(0, grid[1] * grid[2] - 1, -(-inputs // 3)).astype(int) + count - grid[1] * grid[2] + 1
+    model.set_inputs([(int(node), direction) for node in face for direction in "xyz"][:inputs])
+    return model
+
+
+def _rows(place, nodes, grid, cells, clamped, skipped, elements):
+    """CSR rows of the nodes at `place` (nodes, 3): 27 neighbours each, as far as they exist."""
+    offsets = np.array(list(product((-1, 0, 1), repeat=3)))
+    stride = np.array([grid[1] * grid[2], grid[2], 1])
+    neighbour = place[:, None, :] + offsets
+    lowest = np.array([1 if clamped else 0, 0, 0])
+    exists = ((neighbour >= lowest) & (neighbour < grid)).all(axis=2)
+    corners = list(product((0, 1), repeat=3))
+    blocks = {key: np.zeros((len(nodes), 27, 3, 3)) for key in elements}
+    for a, corner in enumerate(corners):
+        cell = place - corner
+        inside = ((cell >= 0) & (cell < cells)).all(axis=1)
+        for b, other in enumerate(corners):
+            offset = np.flatnonzero((offsets == np.subtract(other, corner)).all(axis=1))[0]
+            for key, element in elements.items():
+                blocks[key][inside, offset] += element[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
+    columns = 3 * (nodes[:, None] + offsets @ stride - skipped)
+    wide = np.broadcast_to(exists[:, None, :, None], (len(nodes), 3, 27, 3))
+    indices = np.broadcast_to((columns[:, :, None] + np.arange(3))[:, None], wide.shape)[wide]
+    values = {key: block.transpose(0, 2, 1, 3)[wide] for key, block in blocks.items()}
+    lengths = np.repeat(3 * exists.sum(axis=1), 3)
+    return np.concatenate([[0], np.cumsum(lengths)]), indices, values
+
+
+def hexahedron(edges, young, poisson, density):
+    """K (24, 24) and consistent M (24, 24) of a trilinear brick with the given edges, by 2 x 2 x 2 Gauss points."""
+    edges = np.asarray(edges, dtype=float)
+    corners = np.array(list(product((-1, 1), repeat=3)))
+    lame = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+    shear = young / (2 * (1 + poisson))
+    elastic = np.diag([2 * shear] * 3 + [shear] * 3)
+    elastic[:3, :3] += lame
+    stiffness, scalar = np.zeros((24, 24)), np.zeros((8, 8))
+    volume = np.prod(edges) / 8
+    for point in corners / 3**0.5:
+        terms = 1 + corners * point
+        shape = terms.prod(axis=1) / 8
+        gradient = np.array(
+            [corners[:, d] * np.delete(terms, d, axis=1).prod(axis=1) / 8 * 2 / edges[d] for d in range(3)]
+        )
+        strain = np.zeros((6, 24))
+        for d in range(3):
+            strain[d, d::3] = gradient[d]
+        for row, (d, e) in enumerate(((0, 1), (1, 2), (0, 2)), start=3):
+            strain[row, d::3], strain[row, e::3] = gradient[e], gradient[d]
+        stiffness += volume * strain.T @ elastic @ strain
+        scalar += volume * density * np.outer(shape, shape)
+    return (stiffness + stiffness.T) / 2, np.kron(scalar, np.eye(3))

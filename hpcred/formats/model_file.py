@@ -1,0 +1,86 @@
+"""model.h5: a SecondOrderModel as real CSR rows in HDF5, readable in slices by any number of ranks.
+
+    matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all matrices, columns from 0
+    matrices/K, M and, where there is one, D (nonzeros)
+    inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T
+    dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import agreed
+from ..model.dofs import Dofs
+from ..model.model import SecondOrderModel, dofs_per_node, row_range
+from ..petsc import MPI
+from .hdf5 import reading, texts, writing
+
+FORMAT = "hpcred-model"
+
+
+def write_model(path, model: SecondOrderModel):
+    """Write a model. Collective. Raises InputError when the folder cannot be written."""
+    indptr, indices, values = model.K.getValuesCSR()
+    parts = {"K": values.real}
+    for key, mat in model.matrices.items():
+        parts.setdefault(key, mat.getValuesCSR()[2].real)
+    dense = {"inputs": (model.B, model.input_names), "outputs": (model.Ct, model.output_names)}
+    with writing(path, model.comm) as file:
+        file.attribute("format", FORMAT)
+        file.attribute("version", 1)
+        file.attribute("size", model.size)
+        file.attribute("rows_per_block", _block(model))
+        write_csr(file, model.comm, indptr, indices, parts)
+        for group, (mat, names) in dense.items():
+            if mat is not None:
+                name = f"{group}/{'B' if group == 'inputs' else 'C'}"
+                file.rows(name, np.ascontiguousarray(mat.getDenseArray().real.T), axis=1)
+                file.small(f"{group}/names", list(names))
+        if model.dofs is not None:
+            file.rows("dofs/node", model.dofs.node)
+            file.rows("dofs/direction", model.dofs.direction)
+            file.rows("dofs/position", model.dofs.position)
+
+
+def write_csr(file, comm, indptr, indices, values):
+    """The rows of this rank; all matrices on one pattern. Collective."""
+    offset = comm.exscan(int(indptr[-1])) or 0
+    starts = np.asarray(indptr[:-1], dtype=np.int64) + offset
+    if comm.rank == comm.size - 1:
+        starts = np.append(starts, offset + indptr[-1])
+    file.rows("matrices/indptr", starts)
+    file.rows("matrices/indices", np.asarray(indices))
+    for key, data in values.items():
+        file.rows(f"matrices/{key}", data)
+
+
+def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
+    """Read a model; each rank reads its rows only. Collective. Raises InputError."""
+    with agreed(comm), reading(path, FORMAT) as file:
+        size = int(file.attrs["size"])
+        first, last = row_range(comm, size, int(file.attrs.get("rows_per_block", 1)))
+        matrices = file["matrices"]
+        indptr = matrices["indptr"][first : last + 1].astype(np.int64)
+        part = slice(int(indptr[0]), int(indptr[-1]))
+        indices = matrices["indices"][part]
+        values = {key: matrices[key][part] for key in ("K", "M", "D") if key in matrices}
+        dense, names = {}, {}
+        for group, key in (("inputs", "B"), ("outputs", "C")):
+            dense[group] = file[f"{group}/{key}"][:, first:last].T if group in file else None
+            names[group] = texts(file[f"{group}/names"]) if group in file else []
+        dofs = None
+        if "dofs" in file:
+            dofs = Dofs(*(file[f"dofs/{key}"][first:last] for key in ("node", "direction", "position")))
+    return SecondOrderModel.from_csr(
+        comm, size, indptr - indptr[0], indices, values, dense["inputs"], dense["outputs"], dofs,
+        names["inputs"], names["outputs"], Path(path).name,
+    )  # fmt: skip
+
+
+def _block(model):
+    """Dofs a node if it is the same for all nodes, so that a rank gets whole nodes; else 1. Collective."""
+    if model.dofs is None:
+        return 1
+    found = set(model.comm.allgather(dofs_per_node(model.dofs) if len(model.dofs.node) else None)) - {None}
+    return found.pop() if len(found) == 1 else 1

@@ -1,0 +1,48 @@
+"""result.h5: a ReducedModel, its basis, and the record of the run that made it.
+
+    reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
+    basis/V (m, n), one row a basis vector in the dofs of the full model; dofs/ as in model.h5
+    provenance: JSON
+"""
+
+import json
+
+import numpy as np
+
+from ..errors import agreed
+from ..petsc import MPI
+from ..rom import ReducedModel
+from .hdf5 import reading, texts, writing
+
+FORMAT = "hpcred-result"
+ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
+NAMES = ("input_names", "output_names")
+
+
+def write_result(path, rom: ReducedModel, dofs=None, basis=True, comm=MPI.COMM_WORLD):
+    """Write a reduced model; with `basis` also V, by all ranks. Collective. Raises InputError."""
+    with writing(path, comm) as file:
+        file.attribute("format", FORMAT)
+        file.attribute("version", 1)
+        for key in ARRAYS:
+            file.small(f"reduced/{key}", getattr(rom, key))
+        for key in NAMES:
+            file.small(f"reduced/{key}", list(getattr(rom, key)))
+        if basis and rom.columns is not None:
+            with rom.local_columns() as rows:
+                file.rows("basis/V", np.ascontiguousarray(rows.real.T), axis=1)
+            if dofs is not None:
+                for key in ("node", "direction", "position"):
+                    file.rows(f"dofs/{key}", getattr(dofs, key))
+        file.small("provenance", rom.provenance)
+
+
+def read_result(path, comm=MPI.COMM_WORLD) -> ReducedModel:
+    """Read a reduced model on every rank, without its basis. Collective. Raises InputError."""
+    with agreed(comm), reading(path, FORMAT) as file:
+        reduced = file["reduced"]
+        return ReducedModel(
+            **{key: reduced[key][...] for key in ARRAYS},
+            **{key: texts(reduced[key]) for key in NAMES},
+            provenance=json.loads(file["provenance"][()].decode()),
+        )
