@@ -1,5 +1,6 @@
 """Where the run is and where its time went: stages, shown by rank 0 on a terminal, summed for the result."""
 
+import os
 import resource
 import sys
 import time
@@ -13,6 +14,17 @@ def memory_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
+def _on_terminal():
+    """Whether somebody watches: stderr, or that of the launcher that reads it through a pipe, is a terminal."""
+    if sys.stderr.isatty():
+        return True
+    try:
+        launched = "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ
+        return launched and os.readlink(f"/proc/{os.getppid()}/fd/2").startswith(("/dev/pts", "/dev/tty"))
+    except OSError:
+        return False
+
+
 class Progress:
     """Times named stages. A stage inside a stage is taken off the outer one, so the sum is the elapsed time.
 
@@ -22,7 +34,7 @@ class Progress:
     def __init__(self, comm, show: bool | None = None):
         self.comm = comm
         self.seconds: dict[str, float] = {}
-        self._show = comm.rank == 0 and (sys.stderr.isatty() if show is None else show)
+        self._show = comm.rank == 0 and (_on_terminal() if show is None else show)
         self._open: list[str] = []
         self._start = self._mark = time.perf_counter()
 

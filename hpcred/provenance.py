@@ -5,6 +5,8 @@ from dataclasses import asdict
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 
+from .model.damping import NoDamping
+from .model.frame import NoFrame
 from .petsc import MPI, SCALAR, PETSc, SLEPc
 
 
@@ -26,9 +28,7 @@ def versions() -> dict:
 
 def describe(item) -> dict:
     """A frozen dataclass of the public API as a dictionary, with its kind."""
-    name = type(item).__name__
-    kind = "".join("_" + c.lower() if c.isupper() else c for c in name).lstrip("_")
-    return {"kind": kind, **{key: value for key, value in asdict(item).items() if value is not None}}
+    return {"kind": item.kind, **{key: value for key, value in asdict(item).items() if value is not None}}
 
 
 def provenance(model, framed, basis, frame, damping, context, progress, defect) -> dict:
@@ -49,8 +49,8 @@ def provenance(model, framed, basis, frame, damping, context, progress, defect) 
         "rigid_body_modes": framed.rigid.count if framed.rigid is not None else 0,
         "inputs": model.input_names,
         "outputs": model.output_names,
-        "frame": describe(frame) if frame is not None else {"kind": "none"},
-        "damping": describe(damping) if damping is not None else {"kind": "none"},
+        "frame": describe(frame or NoFrame()),
+        "damping": describe(damping or NoDamping()),
         "basis": [describe(item) for item in basis],
         "deflation_tolerance": context.tolerance,
         "ingredients": context.report,

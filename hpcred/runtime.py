@@ -62,7 +62,7 @@ def start(scalar: str | None = None, petsc_args=(), preferred: str = "real") -> 
     there is a choice. A PETSC_DIR in the environment, or a petsc4py that Python finds by itself, leaves none.
     `petsc_args` are PETSc options as on a command line. Raises InputError if the build is not to be had.
     """
-    global _scalar, _comm
+    global _scalar
     scalar = scalar or os.environ.get("HPCRED_SCALAR") or None
     if scalar not in (None, "real", "complex"):
         raise InputError(f"--scalar: found '{scalar}', expected 'real' or 'complex'")
@@ -80,10 +80,7 @@ def start(scalar: str | None = None, petsc_args=(), preferred: str = "real") -> 
                 )
             wanted = scalar or (preferred if preferred in builds else next(iter(builds)))
             sys.path[:0] = builds[wanted]
-        from mpi4py import MPI
-
-        _comm = MPI.COMM_WORLD.Dup()
-        sys.excepthook = _excepthook
+        start_mpi()
         import petsc4py
 
         petsc4py.init(["hpcred", *petsc_args])
@@ -99,6 +96,21 @@ def start(scalar: str | None = None, petsc_args=(), preferred: str = "real") -> 
             f"leave the option out or set PETSC_DIR and SLEPC_DIR to a {scalar} build"
         )
     return _scalar
+
+
+def start_mpi():
+    """Initialise MPI, and see to it that an exception on one rank ends the job on all. Collective."""
+    global _comm
+    if _comm is None:
+        from mpi4py import MPI
+
+        _comm = MPI.COMM_WORLD.Dup()
+        sys.excepthook = _excepthook
+
+
+def rank() -> int:
+    """The number of this process in the job."""
+    return _comm.rank if _comm is not None else 0
 
 
 def fail(error: BaseException) -> int:

@@ -68,12 +68,12 @@ def convert(source: Source, comm=MPI.COMM_WORLD, name="model") -> SecondOrderMod
     with agreed(comm):
         indptr, indices, values = compress(mine, first, last, size)
     del mine
-    inputs = _columns(comm, starts, first, last, source.B, (size, None))
-    outputs = _columns(comm, starts, first, last, source.C, (None, size))
+    inputs = read_columns(comm, starts, size, source.B) if source.B else None
+    outputs = read_columns(comm, starts, size, source.C, transposed=True) if source.C else None
     dofs = read_dofs(comm, size, starts, source.nodes, source.dofs, name) if source.nodes else None
     return SecondOrderModel.from_csr(
         comm, size, indptr, indices, values, inputs, outputs, dofs,
-        _names(source.B, inputs), _names(source.C, outputs), name,
+        column_names(source.B, inputs), column_names(source.C, outputs), name,
     )  # fmt: skip
 
 
@@ -82,24 +82,26 @@ def _owned(comm, starts, entries):
     return exchange(comm, owner, [entries.rows, entries.columns, entries.values])
 
 
-def _columns(comm, starts, first, last, path, shape):
-    """The rows of B, or of C^T, of this rank from a matrix file; None without a file."""
-    if path is None:
-        return None
+def read_columns(comm, starts, size, path, transposed=False):
+    """The rows of B (n, p) of this rank from a matrix file, or of C^T where the file has C (r, n). Collective.
+
+    `starts` (ranks,): first row of each rank. Raises InputError where the file does not fit n = size.
+    """
     entries = read_entries(path, comm)
-    transposed = shape[0] is None
-    if entries.shape[transposed] != shape[transposed]:
+    if entries.shape[transposed] != size:
         raise InputError(
-            f"{path}: found {entries.shape[0]} x {entries.shape[1]}, expected {shape[transposed]} "
+            f"{path}: found {entries.shape[0]} x {entries.shape[1]}, expected {size} "
             f"{'columns' if transposed else 'rows'} as the matrices have"
         )
     if transposed:
         entries.rows, entries.columns, entries.shape = entries.columns, entries.rows, entries.shape[::-1]
     i, j, v = _owned(comm, starts, entries)
+    first, last = starts[comm.rank], np.append(starts[1:], size)[comm.rank]
     local = np.zeros((last - first, entries.shape[1]))
     np.add.at(local, (i - first, j), v)
     return local
 
 
-def _names(path, columns):
+def column_names(path, columns) -> list[str]:
+    """Names of the columns of a file: B.mtx:1, B.mtx:2, ..."""
     return [] if columns is None else [f"{Path(path).name}:{k + 1}" for k in range(columns.shape[1])]

@@ -9,7 +9,7 @@ Each rank has its real rows first and its imaginary rows after them, so that no 
 import numpy as np
 
 from ..petsc import SCALAR, PETSc
-from .block import create_block, local_rows
+from .block import copy_of, create_block, local_rows
 from .mumps import Factorisation
 from .shifted import ShiftedSolver
 
@@ -25,7 +25,8 @@ class RealFormSolver:
     """Solves with A(s) = K + s D + s^2 M, s complex, in real arithmetic. Collective. Call close()."""
 
     def __init__(self, model, rigid=None, prefix="response_"):
-        self.model, self.rigid = model, rigid
+        self.model, self.rigid, self._prefix = model, rigid, prefix
+        self._static = None
         indptr, columns, _ = model.K.getValuesCSR()
         rows, size = model.local_rows, model.size
         starts = np.array(model.comm.allgather(model.first_row))
@@ -67,9 +68,15 @@ class RealFormSolver:
     def close(self):
         self._factors.close()
         self._matrix.destroy()
+        if self._static is not None:
+            self._static.close()
 
     def solve_at(self, s: complex, right, real, imaginary):
         """Factor A(s), and put the two parts of A(s)^-1 right into `real` and `imaginary`; right is real."""
+        if s == 0:
+            self._static = self._static or ShiftedSolver(self.model, self.rigid, prefix=self._prefix)
+            self._static.solve_at(s, right, real, imaginary)
+            return
         model, rows = self.model, self.model.local_rows
         values = model.K.getValuesCSR()[2].astype(complex)
         values += s * s * model.M.getValuesCSR()[2]
@@ -82,9 +89,13 @@ class RealFormSolver:
         self._factors.factor(mass=str(s * s), damping=str(s), inertia_relief=False)
         columns = right.getActiveColumns()[1]
         load, solution = create_block(self._matrix, columns), create_block(self._matrix, columns)
-        with local_rows(right) as b, local_rows(load) as twice:
+        elastic = copy_of(right, model.K)
+        if self.rigid is not None:
+            self.rigid.equilibrate(elastic)
+        with local_rows(elastic) as b, local_rows(load) as twice:
             twice[:rows] = b
             twice[rows:] = 0.0
+        elastic.destroy()
         self._factors.back_substitute(load, solution)
         self._factors.refine(load, solution, self._matrix, self._factors.back_substitute)
         with local_rows(solution) as twice, local_rows(real) as x, local_rows(imaginary) as y:

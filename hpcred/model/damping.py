@@ -1,6 +1,7 @@
 """Damping laws: which D belongs to a model with M and K."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from ..errors import InputError
 from ..petsc import SAME
@@ -10,16 +11,17 @@ from ..petsc import SAME
 class NoDamping:
     """D = 0, even if the model has a damping matrix."""
 
-
+    kind: ClassVar[str] = "none"
 @dataclass(frozen=True)
 class GivenDamping:
     """The damping matrix of the model."""
 
-
+    kind: ClassVar[str] = "given"
 @dataclass(frozen=True)
 class Rayleigh:
     """D = alpha M + beta K (40); alpha in 1/s, beta in s."""
 
+    kind: ClassVar[str] = "rayleigh"
     alpha: float = 0.0
     beta: float = 0.0
 

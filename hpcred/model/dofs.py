@@ -77,6 +77,14 @@ def require_dofs(model, purpose: str) -> Dofs:
     return model.dofs
 
 
+def target_of(name: str):
+    """The target that target_name named, or None for the name of something else."""
+    head, colon, tail = name.partition(":")
+    if colon and head.isdigit() and tail in DIRECTIONS:
+        return int(head), tail
+    return int(name[4:]) if name.startswith("dof ") and name[4:].isdigit() else None
+
+
 def target_name(target) -> str:
     """"20:z" for a pair (node, direction), "dof 115" for a number."""
     return f"dof {target}" if isinstance(target, (int, np.integer)) else f"{target[0]}:{target[1]}"

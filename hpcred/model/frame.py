@@ -6,6 +6,7 @@ rigid-body modes.
 
 from copy import copy
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,11 +26,12 @@ COLLINEAR = 1e-6  # area of the unit triangle below which three points count as 
 class NoFrame:
     """The matrices as they are: the body is supported already."""
 
-
+    kind: ClassVar[str] = "none"
 @dataclass(frozen=True)
 class Tangent:
     """The body frame is that of one node, which has six dofs: all of them are held."""
 
+    kind: ClassVar[str] = "tangent"
     node: int
 
 
@@ -41,6 +43,7 @@ class Chord:
     points. Without it, axis 1 points from P1 to P2 and axis 3 is normal to the plane.
     """
 
+    kind: ClassVar[str] = "chord"
     nodes: tuple[int, int, int]
     axes: str | None = None
 
@@ -52,6 +55,7 @@ class Buckens:
     `supports`: (node, direction) pairs to hold in inertia relief; the result does not depend on them.
     """
 
+    kind: ClassVar[str] = "buckens"
     supports: tuple[tuple[int, str], ...] | None = None
 
 

@@ -30,6 +30,7 @@ class SecondOrderModel:
         self.size = K.getSize()[0]
         self.local_rows = K.getLocalSize()[0]
         self.first_row = K.getOwnershipRange()[0]
+        self.row_starts = np.array(K.getOwnershipRanges()[:-1])
 
     def __enter__(self):
         return self
@@ -81,22 +82,38 @@ class SecondOrderModel:
 
     def set_inputs(self, targets):
         """Unit loads at dofs: numbers from 1, or (node, direction) pairs. Collective. Raises InputError."""
-        self.B, self.input_names = self._unit_columns(targets, self.B)
+        self.set_input_columns(*self._unit_columns(targets))
 
     def set_outputs(self, targets):
         """Displacements measured at dofs, given as for set_inputs. Collective. Raises InputError."""
-        self.Ct, self._output_names = self._unit_columns(targets, self.Ct)
+        self.set_output_columns(*self._unit_columns(targets))
 
-    def _unit_columns(self, targets, old):
+    def set_input_columns(self, local, names):
+        """B from the rows of this rank (rows, p). Collective."""
+        self.B, self.input_names = self._replaced(self.B, local), list(names)
+
+    def set_output_columns(self, local, names):
+        """C^T from the rows of this rank (rows, r). Collective."""
+        self.Ct, self._output_names = self._replaced(self.Ct, local), list(names)
+
+    def clear_outputs(self):
+        """C = B^T from now on. Collective."""
+        if self.Ct is not None:
+            self.Ct.destroy()
+        self.Ct = None
+
+    def _unit_columns(self, targets):
+        """Rows of this rank of a matrix of unit columns, and their names."""
         rows = np.array([row_of(self, target) for target in targets], dtype=np.int64)
-        mat = create_dense(self.K, len(rows))
-        local = mat.getDenseArray()
+        local = np.zeros((self.local_rows, len(rows)))
         mine = (rows >= self.first_row) & (rows < self.first_row + self.local_rows)
         local[rows[mine] - self.first_row, np.flatnonzero(mine)] = 1.0
-        mat.assemble()
+        return local, [target_name(target) for target in targets]
+
+    def _replaced(self, old, local):
         if old is not None:
             old.destroy()
-        return mat, [target_name(target) for target in targets]
+        return dense_matrix(self.K, local)
 
     @classmethod
     def from_csr(
@@ -128,15 +145,8 @@ class SecondOrderModel:
             mats[key] = PETSc.Mat().createAIJ(
                 ((rows, size), (rows, size)), csr=(indptr, indices, data), comm=comm
             )
-        dense = [None, None]
-        for i, local in enumerate((inputs, outputs)):
-            if local is not None:
-                dense[i] = create_dense(mats["K"], local.shape[1])
-                dense[i].getDenseArray()[...] = local
-                dense[i].assemble()
-        return cls(
-            mats["M"], mats["K"], mats.get("D"), dense[0], dense[1], dofs, input_names, output_names, name
-        )
+        B, Ct = (None if local is None else dense_matrix(mats["K"], local) for local in (inputs, outputs))
+        return cls(mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, input_names, output_names, name)
 
     @classmethod
     def from_scipy(cls, K, M, D=None, comm=MPI.COMM_WORLD, **keywords):
@@ -162,12 +172,12 @@ class SecondOrderModel:
         return cls.from_csr(comm, size, indptr, indices, values, **keywords)
 
 
-def create_dense(like: PETSc.Mat, columns: int) -> PETSc.Mat:
-    """A zero dense matrix with the row layout of `like`."""
+def dense_matrix(like: PETSc.Mat, local: np.ndarray) -> PETSc.Mat:
+    """A dense matrix with the row layout of `like` from the rows of this rank. Collective."""
     rows, size = like.getLocalSize()[0], like.getSize()[0]
-    mat = PETSc.Mat().createDense(((rows, size), (None, columns)), comm=like.comm)
+    mat = PETSc.Mat().createDense(((rows, size), (None, local.shape[1])), comm=like.comm)
     mat.setUp()
-    mat.zeroEntries()
+    mat.getDenseArray()[...] = local
     mat.assemble()
     return mat
 

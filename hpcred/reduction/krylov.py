@@ -5,6 +5,7 @@ limit of light proportional damping (4.2.1), and enters with the projection.
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,6 +23,7 @@ class Krylov:
     undamped model there; with C = B^T it is 2 (order + 1) moments.
     """
 
+    kind: ClassVar[str] = "krylov"
     frequency: float
     order: int = 0
 
@@ -84,6 +86,7 @@ class Krylov:
 class StaticCorrection:
     """K^-1 B, the deflection under constant loads (by inertia relief for a free body): Krylov(0 Hz, order 0)."""
 
+    kind: ClassVar[str] = "static_correction"
     def columns(self, inputs: int, rigid: int) -> int:
         return inputs
 

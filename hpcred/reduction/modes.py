@@ -1,6 +1,7 @@
 """Modal reduction: the lowest modes, the modes in a band, or listed modes of (K, M) extend a basis."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,6 +20,7 @@ class Modes:
     are never part of the basis.
     """
 
+    kind: ClassVar[str] = "modes"
     count: int | None = None
     band: tuple[float, float] | None = None
     index: tuple[int, ...] | None = None
