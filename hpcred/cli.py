@@ -2,7 +2,7 @@
 
 import os
 import sys
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -23,8 +23,8 @@ app.add_typer(example, name="example")
 _petsc_args: list[str] = []
 _scalar: str | None = None
 
-JsonFile = Annotated[Optional[str], typer.Option("--json", metavar="FILE", help="Write the numbers as JSON.")]
-Frequencies = Annotated[Optional[str], typer.Option(metavar="F1,F2,...", help="Frequencies in Hz.")]
+JsonFile = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write the numbers as JSON.")]
+Frequencies = Annotated[str | None, typer.Option(metavar="F1,F2,...", help="Frequencies in Hz.")]
 
 
 def run(arguments: list[str]) -> int:
@@ -103,19 +103,17 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
 
 @app.command()
 def convert(
-    files: Annotated[Optional[list[str]], typer.Argument(metavar="[BLOCK.inp] MODEL.h5")] = None,
-    output: Annotated[Optional[str], typer.Option("-o", "--output", help="The model file to write.")] = None,
-    stiffness: Annotated[Optional[str], typer.Option("-K", "--stiffness", help="Matrix file of K.")] = None,
-    mass: Annotated[Optional[str], typer.Option("-M", "--mass", help="Matrix file of M.")] = None,
-    damping: Annotated[Optional[str], typer.Option("-D", "--damping", help="Matrix file of D.")] = None,
-    input_file: Annotated[Optional[str], typer.Option("-B", help="Matrix file of B (n, p).")] = None,
-    output_file: Annotated[Optional[str], typer.Option("-C", help="Matrix file of C (r, n).")] = None,
-    nodes: Annotated[Optional[str], typer.Option(help="Lines of node, x, y, z; or an Abaqus .inp.")] = None,
-    dofs: Annotated[Optional[str], typer.Option(help="Lines of node, direction (1-6), one a row.")] = None,
-    inputs: Annotated[
-        Optional[str], typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")
-    ] = None,
-    outputs: Annotated[Optional[str], typer.Option("--outputs", help="Outputs that differ from inputs.")] = None,
+    files: Annotated[list[str] | None, typer.Argument(metavar="[BLOCK.inp] MODEL.h5")] = None,
+    output: Annotated[str | None, typer.Option("-o", "--output", help="The model file to write.")] = None,
+    stiffness: Annotated[str | None, typer.Option("-K", "--stiffness", help="Matrix file of K.")] = None,
+    mass: Annotated[str | None, typer.Option("-M", "--mass", help="Matrix file of M.")] = None,
+    damping: Annotated[str | None, typer.Option("-D", "--damping", help="Matrix file of D.")] = None,
+    input_file: Annotated[str | None, typer.Option("-B", help="Matrix file of B (n, p).")] = None,
+    output_file: Annotated[str | None, typer.Option("-C", help="Matrix file of C (r, n).")] = None,
+    nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or an Abaqus .inp.")] = None,
+    dofs: Annotated[str | None, typer.Option(help="Lines of node, direction (1-6), one a row.")] = None,
+    inputs: Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")] = None,
+    outputs: Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")] = None,
     json: JsonFile = None,
 ):
     """Bring matrices of another program into a model file.
@@ -171,8 +169,8 @@ def _targets(text, option):
 @app.command()
 def info(
     model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
-    below: Annotated[Optional[str], typer.Option(metavar="F1,F2", help="Count modes below (Hz).")] = None,
-    band_top: Annotated[Optional[float], typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
+    below: Annotated[str | None, typer.Option(metavar="F1,F2", help="Count modes below (Hz).")] = None,
+    band_top: Annotated[float | None, typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
     json: JsonFile = None,
 ):
     """Say what a model file contains, and what it needs."""
@@ -207,7 +205,7 @@ def _plain(value):
 def reduce(
     job: Annotated[str, typer.Argument(metavar="JOB.toml")],
     set_: Annotated[
-        Optional[list[str]],
+        list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of the job: basis.0.order=2"),
     ] = None,
     json: JsonFile = None,
@@ -242,11 +240,11 @@ def reduce(
 @app.command()
 def evaluate(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    full: Annotated[Optional[str], typer.Option(metavar="MODEL.h5", help="Compare with this full model.")] = None,
+    full: Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")] = None,
     frequencies: Frequencies = None,
-    band: Annotated[Optional[str], typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
+    band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
     points: Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")] = 61,
-    output: Annotated[Optional[str], typer.Option("-o", help="Write the responses to this HDF5 file.")] = None,
+    output: Annotated[str | None, typer.Option("-o", help="Write the responses to this HDF5 file.")] = None,
     json: JsonFile = None,
 ):
     """Frequency response of a reduced model; with --full its error eps(f) (55) and Q (57)."""
@@ -273,7 +271,7 @@ def evaluate(
 def example_solid(
     output: Annotated[str, typer.Option("-o", "--output", help="The model file to write.")] = "model.h5",
     cells: Annotated[tuple[int, int, int], typer.Option(help="Hexahedra along x, y, z.")] = (60, 24, 24),
-    size: Annotated[Optional[tuple[float, float, float]], typer.Option(help="Edges in m.")] = None,
+    size: Annotated[tuple[float, float, float] | None, typer.Option(help="Edges in m.")] = None,
     inputs: Annotated[int, typer.Option(help="Forces at nodes of the face at the free end.")] = 6,
     free: Annotated[bool, typer.Option("--free", help="Do not clamp the face at x = 0.")] = False,
 ):
@@ -303,5 +301,3 @@ def _write_example(output, make, comm):
     with make() as model:
         write_model(output, model)
         print(f"{output}: {model.size} dofs, inputs {', '.join(model.input_names)}")
-
-

@@ -155,7 +155,7 @@ def _expected(kind) -> str:
 def _as_toml(value):
     if isinstance(value, tuple):
         return "[" + ", ".join(_as_toml(item) for item in value) + "]"
-    return f"'{value}'" if isinstance(value, str) else str(value).lower() if value is True or value is False else value
+    return f"'{value}'" if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _known(table, names, where):

@@ -75,9 +75,7 @@ def start(scalar: str | None = None, petsc_args=(), preferred: str = "real") -> 
                     f"(found: {', '.join(builds) or 'none'}); install it or set PETSC_DIR and SLEPC_DIR"
                 )
             if not builds:
-                raise InputError(
-                    "no petsc4py found; install it (README.md, Installing) or set PETSC_DIR and SLEPC_DIR"
-                )
+                raise InputError("no petsc4py found; install it (README.md, Installing) or set PETSC_DIR and SLEPC_DIR")
             wanted = scalar or (preferred if preferred in builds else next(iter(builds)))
             sys.path[:0] = builds[wanted]
         start_mpi()

@@ -48,7 +48,7 @@ def inspect(model, frequencies=(), band_top=None, progress=None) -> dict:
 
 
 def _definiteness(mass):
-    """"positive definite", "singular" or "indefinite", by the inertia of M."""
+    """ "positive definite", "singular" or "indefinite", by the inertia of M."""
     if SCALAR == "complex":
         return "not known (complex PETSc)"
     factors = Factorisation(mass, "cholesky", "inertia_", {"icntl_13": 1, "icntl_24": 1})

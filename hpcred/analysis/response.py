@@ -4,8 +4,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..linalg.block import create_block, from_dense, inner
-from ..linalg.real_form import solver_for
 from ..linalg.mumps import SingularMatrix
+from ..linalg.real_form import solver_for
 from ..model.frame import apply_frame
 from ..petsc import MPI
 from ..rom import ReducedModel
@@ -63,4 +63,3 @@ def _full(framed, frequencies, progress):
             item.destroy()
         solver.close()
     return response
-

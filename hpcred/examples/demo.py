@@ -31,9 +31,7 @@ def run_demo(comm, output, progress):
         for number, (method, points, basis) in MODELS.items():
             with reduce(model, basis, FRAME, DAMPING, ROUND_OFF, progress=progress) as rom:
                 errors = relative_error(full, frequency_response(rom, frequencies))
-                rows.append(
-                    [number, method, points, rom.size, error_integral(frequencies, errors), errors.max()]
-                )
+                rows.append([number, method, points, rom.size, error_integral(frequencies, errors), errors.max()])
                 if number == 1:
                     write_result(output, rom, model.dofs, comm=comm)
     show_table(

@@ -10,7 +10,6 @@ import numpy as np
 
 from ..errors import InputError, agreed
 
-
 SLAB = 2**26  # numbers written in one call, well below the 2 GiB that MPI-IO takes
 
 
@@ -161,5 +160,3 @@ def reading(path, kind: str):
 def texts(dataset) -> list[str]:
     """A list of texts from a dataset of fixed-length bytes."""
     return [item.decode() for item in dataset[...]]
-
-

@@ -1,9 +1,9 @@
 """model.h5: a SecondOrderModel as real CSR rows in HDF5, readable in slices by any number of ranks.
 
-    matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all matrices, columns from 0
-    matrices/K, M and, where there is one, D (nonzeros)
-    inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T
-    dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
+matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all matrices, columns from 0
+matrices/K, M and, where there is one, D (nonzeros)
+inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T
+dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
 """
 
 from pathlib import Path

@@ -43,9 +43,7 @@ def read_dofs(comm, size: int, starts: np.ndarray, nodes, dofs=None, name="model
     columns = np.array(columns).T[np.argsort(place)]
     mine = np.arange(rows) + starts[comm.rank]
     index = mine // per_node - (mine[0] // per_node if rows else 0)
-    return Dofs(
-        columns[index, 0].astype(np.int64), (mine % per_node).astype(np.int8), columns[index, 1:].copy()
-    )
+    return Dofs(columns[index, 0].astype(np.int64), (mine % per_node).astype(np.int8), columns[index, 1:].copy())
 
 
 def _by_label(comm, size, starts, table, path):
@@ -73,9 +71,7 @@ def _by_label(comm, size, starts, table, path):
     owner = np.searchsorted(starts, place, side="right") - 1
     place, node, direction, *point = exchange(comm, owner, [place, node, direction, *points[found].T])
     order = np.argsort(place)
-    return Dofs(
-        node[order].astype(np.int64), (direction[order] - 1).astype(np.int8), np.array(point).T[order].copy()
-    )
+    return Dofs(node[order].astype(np.int64), (direction[order] - 1).astype(np.int8), np.array(point).T[order].copy())
 
 
 def _read_nodes(comm, path):

@@ -1,8 +1,8 @@
 """result.h5: a ReducedModel, its basis, and the record of the run that made it.
 
-    reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
-    basis/V (m, n), one row a basis vector in the dofs of the full model; dofs/ as in model.h5
-    provenance: JSON
+reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
+basis/V (m, n), one row a basis vector in the dofs of the full model; dofs/ as in model.h5
+provenance: JSON
 """
 
 import json

@@ -53,6 +53,8 @@ class Basis:
         Raises ComputationError when a column is not finite or M shows a negative norm.
         """
         start = self.size
+        if block.getActiveColumns()[0] == block.getActiveColumns()[1]:
+            return 0
         pending = copy_of(block, self.mass)
         # weight: what is left of a column relative to what came in, hence how many digits it still carries
         weight = None

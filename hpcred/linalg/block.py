@@ -42,7 +42,10 @@ def local_rows(block: SLEPc.BV):
 def copy_of(block: SLEPc.BV, mat: PETSc.Mat) -> SLEPc.BV:
     """A new block with a copy of the active columns; `mat` gives the layout."""
     first, last = block.getActiveColumns()
-    new = create_block(mat, last - first)
+    new = create_block(mat, max(last - first, 1))
+    new.setActiveColumns(0, last - first)
+    if first == last:
+        return new
     with dense(block) as source, dense(new) as target:
         source.copy(target)
     return new

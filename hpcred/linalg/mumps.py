@@ -71,7 +71,7 @@ class Factorisation:
         before, start = self._event.getPerfInfo(), time.perf_counter()
         room = PETSc.Options(self._prefix).getInt("mat_mumps_icntl_14", self._settings["icntl_14"])
         for retries in range(5):
-            more = {"icntl_14": room * 2**retries} if retries else {}
+            more = {"icntl_14": max(room, 25) * 2**retries} if retries else {}
             with temporary_options(self._prefix + "mat_mumps_", self._settings, more):
                 self._ksp.setOperators(self.matrix)
                 self._ksp.setUp()

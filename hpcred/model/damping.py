@@ -12,11 +12,15 @@ class NoDamping:
     """D = 0, even if the model has a damping matrix."""
 
     kind: ClassVar[str] = "none"
+
+
 @dataclass(frozen=True)
 class GivenDamping:
     """The damping matrix of the model."""
 
     kind: ClassVar[str] = "given"
+
+
 @dataclass(frozen=True)
 class Rayleigh:
     """D = alpha M + beta K (40); alpha in 1/s, beta in s."""
@@ -38,9 +42,7 @@ def damping_matrix(model, damping):
     if not isinstance(damping, Rayleigh):
         return None, False
     if damping.alpha < 0 or damping.beta < 0:
-        raise InputError(
-            f"damping: found alpha = {damping.alpha:g}, beta = {damping.beta:g}; neither may be negative"
-        )
+        raise InputError(f"damping: found alpha = {damping.alpha:g}, beta = {damping.beta:g}; neither may be negative")
     mat = model.M.duplicate(copy=True)
     mat.scale(damping.alpha)
     mat.axpy(damping.beta, model.K, structure=SAME)

@@ -55,9 +55,7 @@ def row_of(model, target) -> int:
     """Global row (from 0) of a dof given as its number (from 1) or as a pair (node, direction). Collective."""
     if isinstance(target, (int, np.integer)):
         if not 1 <= target <= model.size:
-            raise InputError(
-                f"dof {target} does not exist in {model.name}; its dofs are numbered 1 to {model.size}"
-            )
+            raise InputError(f"dof {target} does not exist in {model.name}; its dofs are numbered 1 to {model.size}")
         return int(target) - 1
     node, direction = target
     rows = rows_of_node(model, int(node))
@@ -71,9 +69,7 @@ def row_of(model, target) -> int:
 def require_dofs(model, purpose: str) -> Dofs:
     """The dof labels, or InputError when the model came without nodes."""
     if model.dofs is None:
-        raise InputError(
-            f"{model.name} has no node coordinates, which {purpose} needs; convert it with --nodes"
-        )
+        raise InputError(f"{model.name} has no node coordinates, which {purpose} needs; convert it with --nodes")
     return model.dofs
 
 
@@ -86,5 +82,5 @@ def target_of(name: str):
 
 
 def target_name(target) -> str:
-    """"20:z" for a pair (node, direction), "dof 115" for a number."""
+    """ "20:z" for a pair (node, direction), "dof 115" for a number."""
     return f"dof {target}" if isinstance(target, (int, np.integer)) else f"{target[0]}:{target[1]}"

@@ -27,6 +27,8 @@ class NoFrame:
     """The matrices as they are: the body is supported already."""
 
     kind: ClassVar[str] = "none"
+
+
 @dataclass(frozen=True)
 class Tangent:
     """The body frame is that of one node, which has six dofs: all of them are held."""
@@ -148,8 +150,7 @@ def _chord(model, frame):
     sizes = np.linalg.norm(along) * np.linalg.norm(across)
     if len(set(frame.nodes)) < 3 or np.linalg.norm(normal) <= COLLINEAR * sizes:
         listed = ", ".join(
-            f"node {node} at ({x:g}, {y:g}, {z:g})"
-            for node, (x, y, z) in zip(frame.nodes, points, strict=True)
+            f"node {node} at ({x:g}, {y:g}, {z:g})" for node, (x, y, z) in zip(frame.nodes, points, strict=True)
         )
         raise InputError(f"frame.nodes: the three points of the chord frame are collinear: {listed}")
     if frame.axes is None:

@@ -20,9 +20,7 @@ class SecondOrderModel:
     messages. SI units. Owns its PETSc objects: call close() or use it in a `with` block; both are collective.
     """
 
-    def __init__(
-        self, M, K, D=None, B=None, Ct=None, dofs=None, input_names=(), output_names=(), name="model"
-    ):
+    def __init__(self, M, K, D=None, B=None, Ct=None, dofs=None, input_names=(), output_names=(), name="model"):
         self.M, self.D, self.K, self.B, self.Ct = M, D, K, B, Ct
         self.dofs, self.name = dofs, name
         self.input_names, self._output_names = list(input_names), list(output_names)
@@ -117,8 +115,18 @@ class SecondOrderModel:
 
     @classmethod
     def from_csr(
-        cls, comm, size, indptr, indices, values, inputs=None, outputs=None, dofs=None,
-        input_names=(), output_names=(), name="model",
+        cls,
+        comm,
+        size,
+        indptr,
+        indices,
+        values,
+        inputs=None,
+        outputs=None,
+        dofs=None,
+        input_names=(),
+        output_names=(),
+        name="model",
     ):
         """A model from the rows of this rank. Collective.
 
@@ -135,16 +143,13 @@ class SecondOrderModel:
             _check_rows(indptr, indices, values, first, name, dofs)
         if comm.size > size:
             raise InputError(
-                f"{name}: {size} rows cannot be distributed over {comm.size} ranks; "
-                f"start at most {size} ranks"
+                f"{name}: {size} rows cannot be distributed over {comm.size} ranks; start at most {size} ranks"
             )
         mats = {}
         indptr = np.asarray(indptr, dtype=PETSc.IntType)
         indices = np.asarray(indices, dtype=PETSc.IntType)
         for key, data in values.items():
-            mats[key] = PETSc.Mat().createAIJ(
-                ((rows, size), (rows, size)), csr=(indptr, indices, data), comm=comm
-            )
+            mats[key] = PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=(indptr, indices, data), comm=comm)
         B, Ct = (None if local is None else dense_matrix(mats["K"], local) for local in (inputs, outputs))
         return cls(mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, input_names, output_names, name)
 
@@ -263,4 +268,3 @@ def _check_rows(indptr, indices, values, first, name, dofs):
             f"{name}: {empty.size} dofs have no entry in K nor in M, the first is {row_name(empty[0])}; "
             "no element touches them: remove them from the model"
         )
-

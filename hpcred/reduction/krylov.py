@@ -63,22 +63,23 @@ class Krylov:
         progress = context.progress
         chain = Basis(context.model.M, tolerance=context.tolerance)
         load = copy_of(context.loads, context.model.K)
+        if not load.getActiveColumns()[1]:
+            raise InputError(f"krylov: no input loads the free dofs of {context.model.name}")
         for j in range(self.order + 1):
             columns = load.getActiveColumns()[1]
-            if not columns:
-                break
             block = create_block(context.model.K, columns)
             with progress.stage("solve"):
-                context.solver.solve(load, block, check_pole=j == 0)
+                context.solver.solve(load, block)
             load.destroy()
             with progress.stage("orthogonalise"):
                 start = chain.size
                 chain.extend(block)
                 block.destroy()
                 kept = basis.extend(chain.columns_since(start))
-                load = context.times_mass(chain.columns_since(start))
             context.note(f"krylov {self.frequency:g} Hz, block {j}", columns, kept)
-        load.destroy()
+            if j == self.order or chain.size == start:
+                break
+            load = context.times_mass(chain.columns_since(start))
         chain.close()
 
 
@@ -87,6 +88,7 @@ class StaticCorrection:
     """K^-1 B, the deflection under constant loads (by inertia relief for a free body): Krylov(0 Hz, order 0)."""
 
     kind: ClassVar[str] = "static_correction"
+
     def columns(self, inputs: int, rigid: int) -> int:
         return inputs
 

@@ -16,9 +16,7 @@ from .projection import diagonalise, project, project_columns
 ORTHONORMAL_TO = 1e-12
 
 
-def reduce(
-    model, basis, frame=None, damping=None, tolerance=1e-12, drop_above=None, progress=None
-) -> ReducedModel:
+def reduce(model, basis, frame=None, damping=None, tolerance=1e-12, drop_above=None, progress=None) -> ReducedModel:
     """Reduce a SecondOrderModel by Galerkin projection onto the span of the ingredients. Collective.
 
     `basis`: list of Modes, Krylov, StaticCorrection, ...; each extends what the ones before it gave. `frame`:

@@ -1,0 +1,50 @@
+"""Small dense second methods for the tests."""
+
+import numpy as np
+
+from hpcred.linalg.block import create_block, local_rows
+
+
+def to_dense(mat):
+    """A distributed sparse matrix as numpy array on all ranks."""
+    indptr, indices, values = mat.getValuesCSR()
+    local = np.zeros((len(indptr) - 1, mat.getSize()[1]))
+    local[np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)), indices] = values.real
+    return np.concatenate(mat.comm.tompi4py().allgather(local))
+
+
+def columns_of(mat):
+    """A distributed dense matrix as numpy array on all ranks."""
+    return np.concatenate(mat.comm.tompi4py().allgather(mat.getDenseArray().real.copy()))
+
+
+def gather(block):
+    """The active columns of a block on all ranks."""
+    with local_rows(block) as rows:
+        mine = rows.real.copy()
+    return np.concatenate(block.comm.tompi4py().allgather(mine))
+
+
+def block_from(mat, array):
+    """A block with the layout of mat from columns that all ranks have."""
+    block = create_block(mat, array.shape[1])
+    first, last = mat.getOwnershipRange()
+    with local_rows(block) as rows:
+        rows[...] = array[first:last]
+    return block
+
+
+def dense_model(model):
+    """K, M, B as numpy arrays."""
+    return to_dense(model.K), to_dense(model.M), columns_of(model.B)
+
+
+def moments(K, M, B, C, shift, count):
+    """C ((K + shift M)^-1 M)^j (K + shift M)^-1 B for j = 0 .. count - 1: derivatives in s^2 but for j!."""
+    A = K + shift * M
+    X = np.linalg.solve(A, B)
+    result = []
+    for _ in range(count):
+        result.append(C @ X)
+        X = np.linalg.solve(A, M @ X)
+    return result
