@@ -127,11 +127,11 @@ class Factorisation:
         record["columns_solved"] += columns
         record["solve_seconds"] = round(record["solve_seconds"] + time.perf_counter() - start, 4)
 
-    def refine(self, load, solution, matrix, back_substitute, scale=None):
+    def refine(self, load, solution, matrix, back_substitute, scale=None, steps=0):
         """Check the residual load - matrix solution, and improve the solution while it is large.
 
         `back_substitute(load, solution)` is the caller's; residuals are relative to `scale` (columns,), by
-        default the norms of the load. Raises ComputationError when the residual stays large.
+        default the norms of the load; `steps` of refinement are made in any case. Raises ComputationError when the residual stays large.
         """
         scale = column_norms(load) if scale is None else scale
         for step in range(3):
@@ -141,12 +141,13 @@ class Factorisation:
             apply(matrix, solution, product)
             add_product(residual, product, np.eye(columns), alpha=-1.0)
             relative, backward = self._residual_norms(residual, scale, solution)
-            if step < 2 and REFINE_ABOVE < relative < inf:
+            enough = step == 2 or not relative < inf or (step >= steps and relative <= REFINE_ABOVE)
+            if not enough:
                 back_substitute(residual, product)
                 add_product(solution, product, np.eye(columns))
             product.destroy()
             residual.destroy()
-            if relative <= REFINE_ABOVE:
+            if enough:
                 break
         self.records[-1]["residual"] = max(self.records[-1]["residual"], relative)
         if not (relative < 1e-6 or backward < 1e-12):

@@ -72,9 +72,10 @@ class ShiftedSolver:
         self._factors.factor(mass=str(mass), damping=str(damping), inertia_relief=self._relief)
         self._check_pole()
 
-    def solve(self, right: SLEPc.BV, solution: SLEPc.BV):
+    def solve(self, right: SLEPc.BV, solution: SLEPc.BV, steps=0):
         """solution = A^-1 right for all active columns at once, with the relative residual checked.
 
+        `steps` of iterative refinement are made in any case, more while the residual is large.
         Raises ComputationError when the residual stays large.
         """
         load = copy_of(right, self.model.K)
@@ -83,7 +84,7 @@ class ShiftedSolver:
         self._back_substitute(load, solution)
         # with the true K where rows are held: the supports take no force
         matrix = self.model.K if self._relief else self._matrix
-        self._factors.refine(load, solution, matrix, self._back_substitute, column_norms(right))
+        self._factors.refine(load, solution, matrix, self._back_substitute, column_norms(right), steps)
         load.destroy()
 
     def solve_at(self, s: complex, right: SLEPc.BV, real: SLEPc.BV, imaginary: SLEPc.BV):
