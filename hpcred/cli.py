@@ -232,7 +232,7 @@ def reduce(
             f"{len(record['factorisations'])} factorisations, {record['symbolic_analyses']} analysis "
             f"({record['ordering']})"
         )
-        show_timings(comm, record["run"])
+        show_timings(comm, record["run"], record["factorisations"])
         write_json(comm, json, {**record, "output": output, "reduced_size": rom.size,
                                 "frequencies_hz": rom.frequencies.tolist()})  # fmt: skip
 

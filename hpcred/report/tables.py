@@ -38,8 +38,8 @@ def write_json(comm, path, data):
             temporary.write_text(json.dumps(data, indent=1) + "\n")
 
 
-def show_timings(comm, run):
-    """Where the time of a run went, and its memory."""
+def show_timings(comm, run, factorisations=()):
+    """Where the time of a run went, the share of MUMPS in it, and its memory."""
     if comm.rank:
         return
     total = run["elapsed"]
@@ -47,3 +47,11 @@ def show_timings(comm, run):
     listed = ", ".join(f"{name} {value:.2f} s ({100 * value / total:.0f} %)" for name, value in parts if value > 0)
     memory = max(run["memory_mb_per_rank"])
     print(f"time {total:.2f} s: {listed}; at most {memory:.0f} MB a rank")
+    if factorisations:
+        keys = ("analysis_seconds", "factor_seconds", "solve_seconds")
+        mumps = [sum(item[key] for item in factorisations) for key in keys]
+        used = max(item["memory_mb_used_max_rank"] for item in factorisations)
+        print(
+            f"MUMPS {sum(mumps):.2f} s of it ({100 * sum(mumps) / total:.0f} %): analysis {mumps[0]:.2f} s, "
+            f"factorisations {mumps[1]:.2f} s, solves {mumps[2]:.2f} s; {used} MB a rank"
+        )
