@@ -88,7 +88,7 @@ def _numbers(text, option):
 
 
 @app.callback(invoke_without_command=True)
-def demo(context: typer.Context, version: Annotated[bool, typer.Option("--version")] = False):
+def demo(context: typer.Context, version: Annotated[bool, typer.Option("--version")] = False, json: JsonFile = None):
     if version:
         from importlib.metadata import version as version_of
 
@@ -98,7 +98,7 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
         comm, progress = _start()
         from .examples.demo import run_demo
 
-        run_demo(comm, "result.h5", progress)
+        run_demo(comm, "result.h5", progress, json)
 
 
 @app.command()

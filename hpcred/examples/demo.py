@@ -8,7 +8,7 @@ from ..formats.result_file import write_result
 from ..reduction.krylov import Krylov, StaticCorrection
 from ..reduction.modes import Modes
 from ..reduction.reduce import reduce
-from ..report.tables import show_table, show_timings
+from ..report.tables import show_table, show_timings, write_json
 from .linkage import BAND, DAMPING, FRAME, LOAD, linkage
 
 POINTS = 3001
@@ -21,7 +21,7 @@ MODELS = {
 }  # fmt: skip
 
 
-def run_demo(comm, output, progress):
+def run_demo(comm, output, progress, json=None):
     """Reduce the linkage in three ways, print the table, write the first model to `output`. Collective."""
     frequencies = np.linspace(0.1, BAND[1], POINTS)
     rows = []
@@ -31,15 +31,19 @@ def run_demo(comm, output, progress):
         for number, (method, points, basis) in MODELS.items():
             with reduce(model, basis, FRAME, DAMPING, ROUND_OFF, progress=progress) as rom:
                 errors = relative_error(full, frequency_response(rom, frequencies))
-                rows.append([number, method, points, rom.size, error_integral(frequencies, errors), errors.max()])
+                rows.append(
+                    [number, method, points, rom.size, error_integral(frequencies, errors), float(errors.max())]
+                )
                 if number == 1:
                     write_result(output, rom, model.dofs, comm=comm)
+    columns = ["row of Table 1", "method", "modes, points (order)", "size", "Q", "largest eps"]
     show_table(
         comm,
         f"Stabilisation linkage, chord frame, force and displacement at node {LOAD[0]} in {LOAD[1]}, "
         f"{BAND[0]:g} to {BAND[1]:g} Hz",
-        ["row of Table 1", "method", "modes, points (order)", "size", "Q", "largest eps"],
+        columns,
         rows,
     )
+    write_json(comm, json, [dict(zip(columns, row, strict=True)) for row in rows])
     print(f"model of row 1 written to {output}")
     show_timings(comm, progress.summary())

@@ -131,7 +131,8 @@ class Factorisation:
         """Check the residual load - matrix solution, and improve the solution while it is large.
 
         `back_substitute(load, solution)` is the caller's; residuals are relative to `scale` (columns,), by
-        default the norms of the load; `steps` of refinement are made in any case. Raises ComputationError when the residual stays large.
+        default the norms of the load; `steps` of refinement are made in any case.
+        Raises ComputationError when the residual stays large.
         """
         scale = column_norms(load) if scale is None else scale
         for step in range(3):

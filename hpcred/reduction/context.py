@@ -7,7 +7,7 @@ import numpy as np
 from ..linalg.block import apply, create_block, from_dense, inner, turn
 from ..linalg.shifted import ShiftedSolver
 
-DEPENDENT = 1e-12  # eigenvalue of the Gram matrix of unit columns below which loads count as dependent
+DEPENDENT = 1e-14  # eigenvalue of the Gram matrix of unit columns below which loads count as dependent
 
 
 @dataclass
