@@ -10,10 +10,11 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from .errors import InputError
 from .formats.convert import Source
-from .model.damping import GivenDamping, NoDamping, Rayleigh
+from .model.damping import Caughey, GivenDamping, ModalDamping, NoDamping, Rayleigh, Structural
 from .model.frame import Buckens, Chord, NoFrame, Tangent
 from .reduction.krylov import Krylov, StaticCorrection
 from .reduction.modes import Modes
+from .reduction.second_order import SecondOrderKrylov
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -22,8 +23,8 @@ else:
 
 CHOICES = {
     "frame": (NoFrame, Tangent, Chord, Buckens),
-    "damping": (NoDamping, GivenDamping, Rayleigh),
-    "basis": (Modes, Krylov, StaticCorrection),
+    "damping": (NoDamping, GivenDamping, Rayleigh, Caughey, ModalDamping, Structural),
+    "basis": (Modes, Krylov, SecondOrderKrylov, StaticCorrection),
 }
 
 WORDS = {

@@ -33,7 +33,6 @@ def describe(item) -> dict:
 
 def provenance(model, framed, basis, frame, damping, context, progress, defect) -> dict:
     """Everything but the matrices; plain types only. Collective."""
-    solver = context.solver
     info = framed.model.K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)
     run = progress.summary()
     record = {
@@ -56,9 +55,9 @@ def provenance(model, framed, basis, frame, damping, context, progress, defect) 
         "ingredients": context.report,
         "orthonormality_defect": defect,
         "symmetry_defects": model.symmetry_defects,
-        "ordering": solver.records[-1]["ordering"] if solver.records else "none",
-        "factorisations": solver.records,
-        "symbolic_analyses": solver.analyses,
+        "ordering": context.records[-1]["ordering"] if context.records else "none",
+        "factorisations": context.records,
+        "symbolic_analyses": context.analyses,
         "run": run,
     }
     return model.comm.bcast(record)

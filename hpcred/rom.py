@@ -11,7 +11,8 @@ from .linalg.block import local_rows
 class ReducedModel:
     """M x'' + D x' + K x = B u, y = C x with m coordinates, p inputs, r outputs; SI units.
 
-    M, D, K (m, m), B (m, p), C (r, m); `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52).
+    M, D, K (m, m), B (m, p), C (r, m); `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52). `loss_factor`: eta of
+    structural damping, for frequency responses only.
     `provenance`: what made it. `columns`: the basis V as a distributed block (n, m), zero at the dofs that the frame
     holds, when the reduction was run here; None after reading a file. close() frees it.
     """
@@ -22,6 +23,7 @@ class ReducedModel:
     B: np.ndarray
     C: np.ndarray
     frequencies: np.ndarray
+    loss_factor: float = 0.0
     input_names: list = field(default_factory=list)
     output_names: list = field(default_factory=list)
     provenance: dict = field(default_factory=dict)
@@ -32,8 +34,22 @@ class ReducedModel:
         return len(self.M)
 
     def transfer_function(self, s: complex) -> np.ndarray:
-        """H(s) = C (s^2 M + s D + K)^-1 B (r, p), (25, 41)."""
-        return self.C @ np.linalg.solve(s * s * self.M + s * self.D + self.K, self.B.astype(complex))
+        """H(s) = C (s^2 M + s D + (1 + i eta) K)^-1 B (r, p), (25, 41)."""
+        dynamic = s * s * self.M + s * self.D + (1 + 1j * self.loss_factor) * self.K
+        return self.C @ np.linalg.solve(dynamic, self.B.astype(complex))
+
+    def poles(self) -> np.ndarray:
+        """The 2m roots of det(s^2 M + s D + K) in rad/s, by imaginary part."""
+        size = self.size
+        inverse = np.linalg.inv(self.M)
+        state = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ self.K, -inverse @ self.D]])
+        roots = np.linalg.eigvals(state)
+        return roots[np.argsort(roots.imag)]
+
+    def unstable_poles(self) -> np.ndarray:
+        """Poles in the right half-plane, beyond round-off."""
+        roots = self.poles()
+        return roots[roots.real > 1e-9 * np.abs(roots).max(initial=0.0)]
 
     def local_columns(self):
         """The rows of the basis on this rank as a numpy view (rows, m), in a `with` block."""

@@ -34,6 +34,7 @@ def write_result(path, rom: ReducedModel, dofs=None, basis=True, comm=MPI.COMM_W
             if dofs is not None:
                 for key in ("node", "direction", "position"):
                     file.rows(f"dofs/{key}", getattr(dofs, key))
+        file.attribute("loss_factor", rom.loss_factor)
         file.small("provenance", rom.provenance)
 
 
@@ -44,5 +45,6 @@ def read_result(path, comm=MPI.COMM_WORLD) -> ReducedModel:
         return ReducedModel(
             **{key: reduced[key][...] for key in ARRAYS},
             **{key: texts(reduced[key]) for key in NAMES},
+            loss_factor=float(file.attrs.get("loss_factor", 0.0)),
             provenance=json.loads(file["provenance"][()].decode()),
         )

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import ComputationError
 from ..petsc import PETSc, SLEPc
-from .block import add_product, apply, copy_of, create_block, dense, inner, turn
+from .block import add_product, apply, copy_of, create_block, dense, fold, inner, turn, unfold
 
 RESOLVED = 1e-4  # eigenvalues of a unit-diagonal Gram matrix above this are safe to divide by
 
@@ -20,12 +20,16 @@ class Basis:
     """Columns with V^T M V = I, also M-orthogonal to the columns of `deflate` (for rigid-body modes; or None).
 
     `tolerance`: a direction whose part outside the span is smaller than this, relative to the M-norm of the
-    column that brought it, is dropped. Owns PETSc objects: call close(). All methods are collective.
+    column that brought it, is dropped. `pairs`: blocks are pairs Re, Im of complex columns (see block.fold), the
+    basis is complex with V^H M V = I, and sizes count complex columns. Owns PETSc objects: call close(). All
+    methods are collective.
     """
 
-    def __init__(self, mass: PETSc.Mat, deflate: SLEPc.BV | None = None, tolerance: float = 1e-12):
+    def __init__(self, mass: PETSc.Mat, deflate: SLEPc.BV | None = None, tolerance: float = 1e-12, pairs=False):
         self.mass = mass
         self.tolerance = tolerance
+        self._width = 2 if pairs else 1
+        self._fold, self._unfold = (fold, unfold) if pairs else (np.asarray, np.asarray)
         self._leading = 0
         self.size = 0
         self._block = create_block(mass, 32)
@@ -39,13 +43,21 @@ class Basis:
     @property
     def columns(self) -> SLEPc.BV:
         """V as a block whose active columns are the basis (n, size); owned by the basis."""
-        self._block.setActiveColumns(self._leading, self._leading + self.size)
-        return self._block
+        return self.columns_since(0)
 
     def columns_since(self, start: int) -> SLEPc.BV:
         """The columns from `start` on as active columns of the same block."""
-        self._block.setActiveColumns(self._leading + start, self._leading + self.size)
+        self._block.setActiveColumns(self._leading + self._width * start, self._end)
         return self._block
+
+    def coefficients(self, block: SLEPc.BV) -> np.ndarray:
+        """V^H M block (size, columns): the columns of a block in terms of the basis."""
+        with self._times_mass(block) as product:
+            return self._fold(inner(self.columns, product))
+
+    @property
+    def _end(self):
+        return self._leading + self._width * self.size
 
     def extend(self, block: SLEPc.BV) -> int:
         """Add the span of the active columns of `block`, which stays as it is; return how many were new.
@@ -65,12 +77,10 @@ class Basis:
             values, vectors = np.linalg.eigh(gram)
             resolved = values > RESOLVED
             fresh = copy_of(pending, self.mass)
-            turn(fresh, vectors[:, resolved] / np.sqrt(values[resolved]))
-            fresh.setActiveColumns(0, int(resolved.sum()))
+            self._combine(fresh, vectors[:, resolved] / np.sqrt(values[resolved]))
             rest = vectors[:, ~resolved]
-            turn(pending, rest)
-            pending.setActiveColumns(0, rest.shape[1])
-            weight = 1.0 / np.sqrt((rest**2 / weight[:, None] ** 2).sum(axis=0))
+            self._combine(pending, rest)
+            weight = 1.0 / np.sqrt((np.abs(rest) ** 2 / weight[:, None] ** 2).sum(axis=0))
             self._polish(fresh)
             self._append(fresh)
             fresh.destroy()
@@ -79,8 +89,9 @@ class Basis:
 
     def defect(self) -> float:
         """max |V^T M V - I|, rigid-body modes included."""
-        self._block.setActiveColumns(0, self._leading + self.size)
-        gram = self._gram(self._block)
+        self._block.setActiveColumns(0, self._end)
+        with self._times_mass(self._block) as product:
+            gram = self._fold(inner(self._block, product))
         return float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
 
     def turn(self, factor: np.ndarray):
@@ -88,9 +99,10 @@ class Basis:
         turn(self.columns, factor)
         self.size = factor.shape[1]
 
-    def _gram(self, block):
-        with self._times_mass(block) as product:
-            return inner(block, product)
+    def _combine(self, block, factor):
+        """block <- block factor, with the new number of columns active."""
+        turn(block, self._unfold(factor))
+        block.setActiveColumns(0, self._width * factor.shape[1])
 
     @contextmanager
     def _times_mass(self, block):
@@ -103,12 +115,12 @@ class Basis:
             product.destroy()
 
     def _project(self, block):
-        """block <- block - V (V^T M block); returns the coefficients and block^T M block from before."""
-        self._block.setActiveColumns(0, self._leading + self.size)
+        """block <- block - V (V^H M block); returns the coefficients and block^H M block from before."""
+        self._block.setActiveColumns(0, self._end)
         with self._times_mass(block) as product:
-            inside, gram = inner(self._block, product), inner(block, product)
-        add_product(block, self._block, inside, alpha=-1.0)
-        return inside, (gram + gram.T) / 2
+            inside, gram = (self._fold(inner(left, product)) for left in (self._block, block))
+        add_product(block, self._block, self._unfold(inside), alpha=-1.0)
+        return inside, (gram + gram.conj().T) / 2
 
     def _project_and_scale(self, block, weight):
         """Project until the projection takes nothing more, scale to M-norm 1, drop what has become too small.
@@ -117,7 +129,7 @@ class Basis:
         """
         while True:
             inside, gram = self._project(block)
-            squares = np.diag(gram)
+            squares = np.diag(gram).real
             if not np.isfinite(squares).all():
                 raise ComputationError("a basis vector has entries that are not finite")
             if (squares < -1e-10 * np.abs(squares).max(initial=0.0)).any():
@@ -127,28 +139,27 @@ class Basis:
             kept = np.flatnonzero((norms > 0) & (weight > self.tolerance))
             scale = np.zeros((norms.size, kept.size))
             scale[kept, np.arange(kept.size)] = 1.0 / norms[kept]
-            turn(block, scale)
-            block.setActiveColumns(0, kept.size)
+            self._combine(block, scale)
             weight, inside = weight[kept], inside @ scale
-            gram = scale.T @ gram @ scale - inside.T @ inside
-            left = np.diag(gram)
+            gram = scale.T @ gram @ scale - inside.conj().T @ inside
+            left = np.diag(gram).real
             if (left > 0.25).all():  # twice is enough
                 scale = 1.0 / np.sqrt(left)
-                turn(block, np.diag(scale))
+                self._combine(block, np.diag(scale))
                 return weight / scale, gram * np.outer(scale, scale)
 
     def _polish(self, block):
         """One more projection, and the symmetric orthonormalisation of well-conditioned columns."""
         inside, gram = self._project(block)
-        values, vectors = np.linalg.eigh(gram - inside.T @ inside)
-        turn(block, vectors / np.sqrt(values) @ vectors.T)
+        values, vectors = np.linalg.eigh(gram - inside.conj().T @ inside)
+        self._combine(block, vectors / np.sqrt(values) @ vectors.conj().T)
 
     def _append(self, block):
         count = block.getActiveColumns()[1] - block.getActiveColumns()[0]
-        end = self._leading + self.size + count
+        end = self._end + count
         if end > self._block.getSizes()[1]:
             self._block.resize(max(end, 2 * self._block.getSizes()[1]), copy=True)
         self._block.setActiveColumns(end - count, end)
         with dense(block) as source, dense(self._block) as target:
             source.copy(target)
-        self.size += count
+        self.size += count // self._width

@@ -101,6 +101,33 @@ def turn(block: SLEPc.BV, factor: np.ndarray):
     small.destroy()
 
 
+def fold(gram: np.ndarray) -> np.ndarray:
+    """X^H Y (k, b) of complex columns from the real products (2k, 2b) of their parts.
+
+    Complex columns are kept as pairs of real ones, Re and Im side by side, in both builds of PETSc.
+    """
+    real = gram[0::2, 0::2] + gram[1::2, 1::2]
+    return real + 1j * (gram[0::2, 1::2] - gram[1::2, 0::2])
+
+
+def unfold(factor: np.ndarray) -> np.ndarray:
+    """The real factor (2k, 2b) that does to pairs of columns what a complex one (k, b) does to complex columns."""
+    result = np.zeros((2 * factor.shape[0], 2 * factor.shape[1]))
+    result[0::2, 0::2] = result[1::2, 1::2] = factor.real
+    result[0::2, 1::2] = factor.imag
+    result[1::2, 0::2] = -factor.imag
+    return result
+
+
+def as_pairs(block: SLEPc.BV, mat: PETSc.Mat) -> SLEPc.BV:
+    """Real columns as pairs with zero imaginary parts, a new block."""
+    first, last = block.getActiveColumns()
+    pairs = create_block(mat, 2 * (last - first))
+    with local_rows(block) as x, local_rows(pairs) as z:
+        z[:, 0::2] = x
+    return pairs
+
+
 def _small(factor, row0, row1, column0, column1):
     values = np.zeros((row1, column1), dtype=PETSc.ScalarType, order="F")
     values[row0:, column0:] = factor

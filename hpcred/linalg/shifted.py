@@ -72,6 +72,12 @@ class ShiftedSolver:
         self._factors.factor(mass=str(mass), damping=str(damping), inertia_relief=self._relief)
         self._check_pole()
 
+    def factor_mass(self):
+        """Factor A = M, which is where s goes to infinity. Raises SingularMatrix or ComputationError."""
+        self.model.M.copy(self._matrix, structure=SAME)
+        self._relief, self._mass, self._damping = False, inf, 0.0
+        self._factors.factor(mass="inf", damping="0", inertia_relief=False)
+
     def solve(self, right: SLEPc.BV, solution: SLEPc.BV, steps=0):
         """solution = A^-1 right for all active columns at once, with the relative residual checked.
 
@@ -86,19 +92,6 @@ class ShiftedSolver:
         matrix = self.model.K if self._relief else self._matrix
         self._factors.refine(load, solution, matrix, self._back_substitute, column_norms(right), steps)
         load.destroy()
-
-    def solve_at(self, s: complex, right: SLEPc.BV, real: SLEPc.BV, imaginary: SLEPc.BV):
-        """Factor A(s), and put the two parts of A(s)^-1 right into `real` and `imaginary`.
-
-        Without damping s^2 must be real; with damping this needs a complex build.
-        """
-        damped = self.model.D is not None
-        self.factor(s * s if damped else (s * s).real, s if damped else 0.0)
-        self.solve(right, real)
-        with local_rows(real) as x, local_rows(imaginary) as y:
-            y[...] = x.imag
-            if np.iscomplexobj(x):
-                x.imag[...] = 0.0
 
     def _back_substitute(self, load, solution):
         if not self._relief:

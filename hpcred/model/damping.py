@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from ..errors import InputError
-from ..petsc import SAME
+from ..petsc import SAME, PETSc
 
 
 @dataclass(frozen=True)
@@ -29,22 +31,123 @@ class Rayleigh:
     alpha: float = 0.0
     beta: float = 0.0
 
+    def __post_init__(self):
+        if self.alpha < 0 or self.beta < 0:
+            raise InputError(
+                f"damping: found alpha = {self.alpha:g}, beta = {self.beta:g}; neither may be negative"
+            )
+
+
+@dataclass(frozen=True)
+class Caughey:
+    """D = M sum_k a_k (M^-1 K)^k (39) with `coefficients` a_0, a_1, ...; a_k in s^(2k-1).
+
+    With more than two terms D is not sparse, and is applied by solves with M.
+    """
+
+    kind: ClassVar[str] = "caughey"
+    coefficients: tuple[float, ...]
+
+    def __post_init__(self):
+        if not self.coefficients:
+            raise InputError("caughey.coefficients: expected at least one number")
+
+
+@dataclass(frozen=True)
+class ModalDamping:
+    """Damping ratios of the diagonalised reduced model, 2 xi_i omega_i on the diagonal of D (38, 52).
+
+    Exactly one of `ratio` for all modes, `ratios` mode by mode (the last one holds for all above), and `table` of
+    (frequency in Hz, ratio) pairs, interpolated linearly and constant outside.
+    """
+
+    kind: ClassVar[str] = "modal"
+    ratio: float | None = None
+    ratios: tuple[float, ...] | None = None
+    table: tuple[tuple[float, float], ...] | None = None
+
+    def __post_init__(self):
+        given = [value for value in (self.ratio, self.ratios, self.table) if value is not None]
+        if len(given) != 1 or given[0] == ():
+            raise InputError("damping: kind 'modal' needs exactly one of ratio, ratios and table")
+        xi = [self.ratio] if self.ratio is not None else self.ratios or [pair[1] for pair in self.table]
+        if min(xi) < 0:
+            raise InputError(f"damping: found the ratio {min(xi):g}; it may not be negative")
+        if self.table is not None and list(self.table) != sorted(self.table):
+            raise InputError("damping.table: expected frequencies in ascending order")
+
+    def at(self, frequencies: np.ndarray) -> np.ndarray:
+        """Damping ratios (m,) of modes with these frequencies (Hz)."""
+        if self.ratio is not None:
+            return np.full(len(frequencies), self.ratio)
+        if self.table is not None:
+            return np.interp(frequencies, *np.array(self.table).T)
+        return np.array([self.ratios[min(i, len(self.ratios) - 1)] for i in range(len(frequencies))])
+
+
+@dataclass(frozen=True)
+class Structural:
+    """Structural (hysteretic) damping: (1 + i eta) K in frequency responses, none in time; eta = loss_factor."""
+
+    kind: ClassVar[str] = "structural"
+    loss_factor: float
+
+    def __post_init__(self):
+        if self.loss_factor < 0:
+            raise InputError(f"damping.loss_factor: found {self.loss_factor:g}; it may not be negative")
+
 
 def damping_matrix(model, damping):
     """D of a damping law, and whether it is a new matrix that the caller destroys. Collective.
 
-    Raises InputError for negative coefficients or a missing matrix.
+    (None, False) for the laws that have no sparse matrix. Raises InputError when there is none to be given.
     """
     if isinstance(damping, GivenDamping):
         if model.D is None:
             raise InputError(f"damping.kind: 'given' needs a damping matrix, {model.name} has none")
         return model.D, False
-    if not isinstance(damping, Rayleigh):
+    if isinstance(damping, Rayleigh):
+        alpha, beta = damping.alpha, damping.beta
+    elif isinstance(damping, Caughey) and len(damping.coefficients) <= 2:
+        alpha, beta = (*damping.coefficients, 0.0)[:2]
+    else:
         return None, False
-    if damping.alpha < 0 or damping.beta < 0:
-        raise InputError(f"damping: found alpha = {damping.alpha:g}, beta = {damping.beta:g}; neither may be negative")
     mat = model.M.duplicate(copy=True)
-    mat.scale(damping.alpha)
-    mat.axpy(damping.beta, model.K, structure=SAME)
+    mat.scale(alpha)
+    mat.axpy(beta, model.K, structure=SAME)
     mat.stateIncrease()
     return mat, True
+
+
+def caughey_terms(damping) -> tuple[float, ...] | None:
+    """The coefficients of a Caughey series that is not a sparse matrix, else None."""
+    if isinstance(damping, Caughey) and len(damping.coefficients) > 2:
+        return damping.coefficients
+    return None
+
+
+def is_proportional(model) -> bool:
+    """Whether D is a combination of M and K, by two random vectors; True without D. Collective."""
+    if model.D is None:
+        return True
+    random = PETSc.Random().create(model.K.comm)
+    random.setFromOptions()
+    vectors = {key: mat.createVecLeft() for key, mat in model.matrices.items()}
+    x = model.K.createVecRight()
+    proportional = True
+    for _ in range(2):
+        x.setRandom(random)
+        for key, mat in model.matrices.items():
+            mat.mult(x, vectors[key])
+        m, k, d = (vectors[key] for key in "MKD")
+        gram = np.array([[m.dot(m), m.dot(k)], [k.dot(m), k.dot(k)]]).real
+        scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        right = np.array([m.dot(d), k.dot(d)]).real * scale
+        alpha, beta = np.linalg.lstsq(gram * np.outer(scale, scale), right, rcond=None)[0] * scale
+        size = d.norm()
+        d.axpy(-alpha, m)
+        d.axpy(-beta, k)
+        proportional = proportional and d.norm() <= 1e-6 * size
+    for item in (*vectors.values(), x, random):
+        item.destroy()
+    return bool(proportional)

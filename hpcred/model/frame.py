@@ -65,11 +65,13 @@ class FramedModel:
     """A model with its damping, in its reference frame.
 
     `model`: the model in the free coordinates. `restore`: (n, n_free) matrix T with q = T q_free, or None when
-    nothing was removed. `rigid`: RigidBodyModes to deflate, or None. Call close(); collective.
+    nothing was removed. `rigid`: RigidBodyModes to deflate, or None. `damping`: the damping law, for those laws
+    that have no matrix. Call close(); collective.
     """
 
     def __init__(self, model, restore=None, rigid=None):
         self.model, self.restore, self.rigid = model, restore, rigid
+        self.damping = None
         self._owned = []
 
     def close(self):
@@ -90,6 +92,7 @@ def apply_frame(model: SecondOrderModel, frame=None, damping=None) -> FramedMode
     damped = copy(model)
     damped.D, new = damping_matrix(model, damping)
     framed = _in_frame(damped, frame)
+    framed.damping = damping
     if new:
         framed._owned.append(damped.D)
     return framed

@@ -56,8 +56,8 @@ def rigid_body_quantities(model):
 class RigidBodyModes:
     """The force-free rigid-body motions of a model, M-orthonormal: R^T M R = I, K R = 0.
 
-    `count`: 0 for a supported body to 6 for a free one. `supports`: `count` global rows of this rank's share
-    that, when held, leave no rigid motion. Owns PETSc objects: call close(). Collective throughout.
+    `R` (n, count) and `MR` = M R as blocks. `count`: 0 for a supported body to 6 for a free one. `supports`: global
+    rows of this rank, `count` over all ranks, that leave no rigid motion when held. Owns PETSc objects: call close(). Collective throughout.
     """
 
     def __init__(self, model):
@@ -79,25 +79,25 @@ class RigidBodyModes:
             )
         self.R = copy_of(basis.columns, model.M) if self.count else None
         basis.close()
-        self._MR = None
+        self.MR = None
         if self.count:
-            self._MR = create_block(model.M, self.count)
-            apply(model.M, self.R, self._MR)
+            self.MR = create_block(model.M, self.count)
+            apply(model.M, self.R, self.MR)
             self.supports = self._determinate_supports(model)
 
     def close(self):
-        for block in (self.R, self._MR):
+        for block in (self.R, self.MR):
             if block is not None:
                 block.destroy()
-        self.R = self._MR = None
+        self.R = self.MR = None
 
     def equilibrate(self, load: SLEPc.BV):
         """load <- (I - M R R^T) load: the part of a load that does not accelerate the body as a whole."""
-        add_product(load, self._MR, inner(self.R, load), alpha=-1.0)
+        add_product(load, self.MR, inner(self.R, load), alpha=-1.0)
 
     def project(self, block: SLEPc.BV):
         """block <- (I - R R^T M) block: the M-orthogonal projection onto the elastic space (51)."""
-        add_product(block, self.R, inner(self._MR, block), alpha=-1.0)
+        add_product(block, self.R, inner(self.MR, block), alpha=-1.0)
 
     def hold(self, rows):
         """Use these global rows (from 0) as statically determinate supports of inertia relief. Collective."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..linalg.block import apply, create_block, from_dense, inner, turn
+from ..linalg.damped import DampedSolver
 from ..linalg.shifted import ShiftedSolver
 
 DEPENDENT = 1e-14  # eigenvalue of the Gram matrix of unit columns below which loads count as dependent
@@ -19,6 +20,7 @@ class Context:
     tolerance: float
     report: list = field(default_factory=list)
     _solver: ShiftedSolver | None = None
+    _damped_solver: DampedSolver | None = None
     _loads: object = None
 
     def __post_init__(self):
@@ -30,6 +32,26 @@ class Context:
         if self._solver is None:
             self._solver = ShiftedSolver(self.model, self.rigid)
         return self._solver
+
+    @property
+    def damped_solver(self) -> DampedSolver:
+        """The one solver of the run for complex A(s)."""
+        if self._damped_solver is None:
+            self._damped_solver = DampedSolver(self.model, self.rigid)
+        return self._damped_solver
+
+    @property
+    def records(self) -> list[dict]:
+        """The factorisations of the run."""
+        return [record for solver in self._solvers() for record in solver.records]
+
+    @property
+    def analyses(self) -> int:
+        """The symbolic analyses of the run: one for real and one for complex matrices at most."""
+        return sum(solver.analyses for solver in self._solvers())
+
+    def _solvers(self):
+        return [solver for solver in (self._solver, self._damped_solver) if solver is not None]
 
     @property
     def loads(self):
@@ -63,7 +85,7 @@ class Context:
         self.progress.say(f"{where}: {kept} new vectors{dropped}")
 
     def close(self):
-        if self._solver is not None:
-            self._solver.close()
+        for solver in self._solvers():
+            solver.close()
         if self._loads is not None:
             self._loads.destroy()

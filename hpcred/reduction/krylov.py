@@ -1,7 +1,7 @@
 """Rational block Krylov subspaces of the pencil K + s^2 M (32, 41-46) extend a basis.
 
-At s = i omega the matrix K - omega^2 M is real: damping is left out when the basis is built, which is exact in the
-limit of light proportional damping (4.2.1), and enters with the projection.
+Damping is left out when the basis is built, which is exact in the limit of light proportional damping (4.2.1), and
+enters with the projection. At s = i omega the matrix K - omega^2 M is real, as it is for real s.
 """
 
 from dataclasses import dataclass
@@ -11,31 +11,49 @@ import numpy as np
 
 from ..errors import InputError
 from ..linalg.basis import Basis
-from ..linalg.block import copy_of, create_block
+from ..linalg.block import apply, as_pairs, copy_of, create_block
 from ..linalg.mumps import SingularMatrix
+from ..model.damping import is_proportional
+from .points import laplace, point_name
 
 
 @dataclass(frozen=True)
 class Krylov:
-    """`order` + 1 blocks at s = i 2 pi frequency (Hz): (K + s^2 M)^-1 B, then repeatedly (K + s^2 M)^-1 M.
+    """`order` + 1 blocks at s = decay + i 2 pi frequency (1/s, Hz): (K + s^2 M)^-1 B, then repeatedly (K + s^2 M)^-1 M.
 
     The reduced transfer function and its first `order` derivatives with respect to s^2 match those of the full
-    undamped model there; with C = B^T it is 2 (order + 1) moments.
+    undamped model there (42, 43); with C = B^T it is 2 (order + 1) moments. `infinity`: M^-1 B, then repeatedly
+    M^-1 K, which matches Markov parameters. Points that are neither real nor imaginary give twice the columns (50).
     """
 
     kind: ClassVar[str] = "krylov"
-    frequency: float
+    frequency: float | None = None
     order: int = 0
+    decay: float | None = None
+    infinity: bool = False
 
     def __post_init__(self):
-        if not (np.isfinite(self.frequency) and self.frequency >= 0):
-            raise InputError(f"krylov.frequency: found {self.frequency:g}, expected Hz, not negative")
+        if self.infinity == (self.frequency is not None or self.decay is not None):
+            raise InputError("krylov: expected frequency (Hz), decay (1/s) or both, or infinity = true")
         if self.order < 0:
             raise InputError(f"krylov.order: found {self.order}, expected 0 or more")
+        self.point  # noqa: B018  (refused early)
+
+    @property
+    def point(self) -> complex:
+        """The expansion point s; infinity is complex infinity."""
+        return complex(np.inf) if self.infinity else laplace(self.kind, self.frequency, self.decay)
+
+    @property
+    def name(self) -> str:
+        return "infinity" if self.infinity else point_name(self.point)
+
+    def _is_complex(self):
+        return bool(self.point.real and self.point.imag)
 
     def columns(self, inputs: int, rigid: int) -> int:
         """Number of vectors before deflation."""
-        return inputs * (self.order + 1)
+        return (2 if self._is_complex() else 1) * inputs * (self.order + 1)
 
     def extend(self, basis, context):
         """Add the blocks to the basis. Collective. Raises InputError where the point is an eigenfrequency.
@@ -43,44 +61,68 @@ class Krylov:
         Block Arnoldi: the chain of the point is kept orthonormal by itself, because (K + s^2 M)^-1 M has to act
         on the whole block and not only on what the basis did not have yet.
         """
-        solver, progress = context.solver, context.progress
-        try:
-            with progress.stage("factor", f"{self.frequency:g} Hz"):
-                solver.factor(-((2 * np.pi * self.frequency) ** 2))
-            self._arnoldi(basis, context)
-        except SingularMatrix as error:
-            if self.frequency == 0:
-                raise InputError(
-                    f"krylov point 0 Hz: K of {context.model.name} is singular, so the body can move freely; "
-                    "take frame kind 'buckens' (inertia relief), 'chord' or 'tangent', or a point above 0 Hz"
-                ) from error
+        model = context.model
+        if self._is_complex() and not is_proportional(model):
             raise InputError(
-                f"krylov point {self.frequency:.10g} Hz is an eigenfrequency of the undamped model "
-                f"(relative distance of its square {error.distance:.1e}); move the point a little"
-            ) from error
+                f"krylov: the point {self.name} is complex and the damping of {model.name} is not proportional; "
+                "kind 'second_order_krylov' fits"
+            )
+        if not context.loads.getActiveColumns()[1]:
+            raise InputError(f"krylov: no input loads the free dofs of {model.name}")
+        try:
+            with context.progress.stage("factor", self.name):
+                solver, next_matrix = self._factored(context)
+        except SingularMatrix as error:
+            raise self._refusal(model, error) from error
+        self._arnoldi(basis, context, solver, next_matrix)
 
-    def _arnoldi(self, basis, context):
-        progress = context.progress
-        chain = Basis(context.model.M, tolerance=context.tolerance)
-        load = copy_of(context.loads, context.model.K)
-        if not load.getActiveColumns()[1]:
-            raise InputError(f"krylov: no input loads the free dofs of {context.model.name}")
+    def _factored(self, context):
+        """The solver of the point, and the matrix that leads from one block to the next load."""
+        square = self.point**2
+        if self._is_complex():
+            context.damped_solver.factor_sum(square)
+            return context.damped_solver, context.model.M
+        if self.infinity:
+            context.solver.factor_mass()
+            return context.solver, context.model.K
+        context.solver.factor(square.real)
+        return context.solver, context.model.M
+
+    def _arnoldi(self, basis, context, solver, next_matrix):
+        model, progress = context.model, context.progress
+        width = 2 if self._is_complex() else 1
+        chain = Basis(model.M, tolerance=context.tolerance, pairs=width == 2)
+        load = as_pairs(context.loads, model.K) if width == 2 else copy_of(context.loads, model.K)
         for j in range(self.order + 1):
             columns = load.getActiveColumns()[1]
-            block = create_block(context.model.K, columns)
+            block = create_block(model.K, columns)
             with progress.stage("solve"):
-                context.solver.solve(load, block)
+                solver.solve(load, block)
             load.destroy()
             with progress.stage("orthogonalise"):
                 start = chain.size
                 chain.extend(block)
                 block.destroy()
                 kept = basis.extend(chain.columns_since(start))
-            context.note(f"krylov {self.frequency:g} Hz, block {j}", columns, kept)
+            context.note(f"krylov {self.name}, block {j}", columns, kept)
             if j == self.order or chain.size == start:
                 break
-            load = context.times_mass(chain.columns_since(start))
+            load = create_block(model.K, width * (chain.size - start))
+            apply(next_matrix, chain.columns_since(start), load)
         chain.close()
+
+    def _refusal(self, model, error):
+        if self.infinity:
+            return InputError(f"krylov at infinity: the mass matrix of {model.name} is singular; take another point")
+        if self.point == 0:
+            return InputError(
+                f"krylov point 0 Hz: K of {model.name} is singular, so the body can move freely; "
+                "take frame kind 'buckens' (inertia relief), 'chord' or 'tangent', or a point above 0 Hz"
+            )
+        return InputError(
+            f"krylov point {self.point.imag / 2 / np.pi:.10g} Hz is an eigenfrequency of the undamped model "
+            f"(relative distance of its square {error.distance:.1e}), an undamped pole; move the point a little"
+        )
 
 
 @dataclass(frozen=True)

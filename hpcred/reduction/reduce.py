@@ -4,7 +4,8 @@ import numpy as np
 
 from ..errors import ComputationError, InputError
 from ..linalg.basis import Basis
-from ..linalg.block import apply, copy_of, create_block
+from ..linalg.block import apply, copy_of, create_block, inner
+from ..model.damping import ModalDamping, Structural, caughey_terms
 from ..model.frame import apply_frame
 from ..model.model import SYMMETRIC_TO
 from ..progress import Progress
@@ -54,6 +55,31 @@ def reduce(model, basis, frame=None, damping=None, tolerance=1e-12, drop_above=N
         framed.close()
 
 
+def _law(damping, context, columns, frequencies):
+    """D of the reduced model for the damping laws that have no sparse matrix."""
+    if isinstance(damping, ModalDamping):
+        return np.diag(4 * np.pi * frequencies * damping.at(frequencies))
+    if (terms := caughey_terms(damping)) is not None:
+        return _project_caughey(terms, context, columns)
+    return np.zeros((len(frequencies), len(frequencies)))
+
+
+def _project_caughey(terms, context, columns):
+    """V^T M sum_k a_k (M^-1 K)^k V (39), by solves with M."""
+    model = context.model
+    context.solver.factor_mass()
+    power = copy_of(columns, model.M)  # (M^-1 K)^k V
+    result = terms[0] * np.eye(power.getSizes()[1])
+    for coefficient in terms[1:]:
+        force = create_block(model.K, power.getSizes()[1])
+        apply(model.K, power, force)
+        result += coefficient * inner(columns, force)
+        context.solver.solve(force, power)
+        force.destroy()
+    power.destroy()
+    return (result + result.T) / 2
+
+
 def _check_size(model, basis, rigid):
     """Refuse a basis that cannot fit before anything is factored."""
     if not basis:
@@ -91,7 +117,8 @@ def _project(model, framed, vectors, context, drop_above):
             )
         columns = vectors.columns
         small = {key: project(mat, columns) for key, mat in full.matrices.items()}
-        small.setdefault("D", np.zeros_like(small["M"]))
+        if "D" not in small:
+            small["D"] = _law(framed.damping, context, columns, frequencies)
         inputs = project_columns(columns, full.B)
         outputs = inputs if full.Ct is None else project_columns(columns, full.Ct)
         if framed.restore is not None:
@@ -103,6 +130,7 @@ def _project(model, framed, vectors, context, drop_above):
     symmetric = {key: (value + value.T) / 2 for key, value in small.items() if key != "D" or full.symmetric}
     rom = ReducedModel(
         **(small | symmetric), B=inputs, C=outputs.T.copy(), frequencies=frequencies,
+        loss_factor=framed.damping.loss_factor if isinstance(framed.damping, Structural) else 0.0,
         input_names=model.input_names, output_names=model.output_names, columns=everywhere,
     )  # fmt: skip
     return rom, defect
