@@ -24,7 +24,7 @@ install: .venv/.ready
 # nothing may bring numpy 2 or another h5py.
 PURE := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
         deps = p["dependencies"] + p["optional-dependencies"]["test"]; \
-        print(*(d for d in deps if not re.match("numpy|scipy|mpi4py|h5py|petsc4py|slepc4py|tomli", d)))
+        print(*(d for d in deps if not re.match("numpy|scipy|matplotlib|mpi4py|h5py|petsc4py|slepc4py|tomli", d)))
 
 .venv/.ready: pyproject.toml Makefile
 	@missing=$$(for p in $(DEBIAN); do dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \

@@ -267,6 +267,20 @@ def evaluate(
     write_json(comm, json, report)
 
 
+@app.command()
+def paper(
+    output: Annotated[
+        str, typer.Option("-o", "--output", metavar="DIR", help="Folder for figures and data.")
+    ] = "paper",
+    json: JsonFile = None,
+):
+    """Reproduce Section 5 of the paper on the built-in linkage: Tables 1 and 2, Figures 3 and 4."""
+    comm, progress = _start("complex")
+    from .report.paper import reproduce
+
+    reproduce(output, comm, progress, json)
+
+
 @example.command("solid")
 def example_solid(
     output: Annotated[str, typer.Option("-o", "--output", help="The model file to write.")] = "model.h5",

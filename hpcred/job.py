@@ -44,7 +44,7 @@ class Job:
 
     `inputs` and `outputs`: a matrix file, or dofs as numbers from 1 or [node, direction]; without them those of
     the model are taken. `band`: Hz. `deflation_tolerance` and `drop_above`: see reduce. `write_basis`: whether V
-    goes into the result.
+    goes into the result. `projection`, `allow_unstable`: see reduce.
     """
 
     model: str | Source
@@ -58,10 +58,14 @@ class Job:
     deflation_tolerance: float = 1e-12
     drop_above: float | None = None
     write_basis: bool = True
+    projection: str = "one_sided"
+    allow_unstable: bool = False
 
     def __post_init__(self):
         if self.band is not None and not 0 <= self.band[0] < self.band[1]:
             raise InputError(f"band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
+        if self.projection not in ("one_sided", "two_sided"):
+            raise InputError(f"projection: found '{self.projection}', expected 'one_sided' or 'two_sided'")
         if not 0 < self.deflation_tolerance < 1:
             raise InputError(f"deflation_tolerance: found {self.deflation_tolerance:g}, expected 0 to 1")
         if self.drop_above is not None and self.drop_above <= 0:

@@ -31,10 +31,12 @@ def describe(item) -> dict:
     return {"kind": item.kind, **{key: value for key, value in asdict(item).items() if value is not None}}
 
 
-def provenance(model, framed, basis, frame, damping, context, progress, defect) -> dict:
+def provenance(model, framed, basis, frame, damping, contexts, progress, defect) -> dict:
     """Everything but the matrices; plain types only. Collective."""
     info = framed.model.K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)
     run = progress.summary()
+    context = contexts[0]
+    records = [record for item in contexts for record in item.records]
     record = {
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "versions": versions(),
@@ -55,9 +57,9 @@ def provenance(model, framed, basis, frame, damping, context, progress, defect) 
         "ingredients": context.report,
         "orthonormality_defect": defect,
         "symmetry_defects": model.symmetry_defects,
-        "ordering": context.records[-1]["ordering"] if context.records else "none",
-        "factorisations": context.records,
-        "symbolic_analyses": context.analyses,
+        "ordering": records[-1]["ordering"] if records else "none",
+        "factorisations": records,
+        "symbolic_analyses": sum(item.analyses for item in contexts),
         "run": run,
     }
     return model.comm.bcast(record)

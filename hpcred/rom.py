@@ -4,17 +4,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .linalg.block import local_rows
-
 
 @dataclass
 class ReducedModel:
     """M x'' + D x' + K x = B u, y = C x with m coordinates, p inputs, r outputs; SI units.
 
-    M, D, K (m, m), B (m, p), C (r, m); `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52). `loss_factor`: eta of
-    structural damping, for frequency responses only.
-    `provenance`: what made it. `columns`: the basis V as a distributed block (n, m), zero at the dofs that the frame
-    holds, when the reduction was run here; None after reading a file. close() frees it.
+    M, D, K (m, m), B (m, p), C (r, m); `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52).
+    `loss_factor`: eta of structural damping, for frequency responses only. `provenance`: what made it.
+    `columns`: the basis V as a distributed block (n, m), zero at the dofs that the frame holds, when the reduction
+    was run here, and `left_columns` W of a two-sided projection; None after reading a file. close() frees them.
     """
 
     M: np.ndarray
@@ -28,6 +26,7 @@ class ReducedModel:
     output_names: list = field(default_factory=list)
     provenance: dict = field(default_factory=dict)
     columns: object = None
+    left_columns: object = None
 
     @property
     def size(self) -> int:
@@ -51,15 +50,12 @@ class ReducedModel:
         roots = self.poles()
         return roots[roots.real > 1e-9 * np.abs(roots).max(initial=0.0)]
 
-    def local_columns(self):
-        """The rows of the basis on this rank as a numpy view (rows, m), in a `with` block."""
-        return local_rows(self.columns)
-
     def close(self):
         """Free the basis. Collective."""
-        if self.columns is not None:
-            self.columns.destroy()
-        self.columns = None
+        for block in (self.columns, self.left_columns):
+            if block is not None:
+                block.destroy()
+        self.columns = self.left_columns = None
 
     def __enter__(self):
         return self

@@ -9,7 +9,7 @@ from ..errors import InputError, agreed
 from ..linalg.assembly import compress, exchange
 from ..model.model import SecondOrderModel, row_range
 from ..petsc import MPI
-from .matrix_files import read_entries
+from .matrix_files import Entries, read_entries
 from .nodes import read_dofs
 
 ABAQUS = {"K": ("_STIF1", "_STIF2"), "M": ("_MASS1", "_MASS2"), "D": ("_DMPV1", "_DMPV2")}
@@ -63,6 +63,8 @@ def convert(source: Source, comm=MPI.COMM_WORLD, name="model") -> SecondOrderMod
     ranges = comm.allgather(row_range(comm, size, 6 if size % 6 == 0 else 3 if size % 3 == 0 else 1))
     starts = np.array([first for first, _ in ranges])
     first, last = ranges[comm.rank]
+    if "D" in entries:
+        entries["D"] = with_transposed_pattern(entries["D"])
     mine = {key: _owned(comm, starts, item) for key, item in entries.items()}
     del entries
     with agreed(comm):
@@ -75,6 +77,13 @@ def convert(source: Source, comm=MPI.COMM_WORLD, name="model") -> SecondOrderMod
         comm, size, indptr, indices, values, inputs, outputs, dofs,
         column_names(source.B, inputs), column_names(source.C, outputs), name,
     )  # fmt: skip
+
+
+def with_transposed_pattern(entries: Entries) -> Entries:
+    """The entries, with zeros where only the transposed place has one: D may be unsymmetric, its pattern not."""
+    i, j = entries.rows, entries.columns
+    values = np.concatenate([entries.values, np.zeros(len(i))])
+    return Entries(entries.shape, np.concatenate([i, j]), np.concatenate([j, i]), values)
 
 
 def _owned(comm, starts, entries):

@@ -10,6 +10,7 @@ import json
 import numpy as np
 
 from ..errors import agreed
+from ..linalg.block import local_rows
 from ..petsc import MPI
 from ..rom import ReducedModel
 from .hdf5 import reading, texts, writing
@@ -29,8 +30,11 @@ def write_result(path, rom: ReducedModel, dofs=None, basis=True, comm=MPI.COMM_W
         for key in NAMES:
             file.small(f"reduced/{key}", list(getattr(rom, key)))
         if basis and rom.columns is not None:
-            with rom.local_columns() as rows:
+            with local_rows(rom.columns) as rows:
                 file.rows("basis/V", np.ascontiguousarray(rows.real.T), axis=1)
+            if rom.left_columns is not None:
+                with local_rows(rom.left_columns) as rows:
+                    file.rows("basis/W", np.ascontiguousarray(rows.real.T), axis=1)
             if dofs is not None:
                 for key in ("node", "direction", "position"):
                     file.rows(f"dofs/{key}", getattr(dofs, key))

@@ -95,7 +95,7 @@ class Basis:
         return float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
 
     def turn(self, factor: np.ndarray):
-        """V <- V factor (54); factor (size, k) with orthonormal columns."""
+        """V <- V factor (54); factor (size, k)."""
         turn(self.columns, factor)
         self.size = factor.shape[1]
 

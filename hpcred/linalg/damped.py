@@ -33,7 +33,7 @@ class DampedSolver:
             matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
             matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
         self._factors = Factorisation(matrix, "cholesky" if model.symmetric else "lu", prefix)
-        self._accelerated = None
+        self._accelerated = self._factored = None
 
     @property
     def records(self) -> list[dict]:
@@ -54,7 +54,10 @@ class DampedSolver:
         self.factor_sum(s * s, s, 1 + 1j * loss_factor)
 
     def factor_sum(self, mass: complex, damping: complex = 0.0, stiffness: complex = 1.0):
-        """Factor mass M + damping D + stiffness K instead."""
+        """Factor mass M + damping D + stiffness K instead, unless it is factored already."""
+        if self._factored == (mass, damping, stiffness):
+            return
+        self._factored = None
         self._form.fill(mass, damping, stiffness)
         self._factors.factor(mass=str(mass), damping=str(damping), inertia_relief=False)
         self._forget()
@@ -65,6 +68,7 @@ class DampedSolver:
             self._solve(loads, self._accelerated)
             loads.destroy()
             self._held = self._momentum(self._accelerated)
+        self._factored = mass, damping, stiffness
 
     def solve(self, right, solution):
         """solution = A^-1 right for all active columns at once, with the relative residual checked."""

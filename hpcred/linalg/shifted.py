@@ -33,6 +33,7 @@ class ShiftedSolver:
         self._factors = Factorisation(self._matrix, kind, prefix, {"icntl_13": 1} if inertia else None)
         self._relief = False
         self._mass = self._damping = 0.0
+        self._factored = None
 
     def close(self):
         self._factors.close()
@@ -52,13 +53,16 @@ class ShiftedSolver:
         return self._factors.negative_pivots
 
     def factor(self, mass, damping=0.0):
-        """Factor A = K + damping D + mass M. Raises SingularMatrix, also when s^2 is an
+        """Factor A = K + damping D + mass M, unless it is factored already. Raises SingularMatrix, also when s^2 is an
         undamped eigenvalue, or ComputationError.
 
         A = K of a free body (mass = damping = 0 with rigid-body modes): six rows and columns are held, which
         makes K regular; with self-equilibrated loads the held dofs take no force, so that which rows were
         taken does not matter after the projection (inertia relief).
         """
+        if self._factored == (mass, damping):
+            return
+        self._factored = None
         model, matrix = self.model, self._matrix
         model.K.copy(matrix, structure=SAME)
         if damping and model.D is not None:
@@ -71,12 +75,17 @@ class ShiftedSolver:
         self._mass, self._damping = mass, damping
         self._factors.factor(mass=str(mass), damping=str(damping), inertia_relief=self._relief)
         self._check_pole()
+        self._factored = mass, damping
 
     def factor_mass(self):
         """Factor A = M, which is where s goes to infinity. Raises SingularMatrix or ComputationError."""
+        if self._factored == (inf, 0.0):
+            return
+        self._factored = None
         self.model.M.copy(self._matrix, structure=SAME)
         self._relief, self._mass, self._damping = False, inf, 0.0
         self._factors.factor(mass="inf", damping="0", inertia_relief=False)
+        self._factored = inf, 0.0
 
     def solve(self, right: SLEPc.BV, solution: SLEPc.BV, steps=0):
         """solution = A^-1 right for all active columns at once, with the relative residual checked.

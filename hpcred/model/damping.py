@@ -33,9 +33,7 @@ class Rayleigh:
 
     def __post_init__(self):
         if self.alpha < 0 or self.beta < 0:
-            raise InputError(
-                f"damping: found alpha = {self.alpha:g}, beta = {self.beta:g}; neither may be negative"
-            )
+            raise InputError(f"damping: found alpha = {self.alpha:g}, beta = {self.beta:g}; neither may be negative")
 
 
 @dataclass(frozen=True)

@@ -171,6 +171,8 @@ class SecondOrderModel:
             keywords["dofs"] = dofs.take(slice(first, last))
         mine = {}
         for key, (i, j, v, _) in given.items():
+            # a structurally symmetric pattern, also for an unsymmetric D
+            i, j, v = np.concatenate([i, j]), np.concatenate([j, i]), np.concatenate([v, np.zeros(len(v))])
             local = (i >= first) & (i < last)
             mine[key] = i[local], j[local], v[local]
         indptr, indices, values = compress(mine, first, last, size)

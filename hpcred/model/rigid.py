@@ -57,7 +57,8 @@ class RigidBodyModes:
     """The force-free rigid-body motions of a model, M-orthonormal: R^T M R = I, K R = 0.
 
     `R` (n, count) and `MR` = M R as blocks. `count`: 0 for a supported body to 6 for a free one. `supports`: global
-    rows of this rank, `count` over all ranks, that leave no rigid motion when held. Owns PETSc objects: call close(). Collective throughout.
+    rows of this rank, `count` over all ranks, that leave no rigid motion when held. Owns PETSc objects:
+    call close(). Collective throughout.
     """
 
     def __init__(self, model):

@@ -1,5 +1,6 @@
 """What an ingredient of a basis may use: the framed model, the solver, the loads, and a place for its report."""
 
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from ..linalg.block import apply, create_block, from_dense, inner, turn
 from ..linalg.damped import DampedSolver
 from ..linalg.shifted import ShiftedSolver
+from ..petsc import PETSc
 
 DEPENDENT = 1e-14  # eigenvalue of the Gram matrix of unit columns below which loads count as dependent
 
@@ -22,6 +24,8 @@ class Context:
     _solver: ShiftedSolver | None = None
     _damped_solver: DampedSolver | None = None
     _loads: object = None
+    _shared: object = None
+    _transposed: object = None
 
     def __post_init__(self):
         self.model, self.rigid = self.framed.model, self.framed.rigid
@@ -29,6 +33,8 @@ class Context:
     @property
     def solver(self) -> ShiftedSolver:
         """The one solver of the run."""
+        if self._shared is not None:
+            return self._shared.solver
         if self._solver is None:
             self._solver = ShiftedSolver(self.model, self.rigid)
         return self._solver
@@ -36,6 +42,8 @@ class Context:
     @property
     def damped_solver(self) -> DampedSolver:
         """The one solver of the run for complex A(s)."""
+        if self._shared is not None:
+            return self._shared.damped_solver
         if self._damped_solver is None:
             self._damped_solver = DampedSolver(self.model, self.rigid)
         return self._damped_solver
@@ -84,8 +92,26 @@ class Context:
         dropped = f", {columns - kept} dependent dropped" if columns > kept else ""
         self.progress.say(f"{where}: {kept} new vectors{dropped}")
 
+    def dual(self):
+        """The context of the output Krylov subspaces (33): C^T in place of B, transposed matrices. Collective.
+
+        Symmetric matrices share the solvers, and so the factors of a point that was used right before.
+        """
+        framed = copy(self.framed)
+        framed.model = copy(self.model)
+        framed.model.B, framed.model.Ct = self.model.Ct, None
+        other = Context(framed, self.progress, self.tolerance, self.report)
+        if self.model.symmetric:
+            other._shared = self
+        else:
+            other._transposed = framed.model.D = PETSc.Mat()
+            self.model.D.transpose(other._transposed)
+        return other
+
     def close(self):
         for solver in self._solvers():
             solver.close()
+        if self._transposed is not None:
+            self._transposed.destroy()
         if self._loads is not None:
             self._loads.destroy()

@@ -20,7 +20,17 @@ def run_job(path, overrides, comm, progress):
     with progress.stage("read", str(job.model)):
         model = job_model(job, comm)
     with model:
-        rom = reduce(model, job.basis, job.frame, job.damping, job.deflation_tolerance, job.drop_above, progress)
+        rom = reduce(
+            model,
+            job.basis,
+            job.frame,
+            job.damping,
+            job.deflation_tolerance,
+            job.drop_above,
+            progress,
+            job.projection,
+            job.allow_unstable,
+        )
         rom.provenance["job"] = asdict(job)
         with progress.stage("write", job.output):
             write_result(job.output, rom, model.dofs, job.write_basis, comm)

@@ -20,7 +20,9 @@ class Modes:
 
     `dominant`: of these, only so many that contribute most to the transfer function, ranked by approximate Hankel
     singular values of the lightly damped modal model, |b_i| |c_i| / (4 xi_i omega_i^2) (Gawronski, Dynamics and
-    Control of Structures, 1998, ch. 4), with xi = 1 % where the model has no damping. `index` counts from 1 as finite-element programs do: rigid-body modes of a free body come first (1 to 6), and
+    Control of Structures, 1998, ch. 4), with xi = 1 % where the model has no damping.
+
+    `index` counts from 1 as finite-element programs do: rigid-body modes of a free body come first (1 to 6), and
     are never part of the basis.
     """
 

@@ -8,17 +8,19 @@ from ..linalg.eigen import symmetric_eigenpairs
 WIDTH = 64  # columns projected at a time, which bounds the memory
 
 
-def project(mat, columns, width=WIDTH) -> np.ndarray:
-    """V^T A V (m, m) for the active columns V. Collective."""
+def project(mat, columns, left=None, width=WIDTH) -> np.ndarray:
+    """V^T A V (m, m), or W^T A V with W = left, for the active columns. Collective."""
+    left = columns if left is None else left
     first, last = columns.getActiveColumns()
-    result = np.zeros((last - first, last - first))
+    start, stop = left.getActiveColumns()
+    result = np.zeros((stop - start, last - first))
     for low in range(first, last, width):
         high = min(low + width, last)
         columns.setActiveColumns(low, high)
         product = create_block(mat, high - low)
         apply(mat, columns, product)
         columns.setActiveColumns(first, last)
-        result[:, low - first : high - first] = inner(columns, product)
+        result[:, low - first : high - first] = inner(left, product)
         product.destroy()
     return result
 

@@ -4,29 +4,74 @@ import numpy as np
 
 from ..errors import ComputationError, InputError
 from ..linalg.basis import Basis
-from ..linalg.block import apply, copy_of, create_block, inner
-from ..model.damping import ModalDamping, Structural, caughey_terms
+from ..linalg.block import apply, copy_of, create_block
+from ..model.damping import ModalDamping, Structural
 from ..model.frame import apply_frame
 from ..model.model import SYMMETRIC_TO
 from ..progress import Progress
 from ..provenance import provenance
 from ..rom import ReducedModel
 from .context import Context
+from .oblique import biorthogonal
 from .projection import diagonalise, project, project_columns
+from .reduced_damping import reduced_damping
 
 ORTHONORMAL_TO = 1e-12
 
 
-def reduce(model, basis, frame=None, damping=None, tolerance=1e-12, drop_above=None, progress=None) -> ReducedModel:
-    """Reduce a SecondOrderModel by Galerkin projection onto the span of the ingredients. Collective.
+def reduce(
+    model, basis, frame=None, damping=None, tolerance=1e-12, drop_above=None, progress=None,
+    projection="one_sided", allow_unstable=False,
+) -> ReducedModel:  # fmt: skip
+    """Reduce a SecondOrderModel by projection onto the span of the ingredients. Collective.
 
-    `basis`: list of Modes, Krylov, StaticCorrection, ...; each extends what the ones before it gave. `frame`:
-    Tangent, Chord, Buckens or None; `damping`: Rayleigh, GivenDamping or None. `tolerance`: relative size of the
-    new part of a vector below which it is dropped as dependent. `drop_above`: pseudo-modes above this frequency
-    (Hz) are cut after the diagonalisation. The reduced model has V^T M V = I and diagonal
-    V^T K V. Raises InputError or ComputationError, the same on all ranks; `model` is not changed.
+    `basis`: list of Modes, Krylov, SecondOrderKrylov, StaticCorrection; each extends what the ones before it gave.
+    `frame`: Tangent, Chord, Buckens or None; `damping`: Rayleigh, Caughey, GivenDamping, ModalDamping, Structural
+    or None. `tolerance`: relative size of the new part of a vector below which it is dropped as dependent.
+    `drop_above`: pseudo-modes above this frequency (Hz) are cut after the diagonalisation. The reduced model has
+    V^T M V = I and diagonal V^T K V.
+
+    `projection`: "one_sided" (W = V), or "two_sided": where the outputs differ from the inputs, W is built from C^T
+    (33), W^T M V = I, and twice as many moments match; the result may be unstable, which is refused unless
+    `allow_unstable`. Raises InputError or ComputationError, the same on all ranks; `model` is not changed.
     """
     progress = progress or Progress(model.comm, show=False)
+    _check_model(model)
+    two_sided = projection == "two_sided" and model.Ct is not None
+    if two_sided and (drop_above is not None or isinstance(damping, ModalDamping)):
+        raise InputError(
+            "projection: 'two_sided' leaves no diagonal model, which drop_above and modal damping need; "
+            "take 'one_sided'"
+        )
+    with progress.stage("frame"):
+        framed = apply_frame(model, frame, damping)
+    rigid = framed.rigid.R if framed.rigid is not None else None
+    contexts = [Context(framed, progress, tolerance)]
+    if two_sided:
+        contexts.append(contexts[0].dual())
+    bases = [Basis(framed.model.M, rigid, tolerance) for _ in contexts]
+    try:
+        _check_size(framed, basis)
+        for ingredient in basis:
+            for vectors, context in zip(bases, contexts, strict=True):
+                ingredient.extend(vectors, context)
+        if not all(vectors.size for vectors in bases):
+            raise InputError("basis: no vector is left; no mode lies in the bands and no input loads the body")
+        with progress.stage("project"):
+            if two_sided:
+                rom, defect = _project_oblique(model, framed, *bases, contexts[0], allow_unstable)
+            else:
+                rom, defect = _project(model, framed, bases[0], contexts[0], drop_above)
+        rom.provenance = provenance(model, framed, basis, frame, damping, contexts, progress, defect)
+        rom.provenance["projection"] = "two_sided" if two_sided else "one_sided"
+        rom.provenance["unstable_poles"] = [[pole.real, pole.imag] for pole in rom.unstable_poles()]
+        return rom
+    finally:
+        for item in (*contexts, *bases, framed):
+            item.close()
+
+
+def _check_model(model):
     for key in ("M", "K"):
         if model.symmetry_defects[key] > SYMMETRIC_TO:
             raise InputError(
@@ -35,55 +80,13 @@ def reduce(model, basis, frame=None, damping=None, tolerance=1e-12, drop_above=N
             )
     if model.B is None or not model.input_names:
         raise InputError(f"{model.name} has no inputs; name them by `inputs`, as dof numbers or [node, direction]")
-    with progress.stage("frame"):
-        framed = apply_frame(model, frame, damping)
-    context = Context(framed, progress, tolerance)
-    rigid = framed.rigid.count if framed.rigid is not None else 0
-    vectors = Basis(framed.model.M, deflate=framed.rigid.R if rigid else None, tolerance=tolerance)
-    try:
-        _check_size(framed.model, basis, rigid)
-        for ingredient in basis:
-            ingredient.extend(vectors, context)
-        if vectors.size == 0:
-            raise InputError("basis: no vector is left; no mode lies in the bands and no input loads the body")
-        rom, defect = _project(model, framed, vectors, context, drop_above)
-        rom.provenance = provenance(model, framed, basis, frame, damping, context, progress, defect)
-        return rom
-    finally:
-        context.close()
-        vectors.close()
-        framed.close()
 
 
-def _law(damping, context, columns, frequencies):
-    """D of the reduced model for the damping laws that have no sparse matrix."""
-    if isinstance(damping, ModalDamping):
-        return np.diag(4 * np.pi * frequencies * damping.at(frequencies))
-    if (terms := caughey_terms(damping)) is not None:
-        return _project_caughey(terms, context, columns)
-    return np.zeros((len(frequencies), len(frequencies)))
-
-
-def _project_caughey(terms, context, columns):
-    """V^T M sum_k a_k (M^-1 K)^k V (39), by solves with M."""
-    model = context.model
-    context.solver.factor_mass()
-    power = copy_of(columns, model.M)  # (M^-1 K)^k V
-    result = terms[0] * np.eye(power.getSizes()[1])
-    for coefficient in terms[1:]:
-        force = create_block(model.K, power.getSizes()[1])
-        apply(model.K, power, force)
-        result += coefficient * inner(columns, force)
-        context.solver.solve(force, power)
-        force.destroy()
-    power.destroy()
-    return (result + result.T) / 2
-
-
-def _check_size(model, basis, rigid):
+def _check_size(framed, basis):
     """Refuse a basis that cannot fit before anything is factored."""
     if not basis:
         raise InputError("basis: the list of ingredients is empty")
+    model, rigid = framed.model, framed.rigid.count if framed.rigid is not None else 0
     for item in basis:
         if hasattr(item, "check"):
             item.check(model.size, rigid)
@@ -97,40 +100,73 @@ def _check_size(model, basis, rigid):
 
 def _project(model, framed, vectors, context, drop_above):
     """The diagonalised reduced model with its basis in all dofs, and the orthonormality defect."""
-    progress, full = context.progress, framed.model
-    with progress.stage("project"):
-        stiffness = project(full.K, vectors.columns)
-        squares = diagonalise(vectors, stiffness)
-        frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi)
-        if drop_above is not None:
-            kept = int((frequencies <= drop_above).sum())
-            if kept == 0:
-                raise InputError(f"drop_above: no pseudo-frequency lies below {drop_above:g} Hz")
-            context.note(f"pseudo-frequencies up to {drop_above:g} Hz", len(frequencies), kept)
-            vectors.turn(np.eye(len(frequencies))[:, :kept])
-            frequencies, squares = frequencies[:kept], squares[:kept]
-        defect = vectors.defect()
-        if defect > ORTHONORMAL_TO:
-            raise ComputationError(
-                f"the basis has lost its orthonormality: max |V^T M V - I| = {defect:.1e}, "
-                f"allowed is {ORTHONORMAL_TO:g}"
-            )
-        columns = vectors.columns
-        small = {key: project(mat, columns) for key, mat in full.matrices.items()}
-        if "D" not in small:
-            small["D"] = _law(framed.damping, context, columns, frequencies)
-        inputs = project_columns(columns, full.B)
-        outputs = inputs if full.Ct is None else project_columns(columns, full.Ct)
-        if framed.restore is not None:
-            everywhere = create_block(model.K, vectors.size)
-            apply(framed.restore, columns, everywhere)
-        else:
-            everywhere = copy_of(columns, model.K)
-    small = model.comm.bcast(small)
-    symmetric = {key: (value + value.T) / 2 for key, value in small.items() if key != "D" or full.symmetric}
-    rom = ReducedModel(
-        **(small | symmetric), B=inputs, C=outputs.T.copy(), frequencies=frequencies,
-        loss_factor=framed.damping.loss_factor if isinstance(framed.damping, Structural) else 0.0,
-        input_names=model.input_names, output_names=model.output_names, columns=everywhere,
-    )  # fmt: skip
+    full = framed.model
+    squares = diagonalise(vectors, project(full.K, vectors.columns))
+    frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi)
+    if drop_above is not None:
+        kept = int((frequencies <= drop_above).sum())
+        if kept == 0:
+            raise InputError(f"drop_above: no pseudo-frequency lies below {drop_above:g} Hz")
+        context.note(f"pseudo-frequencies up to {drop_above:g} Hz", len(frequencies), kept)
+        vectors.turn(np.eye(len(frequencies))[:, :kept])
+        frequencies = frequencies[:kept]
+    defect = vectors.defect()
+    if defect > ORTHONORMAL_TO:
+        raise ComputationError(
+            f"the basis has lost its orthonormality: max |V^T M V - I| = {defect:.1e}, allowed is {ORTHONORMAL_TO:g}"
+        )
+    columns = vectors.columns
+    small = {key: project(mat, columns) for key, mat in full.matrices.items()}
+    if "D" not in small:
+        small["D"] = reduced_damping(framed.damping, context, columns, frequencies)
+    for key, value in small.items():
+        if key != "D" or full.symmetric:
+            small[key] = (value + value.T) / 2
+    inputs = project_columns(columns, full.B)
+    outputs = inputs if full.Ct is None else project_columns(columns, full.Ct)
+    rom = _reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
+    rom.columns = _everywhere(model, framed, columns)
     return rom, defect
+
+
+def _project_oblique(model, framed, right, left, context, allow_unstable):
+    """The reduced model of a two-sided projection (20), its poles checked, and the biorthonormality defect."""
+    full = framed.model
+    defect = biorthogonal(left, right, context)
+    V, W = right.columns, left.columns
+    small = {key: project(mat, V, W) for key, mat in full.matrices.items()}
+    frequencies = np.sort(np.sqrt(np.abs(np.linalg.eigvals(small["K"])))) / (2 * np.pi)
+    if "D" not in small:
+        small["D"] = reduced_damping(framed.damping, context, V, frequencies, W)
+    inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
+    rom = _reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
+    unstable = rom.unstable_poles()
+    if len(unstable) and not allow_unstable:
+        listed = ", ".join(f"{pole.real:.3g}{pole.imag:+.4g}i" for pole in unstable[:6])
+        raise InputError(
+            f"projection: the two-sided reduced model is unstable, with {len(unstable)} poles in the right "
+            f"half-plane ({listed}{', ...' if len(unstable) > 6 else ''} rad/s); take projection = 'one_sided', "
+            "which keeps stability, or allow_unstable = true for frequency responses only"
+        )
+    rom.columns, rom.left_columns = (_everywhere(model, framed, block) for block in (V, W))
+    return rom, defect
+
+
+def _reduced_model(model, framed, small, inputs, outputs, frequencies):
+    """The same arrays on all ranks, to the last digit."""
+    small, inputs, outputs, frequencies = model.comm.bcast((small, inputs, outputs, frequencies))
+    loss = framed.damping.loss_factor if isinstance(framed.damping, Structural) else 0.0
+    return ReducedModel(
+        **small, B=inputs, C=outputs, frequencies=frequencies, loss_factor=loss,
+        input_names=model.input_names, output_names=model.output_names,
+    )  # fmt: skip
+
+
+def _everywhere(model, framed, columns):
+    """A basis in all dofs of the model, as a new block."""
+    if framed.restore is None:
+        return copy_of(columns, model.K)
+    first, last = columns.getActiveColumns()
+    result = create_block(model.K, last - first)
+    apply(framed.restore, columns, result)
+    return result

@@ -2,8 +2,8 @@
 
 The blocks R_0 = A^-1 B, R_1 = -A^-1 (2 s M + D) R_0, R_l = -A^-1 ((2 s M + D) R_(l-1) + M R_(l-2)) are the moments of
 (s^2 M + s D + K)^-1 B. The pairs (R_l, R_(l-1)) are a Krylov sequence of the linearised system; they are kept as
-coefficients in an orthonormal basis Q of all R_l, and the coefficients are orthonormalised as well (TOAR: Lu, Su and Bai,
-SIAM J. Matrix Anal. Appl. 37(1), 2016), which the bare recurrence is not: it loses everything but the dominant modes.
+coefficients in an orthonormal basis Q of all R_l, and the coefficients are orthonormalised as well (TOAR: Lu, Su and
+Bai, SIAM J. Matrix Anal. Appl. 37(1), 2016). The bare recurrence would lose everything but the dominant modes.
 """
 
 from dataclasses import dataclass
@@ -161,5 +161,3 @@ def _next_state(new, upper, states):
     left, values, _ = np.linalg.svd(state, full_matrices=False)
     state = left[:, values > SMALL]
     return state[:size], state[size:], np.concatenate([states, state], axis=1)
-
-

@@ -1,0 +1,105 @@
+"""Section 5 of the paper on the built-in linkage: the models of Tables 1 and 2, and their errors over frequency."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..analysis.error import error_integral, relative_error
+from ..analysis.response import frequency_response
+from ..model.frame import Buckens
+from ..reduction.krylov import Krylov, StaticCorrection
+from ..reduction.modes import Modes
+from ..reduction.reduce import reduce
+from ..reduction.second_order import SecondOrderKrylov
+from .linkage import BAND, DAMPING, FRAME, LOAD, SUPPORTS
+
+FREQUENCIES = np.linspace(0.1, BAND[1], 3001)
+ROUND_OFF = 1e-13  # deflation tolerance: all 14 vectors of row 1, the last of which are close to dependent
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table: how the paper calls it, what it says of Q, and the basis."""
+
+    number: int
+    method: str
+    modes: str
+    points: str
+    paper_q: float
+    basis: tuple
+
+
+def _modes(first, last):
+    return Modes(index=tuple(range(first, last + 1)))
+
+
+TABLE_1 = (
+    Row(1, "Krylov", "", "10 Hz (1), 150 Hz (5), 240 Hz (3), 300 Hz (1)", 2.69e-9,
+        (Krylov(10.0, 1), Krylov(150.0, 5), Krylov(240.0, 3), Krylov(300.0, 1))),
+    Row(2, "second-order Krylov", "", "10 Hz (0), 150 Hz (2), 240 Hz (1), 300 Hz (0)", 4.67e-9,
+        tuple(SecondOrderKrylov(f, order=j) for f, j in ((10.0, 0), (150.0, 2), (240.0, 1), (300.0, 0)))),
+    Row(3, "modal + frm", "1-13", "0 Hz (0)", 1.44e-2, (_modes(1, 13), StaticCorrection())),
+    Row(4, "modal", "1-14", "", 11.95, (_modes(1, 14),)),
+)  # fmt: skip
+TABLE_2 = (
+    Row(1, "Krylov", "", "80 Hz (1), 260 Hz (0)", 4.01e-4, (Krylov(80.0, 1), Krylov(260.0, 0))),
+    Row(2, "modal + second-order Krylov", "7-13", "150 Hz (0)", 1.20e-3,
+        (_modes(7, 13), SecondOrderKrylov(150.0))),
+    Row(3, "modal + frm", "7-20", "10 Hz (0)", 1.08e-3, (_modes(7, 20), Krylov(10.0))),
+    Row(4, "modal", "7-27", "", 1.57, (_modes(7, 27),)),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A reference frame with its inputs, and the table and figure of the paper that belong to it."""
+
+    table: int
+    figure: int
+    title: str
+    frame: object
+    inputs: tuple
+    rows: tuple
+
+
+SISO = Setting(1, 3, "SISO: chord frame, force at node 20", FRAME, (LOAD,), TABLE_1)
+MIMO = Setting(2, 4, "MIMO: Buckens frame, seven inputs and outputs", Buckens(), (*SUPPORTS, LOAD), TABLE_2)
+
+
+def compare(model, setting: Setting, numbers=None, progress=None, keep=None):
+    """Reduce the linkage for the rows (all, or those with `numbers`), and compare with its full response. Collective.
+
+    Returns a list of dicts with row, size, Q, eps_max and eps (frequencies). `keep(row, rom)` is called with each
+    reduced model before it is freed.
+    """
+    model.set_inputs(setting.inputs)
+    full = frequency_response(model, FREQUENCIES, setting.frame, DAMPING)
+    results = []
+    for row in setting.rows:
+        if numbers is not None and row.number not in numbers:
+            continue
+        with reduce(model, row.basis, setting.frame, DAMPING, ROUND_OFF, progress=progress) as rom:
+            errors = relative_error(full, frequency_response(rom, FREQUENCIES))
+            if keep is not None:
+                keep(row, rom)
+            results.append(
+                {
+                    "row": row,
+                    "size": rom.size,
+                    "Q": error_integral(FREQUENCIES, errors),
+                    "eps_max": float(errors.max()),
+                    "eps": errors,
+                }
+            )
+    return results
+
+
+def table(results):
+    """Columns and rows of a table with the paper's figures beside ours."""
+    columns = ["row", "method", "modes", "points (order)", "size", "Q of the paper", "Q", "largest eps"]
+    rows = [
+        [r["row"].number, r["row"].method, r["row"].modes, r["row"].points, r["size"], r["row"].paper_q, r["Q"],
+         r["eps_max"]]
+        for r in results
+    ]  # fmt: skip
+    return columns, rows

@@ -1,0 +1,52 @@
+"""Section 5 in one command: Tables 1 and 2 beside the paper's figures, Figures 3 and 4, and the numbers as data."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError, agreed
+from ..examples.linkage import linkage
+from ..examples.section5 import FREQUENCIES, MIMO, SISO, compare, table
+from ..formats.hdf5 import check_writable, writing
+from .plots import error_figure
+from .tables import show_table, show_timings, write_json
+
+
+def reproduce(folder, comm, progress, json=None):
+    """Compute and write everything into `folder`, which is created. Collective. Raises InputError."""
+    folder = Path(folder)
+    with agreed(comm):
+        if comm.rank == 0:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(f"output {folder}: cannot be created ({error.strerror}); choose another") from error
+    check_writable(folder / "section5.h5", comm)
+    data, results = {}, {}
+    with linkage(comm) as model:
+        for setting in (SISO, MIMO):
+            with progress.stage(f"table {setting.table}"):
+                results[setting] = compare(model, setting)
+            columns, rows = table(results[setting])
+            show_table(comm, f"Table {setting.table}. {setting.title}", columns, rows)
+            data[f"table_{setting.table}"] = [dict(zip(columns, row, strict=True)) for row in rows]
+    with progress.stage("figures"), agreed(comm):
+        if comm.rank == 0:
+            for setting, found in results.items():
+                curves = [(f"{r['row'].method}, Q = {r['Q']:.2g}", r["eps"]) for r in found]
+                error_figure(
+                    folder / f"figure_{setting.figure}", FREQUENCIES, curves,
+                    f"Relative error of the reduced models, {setting.title.partition(':')[0]} case",
+                )  # fmt: skip
+    with writing(folder / "section5.h5", comm) as file:
+        file.attribute("format", "hpcred-section5")
+        file.small("frequencies", FREQUENCIES)
+        for setting, found in results.items():
+            file.small(f"table_{setting.table}/methods", [r["row"].method for r in found])
+            file.small(f"table_{setting.table}/Q", np.array([r["Q"] for r in found]))
+            file.small(f"table_{setting.table}/eps", np.array([r["eps"] for r in found]))
+    write_json(comm, folder / "section5.json", data)
+    write_json(comm, json, data)
+    print(f"figures 3 and 4 (png, svg), section5.h5 and section5.json written to {folder}")
+    show_timings(comm, progress.summary())
+    return data

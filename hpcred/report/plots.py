@@ -1,0 +1,40 @@
+"""Figures; rank 0 only. Matplotlib is imported when the first one is drawn."""
+
+from ..errors import InputError
+
+INK = "#333333"
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")  # told apart with any colour vision (Okabe and Ito)
+DASHES = ("-", "--", "-.", ":")
+
+
+def pyplot():
+    """matplotlib.pyplot without a display. Raises InputError when it is not installed."""
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise InputError("figures need matplotlib: pip install 'hpcred[plots]'") from error
+    matplotlib.use("Agg")
+    matplotlib.rcParams["svg.hashsalt"] = "hpcred"
+    from matplotlib import pyplot as plt
+
+    return plt
+
+
+def error_figure(stem, frequencies, curves, title):
+    """eps over frequency, logarithmic: stem.png and stem.svg. `curves`: (label, errors) pairs."""
+    plt = pyplot()
+    figure, axes = plt.subplots(figsize=(7.5, 5.0), layout="constrained")
+    for (label, errors), colour, dash in zip(curves, COLOURS, DASHES, strict=False):
+        axes.semilogy(frequencies, errors, dash, color=colour, linewidth=1.1, label=label)
+    axes.set(xlabel="frequency (Hz)", ylabel="relative error", title=title)
+    axes.set_xlim(0, frequencies[-1])
+    axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
+    figure.legend(loc="outside lower center", ncols=2, fontsize=9, frameon=False)
+    save(figure, stem)
+
+
+def save(figure, stem):
+    """PNG and SVG, without a date, so that the same numbers give the same file."""
+    figure.savefig(f"{stem}.png", dpi=150)
+    figure.savefig(f"{stem}.svg", metadata={"Date": None})
+    pyplot().close(figure)
