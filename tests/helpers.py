@@ -48,3 +48,18 @@ def moments(K, M, B, C, shift, count):
         result.append(C @ X)
         X = np.linalg.solve(A, M @ X)
     return result
+
+
+def second_order_moments(K, M, D, B, C, s, count):
+    """Taylor coefficients of C (s^2 M + s D + K)^-1 B at s, by the bare recurrence."""
+    A = s * s * M + s * D + K
+    R = [np.linalg.solve(A, B.astype(complex))]
+    R.append(-np.linalg.solve(A, (2 * s * M + D) @ R[0]))
+    while len(R) < count:
+        R.append(-np.linalg.solve(A, (2 * s * M + D) @ R[-1] + M @ R[-2]))
+    return [C @ r for r in R[:count]]
+
+
+def close(a, b):
+    """Largest difference relative to the largest entry."""
+    return np.abs(a - b).max() / np.abs(a).max()

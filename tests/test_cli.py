@@ -197,7 +197,7 @@ def test_more_ranks_than_rows_are_refused(hpcred, tmp_path, monkeypatch):
 def test_the_demo_prints_its_table(hpcred, tmp_path):
     result = hpcred(ranks=2)
     assert result.returncode == 0, result.stderr
-    rows = re.findall(r"^ +(\d) .* 14 +(\S+) +(\S+) *$", result.stdout, re.M)
+    rows = re.findall(r"^ +(\d) .* 14 +\S+ +(\S+) +(\S+) *$", result.stdout, re.M)
     found = {int(row): float(q) for row, q, _ in rows}
     assert found[1] < 1e-8
     assert found[3] == pytest.approx(8.91e-2, rel=2e-3)
