@@ -245,6 +245,7 @@ def evaluate(
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
     points: Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")] = 61,
     output: Annotated[str | None, typer.Option("-o", help="Write the responses to this HDF5 file.")] = None,
+    groups: Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")] = None,
     json: JsonFile = None,
 ):
     """Frequency response of a reduced model; with --full its error eps(f) (55) and Q (57)."""
@@ -256,7 +257,7 @@ def evaluate(
     if limits and (len(limits) != 2 or not 0 <= limits[0] < limits[1]):
         raise InputError(f"--band: found '{band}', expected 0 <= lower < upper in Hz, such as 0,300")
     report = evaluate_result(
-        result, full, _numbers(frequencies, "--frequencies"), limits, points, comm, progress, output
+        result, full, _numbers(frequencies, "--frequencies"), limits, points, comm, progress, output, groups
     )
     columns = ["f (Hz)", "|Hr|_F"] + (["|H|_F", "eps"] if full else [])
     rows = zip(*(report[key] for key in ("frequencies_hz", "reduced_norm", "full_norm", "eps") if key in report),

@@ -271,3 +271,21 @@ def test_symmetric_pattern_of_an_unsymmetric_matrix(solid):
         transposed = model.D.transpose()
         assert np.array_equal(transposed.getValuesCSR()[1], model.K.getValuesCSR()[1])
         transposed.destroy()
+
+
+@pytest.mark.parametrize("frame", [None, Buckens()])
+def test_groups_of_ranks_share_the_frequencies(comm, frame):
+    frequencies = [5.0, 60.0, 110.0, 250.0, 290.0]
+    with hpcred.linkage(comm, inputs=(example.LOAD, (3, "ry"))) as model:
+        model.set_outputs([(4, "x"), (17, "rz"), (20, "z")])
+        one, each = (
+            hpcred.frequency_response(model, frequencies, frame, example.DAMPING, groups=groups)
+            for groups in (1, comm.size)
+        )
+        assert one.shape == (5, 3, 2)
+        assert close(one, each) < 1e-9
+        if comm.size == 3:
+            two = hpcred.frequency_response(model, frequencies, frame, example.DAMPING, groups=2)
+            assert close(one, two) < 1e-9
+        with pytest.raises(hpcred.InputError, match="groups: found 9"):
+            hpcred.frequency_response(model, frequencies, frame, groups=9)

@@ -14,12 +14,12 @@ from .error import error_integral, relative_error
 from .response import frequency_response
 
 
-def evaluate_result(result, full, frequencies, band, points, comm, progress=None, output=None) -> dict:
+def evaluate_result(result, full, frequencies, band, points, comm, progress=None, output=None, groups=None) -> dict:
     """Responses of result.h5, and eps(f) and Q against the model file `full` if given. Collective.
 
     `frequencies` (Hz), or else `points` of them over `band` (two numbers, default that of the job). The frame,
     the damping, the inputs and outputs of the full model are those of the reduction. `output`: HDF5 file for
-    the responses. Returns plain numbers for a table or JSON.
+    the responses. `groups`: see frequency_response. Returns plain numbers for a table or JSON.
     """
     rom = read_result(result, comm)
     record = rom.provenance
@@ -40,7 +40,7 @@ def evaluate_result(result, full, frequencies, band, points, comm, progress=None
                     f"{full}: found {model.size} dofs, but {result} was reduced from a model of {record['size']}"
                 )
             _load_as(model, record, comm)
-            arrays["full"] = frequency_response(model, grid, frame, damping, progress)
+            arrays["full"] = frequency_response(model, grid, frame, damping, progress, groups)
         arrays["eps"] = relative_error(arrays["full"], arrays["reduced"])
         report["arithmetic"] = "full model solved in " + (
             "real arithmetic (undamped)" if record["damping"]["kind"] == "none"

@@ -2,22 +2,27 @@
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, agreed
 from ..linalg.block import apply, as_pairs, create_block, from_dense, inner, turn, unfold
 from ..linalg.damped import DampedSolver
 from ..linalg.mumps import SingularMatrix
 from ..linalg.shifted import ShiftedSolver
 from ..model.damping import ModalDamping, Structural, caughey_terms
 from ..model.frame import apply_frame
+from ..model.groups import copy_to_group
 from ..petsc import MPI
 from ..rom import ReducedModel
 
+SMALL = 10_000  # dofs up to which every rank takes its own share of the frequencies
 
-def frequency_response(model, frequencies, frame=None, damping=None, progress=None) -> np.ndarray:
+
+def frequency_response(model, frequencies, frame=None, damping=None, progress=None, groups=None) -> np.ndarray:
     """H (frequencies, r, p) of a ReducedModel, or of a SecondOrderModel in a frame with a damping law.
 
     `frequencies` in Hz. In the Buckens frame the response is that of the elastic part: of the body whose
-    displacements are M-orthogonal to its rigid-body modes. Collective; the result is the same on all ranks. Raises
+    displacements are M-orthogonal to its rigid-body modes. `groups`: number of groups of ranks that solve for
+    different frequencies at the same time, each with its own copy of the matrices and the factor; by default as many
+    as ranks for small models and one for others. Collective; the result is the same on all ranks. Raises
     InputError at an undamped pole, or for modal damping, which only a reduced model has.
     """
     frequencies = np.atleast_1d(np.asarray(frequencies, dtype=float))
@@ -27,9 +32,32 @@ def frequency_response(model, frequencies, frame=None, damping=None, progress=No
         raise InputError("damping: modal ratios belong to a reduced model; the full model has no such response")
     framed = apply_frame(model, frame, damping)
     try:
-        return _full(framed, frequencies, progress)
+        groups = groups or (model.comm.size if model.size <= SMALL else 1)
+        if not 1 <= groups <= model.comm.size:
+            raise InputError(f"groups: found {groups}, expected 1 to {model.comm.size}, the number of ranks")
+        if groups == 1:
+            return _full(framed, frequencies, progress)
+        return _in_groups(framed, frequencies, progress, groups)
     finally:
         framed.close()
+
+
+def _in_groups(framed, frequencies, progress, groups):
+    """Frequencies are dealt out to groups of ranks."""
+    comm = framed.model.comm
+    copied, number = copy_to_group(framed, groups)
+    with agreed(comm):
+        part = _full(copied, frequencies[number::groups], progress)
+    group = copied.model.comm
+    first = group.rank == 0
+    shapes = (len(frequencies), *part.shape[1:])
+    copied.close()
+    copied.model.close()
+    response = np.zeros(shapes, dtype=complex)
+    for owner, values in comm.allgather((number, part) if first else (None, None)):
+        if owner is not None:
+            response[owner::groups] = values
+    return response
 
 
 def _reduced(rom, frequencies, comm=MPI.COMM_WORLD):

@@ -29,7 +29,7 @@ def error_figure(stem, frequencies, curves, title):
     axes.set(xlabel="frequency (Hz)", ylabel="relative error", title=title)
     axes.set_xlim(0, frequencies[-1])
     axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
-    figure.legend(loc="outside lower center", ncols=2, fontsize=9, frameon=False)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=9, frameon=False)
     save(figure, stem)
 
 
