@@ -95,6 +95,22 @@ def replaced(old, new):
         ('kind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"', 'kind = "tangent"\nnode = 21', "node 21 does not exist"),
         ('[frame]\nkind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"', "", None),
         ("frequency", "frequency =", "not a TOML file"),
+        ("[frame]", '[damping]\nkind = "structural"\nloss_factor = -0.1\n[frame]', "loss_factor: found -0.1"),
+        ("[frame]", '[damping]\nkind = "modal"\nratio = -0.1\n[frame]', "found the ratio -0.1; it may not be negative"),
+        ("[frame]", '[damping]\nkind = "modal"\n[frame]', "exactly one of ratio, ratios and table"),
+        ("[frame]", '[damping]\nkind = "caughey"\ncoefficients = []\n[frame]', "at least one number"),
+        ("[frame]", 'projection = "oblique"\n[frame]', "found 'oblique', expected 'one_sided' or 'two_sided'"),
+        ('kind = "krylov"\nfrequency = 100.0', 'kind = "second_order_krylov"', "expected a point: frequency"),
+        (
+            'kind = "krylov"\nfrequency = 100.0',
+            'kind = "second_order_krylov"\ndecay = 1.0\ns = [0.0, 1.0]',
+            "expected s, or frequency and decay, not both",
+        ),
+        (
+            'kind = "krylov"\nfrequency = 100.0',
+            'kind = "second_order_krylov"\ns = [-3.0, 1.0]',
+            "second_order_krylov.decay: found -3, expected 1/s, not negative",
+        ),
     ],
 )
 def test_a_bad_job_is_refused(folder, capsys, old, new, says):
@@ -265,6 +281,30 @@ def test_inputs_as_files_and_matrices_in_the_job(tmp_path, monkeypatch):
     a, b = (package.read_result(f"{name}.h5") for name in "ab")
     assert np.allclose(a.transfer_function(0.3j), b.transfer_function(0.3j), rtol=1e-12)
     assert a.input_names == ["B.mtx:1", "B.mtx:2"] and b.input_names == ["dof 4", "dof 1"]
+
+
+def test_an_output_matrix_of_another_size_is_refused(folder, capsys):
+    scipy.io.mmwrite("C.mtx", np.eye(3, 119))
+    replaced("[frame]", 'outputs = "C.mtx"\n[frame]')
+    assert "C.mtx: found 3 x 119, expected 120 columns" in refused(capsys, "reduce", "job.toml")
+
+
+def test_a_two_sided_job_with_second_order_krylov(folder):
+    """Outputs of their own, Rayleigh damping, and the error against the full model."""
+    Path("job.toml").write_text(
+        JOB.replace(
+            "[frame]", 'outputs = [[17, "z"], [18, "rx"]]\nprojection = "two_sided"\nallow_unstable = true\n[frame]'
+        )
+        .replace("[[basis]]", '[damping]\nkind = "rayleigh"\nalpha = 2.0\nbeta = 1e-5\n[[basis]]')
+        .replace('"krylov"', '"second_order_krylov"')
+    )
+    assert run(["reduce", "job.toml", "--json", "r.json"]) == 0
+    assert run(["evaluate", "result.h5", "--full", "model.h5", "--frequencies", "99,100,101", "--json", "e.json"]) == 0
+    record, errors = json.loads(Path("r.json").read_text()), json.loads(Path("e.json").read_text())
+    assert record["projection"] == "two_sided" and record["outputs"] == ["17:z", "18:rx"]
+    assert errors["eps"][1] < 1e-8 and errors["eps_max"] < 1e-2
+    with h5py.File("result.h5") as file:
+        assert file["basis/W"].shape == file["basis/V"].shape
 
 
 def test_the_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
