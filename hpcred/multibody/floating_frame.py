@@ -1,0 +1,199 @@
+"""Floating-frame quantities (13, 22): the integrals of a reduced body that a multibody program needs.
+
+Enter the mass matrix, the labels of the rows and the basis V; leave small arrays. The body frame has the axes of the
+finite-element model, and its origin unless another is given. With Phi_k the displacement field of column k:
+
+    mass, mc = integral of R dm, J = integral of skew(R)^T skew(R) dm     by rigid-body motions, exact
+    Ct_k = integral of Phi_k dm,  Cr_k = integral of R x Phi_k dm         likewise
+    N[k]_ab = integral of R_a Phi_kb dm,  S[a, b]_kl = integral of Phi_ka Phi_lb dm
+
+N and S are bilinear in the scalar mass matrix of one direction, which is exact where M couples no two directions and is
+the same for all three (solid elements). Nodes with rotations get the mean of the three directions, which is an
+approximation; so is `lumped`, the row sums of M.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..linalg.assembly import exchange
+from ..linalg.block import apply, create_block, inner, local_rows
+from ..model.dofs import require_dofs
+from ..model.rigid import rigid_motions
+from ..petsc import PETSc
+
+
+@dataclass
+class FloatingFrame:
+    """Quantities of a body with m elastic coordinates q, SI units.
+
+    mass; mc (3,): first moment; J (3, 3): inertia about the origin; Ct (m, 3), Cr (m, 3); N (m, 3, 3); S (3, 3, m, m);
+    Me (m, m) = V^T M V; `origin` (3,) of the body frame; `integrals`: "consistent", "mean of directions", "lumped".
+    """
+
+    mass: float
+    mc: np.ndarray
+    J: np.ndarray
+    Ct: np.ndarray
+    Cr: np.ndarray
+    N: np.ndarray
+    S: np.ndarray
+    Me: np.ndarray
+    origin: np.ndarray
+    integrals: str = "consistent"
+
+    @property
+    def Cr1(self) -> np.ndarray:
+        """(m, m, 3): [i, k] = integral of Phi_k x Phi_i dm, so that C_r(q)_i = Cr_i + sum_k Cr1[i, k] q_k."""
+        S = self.S
+        cross = [S[1, 2] - S[2, 1], S[2, 0] - S[0, 2], S[0, 1] - S[1, 0]]
+        return np.stack(cross, axis=-1).transpose(1, 0, 2)
+
+    @property
+    def dJ(self) -> np.ndarray:
+        """(m, 3, 3): derivative of the inertia by q_k at q = 0: integral of 2 R.Phi_k I - R Phi_k^T - Phi_k R^T dm."""
+        trace = np.trace(self.N, axis1=1, axis2=2)
+        return 2 * trace[:, None, None] * np.eye(3) - self.N - self.N.transpose(0, 2, 1)
+
+    @property
+    def J2(self) -> np.ndarray:
+        """(m, m, 3, 3): J(q) = J + sum_k dJ_k q_k + sum_kl J2_kl q_k q_l; integral of Phi_k.Phi_l I - Phi_k Phi_l^T dm."""
+        S = self.S
+        trace = S[0, 0] + S[1, 1] + S[2, 2]
+        outer = S.transpose(2, 3, 0, 1)
+        return trace[:, :, None, None] * np.eye(3) - (outer + outer.transpose(0, 1, 3, 2)) / 2
+
+    @property
+    def Gr(self) -> np.ndarray:
+        """(3, 3 m): block k = -2 integral of skew(R) skew(Phi_k) dm; its symmetric part is dJ_k."""
+        trace = np.trace(self.N, axis1=1, axis2=2)
+        blocks = 2 * (trace[:, None, None] * np.eye(3) - self.N.transpose(0, 2, 1))
+        return blocks.transpose(1, 0, 2).reshape(3, -1)
+
+    @property
+    def Ge(self) -> np.ndarray:
+        """(m, 3 m): 2 integral of Phi_k x Phi_i dm in row i, column c m + k for component c."""
+        return 2 * self.Cr1.transpose(0, 2, 1).reshape(len(self.Ct), -1)
+
+    @property
+    def Oe(self) -> np.ndarray:
+        """(m, 6): coefficients of wx^2, wy^2, wz^2, wx wy, wy wz, wx wz in integral of Phi_i^T skew(w)^2 R dm."""
+        return _quadratic(self.N.transpose(1, 2, 0))
+
+    @property
+    def Oe1(self) -> np.ndarray:
+        """(m, m, 6): the part of Oe in row i that is linear in q_k, [i, k]; symmetric, being the integral itself."""
+        return _quadratic(self.S).transpose(1, 0, 2)
+
+    def arrays(self) -> dict:
+        """Everything by name, as it is stored in result.h5."""
+        own = ("mass", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
+        derived = ("Cr1", "dJ", "Gr", "Ge", "Oe", "Oe1")
+        return {name: np.asarray(getattr(self, name)) for name in own + derived}
+
+
+def _quadratic(field):
+    """Six coefficients of u^T skew(w)^2 r from field[a, b] = integral of r_a u_b; last axis added."""
+    trace = field[0, 0] + field[1, 1] + field[2, 2]
+    squares = [field[a, a] - trace for a in range(3)]
+    mixed = [field[a, b] + field[b, a] for a, b in ((0, 1), (1, 2), (0, 2))]
+    return np.stack(squares + mixed, axis=-1)
+
+
+def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False) -> FloatingFrame:
+    """The quantities of a SecondOrderModel with the basis `columns` (a block (n, m)). Collective.
+
+    Raises InputError without node coordinates.
+    """
+    dofs = require_dofs(model, "a floating frame")
+    origin = np.asarray(origin, dtype=float)
+    first, last = columns.getActiveColumns()
+    count = last - first
+    motions, momentum = rigid_motions(model, origin), create_block(model.M, 6)
+    apply(model.M, motions, momentum)
+    rigid, coupling = inner(motions, momentum), inner(momentum, columns)
+    motions.destroy()
+    momentum.destroy()
+    cross = rigid[:3, 3:]
+    mc = np.array([cross[1, 2] - cross[2, 1], cross[2, 0] - cross[0, 2], cross[0, 1] - cross[1, 0]]) / 2
+
+    rotations = model.comm.allreduce(int((dofs.direction > 2).any()), op=max)
+    bases = (0, 1, 2) if rotations else (0,)
+    mass = _lumped(model) if lumped else model.M
+    N, S = np.zeros((count, 3, 3)), np.zeros((3, 3, count, count))
+    for base in bases:
+        fields, loads = [], []
+        for d in range(3):
+            transfer = _transfer(model, d, base)
+            block, load = create_block(model.M, count), create_block(model.M, count)
+            apply(transfer, columns, block)
+            apply(mass, block, load)
+            transfer.destroy()
+            fields.append(block)
+            loads.append(load)
+        points = create_block(model.M, 3)
+        with local_rows(points) as rows:
+            mine = dofs.direction == base
+            rows[...] = 0.0
+            rows[mine] = (dofs.position - origin)[mine]
+        for b in range(3):
+            N[:, :, b] += inner(points, loads[b]).T / len(bases)
+            for a in range(3):
+                S[a, b] += inner(fields[a], loads[b]) / len(bases)
+        for item in (*fields, *loads, points):
+            item.destroy()
+    if lumped:
+        mass.destroy()
+    product = create_block(model.M, count)
+    apply(model.M, columns, product)
+    Me = inner(columns, product)
+    product.destroy()
+    kind = "lumped" if lumped else "mean of directions" if rotations else "consistent"
+    result = FloatingFrame(
+        float(np.trace(rigid[:3, :3]) / 3), mc, rigid[3:, 3:], coupling[:3].T.copy(), coupling[3:].T.copy(), N, S, Me,
+        origin, kind,
+    )  # fmt: skip
+    return model.comm.bcast(result)
+
+
+def _transfer(model, source, target):
+    """T (n, n) that moves the component in direction `source` of every node to its row in direction `target`."""
+    comm, dofs = model.comm, model.dofs
+    rows = np.arange(model.first_row, model.first_row + model.local_rows)
+    if source == target:
+        mine = dofs.direction == source
+        wanted, given = rows[mine], rows[mine]
+    else:
+        # rows of a node meet on the rank of its number
+        parts = []
+        for direction in (target, source):
+            mine = dofs.direction == direction
+            node = dofs.node[mine]
+            parts.append(exchange(comm, (node % comm.size).astype(int), [node, rows[mine]]))
+        (node_t, row_t), (node_s, row_s) = parts
+        _, at_t, at_s = np.intersect1d(node_t, node_s, return_indices=True)
+        owner = np.searchsorted(model.row_starts, row_t[at_t], side="right") - 1
+        wanted, given = exchange(comm, owner, [row_t[at_t], row_s[at_s]])
+        order = np.argsort(wanted)
+        wanted, given = wanted[order], given[order]
+    counts = np.zeros(model.local_rows + 1, dtype=PETSc.IntType)
+    counts[wanted - model.first_row + 1] = 1
+    csr = (np.cumsum(counts, dtype=PETSc.IntType), given.astype(PETSc.IntType), np.ones(len(given)))
+    return PETSc.Mat().createAIJ(((model.local_rows, model.size),) * 2, csr=csr, comm=model.K.comm)
+
+
+def _lumped(model):
+    """A diagonal matrix with the row sums of M for unit translations."""
+    motions, momentum = rigid_motions(model), create_block(model.M, 6)
+    apply(model.M, motions, momentum)
+    with local_rows(momentum) as rows:
+        values = np.zeros(model.local_rows)
+        moved = model.dofs.direction < 3
+        values[moved] = rows.real[moved, model.dofs.direction[moved]]
+    motions.destroy()
+    momentum.destroy()
+    indptr = np.arange(model.local_rows + 1, dtype=PETSc.IntType)
+    indices = (indptr[:-1] + model.first_row).astype(PETSc.IntType)
+    return PETSc.Mat().createAIJ(
+        ((model.local_rows, model.size),) * 2, csr=(indptr, indices, values), comm=model.K.comm
+    )
