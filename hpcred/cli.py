@@ -269,6 +269,27 @@ def evaluate(
 
 
 @app.command()
+def export(
+    result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
+    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz or exudyn.")] = "sid",
+    output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
+    nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
+    json: JsonFile = None,
+):
+    """Hand a reduced body over to another program."""
+    comm, _ = _start()
+    from .multibody.export import export_result
+    from .report.tables import write_json
+
+    chosen = [int(number) for number in _numbers(nodes, "--nodes")] if nodes else None
+    report = export_result(result, kind, output, chosen, comm)
+    print(f"{report['output']}: {report['coordinates']} elastic coordinates, nodes {report['nodes']}")
+    for line in report["remarks"]:
+        print(f"note: {line}")
+    write_json(comm, json, report)
+
+
+@app.command()
 def paper(
     output: Annotated[
         str, typer.Option("-o", "--output", metavar="DIR", help="Folder for figures and data.")

@@ -44,7 +44,8 @@ class Job:
 
     `inputs` and `outputs`: a matrix file, or dofs as numbers from 1 or [node, direction]; without them those of
     the model are taken. `band`: Hz. `deflation_tolerance` and `drop_above`: see reduce. `write_basis`: whether V
-    goes into the result. `projection`, `allow_unstable`: see reduce.
+    goes into the result. `body_origin` (m) and
+    `lumped_integrals`: see multibody.floating_frame. `projection`, `allow_unstable`: see reduce.
     """
 
     model: str | Source
@@ -58,6 +59,8 @@ class Job:
     deflation_tolerance: float = 1e-12
     drop_above: float | None = None
     write_basis: bool = True
+    body_origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lumped_integrals: bool = False
     projection: str = "one_sided"
     allow_unstable: bool = False
 

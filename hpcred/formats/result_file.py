@@ -2,6 +2,7 @@
 
 reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
 basis/V (m, n), one row a basis vector in the dofs of the full model; dofs/ as in model.h5
+floating_frame/ and interface/: for multibody programs, see multibody.floating_frame and multibody.shapes
 provenance: JSON
 """
 
@@ -20,8 +21,11 @@ ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
 NAMES = ("input_names", "output_names")
 
 
-def write_result(path, rom: ReducedModel, dofs=None, basis=True, comm=MPI.COMM_WORLD):
-    """Write a reduced model; with `basis` also V, by all ranks. Collective. Raises InputError."""
+def write_result(path, rom: ReducedModel, dofs=None, basis=True, comm=MPI.COMM_WORLD, body=None):
+    """Write a reduced model; with `basis` also V, by all ranks. Collective. Raises InputError.
+
+    `body`: (FloatingFrame, list of NodeShape) of the same reduction, for multibody programs.
+    """
     with writing(path, comm) as file:
         file.attribute("format", FORMAT)
         file.attribute("version", 1)
@@ -38,6 +42,15 @@ def write_result(path, rom: ReducedModel, dofs=None, basis=True, comm=MPI.COMM_W
             if dofs is not None:
                 for key in ("node", "direction", "position"):
                     file.rows(f"dofs/{key}", getattr(dofs, key))
+        if body is not None:
+            frame, shapes = body
+            for key, value in frame.arrays().items():
+                file.small(f"floating_frame/{key}", value)
+            file.small("floating_frame/integrals", frame.integrals)
+            if shapes:
+                file.small("interface/node", np.array([shape.node for shape in shapes]))
+                for key in ("position", "phi", "psi", "rotates"):
+                    file.small(f"interface/{key}", np.array([getattr(shape, key) for shape in shapes]))
         file.attribute("loss_factor", rom.loss_factor)
         file.small("provenance", rom.provenance)
 

@@ -57,7 +57,10 @@ class FloatingFrame:
 
     @property
     def J2(self) -> np.ndarray:
-        """(m, m, 3, 3): J(q) = J + sum_k dJ_k q_k + sum_kl J2_kl q_k q_l; integral of Phi_k.Phi_l I - Phi_k Phi_l^T dm."""
+        """(m, m, 3, 3): integral of Phi_k.Phi_l I - Phi_k Phi_l^T dm, symmetric in k and l.
+
+        J(q) = J + sum_k dJ_k q_k + sum_kl J2_kl q_k q_l.
+        """
         S = self.S
         trace = S[0, 0] + S[1, 1] + S[2, 2]
         outer = S.transpose(2, 3, 0, 1)

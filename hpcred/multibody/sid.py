@@ -61,7 +61,7 @@ def write_sid(path, sid: Sid):
         lines.append(_line(16, f"ielastq ({i:4d})", f" {name}"))
     lines += [" " * 11 + "end refmod", " " * 11 + "frame"]
     for frame in sid.frames:
-        lines += [_line(16, "new node", f"{frame.node:8d}"), _line(21, "rframe", f"    {frame.rframe}")]
+        lines += [_line(16, "new node", f"    {frame.node}"), _line(21, "rframe", f"    {frame.rframe}")]
         for name in IN_FRAME:
             lines += _object_lines(name, frame.objects[name], 21)
         lines.append(" " * 16 + "end node")
@@ -84,9 +84,7 @@ def _number(value):
 def _object_lines(name, item, indent):
     rows, columns = item.m0.shape
     values = (item.order, rows, columns, item.nq, item.nqn, item.structure)
-    lines = [" " * indent + name] + [
-        _line(26, key, f"{value:5d}") for key, value in zip(HEADER, values, strict=True)
-    ]
+    lines = [" " * indent + name] + [_line(26, key, f"{value:5d}") for key, value in zip(HEADER, values, strict=True)]
     if item.structure not in (0, 4):
         for i, j in np.argwhere(item.m0 != 0):
             lines.append(_line(26, f"m0( {i + 1}, {j + 1})" + 13 * " ", _number(item.m0[i, j])))

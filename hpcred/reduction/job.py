@@ -9,6 +9,8 @@ from ..formats.hdf5 import check_writable
 from ..formats.model_file import read_model
 from ..formats.result_file import write_result
 from ..job import Job, read_job
+from ..multibody.floating_frame import floating_frame
+from ..multibody.shapes import interface_nodes, node_shapes
 from .reduce import reduce
 
 
@@ -32,8 +34,13 @@ def run_job(path, overrides, comm, progress):
             job.allow_unstable,
         )
         rom.provenance["job"] = asdict(job)
+        body = None
+        if model.dofs is not None and rom.left_columns is None:
+            with progress.stage("floating frame"):
+                frame = floating_frame(model, rom.columns, job.body_origin, job.lumped_integrals)
+                body = frame, node_shapes(model, rom.columns, interface_nodes(model))
         with progress.stage("write", job.output):
-            write_result(job.output, rom, model.dofs, job.write_basis, comm)
+            write_result(job.output, rom, model.dofs, job.write_basis, comm, body)
     rom.provenance["run"] = progress.summary()
     return rom, job.output
 
