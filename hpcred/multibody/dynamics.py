@@ -127,6 +127,10 @@ class FlexibleBody:
             rows.append(np.concatenate([a, np.cross(arm, a), a @ item.shape.phi], axis=1))
         return np.concatenate(rows)
 
+    def places(self, r, p, q):
+        """Where the constrained points are, [(3,)] in inertial axes."""
+        return [r + rotation(p) @ self.local(item.shape, q) for item in self.constraints]
+
     def drift(self, r, A, q, places):
         """Distance (c,) of the constrained points from their places along the directions."""
         parts = [np.zeros(0)]
@@ -155,6 +159,31 @@ class FlexibleBody:
                 workp - np.array([own @ z, damping @ z[6:]]),
             ]
         )
+
+    def jacobians(self, t, y, yp):
+        """dF/dy and dF/dy' for the Newton steps: exact but for terms of the size of the elastic deflections.
+
+        The columns of the quaternion and of v and w are differences; those of q and u hold stiffness and damping.
+        """
+        r, p, q, z, multipliers, _ = self.split(y)
+        m, c, n = self.size, self.multipliers, len(y)
+        A, G = rotation(p), self.constraint_matrix(rotation(p), q)
+        at_q, at_z, at_m, at_e = 7, 7 + m, 13 + 2 * m, 13 + 2 * m + c
+        dy, dyp = np.zeros((n, n)), np.eye(n)
+        dyp[at_z:at_m, at_z:at_m] = self.mass_matrix(q)
+        dyp[at_m:at_e, at_m:at_e] = 0.0
+        base = self.residual(t, y, yp)
+        for column in (*range(3, 7), *range(at_z, at_z + 6)):
+            step = 1e-7 * max(1.0, abs(y[column]))
+            moved = y.copy()
+            moved[column] += step
+            dy[:, column] = (self.residual(t, moved, yp) - base) / step
+        dy[at_q:at_z, at_z + 6 : at_m] = -np.eye(m)
+        dy[at_z + 6 : at_m, at_q:at_z] = self.K
+        dy[at_z + 6 : at_m, at_z + 6 : at_m] = self.D
+        dy[at_z:at_m, at_m:at_e] = -G.T
+        dy[at_m:at_e, at_z:at_m] = G
+        return dy, dyp
 
     def start(self, r, p, q, z):
         """A consistent state and its derivative: velocities projected onto the constraints.
@@ -190,8 +219,8 @@ class FlexibleBody:
 
     def equilibrium(self, r, p):
         """r, p, q at rest under gravity and the forces at t = 0. Raises InputError where a rigid motion is free."""
-        q, place = np.zeros(self.size), [r + rotation(p) @ self.local(c.shape, np.zeros(self.size)) for c in self.constraints]
-        m = self.size
+        m, q = self.size, np.zeros(self.size)
+        place = self.places(r, p, q)
         for _ in range(50):
             A = rotation(p)
             G = self.constraint_matrix(A, q)
