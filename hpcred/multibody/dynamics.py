@@ -167,7 +167,7 @@ class FlexibleBody:
         """
         r, p, q, z, multipliers, _ = self.split(y)
         m, c, n = self.size, self.multipliers, len(y)
-        A, G = rotation(p), self.constraint_matrix(rotation(p), q)
+        G = self.constraint_matrix(rotation(p), q)
         at_q, at_z, at_m, at_e = 7, 7 + m, 13 + 2 * m, 13 + 2 * m + c
         dy, dyp = np.zeros((n, n)), np.eye(n)
         dyp[at_z:at_m, at_z:at_m] = self.mass_matrix(q)
