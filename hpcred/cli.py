@@ -290,6 +290,29 @@ def export(
 
 
 @app.command()
+def simulate(
+    file: Annotated[str, typer.Argument(metavar="SIM.toml")],
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of the file: force.0.frequency=2.0"),
+    ] = None,
+    json: JsonFile = None,
+):
+    """Simulate a reduced body in time, with large rigid motion, forces and point constraints."""
+    comm, progress = _start()
+    from .multibody.simulation import run_simulation
+    from .report.tables import show_table, write_json
+
+    report = run_simulation(file, set_ or [], comm, progress)
+    rows = [[int(node), value] for node, value in report["largest_displacement_m"].items()]
+    show_table(comm, f"{', '.join(report['output'])}", ["node", "largest displacement (m)"], rows)
+    print(f"constraint drift {report['constraint_drift_m']:.1e} m, energy defect {report['energy_defect']:.1e}")
+    for line in report["notes"]:
+        print(f"note: {line}")
+    write_json(comm, json, report)
+
+
+@app.command()
 def paper(
     output: Annotated[
         str, typer.Option("-o", "--output", metavar="DIR", help="Folder for figures and data.")

@@ -7,7 +7,8 @@ from ..formats.convert import column_names, read_columns
 from ..formats.hdf5 import check_writable, writing
 from ..formats.model_file import read_model
 from ..formats.result_file import read_result
-from ..job import parse_kind
+from ..job import CHOICES
+from ..keys import as_kind
 from ..model.dofs import target_of
 from ..petsc import SCALAR
 from .error import error_integral, relative_error
@@ -32,8 +33,8 @@ def evaluate_result(result, full, frequencies, band, points, comm, progress=None
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     arrays = {"frequencies": grid, "reduced": frequency_response(rom, grid)}
     if full is not None:
-        frame = parse_kind(record["frame"], "frame")
-        damping = parse_kind(record["damping"], "damping")
+        frame = as_kind(CHOICES["frame"], record["frame"], "frame")
+        damping = as_kind(CHOICES["damping"], record["damping"], "damping")
         with read_model(full, comm) as model:
             if model.size != record["size"]:
                 raise InputError(

@@ -38,6 +38,12 @@ def quaternion_rate(p: np.ndarray, omega: np.ndarray) -> np.ndarray:
     return 0.5 * matrix @ omega
 
 
+def _moved(r, p, q, step):
+    """r, p, q after a small motion (6 + m,) in the coordinates of (v, w, u)."""
+    p = p + quaternion_rate(p, step[3:6])
+    return r + rotation(p) @ step[:3], p / np.linalg.norm(p), q + step[6:]
+
+
 @dataclass(frozen=True)
 class Force:
     """A force in inertial axes at a node; `value(t)` gives (3,) in N."""
@@ -48,10 +54,11 @@ class Force:
 
 @dataclass(frozen=True)
 class PointConstraint:
-    """The node keeps its initial place in these inertial directions (k, 3)."""
+    """The node stays at `place` (3,), or where it starts, in these inertial directions (k, 3)."""
 
     shape: NodeShape
     directions: np.ndarray
+    place: object = None
 
 
 class FlexibleBody:
@@ -128,8 +135,10 @@ class FlexibleBody:
         return np.concatenate(rows)
 
     def places(self, r, p, q):
-        """Where the constrained points are, [(3,)] in inertial axes."""
-        return [r + rotation(p) @ self.local(item.shape, q) for item in self.constraints]
+        """Where the constrained points are to be, [(3,)] in inertial axes; where they start, unless told."""
+        A = rotation(p)
+        return [r + A @ self.local(item.shape, q) if item.place is None else np.asarray(item.place)
+                for item in self.constraints]  # fmt: skip
 
     def drift(self, r, A, q, places):
         """Distance (c,) of the constrained points from their places along the directions."""
@@ -185,6 +194,23 @@ class FlexibleBody:
         dy[at_m:at_e, at_z:at_m] = G
         return dy, dyp
 
+    def assemble(self, r, p, q):
+        """r, p, q moved to where the constraints hold, by the least change in the norm of M, and its largest part.
+
+        Raises InputError for dependent constraints and for places that the body cannot reach.
+        """
+        place = self.places(r, p, q)
+        for moved in range(51):
+            A = rotation(p)
+            gap = self.drift(r, A, q, place)
+            if np.abs(gap).max(initial=0.0) < 1e-13 * max(1.0, np.abs(r).max()):
+                return r, p, q, moved > 0
+            G, M = self.constraint_matrix(A, q), self.mass_matrix(q)
+            self._check_rank(G)
+            inverse = np.linalg.solve(M, G.T)
+            r, p, q = _moved(r, p, q, -inverse @ np.linalg.solve(G @ inverse, gap))
+        raise InputError("constraint: the body cannot reach the given places; check `at` and the initial position")
+
     def start(self, r, p, q, z):
         """A consistent state and its derivative: velocities projected onto the constraints.
 
@@ -237,10 +263,7 @@ class FlexibleBody:
             system = np.block([[stiffness, -G.T], [G, np.zeros((len(G), len(G)))]])
             total[6:] -= self.K @ q
             step = np.linalg.solve(system, np.concatenate([total, -self.drift(r, A, q, place)]))
-            r = r + A @ step[:3]
-            p = p + quaternion_rate(p, step[3:6])
-            p = p / np.linalg.norm(p)
-            q = q + step[6 : 6 + m]
+            r, p, q = _moved(r, p, q, step[: 6 + m])
             if np.abs(step[: 6 + m]).max() < 1e-12 * max(1.0, np.abs(q).max()):
                 return r, p, q
         raise ComputationError("start: no static equilibrium was found in 50 steps")

@@ -45,6 +45,23 @@ def read_body(path, nodes=None) -> Body:
         return Body(rom, frame, shapes_in_file(file, list(nodes), str(path)))
 
 
+def check_elastic(body):
+    """Raise InputError if the reduced body can move as a rigid one: the floating frame does that already."""
+    frame = body.frame
+    rigid = np.zeros((6, 6))
+    rigid[:3, :3] = frame.mass * np.eye(3)
+    rigid[3:, :3] = np.cross(frame.mc, np.eye(3)).T
+    rigid[:3, 3:], rigid[3:, 3:] = rigid[3:, :3].T, frame.J
+    coupling = np.hstack([frame.Ct, frame.Cr])
+    rest = frame.Me - coupling @ np.linalg.pinv(rigid, rcond=1e-12) @ coupling.T
+    if np.linalg.eigvalsh(rest).min() < 1e-9 * np.linalg.eigvalsh(frame.Me).max():
+        lowest = body.rom.frequencies.min()
+        raise InputError(
+            f"the reduced body contains rigid-body motions (lowest pseudo-frequency {lowest:.3g} Hz), which the "
+            "floating frame has already; reduce with frame 'buckens' and modes from number 7, or hold the body"
+        )
+
+
 def remarks(body: Body) -> list[str]:
     """What was approximated or is not there."""
     found = []
@@ -160,6 +177,8 @@ def export_result(result, kind, output, nodes, comm) -> dict:
             body = read_body(result, nodes)
             if not body.nodes:
                 raise InputError(f"{result}: no interface nodes; name some by --nodes")
+            if kind in ("sid", "exudyn"):
+                check_elastic(body)
             EXPORTS[kind][0](body, temporary)
             report = {
                 "output": str(output),

@@ -33,6 +33,23 @@ def error_figure(stem, frequencies, curves, title):
     save(figure, stem)
 
 
+def time_figure(path, t, panels):
+    """Curves over time as PNG, one panel below the other. `panels`: (label of the axis, [(label, values)])."""
+    plt = pyplot()
+    figure, axes = plt.subplots(len(panels), figsize=(9.0, 2.9 * len(panels)), sharex=True, squeeze=False,
+                                layout="constrained")  # fmt: skip
+    for (name, curves), panel in zip(panels, axes[:, 0], strict=True):
+        for i, (label, values) in enumerate(curves):
+            panel.plot(t, values, DASHES[i // len(COLOURS) % len(DASHES)], color=COLOURS[i % len(COLOURS)],
+                       linewidth=1.1, label=label)  # fmt: skip
+        panel.set_ylabel(name)
+        panel.grid(True, color="#dddddd", linewidth=0.6)
+        panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+    axes[-1, 0].set(xlabel="time (s)", xlim=(t[0], t[-1]))
+    figure.savefig(path, dpi=150, format="png")
+    plt.close(figure)
+
+
 def save(figure, stem):
     """PNG and SVG, without a date, so that the same numbers give the same file."""
     figure.savefig(f"{stem}.png", dpi=150)

@@ -1,0 +1,367 @@
+"""Time simulation of one flexible body: sim.toml and result.h5 enter, motion, forces and energies over time leave."""
+
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import ComputationError, InputError, agreed
+from ..formats.hdf5 import atomic_output, check_writable, writing
+from ..keys import as_kind, as_table, check_known, read_table, tuples
+from ..provenance import versions
+from .dynamics import FlexibleBody, Force, PointConstraint, rotation
+from .export import check_elastic, read_body, remarks
+
+Vector = tuple[float, float, float]
+AXES = ("x", "y", "z")
+ZERO = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class ConstantForce:
+    """A force in N in inertial axes at a node."""
+
+    node: int
+    value: Vector
+    kind = "constant"
+
+    def __call__(self, t):
+        return np.asarray(self.value)
+
+    def longest_step(self):
+        return np.inf
+
+
+@dataclass(frozen=True)
+class SineForce:
+    """amplitude sin(2 pi frequency t + phase) at a node; N, Hz, rad."""
+
+    node: int
+    amplitude: Vector
+    frequency: float
+    phase: float = 0.0
+    kind = "sine"
+
+    def __post_init__(self):
+        if self.frequency <= 0:
+            raise InputError(f"force.frequency: found {self.frequency:g}, expected a positive frequency in Hz")
+
+    def __call__(self, t):
+        return np.asarray(self.amplitude) * np.sin(2 * np.pi * self.frequency * t + self.phase)
+
+    def longest_step(self):
+        return 1 / (8 * self.frequency)
+
+
+@dataclass(frozen=True)
+class TableForce:
+    """Forces in N at ascending times in s, linear between them, constant before the first and after the last."""
+
+    node: int
+    times: tuple[float, ...]
+    values: tuple[Vector, ...]
+    kind = "table"
+
+    def __post_init__(self):
+        if len(self.times) != len(self.values) or not self.times:
+            raise InputError(
+                f"force.values: found {len(self.values)} forces for {len(self.times)} times, expected as many"
+            )
+        if any(late <= early for early, late in zip(self.times, self.times[1:], strict=False)):
+            raise InputError("force.times: expected ascending times")
+
+    def __call__(self, t):
+        return np.array([np.interp(t, self.times, column) for column in zip(*self.values, strict=True)])
+
+    def longest_step(self):
+        return min(np.diff(self.times), default=np.inf)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A node held in inertial directions, at the point `at` (m) or where it starts."""
+
+    node: int
+    directions: tuple[str, ...] = AXES
+    at: Vector | None = None
+
+    def __post_init__(self):
+        if not self.directions or any(name not in AXES for name in self.directions):
+            raise InputError(f"constraint.directions: found {list(self.directions)}, expected some of x, y, z")
+        if len(set(self.directions)) < len(self.directions):
+            raise InputError(f"constraint.directions: found {list(self.directions)}, expected each once")
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """One simulation; SI units, inertial axes. File names are relative to the folder of the file.
+
+    body: result.h5. output: an HDF5 file; .csv and .png are written beside it. end: last time; steps: output
+    intervals. start: "given" by position, rotation (vector, rad), velocity, angular_velocity of the body frame and
+    the elastic coordinates, or "static": the rest position under gravity and the forces at t = 0. observe: nodes
+    whose displacements are written beside those of forces and constraints. The tolerances are those of the integrator.
+    """
+
+    body: str
+    end: float
+    output: str = "simulation.h5"
+    steps: int = 500
+    gravity: Vector = ZERO
+    start: str = "given"
+    position: Vector = ZERO
+    rotation: Vector = ZERO
+    velocity: Vector = ZERO
+    angular_velocity: Vector = ZERO
+    elastic: tuple[float, ...] = ()
+    elastic_velocity: tuple[float, ...] = ()
+    observe: tuple[int, ...] = ()
+    relative_tolerance: float = 1e-5
+    absolute_tolerance: float = 1e-8
+    force: tuple = ()
+    constraint: tuple = ()
+
+    def __post_init__(self):
+        for key in ("end", "steps", "relative_tolerance", "absolute_tolerance"):
+            if getattr(self, key) <= 0:
+                raise InputError(f"{key}: found {getattr(self, key):g}, expected more than 0")
+        if self.start not in ("given", "static"):
+            raise InputError(f"start: found '{self.start}', expected 'given' or 'static'")
+        moving = ("velocity", "angular_velocity", "elastic", "elastic_velocity")
+        if self.start == "static" and any(any(getattr(self, key)) for key in moving):
+            raise InputError(f"start: 'static' is a state of rest; leave out {', '.join(moving)}")
+
+    @property
+    def nodes(self) -> list[int]:
+        """All nodes that are observed, loaded or held."""
+        return sorted({*self.observe, *(item.node for item in (*self.force, *self.constraint))})
+
+
+def read_simulation(path, overrides=()) -> Simulation:
+    """Read and check a file of a simulation; `overrides` as for read_job. Raises InputError."""
+    path, given = Path(path), tuples(read_table(path, overrides))
+    try:
+        check_known(given, [field.name for field in fields(Simulation)], "")
+        for key in ("force", "constraint"):
+            if not isinstance(given.get(key, ()), tuple):
+                raise InputError(f"{key}: expected tables [[{key}]]")
+        forces = (ConstantForce, SineForce, TableForce)
+        own = {
+            "force": tuple(as_kind(forces, item, f"force[{i}]") for i, item in enumerate(given.pop("force", ()))),
+            "constraint": tuple(
+                as_table(Joint, item, f"constraint[{i}]") for i, item in enumerate(given.pop("constraint", ()))
+            ),
+        }
+        setup = replace(as_table(Simulation, given, ""), **own)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    return replace(setup, body=str(path.parent / setup.body), output=str(path.parent / setup.output))
+
+
+@dataclass
+class Motion:
+    """What a simulation found at its output times t (nt,); SI units.
+
+    position (nt, 3) of the body frame and quaternion (nt, 4), scalar first; velocity (nt, 3) and angular_velocity
+    (nt, 3) in body axes; elastic, elastic_velocity (nt, m). For k nodes: node_position (nt, k, 3) and
+    node_displacement from the undeformed place at the start, inertial axes. constraint_force (nt, c) on the body with
+    `constraint_names`. energies: kinetic, elastic, gravity, work (of the forces), dissipated (nt,). drift: largest
+    distance of a held point from its place. balance: largest defect of the energy relative to the largest energy.
+    notes: what was changed or approximated. factorisations: of the integrator's Newton matrices.
+    """
+
+    t: np.ndarray
+    position: np.ndarray
+    quaternion: np.ndarray
+    velocity: np.ndarray
+    angular_velocity: np.ndarray
+    elastic: np.ndarray
+    elastic_velocity: np.ndarray
+    nodes: list
+    node_position: np.ndarray
+    node_displacement: np.ndarray
+    constraint_names: list
+    constraint_force: np.ndarray
+    energies: dict
+    drift: float
+    balance: float
+    notes: list
+    factorisations: int
+
+
+def simulate(body, setup: Simulation, progress=None) -> Motion:
+    """Simulate a Body whose `nodes` hold those of the setup, as an index-2 system by Radau IIA of order 5.
+
+    On one rank. Raises InputError (dependent constraints, free rigid motion in a static start), ComputationError.
+    """
+    check_elastic(body)
+    if body.rom.loss_factor:
+        raise InputError(f"{setup.body}: structural damping has no meaning in time; reduce with another damping law")
+    shapes = {shape.node: shape for shape in body.nodes}
+    size = body.rom.size
+    for key in ("elastic", "elastic_velocity"):
+        if len(getattr(setup, key)) not in (0, size):
+            raise InputError(f"{key}: found {len(getattr(setup, key))} numbers, expected {size}")
+    system = FlexibleBody(
+        body.frame, body.rom.K, body.rom.D, setup.gravity,
+        [Force(shapes[item.node], item) for item in setup.force],
+        [PointConstraint(shapes[item.node], np.eye(3)[[AXES.index(name) for name in item.directions]], item.at)
+         for item in setup.constraint],
+    )  # fmt: skip
+    r, p = np.array(setup.position), _quaternion(np.array(setup.rotation))
+    A = rotation(p)
+    q, u = (np.array(getattr(setup, key) or np.zeros(size)) for key in ("elastic", "elastic_velocity"))
+    z = np.concatenate([A.T @ setup.velocity, A.T @ setup.angular_velocity, u])
+    origin = {node: r + A @ system.local(shape, np.zeros(size)) for node, shape in shapes.items()}
+    notes = remarks(body)
+    r, p, q, moved = system.assemble(r, p, q)
+    if moved:
+        notes.append("the initial position did not fit the constraints and was moved there")
+    if setup.start == "static":
+        r, p, q = system.equilibrium(r, p)
+    y0, yp0, change = system.start(r, p, q, z)
+    if change > 1e-10 * max(1.0, np.abs(z).max()):
+        notes.append(f"the initial velocities did not fit the constraints and were projected (change {change:.2g})")
+    t, states, factorisations = _integrate(system, setup, y0, yp0, progress)
+    return _motion(system, setup, shapes, origin, t, states, notes, factorisations)
+
+
+def _quaternion(vector):
+    """Scalar first, of a rotation vector in rad."""
+    angle = np.linalg.norm(vector)
+    axis = vector / angle if angle else vector
+    return np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * axis])
+
+
+def _integrate(system, setup, y0, yp0, progress):
+    try:
+        from scipy_dae.integrate import solve_dae
+    except ImportError as error:
+        raise InputError("a simulation needs scipy_dae: pip install 'hpcred[simulate]'") from error
+    shown = -1
+
+    def residual(t, y, yp):
+        nonlocal shown
+        if progress is not None and int(20 * t / setup.end) > shown:
+            shown = int(20 * t / setup.end)
+            progress.say(f"t = {t:.4g} s of {setup.end:g} s")
+        return system.residual(t, y, yp)
+
+    # a pulse must not be stepped over
+    longest = min([setup.end / 20, *(item.longest_step() for item in setup.force)])
+    found = solve_dae(
+        residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
+        rtol=setup.relative_tolerance, atol=setup.absolute_tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
+    )  # fmt: skip
+    if not found.success:
+        raise ComputationError(
+            f"the integrator stopped at t = {found.t[-1] if len(found.t) else 0:.4g} s: {found.message}; "
+            "loosen the tolerances, or leave out pseudo-modes far above the band (drop_above)"
+        )
+    return found.t, found.y, int(found.nlu)
+
+
+def _motion(system, setup, shapes, origin, t, states, notes, factorisations):
+    r, p, q, z, multipliers, energy = (part.T for part in system.split(states))
+    p = p / np.linalg.norm(p, axis=1)[:, None]
+    turns = [rotation(item) for item in p]
+    nodes = list(shapes)
+    positions = np.array(
+        [[r[i] + A @ system.local(shapes[node], q[i]) for node in nodes] for i, A in enumerate(turns)]
+    ).reshape(len(t), len(nodes), 3)
+    parts = np.array([system.energies(r[i], p[i], q[i], z[i]) for i in range(len(t))])
+    energies = dict(zip(("kinetic", "elastic", "gravity"), parts.T, strict=True))
+    energies |= {"work": energy[:, 0], "dissipated": energy[:, 1]}
+    defect = parts.sum(axis=1) - parts[0].sum() - energy[:, 0] + energy[:, 1]
+    scale = max(np.abs(parts - parts[0] * [0, 0, 1]).max(), np.abs(energy).max(), np.finfo(float).tiny)
+    place = system.places(r[0], p[0], q[0])
+    drift = max(np.abs(system.drift(r[i], A, q[i], place)).max(initial=0.0) for i, A in enumerate(turns))
+    names = [f"{item.node}:{name}" for item in setup.constraint for name in item.directions]
+    start = np.array([origin[node] for node in nodes]).reshape(len(nodes), 3)
+    return Motion(
+        t, r, p, z[:, :3], z[:, 3:6], q, z[:, 6:], nodes, positions, positions - start, names, multipliers,
+        energies, float(drift), float(np.abs(defect).max() / scale), notes, factorisations,
+    )  # fmt: skip
+
+
+def run_simulation(path, overrides, comm, progress) -> dict:
+    """Simulate as a file says; rank 0 computes and writes HDF5, CSV and PNG. Returns a summary. Collective."""
+    with agreed(comm):
+        setup = read_simulation(path, overrides)
+    output = Path(setup.output)
+    motion = None
+    check_writable(output, comm)
+    with agreed(comm):
+        if comm.rank == 0:
+            with progress.stage("simulate", setup.body):
+                body = read_body(setup.body, setup.nodes)
+                motion = simulate(body, setup, progress)
+    motion = comm.bcast(motion)
+    written = [output, output.with_suffix(".csv"), output.with_suffix(".png")]
+    with progress.stage("write", str(output)):
+        with writing(output, comm) as file:
+            file.attribute("format", "hpcred-simulation")
+            for name, value in _arrays(motion).items():
+                file.small(name, value)
+            file.small("provenance", {"versions": versions(), "setup": asdict(setup), **_figures(motion),
+                                      "run": progress.summary()})  # fmt: skip
+        for target, write in zip(written[1:], (_write_csv, _draw), strict=True):
+            with atomic_output(target, comm) as temporary, agreed(comm):
+                if comm.rank == 0:
+                    write(motion, temporary)
+    return {"output": [str(name) for name in written], **_figures(motion)}
+
+
+def _figures(motion):
+    return {
+        "constraint_drift_m": motion.drift,
+        "energy_defect": motion.balance,
+        "factorisations": motion.factorisations,
+        "largest_displacement_m": {
+            str(node): float(np.linalg.norm(motion.node_displacement[:, i], axis=-1).max())
+            for i, node in enumerate(motion.nodes)
+        },
+        "notes": motion.notes,
+    }
+
+
+def _arrays(motion) -> dict:
+    """Everything by its place in the HDF5 file."""
+    names = ("t", "position", "quaternion", "velocity", "angular_velocity", "elastic", "elastic_velocity")
+    return {
+        **{name: getattr(motion, name) for name in names},
+        "nodes/number": np.array(motion.nodes, dtype=int),
+        "nodes/position": motion.node_position,
+        "nodes/displacement": motion.node_displacement,
+        "constraints/name": motion.constraint_names,
+        "constraints/force": motion.constraint_force,
+        **{f"energy/{name}": value for name, value in motion.energies.items()},
+    }
+
+
+def _write_csv(motion, path):
+    """One line an output time; SI units."""
+    columns = {"t": motion.t}
+    columns |= {f"position_{a}": motion.position[:, i] for i, a in enumerate(AXES)}
+    columns |= {f"quaternion_{a}": motion.quaternion[:, i] for i, a in enumerate("wxyz")}
+    columns |= {f"q{k + 1}": motion.elastic[:, k] for k in range(motion.elastic.shape[1])}
+    for j, node in enumerate(motion.nodes):
+        columns |= {f"displacement_{node}_{a}": motion.node_displacement[:, j, i] for i, a in enumerate(AXES)}
+    columns |= {
+        f"constraint_force_{name.replace(':', '_')}": motion.constraint_force[:, i]
+        for i, name in enumerate(motion.constraint_names)
+    }
+    columns |= {f"energy_{name}": value for name, value in motion.energies.items()}
+    np.savetxt(path, np.array(list(columns.values())).T, "%.10e", ",", header=",".join(columns), comments="")
+
+
+def _draw(motion, path):
+    """Displacements, constraint forces and energies over time."""
+    from ..report.plots import time_figure
+
+    panels = [("displacement (m)", [
+        (f"node {node} {a}", motion.node_displacement[:, j, i]) for j, node in enumerate(motion.nodes)
+        for i, a in enumerate(AXES) if np.ptp(motion.node_displacement[:, j, i]) > 1e-9
+    ])]  # fmt: skip
+    panels.append(("constraint force (N)", list(zip(motion.constraint_names, motion.constraint_force.T, strict=True))))
+    panels.append(("energy (J)", list(motion.energies.items())))
+    time_figure(path, motion.t, [panel for panel in panels if panel[1]])
