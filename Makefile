@@ -20,11 +20,12 @@ export OPENBLAS_NUM_THREADS := 1
 
 install: .venv/.ready
 
-# The compiled packages come from Debian and are built for numpy 1: pip takes only the pure Python ones, and
+# The compiled packages come from Debian and are built for numpy 1: pip takes only the others, and
 # nothing may bring numpy 2 or another h5py.
 PURE := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
         deps = p["dependencies"] + p["optional-dependencies"]["test"]; \
-        print(*(d for d in deps if not re.match("numpy|scipy|matplotlib|mpi4py|h5py|petsc4py|slepc4py|tomli", d)))
+        debian = {"numpy", "scipy", "matplotlib", "mpi4py", "h5py", "petsc4py", "slepc4py", "tomli"}; \
+        print(*(d for d in deps if re.match("\\w+", d)[0] not in debian), sep="\n")
 
 .venv/.ready: pyproject.toml Makefile
 	@missing=$$(for p in $(DEBIAN); do dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
@@ -34,7 +35,8 @@ PURE := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["proj
 	fi
 	/usr/bin/python3 -m venv --clear --system-site-packages .venv
 	echo "numpy<1.25" > .venv/constraints.txt
-	.venv/bin/python -m pip install -q -c .venv/constraints.txt $$(.venv/bin/python -c '$(PURE)')
+	.venv/bin/python -c '$(PURE)' > .venv/requirements.txt
+	.venv/bin/python -m pip install -q -c .venv/constraints.txt -r .venv/requirements.txt
 	.venv/bin/python -m pip install -q --no-deps -e .
 	@touch $@
 

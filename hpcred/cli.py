@@ -271,7 +271,7 @@ def evaluate(
 @app.command()
 def export(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz or exudyn.")] = "sid",
+    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk or png.")] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
     json: JsonFile = None,
@@ -283,9 +283,12 @@ def export(
 
     chosen = [int(number) for number in _numbers(nodes, "--nodes")] if nodes else None
     report = export_result(result, kind, output, chosen, comm)
-    print(f"{report['output']}: {report['coordinates']} elastic coordinates, nodes {report['nodes']}")
-    for line in report["remarks"]:
-        print(f"note: {line}")
+    if "shapes" in report:
+        print(f"{report['output']}: {', '.join(report['shapes'])}")
+    else:
+        print(f"{report['output']}: {report['coordinates']} elastic coordinates, nodes {report['nodes']}")
+        for line in report["remarks"]:
+            print(f"note: {line}")
     write_json(comm, json, report)
 
 
@@ -319,7 +322,7 @@ def paper(
     ] = "paper",
     json: JsonFile = None,
 ):
-    """Reproduce Section 5 of the paper on the built-in linkage: Tables 1 and 2, Figures 3 and 4."""
+    """Reproduce Section 5 of the paper on the built-in linkage: Tables 1 and 2, Figures 3 to 5."""
     comm, progress = _start("complex")
     from .report.paper import reproduce
 

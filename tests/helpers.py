@@ -2,7 +2,10 @@
 
 import numpy as np
 
+from hpcred.examples.beam import Rod, beam_element
 from hpcred.linalg.block import create_block, local_rows
+from hpcred.model.dofs import Dofs
+from hpcred.model.model import SecondOrderModel, row_range
 
 
 def to_dense(mat):
@@ -63,3 +66,23 @@ def second_order_moments(K, M, D, B, C, s, count):
 def close(a, b):
     """Largest difference relative to the largest entry."""
     return np.abs(a - b).max() / np.abs(a).max()
+
+
+def bar(comm, length, elements, **rod):
+    """A free straight beam along x with nodes 1 .. elements + 1, six dofs a node."""
+    nodes = np.linspace([0, 0, 0], [length, 0, 0], elements + 1)
+    size = 6 * len(nodes)
+    K, M = np.zeros((size, size)), np.zeros((size, size))
+    for e in range(elements):
+        part = slice(6 * e, 6 * e + 12)
+        stiffness, mass = beam_element(nodes[e], nodes[e + 1], Rod(**rod))
+        K[part, part] += stiffness
+        M[part, part] += mass
+    first, last = row_range(comm, size, 6)
+    mine = np.arange(first, last)
+    indptr = size * np.arange(last - first + 1)
+    values = {"K": K[first:last].ravel(), "M": M[first:last].ravel()}
+    dofs = Dofs(mine // 6 + 1, (mine % 6).astype(np.int8), nodes[mine // 6])
+    model = SecondOrderModel.from_csr(comm, size, indptr, np.tile(np.arange(size), last - first), values, dofs=dofs)
+    model.set_inputs([(1, "x")])
+    return model

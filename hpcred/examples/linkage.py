@@ -30,6 +30,7 @@ def linkage(comm=MPI.COMM_WORLD, inputs=(LOAD,), rod: Rod | None = None) -> Seco
     nodes = positions()
     count = len(nodes)
     first, last = row_range(comm, count - 1)
+    elements = {"line": np.arange(first, last)[:, None] + [1, 2]}
     rows, columns, k, m = [], [], [], []
     for element in range(first, last):
         stiffness, mass = beam_element(nodes[element], nodes[element + 1], rod)
@@ -49,5 +50,6 @@ def linkage(comm=MPI.COMM_WORLD, inputs=(LOAD,), rod: Rod | None = None) -> Seco
     mine = np.arange(first, last)
     dofs = Dofs(mine // 6 + 1, (mine % 6).astype(np.int8), nodes[mine // 6])
     model = SecondOrderModel.from_csr(comm, 6 * count, indptr, indices, values, dofs=dofs, name="linkage")
+    model.elements = elements
     model.set_inputs(inputs)
     return model

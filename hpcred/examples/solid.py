@@ -39,9 +39,20 @@ def solid(
     position = np.repeat(place * (size / cells), 3, axis=0)
     dofs = Dofs(labels, np.tile(np.arange(3, dtype=np.int8), len(nodes)), position)
     model = SecondOrderModel.from_csr(comm, 3 * count, indptr, indices, values, dofs=dofs, name="solid")
+    model.elements = {"hexahedron": _hexahedra(comm, cells, grid, clamped, skipped)}
     face = np.linspace(0, grid[1] * grid[2] - 1, -(-inputs // 3)).astype(int) + count - grid[1] * grid[2] + 1
     model.set_inputs([(int(node), direction) for node in face for direction in "xyz"][:inputs])
     return model
+
+
+def _hexahedra(comm, cells, grid, clamped, skipped):
+    """Node numbers (elements of this rank, 8); without those that touch the clamped nodes, which do not exist."""
+    layers = cells[0] - clamped
+    first, last = row_range(comm, layers * cells[1] * cells[2])
+    x, y, z = np.unravel_index(np.arange(first, last), (max(layers, 1), *cells[1:]))
+    corner = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
+    stride = np.array([grid[1] * grid[2], grid[2], 1])
+    return (np.array([x + clamped, y, z]).T @ stride)[:, None] + corner @ stride - skipped + 1
 
 
 def _rows(place, nodes, grid, cells, clamped, skipped, elements):

@@ -10,7 +10,7 @@ from ..linalg.assembly import compress, exchange
 from ..model.model import SecondOrderModel, row_range
 from ..petsc import MPI
 from .matrix_files import Entries, read_entries
-from .nodes import read_dofs
+from .nodes import read_dofs, read_elements
 
 ABAQUS = {"K": ("_STIF1", "_STIF2"), "M": ("_MASS1", "_MASS2"), "D": ("_DMPV1", "_DMPV2")}
 
@@ -73,10 +73,13 @@ def convert(source: Source, comm=MPI.COMM_WORLD, name="model") -> SecondOrderMod
     inputs = read_columns(comm, starts, size, source.B) if source.B else None
     outputs = read_columns(comm, starts, size, source.C, transposed=True) if source.C else None
     dofs = read_dofs(comm, size, starts, source.nodes, source.dofs, name) if source.nodes else None
-    return SecondOrderModel.from_csr(
+    model = SecondOrderModel.from_csr(
         comm, size, indptr, indices, values, inputs, outputs, dofs,
         column_names(source.B, inputs), column_names(source.C, outputs), name,
     )  # fmt: skip
+    if source.nodes and Path(source.nodes).suffix.lower() == ".inp":
+        model.elements = read_elements(comm, source.nodes)
+    return model
 
 
 def with_transposed_pattern(entries: Entries) -> Entries:

@@ -4,6 +4,7 @@ matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all
 matrices/K, M and, where there is one, D (nonzeros)
 inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
+elements/<kind> (elements, nodes): node numbers, where known, for pictures; kinds as meshio names them
 """
 
 from pathlib import Path
@@ -41,6 +42,7 @@ def write_model(path, model: SecondOrderModel):
             file.rows("dofs/node", model.dofs.node)
             file.rows("dofs/direction", model.dofs.direction)
             file.rows("dofs/position", model.dofs.position)
+        write_elements(file, model.elements)
 
 
 def write_csr(file, comm, indptr, indices, values):
@@ -53,6 +55,12 @@ def write_csr(file, comm, indptr, indices, values):
     file.rows("matrices/indices", np.asarray(indices))
     for key, data in values.items():
         file.rows(f"matrices/{key}", data)
+
+
+def write_elements(file, elements):
+    """The elements of all ranks. Collective."""
+    for kind, nodes in elements.items():
+        file.rows(f"elements/{kind}", nodes)
 
 
 def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
@@ -72,10 +80,13 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         dofs = None
         if "dofs" in file:
             dofs = Dofs(*(file[f"dofs/{key}"][first:last] for key in ("node", "direction", "position")))
-    return SecondOrderModel.from_csr(
+        elements = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in file.get("elements", {}).items()}
+    model = SecondOrderModel.from_csr(
         comm, size, indptr - indptr[0], indices, values, dense["inputs"], dense["outputs"], dofs,
         names["inputs"], names["outputs"], Path(path).name,
     )  # fmt: skip
+    model.elements = elements
+    return model
 
 
 def _block(model):

@@ -7,6 +7,7 @@ import numpy as np
 from ..errors import InputError, agreed
 from ..linalg.assembly import exchange
 from ..model.dofs import DIRECTIONS, Dofs
+from ..model.elements import NODES, abaqus_kind, in_vtk_order
 from .text import numbers, pieces, require_file
 
 
@@ -78,7 +79,7 @@ def _read_nodes(comm, path):
     """Lines (node, x, y, z) of this rank, in global order."""
     with agreed(comm):
         if Path(path).suffix.lower() == ".inp":
-            parts = [numbers(text, 4, path) for start, stop in _node_sections(path)
+            parts = [numbers(text, 4, path) for start, stop, _ in _sections(path, "node")
                      for text in pieces(path, comm, start, stop)]  # fmt: skip
         else:
             parts = [numbers(text, 4, path) for text in pieces(path, comm, 0)]
@@ -92,21 +93,40 @@ def _read_nodes(comm, path):
     return table
 
 
-def _node_sections(path):
-    """Byte ranges of the data lines below each *Node keyword."""
+def read_elements(comm, path) -> dict:
+    """Node numbers (elements, nodes) by kind from the *Element sections of an Abaqus .inp; the part of this rank.
+
+    Kinds that are not known are left out. Collective. Raises InputError.
+    """
+    found = {}
+    with agreed(comm):
+        for start, stop, keys in _sections(path, "element"):
+            kind = abaqus_kind(keys.get("type", ""))
+            if kind is not None:
+                for text in pieces(path, comm, start, stop, continued=True):
+                    found.setdefault(kind, []).append(numbers(text, NODES[kind] + 1, path)[:, 1:].astype(np.int64))
+    kinds = sorted(set().union(*comm.allgather(set(found))))
+    return {kind: in_vtk_order(kind, np.concatenate([np.zeros((0, NODES[kind]), np.int64), *found.get(kind, [])]))
+            for kind in kinds}  # fmt: skip
+
+
+def _sections(path, keyword):
+    """Byte ranges (start, stop) of the data lines below each *keyword of an Abaqus .inp, and its parameters."""
     sections, begin, position = [], None, 0
     with open(path, "rb") as file:
         for line in file:
             if line[:1] == b"*":
                 if begin is not None:
-                    sections.append((begin, position))
+                    sections.append((*begin, position))
                     begin = None
-                if line[:2] != b"**" and line[1:].split(b",")[0].strip().lower() == b"node":
-                    begin = position + len(line)
+                name, *parameters = line[1:].decode(errors="replace").lower().split(",")
+                if line[:2] != b"**" and name.strip() == keyword:
+                    pairs = (item.partition("=") for item in parameters)
+                    begin = position + len(line), {key.strip(): value.strip() for key, _, value in pairs}
             position += len(line)
     if begin is not None:
-        sections.append((begin, position))
-    return sections
+        sections.append((*begin, position))
+    return [(start, stop, keys) for start, keys, stop in sections]
 
 
 def _sorted_by_label(comm, table):

@@ -1,7 +1,7 @@
 """result.h5: a ReducedModel, its basis, and the record of the run that made it.
 
 reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
-basis/V (m, n), one row a basis vector in the dofs of the full model; dofs/ as in model.h5
+basis/V (m, n), one row a basis vector in the dofs of the full model; dofs/ and elements/ as in model.h5
 floating_frame/ and interface/: for multibody programs, see multibody.floating_frame and multibody.shapes
 provenance: JSON
 """
@@ -15,16 +15,17 @@ from ..linalg.block import local_rows
 from ..petsc import MPI
 from ..rom import ReducedModel
 from .hdf5 import reading, texts, writing
+from .model_file import write_elements
 
 FORMAT = "hpcred-result"
 ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
 NAMES = ("input_names", "output_names")
 
 
-def write_result(path, rom: ReducedModel, dofs=None, basis=True, comm=MPI.COMM_WORLD, body=None):
+def write_result(path, rom: ReducedModel, dofs=None, basis=True, comm=MPI.COMM_WORLD, body=None, elements=None):
     """Write a reduced model; with `basis` also V, by all ranks. Collective. Raises InputError.
 
-    `body`: (FloatingFrame, list of NodeShape) of the same reduction, for multibody programs.
+    `body`: (FloatingFrame, list of NodeShape) of the same reduction, for multibody programs. `elements`: of the model.
     """
     with writing(path, comm) as file:
         file.attribute("format", FORMAT)
@@ -42,6 +43,7 @@ def write_result(path, rom: ReducedModel, dofs=None, basis=True, comm=MPI.COMM_W
             if dofs is not None:
                 for key in ("node", "direction", "position"):
                     file.rows(f"dofs/{key}", getattr(dofs, key))
+            write_elements(file, elements or {})
         if body is not None:
             frame, shapes = body
             for key, value in frame.arrays().items():

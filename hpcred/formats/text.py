@@ -12,8 +12,10 @@ PIECE = 2**24  # bytes of text parsed at a time
 COMMENTS = (b"%", b"#", b"*")
 
 
-def pieces(path, comm, start: int, stop: int | None = None):
+def pieces(path, comm, start: int, stop: int | None = None, continued=False):
     """Whole lines of the bytes start..stop of a file that fall to this rank, in pieces of bytes.
+
+    `continued`: a line that ends with a comma goes on in the next one.
 
     A line belongs to the rank (or piece) in which its first byte lies. For .gz the positions are those of the
     unpacked text; every rank unpacks the file, since gzip has no way in from the middle, but keeps its pieces only.
@@ -27,11 +29,17 @@ def pieces(path, comm, start: int, stop: int | None = None):
     with open(path, "rb") as file:
         if low > start:
             file.seek(low - 1)
-            low += len(file.readline()) - 1  # the rest of the line that began before
+            line = file.readline()  # the rest of the line that began before
+            low += len(line) - 1
+            while continued and line.rstrip().endswith(b","):
+                line = file.readline()
+                low += len(line)
         file.seek(low)
         while low < high:
             text = file.read(min(PIECE, high - low))
             if not text.endswith(b"\n"):
+                text += file.readline()
+            while continued and text.rstrip().endswith(b",") and low + len(text) < stop:
                 text += file.readline()
             low += len(text)
             yield text

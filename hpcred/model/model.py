@@ -16,13 +16,14 @@ class SecondOrderModel:
     """M q'' + D q' + K q = B u, y = C q with n unknowns, p inputs, r outputs, distributed by rows.
 
     M, D (or None), K: PETSc AIJ matrices (n, n) on one nonzero pattern. B (n, p) and C^T (n, r): dense PETSc
-    matrices; `Ct` is None when C = B^T. `dofs`: labels of the rows of this rank, or None. `name` is for
+    matrices; `Ct` is None when C = B^T. `dofs`: labels of the rows of this rank, or None. `elements`: node numbers
+    (elements of this rank, nodes) by kind of element, where known, for pictures. `name` is for
     messages. SI units. Owns its PETSc objects: call close() or use it in a `with` block; both are collective.
     """
 
     def __init__(self, M, K, D=None, B=None, Ct=None, dofs=None, input_names=(), output_names=(), name="model"):
         self.M, self.D, self.K, self.B, self.Ct = M, D, K, B, Ct
-        self.dofs, self.name = dofs, name
+        self.dofs, self.elements, self.name = dofs, {}, name
         self.input_names, self._output_names = list(input_names), list(output_names)
         self.comm = K.comm.tompi4py()
         self.size = K.getSize()[0]

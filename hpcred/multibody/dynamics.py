@@ -7,7 +7,8 @@ in quasi-velocities,
     P_v' + w x P_v = F,   P_w' + w x P_w + v x P_v = L,   P_u' - dT/dq = Q - K q - D u,
 
 in which M(q) is exact for a displacement field linear in q, so that a free undamped body keeps energy and momentum.
-Point constraints enter with multipliers on velocity level, as an index-2 system (Section 5.2 of the paper).
+Point constraints enter with multipliers on velocity level, as an index-2 system (Section 5.2 of the paper). The
+multipliers are the derivatives of unknown impulses, which the integrator can control as well as the motion.
 """
 
 from dataclasses import dataclass
@@ -71,9 +72,9 @@ class FlexibleBody:
         self.multipliers = sum(len(item.directions) for item in constraints)
         self._dJ, self._J2, self._Cr1 = frame.dJ, frame.J2, frame.Cr1
 
-    # The state y: r, p, q | v, w, u | multipliers | work of the forces, dissipated energy
+    # The state y: r, p, q | v, w, u | impulses of the constraints | work of the forces, dissipated energy
     def split(self, y):
-        """Views r, p, q, z = (v, w, u), multipliers and energies of a state (size, ...)."""
+        """Views r, p, q, z = (v, w, u), impulses and energies of a state (size, ...); of y', multipliers and powers."""
         m = self.size
         cuts = np.cumsum([3, 4, m, 6 + m, self.multipliers])
         return np.split(y, cuts)
@@ -149,8 +150,8 @@ class FlexibleBody:
 
     def residual(self, t, y, yp):
         """F(t, y, y') of the index-2 system."""
-        r, p, q, z, multipliers, _ = self.split(y)
-        rp, pp, qp, zp, _, workp = self.split(yp)
+        _, p, q, z, _, _ = self.split(y)
+        rp, pp, qp, zp, multipliers, power = self.split(yp)
         A = rotation(p)
         M = self.mass_matrix(q)
         total, own = self.applied(t, A, q)
@@ -165,7 +166,7 @@ class FlexibleBody:
                 qp - z[6:],
                 M @ zp - force,
                 G @ z,
-                workp - np.array([own @ z, damping @ z[6:]]),
+                power - np.array([own @ z, damping @ z[6:]]),
             ]
         )
 
@@ -174,7 +175,7 @@ class FlexibleBody:
 
         The columns of the quaternion and of v and w are differences; those of q and u hold stiffness and damping.
         """
-        r, p, q, z, multipliers, _ = self.split(y)
+        _, p, q, _, _, _ = self.split(y)
         m, c, n = self.size, self.multipliers, len(y)
         G = self.constraint_matrix(rotation(p), q)
         at_q, at_z, at_m, at_e = 7, 7 + m, 13 + 2 * m, 13 + 2 * m + c
@@ -190,26 +191,29 @@ class FlexibleBody:
         dy[at_q:at_z, at_z + 6 : at_m] = -np.eye(m)
         dy[at_z + 6 : at_m, at_q:at_z] = self.K
         dy[at_z + 6 : at_m, at_z + 6 : at_m] = self.D
-        dy[at_z:at_m, at_m:at_e] = -G.T
+        dyp[at_z:at_m, at_m:at_e] = -G.T
         dy[at_m:at_e, at_z:at_m] = G
         return dy, dyp
 
     def assemble(self, r, p, q):
-        """r, p, q moved to where the constraints hold, by the least change in the norm of M, and its largest part.
+        """r, p, q after the least rigid motion that brings the held points to their places, and whether it moved.
 
-        Raises InputError for dependent constraints and for places that the body cannot reach.
+        Raises InputError where no rigid motion does.
         """
-        place = self.places(r, p, q)
-        for moved in range(51):
+        place, moved = self.places(r, p, q), False
+        for _ in range(50):
             A = rotation(p)
             gap = self.drift(r, A, q, place)
-            if np.abs(gap).max(initial=0.0) < 1e-13 * max(1.0, np.abs(r).max()):
-                return r, p, q, moved > 0
-            G, M = self.constraint_matrix(A, q), self.mass_matrix(q)
-            self._check_rank(G)
-            inverse = np.linalg.solve(M, G.T)
-            r, p, q = _moved(r, p, q, -inverse @ np.linalg.solve(G @ inverse, gap))
-        raise InputError("constraint: the body cannot reach the given places; check `at` and the initial position")
+            if np.abs(gap).max(initial=0.0) < 1e-12 * max(1.0, np.abs(r).max()):
+                return r, p, q, moved
+            G = self.constraint_matrix(A, q)[:, :6]
+            step = np.linalg.lstsq(G, -gap, rcond=1e-10)[0]
+            r, p, q = _moved(r, p, q, np.concatenate([step, 0 * q]))
+            moved = True
+        raise InputError(
+            f"constraint.at: the body stays {np.abs(gap).max():.2g} m away from the given places; check them, or let "
+            "it be strained by start = 'static'"
+        )
 
     def start(self, r, p, q, z):
         """A consistent state and its derivative: velocities projected onto the constraints.
@@ -234,8 +238,8 @@ class FlexibleBody:
         system = np.block([[M, -G.T], [G, np.zeros((c, c))]])
         solution = np.linalg.solve(system, np.concatenate([force, -np.concatenate(bias)]))
         zp, multipliers = solution[: 6 + self.size], solution[6 + self.size :]
-        y = np.concatenate([r, p, q, projected, multipliers, np.zeros(2)])
-        rates = [A @ v, quaternion_rate(p, w), u, zp, np.zeros(c), [own @ projected, damping @ u]]
+        y = np.concatenate([r, p, q, projected, np.zeros(c + 2)])
+        rates = [A @ v, quaternion_rate(p, w), u, zp, multipliers, [own @ projected, damping @ u]]
         return y, np.concatenate(rates), float(np.abs(projected - z).max(initial=0.0))
 
     def _check_rank(self, G):

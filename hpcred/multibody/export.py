@@ -1,4 +1,4 @@
-"""A reduced body for other programs: SID, MATLAB, NumPy and Exudyn files from a result file."""
+"""A reduced body for other programs: SID, MATLAB, NumPy, Exudyn and ParaView files from a result file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +8,7 @@ import numpy as np
 from ..errors import InputError, agreed
 from ..formats.hdf5 import atomic_output, reading
 from ..formats.result_file import FORMAT, read_result
+from ..report.shapes import draw_shapes, write_vtk
 from ..rom import ReducedModel
 from .floating_frame import FloatingFrame
 from .shapes import NodeShape, shapes_in_file
@@ -164,16 +165,21 @@ EXPORTS = {
     "npz": (export_npz, ".npz"),
     "exudyn": (export_exudyn, ".npz"),
 }
+PICTURES = {"vtk": (write_vtk, ".vtu"), "png": (draw_shapes, ".png")}
 
 
 def export_result(result, kind, output, nodes, comm) -> dict:
     """Write a result file in another format on rank 0; returns what was written. Collective. Raises InputError."""
-    if kind not in EXPORTS:
-        raise InputError(f"--format: found '{kind}', expected one of {', '.join(EXPORTS)}")
+    if kind not in EXPORTS | PICTURES:
+        raise InputError(f"--format: found '{kind}', expected one of {', '.join(EXPORTS | PICTURES)}")
+    if kind in PICTURES and nodes is not None:
+        raise InputError(f"--nodes: '{kind}' shows all nodes; leave it out")
     output = Path(output or default_name(result, kind))
     report = None
     with atomic_output(output, comm) as temporary, agreed(comm):
-        if comm.rank == 0:
+        if comm.rank == 0 and kind in PICTURES:
+            report = {"output": str(output), "format": kind, "shapes": PICTURES[kind][0](result, temporary)}
+        elif comm.rank == 0:
             body = read_body(result, nodes)
             if not body.nodes:
                 raise InputError(f"{result}: no interface nodes; name some by --nodes")
@@ -191,7 +197,7 @@ def export_result(result, kind, output, nodes, comm) -> dict:
 
 
 def default_name(result, kind) -> Path:
-    """result.h5 -> result.SID_FEM, result.mat, result.npz, result_exudyn.npz."""
+    """result.h5 -> result.SID_FEM, result.mat, result.npz, result_exudyn.npz, result.vtu, result.png."""
     path = Path(result)
     stem = f"{path.stem}_exudyn" if kind == "exudyn" else path.stem
-    return path.with_name(stem + EXPORTS[kind][1])
+    return path.with_name(stem + (EXPORTS | PICTURES)[kind][1])

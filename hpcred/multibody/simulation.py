@@ -213,16 +213,17 @@ def simulate(body, setup: Simulation, progress=None) -> Motion:
     z = np.concatenate([A.T @ setup.velocity, A.T @ setup.angular_velocity, u])
     origin = {node: r + A @ system.local(shape, np.zeros(size)) for node, shape in shapes.items()}
     notes = remarks(body)
-    r, p, q, moved = system.assemble(r, p, q)
-    if moved:
-        notes.append("the initial position did not fit the constraints and was moved there")
     if setup.start == "static":
         r, p, q = system.equilibrium(r, p)
+    else:
+        r, p, q, moved = system.assemble(r, p, q)
+        if moved:
+            notes.append("the initial position did not fit the constraints and was moved there")
     y0, yp0, change = system.start(r, p, q, z)
     if change > 1e-10 * max(1.0, np.abs(z).max()):
         notes.append(f"the initial velocities did not fit the constraints and were projected (change {change:.2g})")
-    t, states, factorisations = _integrate(system, setup, y0, yp0, progress)
-    return _motion(system, setup, shapes, origin, t, states, notes, factorisations)
+    t, states, rates, factorisations = _integrate(system, setup, y0, yp0, progress)
+    return _motion(system, setup, shapes, origin, t, states, rates, notes, factorisations)
 
 
 def _quaternion(vector):
@@ -257,11 +258,12 @@ def _integrate(system, setup, y0, yp0, progress):
             f"the integrator stopped at t = {found.t[-1] if len(found.t) else 0:.4g} s: {found.message}; "
             "loosen the tolerances, or leave out pseudo-modes far above the band (drop_above)"
         )
-    return found.t, found.y, int(found.nlu)
+    return found.t, found.y, found.yp, int(found.nlu)
 
 
-def _motion(system, setup, shapes, origin, t, states, notes, factorisations):
-    r, p, q, z, multipliers, energy = (part.T for part in system.split(states))
+def _motion(system, setup, shapes, origin, t, states, rates, notes, factorisations):
+    r, p, q, z, _, energy = (part.T for part in system.split(states))
+    multipliers = system.split(rates)[4].T
     p = p / np.linalg.norm(p, axis=1)[:, None]
     turns = [rotation(item) for item in p]
     nodes = list(shapes)

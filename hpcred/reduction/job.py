@@ -40,7 +40,7 @@ def run_job(path, overrides, comm, progress):
                 frame = floating_frame(model, rom.columns, job.body_origin, job.lumped_integrals)
                 body = frame, node_shapes(model, rom.columns, interface_nodes(model))
         with progress.stage("write", job.output):
-            write_result(job.output, rom, model.dofs, job.write_basis, comm, body)
+            write_result(job.output, rom, model.dofs, job.write_basis, comm, body, model.elements)
     rom.provenance["run"] = progress.summary()
     return rom, job.output
 

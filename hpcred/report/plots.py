@@ -1,5 +1,7 @@
 """Figures; rank 0 only. Matplotlib is imported when the first one is drawn."""
 
+import numpy as np
+
 from ..errors import InputError
 
 INK = "#333333"
@@ -30,6 +32,32 @@ def error_figure(stem, frequencies, curves, title):
     axes.set_xlim(0, frequencies[-1])
     axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=9, frameon=False)
+    save(figure, stem)
+
+
+def cut_figure(stem, t, curves, title):
+    """Displacements in mm over time, and below a cut-out where they differ most: stem.png and stem.svg.
+
+    `curves`: (label, values in m) pairs, the reference first.
+    """
+    plt = pyplot()
+    figure, (whole, cut) = plt.subplots(2, figsize=(7.5, 7.5), layout="constrained")
+    reference = curves[0][1]
+    worst = int(np.argmax(np.max([np.abs(values - reference) for _, values in curves[1:]], axis=0)))
+    width = (t[-1] - t[0]) / 40
+    near = np.abs(t - t[worst]) <= width
+    styles = zip((INK, *COLOURS), ("-", *DASHES[1:], (0, (5, 1, 1, 1, 1, 1))), strict=True)
+    for (label, values), (colour, dash) in zip(curves, styles, strict=False):
+        for axes, part in ((whole, slice(None)), (cut, near)):
+            thick = 2.2 if values is reference else 1.3
+            axes.plot(t[part], 1e3 * values[part], linestyle=dash, color=colour, linewidth=thick, label=label)
+    whole.set(title=title, xlim=(t[0], t[-1]))
+    whole.axvspan(t[worst] - width, t[worst] + width, color="#eeeeee", zorder=0)
+    cut.set(xlabel="time (s)", xlim=(t[near][0], t[near][-1]))
+    for axes in (whole, cut):
+        axes.set_ylabel("displacement (mm)")
+        axes.grid(True, color="#dddddd", linewidth=0.6)
+    cut.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=9, frameon=False)
     save(figure, stem)
 
 
