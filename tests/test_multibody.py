@@ -9,7 +9,6 @@ import hpcred
 from hpcred import Buckens, Chord, ConstantForce, Joint, Krylov, Modes, Rayleigh, Simulation, SineForce, TableForce
 from hpcred.errors import InputError
 from hpcred.linalg.block import apply, create_block, inner
-from hpcred.model.frame import NoFrame
 from hpcred.model.rigid import rigid_motions
 from hpcred.multibody.dynamics import FlexibleBody, rotation
 from hpcred.multibody.export import Body
@@ -203,7 +202,7 @@ def test_a_stiff_pendulum_is_a_rigid_one(comm):
     ).y[0]
     tip = motion.node_position[:, 1]
     assert tip == pytest.approx(np.array([np.cos(rigid), 0 * rigid, -np.sin(rigid)]).T, abs=2e-5)
-    assert motion.drift < 1e-8 and motion.balance < 1e-6
+    assert motion.drift < 1e-8 and motion.balance < 1e-5
     weight = body.frame.mass * 9.81  # at the lowest point the joint carries 2.5 m g
     assert np.linalg.norm(motion.constraint_force, axis=1).max() == pytest.approx(2.5 * weight, rel=2e-2)
 
@@ -275,7 +274,10 @@ def test_simulations_that_make_no_sense(linkage_body, change, says):
 
 def test_rigid_body_modes_are_not_elastic():
     with hpcred.linkage() as model:
-        body = reduced_body(model, [Modes(count=8)], [20], frame=NoFrame())
+        body = reduced_body(model, [Modes(index=(7,))], [20])
+        columns = fields(model, lambda x: (1.0, -x[2], x[1], 1.0, 0, 0))
+        body.frame = floating_frame(model, columns)
+        columns.destroy()
     with pytest.raises(InputError, match="rigid-body motions"):
         simulate(body, Simulation("body", 0.1))
 
@@ -311,5 +313,5 @@ def test_exudyn_moves_the_body_as_we_do(linkage_body, tmp_path):
     assert theirs.shape == (size,)
     assert ours.elastic[-1] == pytest.approx(theirs, abs=2e-3 * np.abs(ours.elastic).max())
     assert ours.position[-1] == pytest.approx(place, abs=5e-6)
-    assert rotation(ours.quaternion[-1]) == pytest.approx(turn, abs=1e-5)
+    assert rotation(ours.quaternion[-1]) == pytest.approx(turn, abs=1e-4)
     assert np.abs(ours.elastic[-1]).max() > 5e-5
