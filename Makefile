@@ -6,7 +6,7 @@
 DEBIAN := python3-petsc4py python3-petsc4py-real python3-petsc4py-complex \
           python3-slepc4py python3-slepc4py-real python3-slepc4py-complex \
           python3-mpi4py python3-h5py-mpi python3-numpy python3-scipy python3-matplotlib \
-          mpi-default-bin libopenblas0-pthread python3-venv
+          mpi-default-bin libmumps-ptscotch-5.5 libopenblas0-pthread python3-venv
 SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 PYTHON := .venv/bin/python
 

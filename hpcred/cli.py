@@ -208,14 +208,25 @@ def reduce(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of the job: basis.0.order=2"),
     ] = None,
+    groups: Annotated[str | None, typer.Option(help="Groups of ranks for different points: a number or auto.")] = None,
+    out_of_core: Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")] = None,
+    low_rank: Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")] = None,
     json: JsonFile = None,
 ):
     """Reduce a model as a job file says."""
+    from .errors import agreed
+    from .keys import read_table
+
+    given = {"groups": groups, "out_of_core": out_of_core, "low_rank": low_rank}
+    overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
+    with agreed(runtime.start_mpi()):
+        if read_table(job, overrides).get("low_rank") is not None:
+            os.environ.setdefault("HPCRED_SCOTCH", "0")  # see SolverOptions
     comm, progress = _start()
     from .reduction.job import run_job
     from .report.tables import show_table, show_timings, write_json
 
-    rom, output = run_job(job, set_ or [], comm, progress)
+    rom, output = run_job(job, overrides, comm, progress)
     with rom:
         record = rom.provenance
         show_table(

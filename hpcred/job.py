@@ -28,7 +28,8 @@ class Job:
     `inputs` and `outputs`: a matrix file, or dofs as numbers from 1 or [node, direction]; without them those of
     the model are taken. `band`: Hz. `deflation_tolerance` and `drop_above`: see reduce. `write_basis`: whether V
     goes into the result. `body_origin` (m) and `lumped_integrals`: see
-    multibody.floating_frame. `projection`, `allow_unstable`: see reduce.
+    multibody.floating_frame. `projection`, `allow_unstable`, `groups`: see reduce. `out_of_core`, `low_rank`: see
+    linalg.mumps.SolverOptions.
     """
 
     model: str | Source
@@ -46,12 +47,17 @@ class Job:
     lumped_integrals: bool = False
     projection: str = "one_sided"
     allow_unstable: bool = False
+    groups: int | str = 1
+    out_of_core: str | None = None
+    low_rank: float | None = None
 
     def __post_init__(self):
         if self.band is not None and not 0 <= self.band[0] < self.band[1]:
             raise InputError(f"band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
         if self.projection not in ("one_sided", "two_sided"):
             raise InputError(f"projection: found '{self.projection}', expected 'one_sided' or 'two_sided'")
+        if self.groups != "auto" and (isinstance(self.groups, str) or self.groups < 1):
+            raise InputError(f"groups: found {self.groups!r}, expected a whole number of at least 1, or 'auto'")
         if not 0 < self.deflation_tolerance < 1:
             raise InputError(f"deflation_tolerance: found {self.deflation_tolerance:g}, expected 0 to 1")
         if self.drop_above is not None and self.drop_above <= 0:

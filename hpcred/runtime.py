@@ -3,6 +3,7 @@
 `start` is called once by the command line, or by the first import of a module that needs PETSc.
 """
 
+import ctypes
 import glob
 import importlib.util
 import os
@@ -24,6 +25,8 @@ for _name, _value in {
     os.environ.setdefault(_name, _value)
 
 GRACE = 3.0  # seconds that a failed rank waits for the others to fail too
+
+ordering = 5  # of MUMPS (icntl_7): METIS, or what it takes instead where it was built without
 
 _scalar = None  # "real" or "complex" once PETSc is imported
 _comm = None  # private communicator of the abort hook
@@ -78,6 +81,7 @@ def start(scalar: str | None = None, petsc_args=(), preferred: str = "real") -> 
                 raise InputError("no petsc4py found; install it (README.md, Installing) or set PETSC_DIR and SLEPC_DIR")
             wanted = scalar or (preferred if preferred in builds else next(iter(builds)))
             sys.path[:0] = builds[wanted]
+            _load_scotch()
         start_mpi()
         import petsc4py
 
@@ -96,14 +100,39 @@ def start(scalar: str | None = None, petsc_args=(), preferred: str = "real") -> 
     return _scalar
 
 
+def _load_scotch():
+    """Put Debian's MUMPS with Scotch, where installed, in place of the one without that Debian's PETSc is linked to.
+
+    The nested dissection of Scotch needs about half the operations of PORD for large solids. Both have the same
+    version and interface, and symbols that are loaded globally before PETSc are the ones that PETSc finds.
+    HPCRED_SCOTCH=0 leaves the linked one.
+    """
+    global ordering
+    if os.environ.get("HPCRED_SCOTCH") == "0":
+        return
+    for plain in glob.glob("/usr/lib/*/libdmumps-*.so"):
+        with_scotch = [plain.replace("/libdmumps-", f"/lib{kind}mumps_ptscotch-") for kind in "dz"]
+        if all(map(os.path.exists, with_scotch)):
+            try:
+                for name in with_scotch:
+                    ctypes.CDLL(name, mode=ctypes.RTLD_GLOBAL)
+            except OSError:
+                return
+            ordering = 3
+
+
 def start_mpi():
-    """Initialise MPI, and see to it that an exception on one rank ends the job on all. Collective."""
+    """Initialise MPI, and see to it that an exception on one rank ends the job on all; returns a communicator.
+
+    Collective.
+    """
     global _comm
     if _comm is None:
         from mpi4py import MPI
 
         _comm = MPI.COMM_WORLD.Dup()
         sys.excepthook = _excepthook
+    return _comm
 
 
 def rank() -> int:

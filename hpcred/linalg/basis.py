@@ -21,14 +21,14 @@ class Basis:
 
     `tolerance`: a direction whose part outside the span is smaller than this, relative to the M-norm of the
     column that brought it, is dropped. `pairs`: blocks are pairs Re, Im of complex columns (see block.fold), the
-    basis is complex with V^H M V = I, and sizes count complex columns. Owns PETSc objects: call close(). All
-    methods are collective.
+    basis is complex with V^H M V = I, and sizes count complex columns (`width` real ones). Owns PETSc objects: call
+    close(). All methods are collective.
     """
 
     def __init__(self, mass: PETSc.Mat, deflate: SLEPc.BV | None = None, tolerance: float = 1e-12, pairs=False):
         self.mass = mass
         self.tolerance = tolerance
-        self._width = 2 if pairs else 1
+        self.width = 2 if pairs else 1
         self._fold, self._unfold = (fold, unfold) if pairs else (np.asarray, np.asarray)
         self._leading = 0
         self.size = 0
@@ -47,7 +47,12 @@ class Basis:
 
     def columns_since(self, start: int) -> SLEPc.BV:
         """The columns from `start` on as active columns of the same block."""
-        self._block.setActiveColumns(self._leading + self._width * start, self._end)
+        return self.columns_between(start, self.size)
+
+    def columns_between(self, start: int, stop: int) -> SLEPc.BV:
+        """The columns start .. stop - 1 as active columns of the same block."""
+        first = self._leading + self.width * start
+        self._block.setActiveColumns(first, self._leading + self.width * stop)
         return self._block
 
     def coefficients(self, block: SLEPc.BV) -> np.ndarray:
@@ -57,7 +62,7 @@ class Basis:
 
     @property
     def _end(self):
-        return self._leading + self._width * self.size
+        return self._leading + self.width * self.size
 
     def extend(self, block: SLEPc.BV) -> int:
         """Add the span of the active columns of `block`, which stays as it is; return how many were new.
@@ -102,7 +107,7 @@ class Basis:
     def _combine(self, block, factor):
         """block <- block factor, with the new number of columns active."""
         turn(block, self._unfold(factor))
-        block.setActiveColumns(0, self._width * factor.shape[1])
+        block.setActiveColumns(0, self.width * factor.shape[1])
 
     @contextmanager
     def _times_mass(self, block):
@@ -162,4 +167,4 @@ class Basis:
         self._block.setActiveColumns(end - count, end)
         with dense(block) as source, dense(self._block) as target:
             source.copy(target)
-        self.size += count // self._width
+        self.size += count // self.width

@@ -24,7 +24,7 @@ class DampedSolver:
     collective. Owns PETSc objects: call close().
     """
 
-    def __init__(self, model, rigid=None, prefix="damped_", form=None):
+    def __init__(self, model, rigid=None, prefix="damped_", form=None, options=None):
         self.model, self.rigid = model, rigid
         form = form or ("native" if SCALAR == "complex" else "real")
         self._form = NativeForm(model) if form == "native" else RealForm(model)
@@ -32,7 +32,7 @@ class DampedSolver:
         if model.symmetric:
             matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
             matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
-        self._factors = Factorisation(matrix, "cholesky" if model.symmetric else "lu", prefix)
+        self._factors = Factorisation(matrix, "cholesky" if model.symmetric else "lu", prefix, options=options)
         self._accelerated = self._factored = None
 
     @property
@@ -43,6 +43,12 @@ class DampedSolver:
     @property
     def analyses(self) -> int:
         return self._factors.analyses
+
+    def release(self):
+        """Free the factor, for another solver to have the memory."""
+        self._factored = None
+        self._factors.release()
+        self._forget()
 
     def close(self):
         self._factors.close()

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .. import runtime
 from ..errors import ComputationError
 from ..petsc import PETSc, SLEPc
 from .block import create_block, local_rows
@@ -10,9 +11,10 @@ from .options import temporary_options
 TOLERANCE = 1e-10
 
 
-def modes_in_interval(K, M, low, high, prefix="modes_"):
+def modes_in_interval(K, M, low, high, prefix="modes_", settings=None):
     """All eigenpairs of (K, M) with low < eigenvalue < high, by spectrum slicing; a real build only. Collective.
 
+    `settings`: controls of MUMPS.
     Returns eigenvalues (m,) ascending and eigenvectors as a block (n, m), or None for m = 0. The number found is
     compared with the inertias of K - low M and K - high M; raises ComputationError when they disagree.
     """
@@ -29,7 +31,8 @@ def modes_in_interval(K, M, low, high, prefix="modes_"):
         ksp.setType("preonly")
         ksp.getPC().setType("cholesky")
         ksp.getPC().setFactorSolverType("mumps")
-        mumps = {"icntl_13": 1, "icntl_24": 1, "cntl_3": 1e-12, "icntl_7": 5, "icntl_14": 60}
+        mumps = {"icntl_13": 1, "icntl_24": 1, "cntl_3": 1e-12, "icntl_7": runtime.ordering, "icntl_14": 60}
+        mumps |= settings or {}
         try:
             with temporary_options(prefix + "st_mat_mumps_", mumps):
                 eps.setFromOptions()

@@ -1,18 +1,53 @@
 """One matrix and its MUMPS factors through KSP/PC: symbolic analysis once, numeric factorisation at will."""
 
+import os
 import time
+from dataclasses import dataclass
 from math import inf
 
 import numpy as np
 
-from ..errors import ComputationError
+from .. import runtime
+from ..errors import ComputationError, InputError
+from ..memory import available_mb
 from ..petsc import PETSc, SLEPc
 from .block import add_product, apply, column_norms, copy_of, create_block, dense
 from .options import temporary_options
 
 MORE_ROOM = (-8, -9, -14, -15, -17, -20)  # INFOG(1): a workspace was too small
 OUT_OF_MEMORY = (-7, -13, -19)
+LOW_RANK_STEPS = 12  # of refinement at most, when the factor is approximate
 REFINE_ABOVE = 1e-10  # relative residual above which a step of iterative refinement is made
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """How the factors are kept. `out_of_core`: a folder for them, on a fast local disk, instead of memory.
+
+    `low_rank`: relative accuracy of block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019);
+    solutions are refined to the residual of full factors, and the run fails if that is not reached.
+    """
+
+    out_of_core: str | None = None
+    low_rank: float | None = None
+
+    def __post_init__(self):
+        if self.low_rank is not None and not 0 < self.low_rank < 1e-2:
+            raise InputError(f"low_rank: found {self.low_rank:g}, expected a number from 0 to 0.01, such as 1e-8")
+        if self.low_rank is not None and runtime.ordering == 3:
+            # MUMPS 5.5 hands Scotch a graph that was not initialised when it groups the rows of a front
+            raise InputError("low_rank: MUMPS with Scotch may crash there; set HPCRED_SCOTCH=0 in the environment")
+        if self.out_of_core is not None and not os.access(self.out_of_core, os.W_OK | os.X_OK):
+            raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be written; create it or name another")
+
+    def mumps(self) -> dict:
+        """The controls of MUMPS."""
+        found = {}
+        if self.out_of_core is not None:
+            found |= {"icntl_22": 1, "ooc_tmpdir": self.out_of_core}
+        if self.low_rank is not None:
+            found |= {"icntl_35": 2, "cntl_7": self.low_rank}
+        return found
 
 
 class SingularMatrix(ComputationError):
@@ -27,16 +62,17 @@ class Factorisation:
     """LDL^T ("cholesky") or LU ("lu") of `matrix`, whose values may change but not its pattern.
 
     `prefix`: of the PETSc options; `settings`: MUMPS controls such as {"icntl_13": 1}, which users' own options
-    override. `records` has one dict a factorisation. All methods are collective. Owns the solver, not the
-    matrix: call close().
+    override; `options`: SolverOptions. `records` has one dict a factorisation. All methods are collective. Owns
+    the solver, not the matrix: call close().
     """
 
-    def __init__(self, matrix: PETSc.Mat, kind: str, prefix: str, settings=None):
+    def __init__(self, matrix: PETSc.Mat, kind: str, prefix: str, settings=None, options=None):
         self.matrix, self.records = matrix, []
-        self._kind, self._prefix = kind, prefix
-        # METIS (5) where MUMPS has it; it takes PORD by itself where not
-        self._settings = {"icntl_7": 5, "icntl_14": 40, **(settings or {})}
+        self._kind, self._prefix, self._options = kind, prefix, options or SolverOptions()
+        self._settings = {"icntl_7": runtime.ordering, "icntl_14": 40, **self._options.mumps(), **(settings or {})}
         self._norm = None
+        # before the first factor takes its part
+        self._limit = max(int(available_mb(matrix.comm.tompi4py())), 1)
         PETSc.Log.begin()
         self._event = PETSc.Log.Event("MatCholFctrSym" if kind == "cholesky" else "MatLUFactorSym")
         self._ksp = PETSc.KSP().create(matrix.comm)
@@ -50,6 +86,10 @@ class Factorisation:
     def close(self):
         self._ksp.destroy()
 
+    def release(self):
+        """Free the factor; the next one needs a new analysis."""
+        self._ksp.getPC().reset()
+
     @property
     def analyses(self) -> int:
         """Number of symbolic analyses so far."""
@@ -60,6 +100,15 @@ class Factorisation:
         """Number of negative eigenvalues by Sylvester's law; on several ranks it needs icntl_13 = 1."""
         return self.records[-1]["negative_pivots"]
 
+    def estimate(self):
+        """MB that a factor needs in all, as MUMPS estimates, and MB that the ranks have; by an analysis alone."""
+        with temporary_options(self._prefix + "mat_mumps_", self._settings, {"icntl_23": 1}):
+            self._ksp.setOperators(self.matrix)
+            self._ksp.setUp()
+        need = self._ksp.getPC().getFactorMatrix().getMumpsInfog(17)
+        self.release()
+        return need, self._limit * self.matrix.comm.size
+
     def factor(self, **labels):
         """Factor the values that the matrix has now; `labels` go to the record.
 
@@ -69,23 +118,27 @@ class Factorisation:
         # the state of a parallel matrix does not follow MatAXPY, and setUp looks at new values only when told
         self.matrix.stateIncrease()
         before, start = self._event.getPerfInfo(), time.perf_counter()
+        # MUMPS compares its estimate with this limit after the analysis, before it takes the memory
+        settings, limit = {**self._settings, "icntl_23": self._limit}, self._limit
         room = PETSc.Options(self._prefix).getInt("mat_mumps_icntl_14", self._settings["icntl_14"])
         for retries in range(5):
             more = {"icntl_14": max(room, 25) * 2**retries} if retries else {}
-            with temporary_options(self._prefix + "mat_mumps_", self._settings, more):
+            with temporary_options(self._prefix + "mat_mumps_", settings, more):
                 self._ksp.setOperators(self.matrix)
                 self._ksp.setUp()
             mumps = self._ksp.getPC().getFactorMatrix()
             code, detail = mumps.getMumpsInfog(1), mumps.getMumpsInfog(2)
             if code >= 0:
                 break
+            estimate = {name: mumps.getMumpsInfog(i) for name, i in (("rank", 16), ("total", 17), ("on disk", 26))}
             self._ksp.getPC().reset()
             if code == -10:
                 raise SingularMatrix()
             if code in OUT_OF_MEMORY:
                 raise ComputationError(
-                    f"MUMPS ran out of memory (INFOG(1) = {code}, INFOG(2) = {detail}); use more ranks on more "
-                    f"nodes, or keep the factors on disk (-- -{self._prefix}mat_mumps_icntl_22 1)"
+                    f"the factorisation does not fit: it needs about {estimate['rank']} MB on one rank and "
+                    f"{estimate['total']} MB in all, and a rank has {limit} MB (INFOG(1) = {code}); take more ranks on "
+                    f"more nodes, fewer groups, or --out-of-core DIR (about {estimate['on disk']} MB a rank)"
                 )
             if code not in MORE_ROOM:
                 raise ComputationError(f"MUMPS failed to factor: INFOG(1) = {code}, INFOG(2) = {detail}")
@@ -106,6 +159,7 @@ class Factorisation:
                 "factor_entries": entries if entries >= 0 else -entries * 10**6,
                 "flops": mumps.getMumpsRinfog(3),
                 "memory_mb_estimated_total": mumps.getMumpsInfog(17),
+                "memory_mb_estimated_max_rank": mumps.getMumpsInfog(16),
                 "memory_mb_used_max_rank": mumps.getMumpsInfog(21),
                 "memory_mb_used_total": mumps.getMumpsInfog(22),
                 "negative_pivots": mumps.getMumpsInfog(12),
@@ -135,14 +189,15 @@ class Factorisation:
         Raises ComputationError when the residual stays large.
         """
         scale = column_norms(load) if scale is None else scale
-        for step in range(3):
+        most = 2 if self._options.low_rank is None else LOW_RANK_STEPS
+        for step in range(most + 1):
             residual = copy_of(load, matrix)
             columns = residual.getSizes()[1]
             product = create_block(matrix, columns)
             apply(matrix, solution, product)
             add_product(residual, product, np.eye(columns), alpha=-1.0)
             relative, backward = self._residual_norms(residual, scale, solution)
-            enough = step == 2 or not relative < inf or (step >= steps and relative <= REFINE_ABOVE)
+            enough = step == most or not relative < inf or (step >= steps and relative <= REFINE_ABOVE)
             if not enough:
                 back_substitute(residual, product)
                 add_product(solution, product, np.eye(columns))
@@ -151,6 +206,11 @@ class Factorisation:
             if enough:
                 break
         self.records[-1]["residual"] = max(self.records[-1]["residual"], relative)
+        if self._options.low_rank is not None and not (relative <= REFINE_ABOVE or backward < 1e-14):
+            raise ComputationError(
+                f"low_rank: the residual stays at {relative:.1e} after {most} steps of refinement; take less than "
+                f"{self._options.low_rank:g}, or leave it out"
+            )
         if not (relative < 1e-6 or backward < 1e-12):
             raise ComputationError(
                 f"the solution has a relative residual of {relative:.1e} (backward error {backward:.1e}): "

@@ -19,10 +19,10 @@ class ShiftedSolver:
     `rigid`: rigid-body modes (model.rigid.RigidBodyModes) of a free body; right-hand sides are then made
     self-equilibrated and solutions M-orthogonal to them, and A = K is solved by inertia relief.
     `prefix`: of the PETSc options. `inertia`: prepare MUMPS so that negative_pivots is right on any number of
-    ranks. All methods are collective. Owns PETSc objects: call close().
+    ranks. `options`: mumps.SolverOptions. All methods are collective. Owns PETSc objects: call close().
     """
 
-    def __init__(self, model, rigid=None, prefix="shift_", inertia=False):
+    def __init__(self, model, rigid=None, prefix="shift_", inertia=False, options=None):
         self.model, self.rigid = model, rigid
         self._matrix = model.K.duplicate(copy=False)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
@@ -30,10 +30,22 @@ class ShiftedSolver:
             self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
             self._matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
         kind = "cholesky" if model.symmetric else "lu"
-        self._factors = Factorisation(self._matrix, kind, prefix, {"icntl_13": 1} if inertia else None)
+        self._factors = Factorisation(self._matrix, kind, prefix, {"icntl_13": 1} if inertia else None, options)
         self._relief = False
         self._mass = self._damping = 0.0
         self._factored = None
+
+    def estimate(self):
+        """MB that a factor of A needs in all, and MB that the ranks have."""
+        self._factored = None
+        self.model.K.copy(self._matrix, structure=SAME)
+        self._matrix.stateIncrease()
+        return self._factors.estimate()
+
+    def release(self):
+        """Free the factor, for another solver to have the memory."""
+        self._factored = None
+        self._factors.release()
 
     def close(self):
         self._factors.close()

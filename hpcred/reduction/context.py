@@ -7,6 +7,7 @@ import numpy as np
 
 from ..linalg.block import apply, create_block, from_dense, inner, turn
 from ..linalg.damped import DampedSolver
+from ..linalg.mumps import SolverOptions
 from ..linalg.shifted import ShiftedSolver
 from ..petsc import PETSc
 
@@ -20,23 +21,28 @@ class Context:
     framed: object
     progress: object
     tolerance: float
+    options: SolverOptions = SolverOptions()
     report: list = field(default_factory=list)
     _solver: ShiftedSolver | None = None
     _damped_solver: DampedSolver | None = None
     _loads: object = None
     _shared: object = None
     _transposed: object = None
+    _added: list = field(default_factory=list)
+    _added_analyses: int = 0
 
     def __post_init__(self):
         self.model, self.rigid = self.framed.model, self.framed.rigid
 
     @property
     def solver(self) -> ShiftedSolver:
-        """The one solver of the run."""
+        """The one solver of the run; only one of the two has a factor at a time."""
         if self._shared is not None:
             return self._shared.solver
         if self._solver is None:
-            self._solver = ShiftedSolver(self.model, self.rigid)
+            self._solver = ShiftedSolver(self.model, self.rigid, options=self.options)
+        if self._damped_solver is not None:
+            self._damped_solver.release()
         return self._solver
 
     @property
@@ -45,18 +51,20 @@ class Context:
         if self._shared is not None:
             return self._shared.damped_solver
         if self._damped_solver is None:
-            self._damped_solver = DampedSolver(self.model, self.rigid)
+            self._damped_solver = DampedSolver(self.model, self.rigid, options=self.options)
+        if self._solver is not None:
+            self._solver.release()
         return self._damped_solver
 
     @property
     def records(self) -> list[dict]:
         """The factorisations of the run."""
-        return [record for solver in self._solvers() for record in solver.records]
+        return self._added + [record for solver in self._solvers() for record in solver.records]
 
     @property
     def analyses(self) -> int:
-        """The symbolic analyses of the run: one for real and one for complex matrices at most."""
-        return sum(solver.analyses for solver in self._solvers())
+        """The symbolic analyses of the run: one as long as real and complex points do not alternate."""
+        return self._added_analyses + sum(solver.analyses for solver in self._solvers())
 
     def _solvers(self):
         return [solver for solver in (self._solver, self._damped_solver) if solver is not None]
@@ -92,6 +100,16 @@ class Context:
         dropped = f", {columns - kept} dependent dropped" if columns > kept else ""
         self.progress.say(f"{where}: {kept} new vectors{dropped}")
 
+    def on_group(self, framed):
+        """A context for a copy of the framed model on a group of ranks."""
+        return Context(framed, self.progress, self.tolerance, self.options)
+
+    def add(self, records, analyses, report):
+        """Take over what was recorded on a group of ranks."""
+        self._added += records
+        self._added_analyses += analyses
+        self.report += report
+
     def dual(self):
         """The context of the output Krylov subspaces (33): C^T in place of B, transposed matrices. Collective.
 
@@ -100,13 +118,18 @@ class Context:
         framed = copy(self.framed)
         framed.model = copy(self.model)
         framed.model.B, framed.model.Ct = self.model.Ct, None
-        other = Context(framed, self.progress, self.tolerance, self.report)
+        other = Context(framed, self.progress, self.tolerance, self.options, self.report)
         if self.model.symmetric:
             other._shared = self
         else:
             other._transposed = framed.model.D = PETSc.Mat()
             self.model.D.transpose(other._transposed)
         return other
+
+    def release(self):
+        """Free the factors."""
+        for solver in self._solvers():
+            solver.release()
 
     def close(self):
         for solver in self._solvers():

@@ -9,6 +9,7 @@ from ..formats.hdf5 import check_writable
 from ..formats.model_file import read_model
 from ..formats.result_file import write_result
 from ..job import Job, read_job
+from ..linalg.mumps import SolverOptions
 from ..multibody.floating_frame import floating_frame
 from ..multibody.shapes import interface_nodes, node_shapes
 from .reduce import reduce
@@ -19,6 +20,8 @@ def run_job(path, overrides, comm, progress):
     with agreed(comm):
         job = read_job(path, overrides)
     check_writable(job.output, comm)
+    with agreed(comm):
+        options = SolverOptions(job.out_of_core, job.low_rank)
     with progress.stage("read", str(job.model)):
         model = job_model(job, comm)
     with model:
@@ -32,6 +35,8 @@ def run_job(path, overrides, comm, progress):
             progress,
             job.projection,
             job.allow_unstable,
+            job.groups,
+            options,
         )
         rom.provenance["job"] = asdict(job)
         body = None

@@ -14,6 +14,7 @@ from ..linalg.basis import Basis
 from ..linalg.block import apply, as_pairs, copy_of, create_block
 from ..linalg.mumps import SingularMatrix
 from ..model.damping import is_proportional
+from .chain import Chain
 from .points import laplace, point_name
 
 
@@ -56,7 +57,11 @@ class Krylov:
         return (2 if self._is_complex() else 1) * inputs * (self.order + 1)
 
     def extend(self, basis, context):
-        """Add the blocks to the basis. Collective. Raises InputError where the point is an eigenfrequency.
+        """Add the blocks to the basis. Collective. Raises InputError where the point is an eigenfrequency."""
+        self.chain(context).join(basis, context)
+
+    def chain(self, context):
+        """The blocks as a Chain. Collective.
 
         Block Arnoldi: the chain of the point is kept orthonormal by itself, because (K + s^2 M)^-1 M has to act
         on the whole block and not only on what the basis did not have yet.
@@ -74,7 +79,7 @@ class Krylov:
                 solver, next_matrix = self._factored(context)
         except SingularMatrix as error:
             raise self._refusal(model, error) from error
-        self._arnoldi(basis, context, solver, next_matrix)
+        return self._arnoldi(context, solver, next_matrix)
 
     def _factored(self, context):
         """The solver of the point, and the matrix that leads from one block to the next load."""
@@ -88,10 +93,10 @@ class Krylov:
         context.solver.factor(square.real)
         return context.solver, context.model.M
 
-    def _arnoldi(self, basis, context, solver, next_matrix):
+    def _arnoldi(self, context, solver, next_matrix):
         model, progress = context.model, context.progress
         width = 2 if self._is_complex() else 1
-        chain = Basis(model.M, tolerance=context.tolerance, pairs=width == 2)
+        chain = Chain(Basis(model.M, tolerance=context.tolerance, pairs=width == 2))
         load = as_pairs(context.loads, model.K) if width == 2 else copy_of(context.loads, model.K)
         for j in range(self.order + 1):
             columns = load.getActiveColumns()[1]
@@ -100,16 +105,14 @@ class Krylov:
                 solver.solve(load, block)
             load.destroy()
             with progress.stage("orthogonalise"):
-                start = chain.size
-                chain.extend(block)
+                chain.vectors.extend(block)
                 block.destroy()
-                kept = basis.extend(chain.columns_since(start))
-            context.note(f"krylov {self.name}, block {j}", columns, kept)
-            if j == self.order or chain.size == start:
+            start = chain.add(f"krylov {self.name}, block {j}", columns)
+            if j == self.order or chain.vectors.size == start:
                 break
-            load = create_block(model.K, width * (chain.size - start))
-            apply(next_matrix, chain.columns_since(start), load)
-        chain.close()
+            load = create_block(model.K, width * (chain.vectors.size - start))
+            apply(next_matrix, chain.vectors.columns_since(start), load)
+        return chain
 
     def _refusal(self, model, error):
         if self.infinity:
@@ -135,4 +138,8 @@ class StaticCorrection:
         return inputs
 
     def extend(self, basis, context):
-        Krylov(frequency=0.0, order=0).extend(basis, context)
+        self.chain(context).join(basis, context)
+
+    def chain(self, context):
+        """The block as a Chain. Collective."""
+        return Krylov(frequency=0.0, order=0).chain(context)

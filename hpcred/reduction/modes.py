@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..linalg.block import add_product, apply, column_norms, create_block, inner, local_rows
 from ..linalg.eigen import lowest_modes, modes_in_interval
-from ..linalg.mumps import SingularMatrix
+from ..linalg.mumps import SingularMatrix, SolverOptions
 from ..model.damping import ModalDamping
 from ..petsc import SCALAR
 from .projection import project, project_columns
@@ -99,7 +99,9 @@ class Modes:
         if low == 0:
             low = -0.01 * high  # below the rigid-body modes, where K - low M is definite
         if SCALAR == "real":
-            values, block = modes_in_interval(context.model.K, context.model.M, low, high)
+            context.release()
+            settings = SolverOptions(context.options.out_of_core).mumps()
+            values, block = modes_in_interval(context.model.K, context.model.M, low, high, settings=settings)
             return _without_rigid(context, values, block)
         # No inertia in complex builds: take ever more of the lowest modes until one lies above the band.
         rigid = context.rigid.count if context.rigid is not None else 0

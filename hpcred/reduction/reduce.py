@@ -5,12 +5,14 @@ import numpy as np
 from ..errors import ComputationError, InputError
 from ..linalg.basis import Basis
 from ..linalg.block import apply, copy_of, create_block
+from ..linalg.mumps import SolverOptions
 from ..model.damping import ModalDamping, Structural
 from ..model.frame import apply_frame
 from ..model.model import SYMMETRIC_TO
 from ..progress import Progress
 from ..provenance import provenance
 from ..rom import ReducedModel
+from .chain import chains_in_groups
 from .context import Context
 from .oblique import biorthogonal
 from .projection import diagonalise, project, project_columns
@@ -21,7 +23,7 @@ ORTHONORMAL_TO = 1e-12
 
 def reduce(
     model, basis, frame=None, damping=None, tolerance=1e-12, drop_above=None, progress=None,
-    projection="one_sided", allow_unstable=False,
+    projection="one_sided", allow_unstable=False, groups=1, options=None,
 ) -> ReducedModel:  # fmt: skip
     """Reduce a SecondOrderModel by projection onto the span of the ingredients. Collective.
 
@@ -33,7 +35,11 @@ def reduce(
 
     `projection`: "one_sided" (W = V), or "two_sided": where the outputs differ from the inputs, W is built from C^T
     (33), W^T M V = I, and twice as many moments match; the result may be unstable, which is refused unless
-    `allow_unstable`. Raises InputError or ComputationError, the same on all ranks; `model` is not changed.
+    `allow_unstable`.
+
+    `groups`: number of groups of ranks that factor different expansion points at the same time, each with a copy of
+    the matrices, or "auto": as many as points, ranks and memory allow. `options`: SolverOptions. Raises
+    InputError or ComputationError, the same on all ranks; `model` is not changed.
     """
     progress = progress or Progress(model.comm, show=False)
     _check_model(model)
@@ -46,15 +52,22 @@ def reduce(
     with progress.stage("frame"):
         framed = apply_frame(model, frame, damping)
     rigid = framed.rigid.R if framed.rigid is not None else None
-    contexts = [Context(framed, progress, tolerance)]
+    contexts = [Context(framed, progress, tolerance, options or SolverOptions())]
     if two_sided:
         contexts.append(contexts[0].dual())
     bases = [Basis(framed.model.M, rigid, tolerance) for _ in contexts]
     try:
         _check_size(framed, basis)
-        for ingredient in basis:
-            for vectors, context in zip(bases, contexts, strict=True):
-                ingredient.extend(vectors, context)
+        groups = _number_of_groups(groups, contexts[0], basis)
+        chains = chains_in_groups(basis, contexts, groups) if groups > 1 else {}
+        for i, ingredient in enumerate(basis):
+            for c, (vectors, context) in enumerate(zip(bases, contexts, strict=True)):
+                if (i, c) in chains:
+                    chains[i, c].join(vectors, context)
+                else:
+                    ingredient.extend(vectors, context)
+        for context in contexts:
+            context.release()
         if not all(vectors.size for vectors in bases):
             raise InputError("basis: no vector is left; no mode lies in the bands and no input loads the body")
         with progress.stage("project"):
@@ -69,6 +82,25 @@ def reduce(
     finally:
         for item in (*contexts, *bases, framed):
             item.close()
+
+
+def _number_of_groups(wanted, context, basis):
+    """Groups of ranks for the expansion points. Collective. Raises InputError."""
+    points = sum(hasattr(item, "chain") for item in basis)
+    ranks = context.model.comm.size
+    if wanted != "auto":
+        if isinstance(wanted, str) or not 1 <= wanted <= ranks:
+            raise InputError(f"groups: found {wanted!r}, expected 1 to {ranks}, the number of ranks, or 'auto'")
+        return min(wanted, max(points, 1))
+    most = min(points, ranks)
+    if most < 2:
+        return 1
+    with context.progress.stage("estimate"):
+        need, have = context.solver.estimate()
+        context.release()
+    found = max(1, min(most, int(have / (1.2 * need))))
+    context.progress.say(f"{found} groups of ranks: a factor needs about {need:.0f} MB, there are {have:.0f} MB")
+    return found
 
 
 def _check_model(model):

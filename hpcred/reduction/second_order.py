@@ -16,6 +16,7 @@ from ..linalg.basis import Basis
 from ..linalg.block import add_product, apply, as_pairs, create_block, inner, unfold
 from ..linalg.mumps import SingularMatrix
 from ..model.damping import caughey_terms
+from .chain import Chain
 from .krylov import Krylov
 from .points import laplace, point_name
 
@@ -54,6 +55,10 @@ class SecondOrderKrylov:
 
     def extend(self, basis, context):
         """Add the blocks to the basis. Collective. Raises InputError where the point is a pole."""
+        self.chain(context).join(basis, context)
+
+    def chain(self, context):
+        """The blocks as a Chain. Collective."""
         s, model = self.point, context.model
         if caughey_terms(context.framed.damping) is not None:
             raise InputError(
@@ -62,14 +67,13 @@ class SecondOrderKrylov:
             )
         if model.D is None:
             # without damping these R_l are combinations of (A^-1 M)^k A^-1 B, k <= l: the same span
-            Krylov(s.imag / 2 / np.pi, self.order, s.real or None).extend(basis, context)
-            return
+            return Krylov(s.imag / 2 / np.pi, self.order, s.real or None).chain(context)
         try:
             with context.progress.stage("factor", point_name(s)):
                 solver = self._factored(s, context)
         except SingularMatrix as error:
             raise InputError(f"second_order_krylov: the point {point_name(s)} is a pole of the model") from error
-        self._arnoldi(s, basis, context, solver)
+        return self._arnoldi(s, context, solver)
 
     @staticmethod
     def _factored(s, context):
@@ -79,9 +83,10 @@ class SecondOrderKrylov:
         context.damped_solver.factor(s)
         return context.damped_solver
 
-    def _arnoldi(self, s, basis, context, solver):
+    def _arnoldi(self, s, context, solver):
         model, progress = context.model, context.progress
         Q = Basis(model.M, tolerance=context.tolerance, pairs=True)
+        chain = Chain(Q)
         load = as_pairs(context.loads, model.K)
         upper = lower = states = None
         scale = abs(s)
@@ -94,17 +99,15 @@ class SecondOrderKrylov:
             scale = scale or _rayleigh_frequency(load, block, model.M)
             load.destroy()
             with progress.stage("orthogonalise"):
-                start = Q.size
                 Q.extend(block)
                 new = Q.coefficients(block)
                 block.destroy()
                 upper, lower, states = _next_state(new, upper, states)
-                kept = basis.extend(Q.columns_since(start))
             columns = new.shape[1] * (2 if s.imag else 1)
-            context.note(f"second-order krylov {point_name(s)}, block {j}", columns, kept)
+            chain.add(f"second-order krylov {point_name(s)}, block {j}", columns)
             if not upper.shape[1]:
                 break
-        Q.close()
+        return chain
 
     @staticmethod
     def _load(s, scale, model, Q, upper, lower):
