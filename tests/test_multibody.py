@@ -185,7 +185,7 @@ def test_a_free_spinning_body_keeps_energy_and_momentum(linkage_body):
     assert motion.balance < 1e-8
     kept = momenta(linkage_body, motion)
     assert np.abs(kept - kept[0]).max() < 1e-7 * np.abs(kept).max()
-    assert np.ptp(motion.elastic[:, 0]) > 1e-3 and np.ptp(motion.angular_velocity, axis=0).max() > 1
+    assert np.ptp(motion.elastic[:, 0]) > 3e-4 and np.ptp(motion.angular_velocity, axis=0).max() > 1
     assert motion.drift == 0.0 and motion.constraint_force.shape == (51, 0)
 
 
