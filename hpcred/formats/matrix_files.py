@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, agreed
-from .text import numbers, pieces, require_file
+from .text import numbers, pieces, require_file, triples
 
 PETSC_MAT = 1211216  # class id at the start of a PETSc binary matrix
 
@@ -67,11 +67,19 @@ def _joined(parts, columns):
 
 def _read_coordinates(path, comm):
     """Lines of row, column, value with numbers from 1, both triangles: Abaqus' FORMAT=COORDINATE."""
-    table = _joined([numbers(text, 3, path) for text in pieces(path, comm, 0)], 3)
-    index = table[:, :2].astype(np.int64) - 1
-    if (index < 0).any() or (table[:, :2] % 1).any():
-        raise InputError(f"{path}: found row or column numbers that are not whole and positive")
-    return Entries((0, 0), index[:, 0], index[:, 1], table[:, 2].copy())
+    i, j, v = _triples(path, comm, 0)
+    if (i < 0).any() or (j < 0).any():
+        raise InputError(f"{path}: found row or column numbers that are not positive")
+    return Entries((0, 0), i, j, v)
+
+
+def _triples(path, comm, start):
+    """Rows and columns from 0, and values, of the lines of this rank."""
+    parts = [triples(text, path) for text in pieces(path, comm, start)] or [[np.zeros(0, np.int64)] * 2 + [np.zeros(0)]]
+    i, j, v = (np.concatenate(items) for items in zip(*parts, strict=True))
+    i -= 1
+    j -= 1
+    return i, j, v
 
 
 def _read_matrix_market(path, comm):
@@ -80,8 +88,8 @@ def _read_matrix_market(path, comm):
         if kind == "array":
             table = _joined([numbers(text, 1, path) for text in pieces(path, comm, start)], 1)
         else:
-            table = _joined([numbers(text, 3, path) for text in pieces(path, comm, start)], 3)
-    total = comm.allreduce(len(table))
+            i, j, v = _triples(path, comm, start)
+    total = comm.allreduce(len(table if kind == "array" else v))
     if total != count:
         raise InputError(f"{path}: found {total} entries, the header says {count}; the file is damaged")
     if kind == "array":
@@ -89,8 +97,6 @@ def _read_matrix_market(path, comm):
         if Path(path).suffix == ".gz" and comm.size > 1:
             raise InputError(f"{path}: dense Matrix Market files must be unpacked before reading on several ranks")
         return Entries(shape, place % shape[0], place // shape[0], table[:, 0].copy())
-    index = table[:, :2].astype(np.int64) - 1
-    i, j, v = index[:, 0], index[:, 1], table[:, 2].copy()
     with agreed(comm):
         if len(i) and (i.min() < 0 or j.min() < 0 or i.max() >= shape[0] or j.max() >= shape[1]):
             raise InputError(f"{path}: found an entry outside of the {shape[0]} x {shape[1]} of the header")

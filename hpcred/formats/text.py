@@ -1,6 +1,7 @@
 """Numbers from text files, each rank a range of bytes; also from gzip, where each rank takes every so-manieth piece."""
 
 import gzip
+import io
 import warnings
 from pathlib import Path
 
@@ -8,7 +9,13 @@ import numpy as np
 
 from ..errors import InputError
 
+try:
+    import fast_matrix_market
+except ImportError:
+    fast_matrix_market = None
+
 PIECE = 2**24  # bytes of text parsed at a time
+LARGEST = 2**62  # more rows than there will be
 COMMENTS = (b"%", b"#", b"*")
 
 
@@ -73,6 +80,26 @@ def numbers(text: bytes, columns: int, path) -> np.ndarray:
             "another format"
         )
     return values.reshape(-1, columns)
+
+
+def triples(text: bytes, path):
+    """Rows, columns and values of whole lines of row, column, value; numbers from 1. Raises InputError.
+
+    By fast_matrix_market where it is installed and the text is plain, else as `numbers`.
+    """
+    if fast_matrix_market is not None:
+        plain = text.replace(b",", b" ") if b"," in text else text
+        lines = plain.count(b"\n") + (not plain.endswith(b"\n"))
+        head = b"%%%%MatrixMarket matrix coordinate real general\n%d %d %d\n" % (LARGEST, LARGEST, lines)
+        try:
+            (values, (rows, columns)), _ = fast_matrix_market.read_coo(io.BytesIO(head + plain), parallelism=1)
+            return rows.astype(np.int64) + 1, columns.astype(np.int64) + 1, values
+        except (ValueError, OverflowError):
+            pass  # comments, blank lines, Fortran's exponents, or a bad line, which the next one names
+    table = numbers(text, 3, path)
+    if (table[:, :2] % 1).any():
+        raise InputError(f"{path}: found row or column numbers that are not whole")
+    return table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2].copy()
 
 
 def _parse(text):
