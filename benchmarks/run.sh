@@ -1,0 +1,11 @@
+#!/bin/sh
+# All benchmarks one after the other; tables on the terminal and as <name>.json in the folder of results.
+# usage: benchmarks/run.sh [folder]
+set -e
+here=$(cd "$(dirname "$0")" && pwd)
+python="$here/../.venv/bin/python"
+mkdir -p "${1:-benchmark-results}"
+cd "${1:-benchmark-results}"
+for name in interpolation modes reading solids growth; do
+    "$python" "$here/$name.py"
+done
