@@ -1,4 +1,4 @@
-"""(b) Two points of order 0 with 6 inputs, against pyMOR's bitangential Hermite interpolation of second-order models."""
+"""(b) Two points of order 0, 6 inputs, against pyMOR's bitangential Hermite interpolation of second-order models."""
 
 import json
 from pathlib import Path

@@ -5,13 +5,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import InputError
-from ..linalg.block import add_product, apply, column_norms, create_block, inner, local_rows
+from ..errors import ComputationError, InputError
+from ..linalg.basis import Basis
+from ..linalg.block import add_product, apply, column_norms, create_block, dense, inner, local_rows
 from ..linalg.eigen import lowest_modes, modes_in_interval
 from ..linalg.mumps import SingularMatrix, SolverOptions
 from ..model.damping import ModalDamping
 from ..petsc import SCALAR
-from .projection import project, project_columns
+from .projection import diagonalise, project, project_columns
 
 
 @dataclass(frozen=True)
@@ -129,15 +130,34 @@ def _lowest(context, count):
     def solve(x, y):
         with local_rows(right) as rows:
             rows[:, 0] = x.getArray(readonly=True)
-        # refined: what follows modes in a basis is the small rest that they leave, and shares their round-off
-        context.solver.solve(right, left, steps=1)
+        context.solver.solve(right, left)
         with local_rows(left) as rows:
             y.setArray(rows[:, 0])
 
-    pairs = lowest_modes(context.model.K, context.model.M, count, solve)
+    values, block = lowest_modes(context.model.K, context.model.M, count, solve)
     right.destroy()
     left.destroy()
-    return pairs
+    return _polish(context, block) if count else (values, block)
+
+
+def _polish(context, block):
+    """One step of inverse iteration of all modes at once, refined, and the Rayleigh-Ritz values and vectors.
+
+    What follows modes in a basis is the small rest that they leave, and shares their round-off.
+    """
+    count = block.getActiveColumns()[1]
+    load = context.times_mass(block)
+    context.solver.solve(load, block, steps=1)
+    load.destroy()
+    vectors = Basis(context.model.M, tolerance=context.tolerance)
+    vectors.extend(block)
+    values = diagonalise(vectors, project(context.model.K, vectors.columns))
+    if vectors.size < count:
+        raise ComputationError(f"only {vectors.size} of the {count} modes found are independent")
+    with dense(vectors.columns) as source, dense(block) as target:
+        source.copy(target)
+    vectors.close()
+    return values, block
 
 
 def _dominant(context, values, block, count):
