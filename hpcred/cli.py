@@ -15,12 +15,15 @@ app = typer.Typer(
     rich_markup_mode=None,
     help="Reduced flexible bodies by moment matching, in parallel. Without a command: the built-in example. "
     "PETSc, SLEPc and MUMPS options follow after --, such as: hpcred reduce job.toml -- -log_view",
-    epilog="Everywhere: --scalar real|complex insists on a PETSc build, --traceback shows where an error arose.",
+    epilog="Everywhere: --scalar real|complex insists on a PETSc build, --traceback shows where an error arose, "
+    "--profile the events of PETSc in each stage.",
 )
 example = typer.Typer(help="Write a model to try things on.", rich_markup_mode=None)
 app.add_typer(example, name="example")
 
 _petsc_args: list[str] = []
+_profile = False
+_progress = None
 _scalar: str | None = None
 
 JsonFile = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write the numbers as JSON.")]
@@ -29,7 +32,7 @@ Frequencies = Annotated[str | None, typer.Option(metavar="F1,F2,...", help="Freq
 
 def run(arguments: list[str]) -> int:
     """Run one command line on all ranks and return the exit status."""
-    global _petsc_args, _scalar
+    global _petsc_args, _scalar, _profile
     try:
         runtime.start_mpi()
         arguments, _petsc_args = _split(arguments)
@@ -37,6 +40,9 @@ def run(arguments: list[str]) -> int:
         if "--traceback" in arguments:
             arguments.remove("--traceback")
             os.environ["HPCRED_TRACEBACK"] = "1"
+        _profile = "--profile" in arguments
+        if _profile:
+            arguments.remove("--profile")
         if runtime.rank():
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115
         try:
@@ -45,6 +51,10 @@ def run(arguments: list[str]) -> int:
             if hasattr(error, "format_message"):  # a usage error of the parser
                 raise InputError(f"{error.format_message()} (see hpcred --help)") from error
             raise
+        if _profile and _progress is not None:
+            from .report.profile import show_profile
+
+            show_profile(_progress.comm, _progress)
         sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except (Exception, KeyboardInterrupt) as error:
@@ -70,13 +80,19 @@ def _take(arguments, option):
 
 def _start(preferred="real"):
     """PETSc with the build that fits; returns the world communicator and a progress display."""
+    global _progress
     scalar = runtime.start(_scalar, _petsc_args, preferred)
     from .petsc import MPI
     from .progress import Progress
 
     if runtime.can_choose() and MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty():
         print(f"hpcred: {scalar} PETSc, {MPI.COMM_WORLD.size} rank(s)", file=sys.stderr)
-    return MPI.COMM_WORLD, Progress(MPI.COMM_WORLD)
+    if _profile:
+        from .report.profile import start_profile
+
+        start_profile()
+    _progress = Progress(MPI.COMM_WORLD)
+    return MPI.COMM_WORLD, _progress
 
 
 def _numbers(text, option):
@@ -338,6 +354,37 @@ def paper(
     from .report.paper import reproduce
 
     reproduce(output, comm, progress, json)
+
+
+@app.command()
+def bench(
+    cells: Annotated[tuple[int, int, int], typer.Option(help="Hexahedra of the block to try on.")] = (40, 16, 16),
+    folder: Annotated[str | None, typer.Option(metavar="DIR", help="Where to try writing and reading.")] = None,
+    json: JsonFile = None,
+):
+    """Measure this machine: factorisation, solves, products, orthogonality, files."""
+    import tempfile
+    from pathlib import Path
+
+    comm, progress = _start()
+    from .analysis.bench import bench as measure
+    from .analysis.bench import hints
+    from .errors import agreed
+    from .report.tables import show_table, write_json
+
+    with agreed(comm):
+        if folder is not None and not Path(folder).is_dir():
+            raise InputError(f"--folder: found '{folder}', expected a folder that exists")
+    place = tempfile.TemporaryDirectory(prefix="hpcred-", dir=folder) if comm.rank == 0 else None
+    try:
+        report = comm.bcast(measure(cells, Path(comm.bcast(place.name if place else None)), comm, progress))
+    finally:
+        if place is not None:
+            place.cleanup()
+    show_table(comm, "This machine", ["", ""], [[key.replace("_", " "), _plain(item)] for key, item in report.items()])
+    for line in hints(report):
+        print(f"hint: {line}")
+    write_json(comm, json, report)
 
 
 @example.command("solid")

@@ -8,6 +8,7 @@ from .petsc import MPI
 
 SHARE = 0.9  # of what is free; the rest is for buffers and other programs
 MB = 2**20
+GROUPS = Path("/sys/fs/cgroup")
 
 
 def _ranks_on_node():
@@ -57,18 +58,21 @@ def _meminfo():
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / MB
 
 
+def _groups_of_process():
+    try:
+        return Path("/proc/self/cgroup").read_text().splitlines()
+    except OSError:
+        return []
+
+
 def _cgroup():
     """What the control groups of this process leave (version 2 and 1), or None. File cache can be given back."""
     found = []
-    try:
-        lines = Path("/proc/self/cgroup").read_text().splitlines()
-    except OSError:
-        return None
-    for line in lines:
+    for line in _groups_of_process():
         _, controllers, name = line.split(":", 2)
         if controllers not in ("", "memory"):
             continue
-        root = Path("/sys/fs/cgroup") if not controllers else Path("/sys/fs/cgroup/memory")
+        root = GROUPS if not controllers else GROUPS / "memory"
         limit, used = ("memory.max", "memory.current") if not controllers else (
             "memory.limit_in_bytes", "memory.usage_in_bytes")  # fmt: skip
         folder = root / name.lstrip("/")

@@ -1,0 +1,38 @@
+"""`--profile`: what PETSc's events took in each stage of a run, the slowest rank of each."""
+
+from ..petsc import PETSc
+from .tables import show_table
+
+EVENTS = {
+    "MatCholFctrSym": "analysis of MUMPS (LDL^T)", "MatLUFactorSym": "analysis of MUMPS (LU)",
+    "MatCholFctrNum": "factorisation (LDL^T)", "MatLUFactorNum": "factorisation (LU)",
+    "MatMatSolve": "solves, several columns", "MatSolve": "solves, one column",
+    "MatMatMultSym": "sparse times block, set-up", "MatMatMultNum": "sparse times block",
+    "MatMult": "sparse times vector",
+    "BVDot": "inner products", "BVMult": "sums of columns", "BVMultInPlace": "turned bases", "BVCopy": "copies",
+    "MatAXPY": "sums of matrices", "MatCopy": "copies of matrices", "MatAssemblyEnd": "assembly",
+    "EPSSolve": "eigensolver",
+}  # fmt: skip
+
+
+def start_profile():
+    """Have PETSc log its events from now on."""
+    PETSc.Log.begin()
+
+
+def show_profile(comm, progress):
+    """One row an event and stage, in the order of time. Collective."""
+    progress.summary()
+    rows, total = [], sum(progress.seconds.values())
+    # groups of ranks may have come through different stages
+    for stage in sorted(set().union(*comm.allgather(set(progress.seconds)))):
+        number = PETSc.Log.Stage(stage).id
+        for event, words in EVENTS.items():
+            info = PETSc.Log.Event(event).getPerfInfo(number)
+            seconds = max(comm.allgather(info["time"]))
+            if info["count"] and seconds > 1e-3 * total:
+                rows.append([stage, words, event, int(info["count"]), seconds, 100 * seconds / total])
+    rows.sort(key=lambda row: -row[4])
+    show_table(comm, "PETSc events by stage", ["stage", "", "event", "calls", "seconds", "% of all"], rows)
+    seconds = sorted(progress.seconds.items(), key=lambda item: -item[1])
+    show_table(comm, "Stages", ["stage", "seconds", "% of all"], [[n, s, 100 * s / total] for n, s in seconds if s > 0])
