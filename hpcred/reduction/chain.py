@@ -103,7 +103,7 @@ def _bring(model, copy, chain):
     if chain is not None:
         rows = np.arange(copy.first_row, copy.first_row + copy.local_rows)
         with local_rows(chain.vectors.columns) as values:
-            columns = [np.ascontiguousarray(values.real[:, k]) for k in range(count)]
+            columns = list(values.real.T.copy())
         chain.vectors.close()
     owner = np.searchsorted(model.row_starts, rows, side="right") - 1
     rows, *columns = exchange(comm, owner, [rows, *columns])

@@ -98,7 +98,7 @@ def _number_of_groups(wanted, context, basis):
     with context.progress.stage("estimate"):
         need, have = context.solver.estimate()
         context.release()
-    found = max(1, min(most, int(have / (1.2 * need))))
+    found = max(1, min(most, int(have / (1.2 * max(need, 1)))))
     context.progress.say(f"{found} groups of ranks: a factor needs about {need:.0f} MB, there are {have:.0f} MB")
     return found
 
