@@ -1,4 +1,4 @@
-# make demo | test | test-slow | lint | install
+# make demo | test | test-slow | bench | lint | install
 #
 # On Debian, `install` brings the missing system packages (as root or by sudo) and a virtual environment on top
 # of them. To use an existing PETSc instead (cluster module, conda), see "Installing" in README.md.
@@ -16,7 +16,7 @@ export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 export OMPI_MCA_rmaps_base_oversubscribe := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install demo test test-slow lint
+.PHONY: install demo test test-slow bench lint
 
 install: .venv/.ready
 
@@ -48,6 +48,15 @@ test: install
 
 test-slow: install
 	$(PYTHON) -m pytest -m slow
+
+# the peers need numpy 2 and MKL, in an environment of their own
+.venv-peers/.ready: Makefile
+	/usr/bin/python3 -m venv --clear .venv-peers
+	.venv-peers/bin/python -m pip install -q numpy scipy h5py pypardiso pymor
+	@touch $@
+
+bench: install .venv-peers/.ready
+	benchmarks/run.sh benchmark-results
 
 lint: install
 	.venv/bin/ruff check .

@@ -24,6 +24,7 @@ _PUBLIC = {
     "Krylov": "reduction.krylov",
     "SecondOrderKrylov": "reduction.second_order",
     "StaticCorrection": "reduction.krylov",
+    "SolverOptions": "linalg.mumps",
     "reduce": "reduction.reduce",
     "ReducedModel": "rom",
     "frequency_response": "analysis.response",

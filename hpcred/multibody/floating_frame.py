@@ -21,6 +21,7 @@ from ..linalg.block import apply, create_block, inner, local_rows
 from ..model.dofs import require_dofs
 from ..model.rigid import rigid_motions
 from ..petsc import PETSc
+from ..reduction.projection import WIDTH, project
 
 
 @dataclass
@@ -125,38 +126,53 @@ def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False) -> Floa
     mass = _lumped(model) if lumped else model.M
     N, S = np.zeros((count, 3, 3)), np.zeros((3, 3, count, count))
     for base in bases:
-        fields, loads = [], []
-        for d in range(3):
-            transfer = _transfer(model, d, base)
-            block, load = create_block(model.M, count), create_block(model.M, count)
-            apply(transfer, columns, block)
-            apply(mass, block, load)
-            transfer.destroy()
-            fields.append(block)
-            loads.append(load)
-        points = create_block(model.M, 3)
-        with local_rows(points) as rows:
-            mine = dofs.direction == base
-            rows[...] = 0.0
-            rows[mine] = (dofs.position - origin)[mine]
+        mine = dofs.direction == base
+        points = (dofs.position - origin)[mine]
+        parts = [slice(low, min(low + WIDTH, count)) for low in range(0, count, WIDTH)]
+        transfers = [_transfer(model, d, base) for d in range(3)]
+        # the rows of one direction only: a third of the work
+        fields = [np.empty((len(points), count)) for _ in range(3)]
+        for field, transfer in zip(fields, transfers, strict=True):
+            for part in parts:
+                field[:, part] = _rows(columns, part, transfer, mine)
         for b in range(3):
-            N[:, :, b] += inner(points, loads[b]).T / len(bases)
-            for a in range(3):
-                S[a, b] += inner(fields[a], loads[b]) / len(bases)
-        for item in (*fields, *loads, points):
+            for part in parts:
+                load = _rows(columns, part, transfers[b], mine, mass)
+                N[part, :, b] += load.T @ points / len(bases)
+                for a in range(b + 1):
+                    S[a, b, :, part] += fields[a].T @ load / len(bases)
+        for item in transfers:
             item.destroy()
+    N, S = model.comm.allreduce(N), model.comm.allreduce(S)
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        S[b, a] = S[a, b].T
     if lumped:
         mass.destroy()
-    product = create_block(model.M, count)
-    apply(model.M, columns, product)
-    Me = inner(columns, product)
-    product.destroy()
+    Me = project(model.M, columns)
     kind = "lumped" if lumped else "mean of directions" if rotations else "consistent"
     result = FloatingFrame(
         float(np.trace(rigid[:3, :3]) / 3), mc, rigid[3:, 3:], coupling[:3].T.copy(), coupling[3:].T.copy(), N, S, Me,
         origin, kind,
     )  # fmt: skip
     return model.comm.bcast(result)
+
+
+def _rows(columns, part, transfer, mine, mass=None):
+    """The local rows `mine` of transfer V, or of mass transfer V, for some columns of V."""
+    first, last = columns.getActiveColumns()
+    columns.setActiveColumns(first + part.start, first + part.stop)
+    block = create_block(transfer, part.stop - part.start)
+    apply(transfer, columns, block)
+    columns.setActiveColumns(first, last)
+    if mass is not None:
+        load = create_block(mass, part.stop - part.start)
+        apply(mass, block, load)
+        block.destroy()
+        block = load
+    with local_rows(block) as rows:
+        result = rows.real[mine]
+    block.destroy()
+    return result
 
 
 def _transfer(model, source, target):
