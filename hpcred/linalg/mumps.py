@@ -190,6 +190,7 @@ class Factorisation:
         """
         scale = column_norms(load) if scale is None else scale
         most = 2 if self._options.low_rank is None else LOW_RANK_STEPS
+        before = inf
         for step in range(most + 1):
             residual = copy_of(load, matrix)
             columns = residual.getSizes()[1]
@@ -197,7 +198,9 @@ class Factorisation:
             apply(matrix, solution, product)
             add_product(residual, product, np.eye(columns), alpha=-1.0)
             relative, backward = self._residual_norms(residual, scale, solution)
-            enough = step == most or not relative < inf or (step >= steps and relative <= REFINE_ABOVE)
+            small_or_stuck = relative <= REFINE_ABOVE or relative > before / 2
+            enough = step == most or not relative < inf or (step >= steps and small_or_stuck)
+            before = relative
             if not enough:
                 back_substitute(residual, product)
                 add_product(solution, product, np.eye(columns))
