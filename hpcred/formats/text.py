@@ -89,7 +89,7 @@ def triples(text: bytes, path):
     """
     if fast_matrix_market is not None:
         plain = text.replace(b",", b" ") if b"," in text else text
-        lines = plain.count(b"\n") + (not plain.endswith(b"\n"))
+        lines = np.count_nonzero(np.frombuffer(plain, np.uint8) == ord("\n")) + (not plain.endswith(b"\n"))
         head = b"%%%%MatrixMarket matrix coordinate real general\n%d %d %d\n" % (LARGEST, LARGEST, lines)
         try:
             (values, (rows, columns)), _ = fast_matrix_market.read_coo(io.BytesIO(head + plain), parallelism=1)
