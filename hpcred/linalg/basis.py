@@ -94,10 +94,15 @@ class Basis:
 
     def defect(self) -> float:
         """max |V^T M V - I|, rigid-body modes included."""
+        return self.gram()[1]
+
+    def gram(self) -> tuple[np.ndarray, float]:
+        """V^H M V (size, size), and max |V^H M V - I| with the rigid-body modes included."""
         self._block.setActiveColumns(0, self._end)
         with self._times_mass(self._block) as product:
             gram = self._fold(inner(self._block, product))
-        return float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
+        first = self._leading // self.width
+        return gram[first:, first:], float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
 
     def turn(self, factor: np.ndarray):
         """V <- V factor (54); factor (size, k)."""

@@ -104,8 +104,10 @@ def _quadratic(field):
     return np.stack(squares + mixed, axis=-1)
 
 
-def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False) -> FloatingFrame:
+def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False, Me=None) -> FloatingFrame:
     """The quantities of a SecondOrderModel with the basis `columns` (a block (n, m)). Collective.
+
+    `Me`: V^T M V (m, m) where it is known already.
 
     Raises InputError without node coordinates.
     """
@@ -148,7 +150,7 @@ def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False) -> Floa
         S[b, a] = S[a, b].T
     if lumped:
         mass.destroy()
-    Me = project(model.M, columns)
+    Me = project(model.M, columns) if Me is None else Me
     kind = "lumped" if lumped else "mean of directions" if rotations else "consistent"
     result = FloatingFrame(
         float(np.trace(rigid[:3, :3]) / 3), mc, rigid[3:, 3:], coupling[:3].T.copy(), coupling[3:].T.copy(), N, S, Me,

@@ -42,7 +42,7 @@ def run_job(path, overrides, comm, progress):
         body = None
         if model.dofs is not None and rom.left_columns is None:
             with progress.stage("floating frame"):
-                frame = floating_frame(model, rom.columns, job.body_origin, job.lumped_integrals)
+                frame = floating_frame(model, rom.columns, job.body_origin, job.lumped_integrals, rom.M)
                 body = frame, node_shapes(model, rom.columns, interface_nodes(model))
         with progress.stage("write", job.output):
             write_result(job.output, rom, model.dofs, job.write_basis, comm, body, model.elements)

@@ -142,13 +142,13 @@ def _project(model, framed, vectors, context, drop_above):
         context.note(f"pseudo-frequencies up to {drop_above:g} Hz", len(frequencies), kept)
         vectors.turn(np.eye(len(frequencies))[:, :kept])
         frequencies = frequencies[:kept]
-    defect = vectors.defect()
+    mass, defect = vectors.gram()
     if defect > ORTHONORMAL_TO:
         raise ComputationError(
             f"the basis has lost its orthonormality: max |V^T M V - I| = {defect:.1e}, allowed is {ORTHONORMAL_TO:g}"
         )
     columns = vectors.columns
-    small = {key: project(mat, columns) for key, mat in full.matrices.items()}
+    small = {"M": mass} | {key: project(mat, columns) for key, mat in full.matrices.items() if key != "M"}
     if "D" not in small:
         small["D"] = reduced_damping(framed.damping, context, columns, frequencies)
     for key, value in small.items():
