@@ -52,6 +52,20 @@ def model_of(comm):
     return package.solid((3, 2, 2), inputs=2, comm=comm)
 
 
+def test_a_refusal_in_one_group_ends_all(hpcred, tmp_path):
+    """The second point is an eigenfrequency; the first group has nothing against its own."""
+    assert hpcred("example", "linkage").returncode == 0
+    buckens = '[frame]\nkind = "buckens"\n'
+    head, points = JOB.split("\n", 1)
+    (tmp_path / "modes.toml").write_text(f'{head}\n{buckens}[[basis]]\nkind = "modes"\nindex = [7]\n')
+    (tmp_path / "job.toml").write_text(f"{head}\n{buckens}{points}")
+    assert hpcred("reduce", "modes.toml", "--json", "modes.json").returncode == 0
+    (frequency,) = json.loads((tmp_path / "modes.json").read_text())["frequencies_hz"]
+    run = hpcred("reduce", "job.toml", "--groups", 2, "--set", f"basis.1.frequency={frequency!r}", ranks=2, timeout=60)
+    assert run.returncode == 2
+    assert run.stderr.count("hpcred: error: ") == 1 and "is an eigenfrequency of the undamped model" in run.stderr
+
+
 @pytest.mark.mpi
 def test_groups_of_a_two_sided_projection(comm):
     with package.solid((6, 3, 3), inputs=2, comm=comm) as model:

@@ -1,5 +1,7 @@
 """Larger cases, against a second method or each other: `make test-slow`."""
 
+import json
+
 import numpy as np
 import pytest
 import scipy.sparse
@@ -31,6 +33,24 @@ def test_discrete_dampers_need_second_order_krylov():
                 assert rom.size == 24
                 errors[name] = hpcred.relative_error(full, hpcred.frequency_response(rom, frequencies)).max()
     assert errors["second order"] < 1e-2 * errors["proportional"]
+
+
+def test_a_million_dofs(hpcred, tmp_path):
+    """The plate of the README on two ranks, and the full response at its points."""
+    (tmp_path / "job.toml").write_text(
+        'model = "model.h5"\n'
+        + "".join(f'[[basis]]\nkind = "krylov"\nfrequency = {f}\norder = 1\n' for f in (10.0, 60.0))
+    )
+    assert hpcred("example", "solid", "--cells", 420, 400, 1, "-o", "model.h5", ranks=2).returncode == 0
+    run = hpcred("reduce", "job.toml", "--json", "run.json", ranks=2, timeout=900)
+    assert run.returncode == 0, run.stderr
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["size"] > 1_000_000 and record["reduced_size"] == 24 and record["symbolic_analyses"] == 1
+    assert record["orthonormality_defect"] < 1e-12
+    run = hpcred("evaluate", "result.h5", "--full", "model.h5", "--frequencies", "10,60", "--json", "eps.json", ranks=2,
+                 timeout=900)  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert max(json.loads((tmp_path / "eps.json").read_text())["eps"]) < 1e-5
 
 
 def test_a_solid_against_scipy():

@@ -71,25 +71,25 @@ def chains_in_groups(ingredients, contexts, groups):
         own.append(own[0].dual())
     points = [i for i, item in enumerate(ingredients) if hasattr(item, "chain")]
     arrived = {}
-    for turn in range(0, len(points), groups):
-        made = {}
-        with agreed(comm):
-            if turn + number < len(points):
-                for c, context in enumerate(own):
-                    made[points[turn + number], c] = ingredients[points[turn + number]].chain(context)
-        for i in points[turn : turn + groups]:
-            for c in range(len(contexts)):
-                with contexts[0].progress.stage("merge"):
-                    arrived[i, c] = _bring(model, copied.model, made.get((i, c)))
-    first = copied.model.comm.rank == 0
-    for c, context in enumerate(contexts):
-        found = (own[c].records, own[c].analyses, [] if number else own[c].report) if first else ([], 0, [])
-        for records, analyses, report in comm.allgather(found):
-            context.add(records, analyses, report)
-    for item in own:
-        item.close()
-    copied.close()
-    copied.model.close()
+    try:
+        for turn in range(0, len(points), groups):
+            made = {}
+            with agreed(comm):
+                if turn + number < len(points):
+                    for c, context in enumerate(own):
+                        made[points[turn + number], c] = ingredients[points[turn + number]].chain(context)
+            for i in points[turn : turn + groups]:
+                for c in range(len(contexts)):
+                    with contexts[0].progress.stage("merge"):
+                        arrived[i, c] = _bring(model, copied.model, made.get((i, c)))
+        first = copied.model.comm.rank == 0
+        for c, context in enumerate(contexts):
+            found = (own[c].records, own[c].analyses, [] if number else own[c].report) if first else ([], 0, [])
+            for records, analyses, report in comm.allgather(found):
+                context.add(records, analyses, report)
+    finally:
+        for item in (*own, copied, copied.model):
+            item.close()
     return arrived
 
 
