@@ -120,6 +120,8 @@ def test_a_factor_that_does_not_fit_is_refused_before_it_is_made(comm, monkeypat
         monkeypatch.setenv("HPCRED_MEMORY_MB", "3")
         with pytest.raises(ComputationError, match=r"about \d+ MB on one rank .* a rank has 3 MB.*--out-of-core DIR"):
             package.reduce(model, [Krylov(frequency=100.0)])
+        with pytest.raises(ComputationError, match=r"does not fit"):
+            package.reduce(model, [Modes(band=(0.0, 3000.0))])
         monkeypatch.delenv("HPCRED_MEMORY_MB")
         solver = ShiftedSolver(model)
         need, have = solver.estimate()

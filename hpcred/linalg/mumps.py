@@ -101,13 +101,29 @@ class Factorisation:
         return self.records[-1]["negative_pivots"]
 
     def estimate(self):
-        """MB that a factor needs in all, as MUMPS estimates, and MB that the ranks have; by an analysis alone."""
+        """MB that a factor needs in all, as MUMPS estimates, and MB that the ranks have; by an analysis alone.
+
+        Raises ComputationError where it does not fit.
+        """
         with temporary_options(self._prefix + "mat_mumps_", self._settings, {"icntl_23": 1}):
             self._ksp.setOperators(self.matrix)
             self._ksp.setUp()
-        need = self._ksp.getPC().getFactorMatrix().getMumpsInfog(17)
+        mumps = self._ksp.getPC().getFactorMatrix()
+        on_disk = self._options.out_of_core is not None
+        total, largest = (mumps.getMumpsInfog(i) for i in ((27, 26) if on_disk else (17, 16)))
+        message = self._does_not_fit(mumps)
         self.release()
-        return need, self._limit * self.matrix.comm.size
+        if largest > self._limit:
+            raise ComputationError(message)
+        return total, self._limit * self.matrix.comm.size
+
+    def _does_not_fit(self, mumps):
+        rank, total, on_disk = (mumps.getMumpsInfog(i) for i in (16, 17, 26))
+        return (
+            f"the factorisation does not fit: it needs about {rank} MB on one rank and {total} MB in all, and a rank "
+            f"has {self._limit} MB; take more ranks on more nodes, fewer groups, or --out-of-core DIR (about "
+            f"{on_disk} MB a rank)"
+        )
 
     def factor(self, **labels):
         """Factor the values that the matrix has now; `labels` go to the record.
@@ -119,7 +135,7 @@ class Factorisation:
         self.matrix.stateIncrease()
         before, start = self._event.getPerfInfo(), time.perf_counter()
         # MUMPS compares its estimate with this limit after the analysis, before it takes the memory
-        settings, limit = {**self._settings, "icntl_23": self._limit}, self._limit
+        settings = {**self._settings, "icntl_23": self._limit}
         room = PETSc.Options(self._prefix).getInt("mat_mumps_icntl_14", self._settings["icntl_14"])
         for retries in range(5):
             more = {"icntl_14": max(room, 25) * 2**retries} if retries else {}
@@ -130,16 +146,12 @@ class Factorisation:
             code, detail = mumps.getMumpsInfog(1), mumps.getMumpsInfog(2)
             if code >= 0:
                 break
-            estimate = {name: mumps.getMumpsInfog(i) for name, i in (("rank", 16), ("total", 17), ("on disk", 26))}
+            message = self._does_not_fit(mumps)
             self._ksp.getPC().reset()
             if code == -10:
                 raise SingularMatrix()
             if code in OUT_OF_MEMORY:
-                raise ComputationError(
-                    f"the factorisation does not fit: it needs about {estimate['rank']} MB on one rank and "
-                    f"{estimate['total']} MB in all, and a rank has {limit} MB (INFOG(1) = {code}); take more ranks on "
-                    f"more nodes, fewer groups, or --out-of-core DIR (about {estimate['on disk']} MB a rank)"
-                )
+                raise ComputationError(message)
             if code not in MORE_ROOM:
                 raise ComputationError(f"MUMPS failed to factor: INFOG(1) = {code}, INFOG(2) = {detail}")
         else:

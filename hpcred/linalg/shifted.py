@@ -36,7 +36,7 @@ class ShiftedSolver:
         self._factored = None
 
     def estimate(self):
-        """MB that a factor of A needs in all, and MB that the ranks have."""
+        """MB that a factor of A needs in all, and MB that the ranks have; ComputationError where it does not fit."""
         self._factored = None
         self.model.K.copy(self._matrix, structure=SAME)
         self._matrix.stateIncrease()

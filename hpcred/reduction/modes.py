@@ -100,6 +100,7 @@ class Modes:
         if low == 0:
             low = -0.01 * high  # below the rigid-body modes, where K - low M is definite
         if SCALAR == "real":
+            context.solver.estimate()  # SLEPc makes factors of its own; refused here if they do not fit
             context.release()
             settings = SolverOptions(context.options.out_of_core).mumps()
             values, block = modes_in_interval(context.model.K, context.model.M, low, high, settings=settings)
