@@ -4,21 +4,11 @@ import os
 import resource
 from pathlib import Path
 
-from .petsc import MPI
+from . import runtime
 
 SHARE = 0.9  # of what is free; the rest is for buffers and other programs
 MB = 2**20
 GROUPS = Path("/sys/fs/cgroup")
-
-
-def _ranks_on_node():
-    node = MPI.COMM_WORLD.Split_type(MPI.COMM_TYPE_SHARED)
-    size = node.size
-    node.Free()
-    return size
-
-
-RANKS_ON_NODE = _ranks_on_node()  # when this is imported, by all ranks
 
 
 def available_mb(comm) -> float:
@@ -29,7 +19,7 @@ def available_mb(comm) -> float:
     given = os.environ.get("HPCRED_MEMORY_MB")
     if given:
         return float(given)
-    own = _node_mb() / RANKS_ON_NODE
+    own = _node_mb() / runtime.ranks_on_node
     per_cpu = os.environ.get("SLURM_MEM_PER_CPU", "")
     if per_cpu.isdigit():
         own = min(own, float(per_cpu) * int(os.environ.get("SLURM_CPUS_PER_TASK", "1")))

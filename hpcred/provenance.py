@@ -33,7 +33,6 @@ def describe(item) -> dict:
 
 def provenance(model, framed, basis, frame, damping, contexts, progress, defect) -> dict:
     """Everything but the matrices; plain types only. Collective."""
-    info = framed.model.K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)
     run = progress.summary()
     context = contexts[0]
     records = [record for item in contexts for record in item.records]
@@ -46,7 +45,7 @@ def provenance(model, framed, basis, frame, damping, contexts, progress, defect)
         "model": model.name,
         "size": model.size,
         "free_size": framed.model.size,
-        "nonzeros": int(info["nz_used"]),
+        "nonzeros": framed.model.nonzeros,
         "rigid_body_modes": framed.rigid.count if framed.rigid is not None else 0,
         "inputs": model.input_names,
         "outputs": model.output_names,

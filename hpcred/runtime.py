@@ -28,6 +28,8 @@ GRACE = 3.0  # seconds that a failed rank waits for the others to fail too
 
 ordering = 5  # of MUMPS (icntl_7): METIS, or what it takes instead where it was built without
 
+ranks_on_node = 1  # once MPI is started
+
 _scalar = None  # "real" or "complex" once PETSc is imported
 _comm = None  # private communicator of the abort hook
 
@@ -126,11 +128,14 @@ def start_mpi():
 
     Collective.
     """
-    global _comm
+    global _comm, ranks_on_node
     if _comm is None:
         from mpi4py import MPI
 
         _comm = MPI.COMM_WORLD.Dup()
+        node = _comm.Split_type(MPI.COMM_TYPE_SHARED)
+        ranks_on_node = node.size
+        node.Free()
         sys.excepthook = _excepthook
     return _comm
 

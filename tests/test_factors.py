@@ -137,7 +137,7 @@ def test_limits_of_memory(monkeypatch, comm, tmp_path):
     free = memory.available_mb(comm)
     assert 10 < free < 1e7
     monkeypatch.setenv("SLURM_MEM_PER_NODE", "500")
-    assert memory.available_mb(comm) == pytest.approx(0.9 * 500 / memory.RANKS_ON_NODE)
+    assert memory.available_mb(comm) == pytest.approx(0.9 * 500 / runtime.ranks_on_node)
     monkeypatch.setenv("SLURM_MEM_PER_CPU", "100")
     monkeypatch.setenv("SLURM_CPUS_PER_TASK", "2")
     assert memory.available_mb(comm) == pytest.approx(0.9 * 200)

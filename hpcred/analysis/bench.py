@@ -5,12 +5,13 @@ import time
 
 import numpy as np
 
+from .. import runtime
 from ..examples.solid import solid
 from ..formats.model_file import read_model, write_model
 from ..linalg.basis import Basis
 from ..linalg.block import apply, create_block, local_rows
 from ..linalg.shifted import ShiftedSolver
-from ..memory import RANKS_ON_NODE, available_mb
+from ..memory import available_mb
 
 NESTED = ("METIS", "SCOTCH")
 COLUMNS = 32
@@ -21,9 +22,9 @@ def bench(cells, folder, comm, progress) -> dict:
 
     Collective.
     """
-    report = {"ranks": comm.size, "ranks_on_node": RANKS_ON_NODE, "memory_mb_per_rank": available_mb(comm)}
+    report = {"ranks": comm.size, "ranks_on_node": runtime.ranks_on_node, "memory_mb_per_rank": available_mb(comm)}
     with solid(cells, comm=comm) as model:
-        report |= {"dofs": model.size, "nonzeros": comm.allreduce(model.K.getValuesCSR()[1].size)}
+        report |= {"dofs": model.size, "nonzeros": model.nonzeros}
         with progress.stage("factor"):
             solver = ShiftedSolver(model)
             solver.factor(-((2 * np.pi * 100.0) ** 2))
@@ -97,7 +98,7 @@ def _products(model, comm, progress):
         spent = time.perf_counter() - start
     result = {
         "multiply_ms_per_column": 1e3 * seconds / COLUMNS,
-        "multiply_gflops": 2 * comm.allreduce(model.K.getValuesCSR()[1].size) * COLUMNS / seconds / 1e9,
+        "multiply_gflops": 2 * model.nonzeros * COLUMNS / seconds / 1e9,
         "orthogonalise_ms_per_column": 1e3 * spent / COLUMNS,
         "orthogonality_loss": basis.defect(),
     }

@@ -6,7 +6,7 @@ from ..errors import ComputationError
 from ..linalg.mumps import Factorisation, SingularMatrix
 from ..linalg.shifted import ShiftedSolver
 from ..model.rigid import RigidBodyModes, rigid_body_quantities
-from ..petsc import SCALAR, PETSc
+from ..petsc import SCALAR
 
 
 def inspect(model, frequencies=(), band_top=None, progress=None) -> dict:
@@ -18,7 +18,7 @@ def inspect(model, frequencies=(), band_top=None, progress=None) -> dict:
     report = {
         "model": model.name,
         "size": model.size,
-        "nonzeros": int(model.K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]),
+        "nonzeros": model.nonzeros,
         "matrices": sorted(model.matrices),
         "inputs": model.input_names,
         "outputs": model.output_names,

@@ -46,14 +46,14 @@ def _in_groups(framed, frequencies, progress, groups):
     """Frequencies are dealt out to groups of ranks."""
     comm = framed.model.comm
     copied, number = copy_to_group(framed, groups)
-    with agreed(comm):
-        part = _full(copied, frequencies[number::groups], progress)
-    group = copied.model.comm
-    first = group.rank == 0
-    shapes = (len(frequencies), *part.shape[1:])
-    copied.close()
-    copied.model.close()
-    response = np.zeros(shapes, dtype=complex)
+    first = copied.model.comm.rank == 0
+    try:
+        with agreed(comm):
+            part = _full(copied, frequencies[number::groups], progress)
+    finally:
+        copied.close()
+        copied.model.close()
+    response = np.zeros((len(frequencies), *part.shape[1:]), dtype=complex)
     for owner, values in comm.allgather((number, part) if first else (None, None)):
         if owner is not None:
             response[owner::groups] = values

@@ -50,6 +50,11 @@ class SecondOrderModel:
         return {key: mat for key, mat in (("M", self.M), ("K", self.K), ("D", self.D)) if mat is not None}
 
     @property
+    def nonzeros(self) -> int:
+        """Stored entries of K, and of each of the other matrices. Collective."""
+        return int(self.K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
+
+    @property
     def output_names(self) -> list[str]:
         return self.input_names if self.Ct is None else self._output_names
 

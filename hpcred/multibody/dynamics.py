@@ -83,6 +83,10 @@ class FlexibleBody:
         """Position (3,) of a node in the body frame."""
         return shape.position - self.frame.origin + shape.phi @ q
 
+    def first_moment(self, q):
+        """Mass times centre of mass (3,) in the body frame."""
+        return self.frame.mc + self.frame.Ct.T @ q
+
     def inertia(self, q):
         """J(q) (3, 3)."""
         quadratic = np.tensordot(q, np.tensordot(q, self._J2, axes=(0, 0)), axes=(0, 0))
@@ -91,7 +95,7 @@ class FlexibleBody:
     def mass_matrix(self, q):
         """M(q) (6 + m, 6 + m), (13)."""
         frame, m = self.frame, self.size
-        mc = frame.mc + frame.Ct.T @ q
+        mc = self.first_moment(q)
         Cr = frame.Cr + np.tensordot(self._Cr1, q, axes=(1, 0))
         M = np.zeros((6 + m, 6 + m))
         M[:3, :3] = frame.mass * np.eye(3)
@@ -119,7 +123,7 @@ class FlexibleBody:
         """Generalised forces of gravity and of the forces at nodes (6 + m,), and of the latter alone."""
         frame = self.frame
         g = A.T @ self.gravity
-        gravity = np.concatenate([frame.mass * g, np.cross(frame.mc + frame.Ct.T @ q, g), frame.Ct @ g])
+        gravity = np.concatenate([frame.mass * g, np.cross(self.first_moment(q), g), frame.Ct @ g])
         own = np.zeros_like(gravity)
         for force in self.forces:
             f = A.T @ force.value(t)
@@ -275,6 +279,5 @@ class FlexibleBody:
     def energies(self, r, p, q, z):
         """Kinetic, elastic and gravity energy in J."""
         kinetic = 0.5 * z @ self.mass_matrix(q) @ z
-        A = rotation(p)
-        mc = self.frame.mc + self.frame.Ct.T @ q
-        return kinetic, 0.5 * q @ self.K @ q, -self.gravity @ (self.frame.mass * r + A @ mc)
+        moment = self.frame.mass * r + rotation(p) @ self.first_moment(q)
+        return kinetic, 0.5 * q @ self.K @ q, -self.gravity @ moment

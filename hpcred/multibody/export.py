@@ -10,6 +10,7 @@ from ..formats.hdf5 import atomic_output, reading
 from ..formats.result_file import FORMAT, read_result
 from ..report.shapes import draw_shapes, write_vtk
 from ..rom import ReducedModel
+from .dynamics import FlexibleBody
 from .floating_frame import FloatingFrame
 from .shapes import NodeShape, shapes_in_file
 from .sid import build_sid, write_sid
@@ -48,14 +49,9 @@ def read_body(path, nodes=None) -> Body:
 
 def check_elastic(body):
     """Raise InputError if the reduced body can move as a rigid one: the floating frame does that already."""
-    frame = body.frame
-    rigid = np.zeros((6, 6))
-    rigid[:3, :3] = frame.mass * np.eye(3)
-    rigid[3:, :3] = np.cross(frame.mc, np.eye(3)).T
-    rigid[:3, 3:], rigid[3:, 3:] = rigid[3:, :3].T, frame.J
-    coupling = np.hstack([frame.Ct, frame.Cr])
-    rest = frame.Me - coupling @ np.linalg.pinv(rigid, rcond=1e-12) @ coupling.T
-    if np.linalg.eigvalsh(rest).min() < 1e-9 * np.linalg.eigvalsh(frame.Me).max():
+    M = FlexibleBody(body.frame, body.rom.K, body.rom.D).mass_matrix(np.zeros(len(body.frame.Ct)))
+    rest = M[6:, 6:] - M[6:, :6] @ np.linalg.pinv(M[:6, :6], rcond=1e-12) @ M[:6, 6:]
+    if np.linalg.eigvalsh(rest).min() < 1e-9 * np.linalg.eigvalsh(body.frame.Me).max():
         lowest = body.rom.frequencies.min()
         raise InputError(
             f"the reduced body contains rigid-body motions (lowest pseudo-frequency {lowest:.3g} Hz), which the "
