@@ -247,11 +247,15 @@ def _integrate(system, setup, y0, yp0, progress):
             progress.say(f"t = {t:.4g} s of {setup.end:g} s")
         return system.residual(t, y, yp)
 
+    # impulses begin at zero, and their rates, the forces, have round-off relative to their own size
+    tolerance = np.full(len(y0), setup.absolute_tolerance)
+    forces = system.split(yp0)[4]
+    system.split(tolerance)[4][:] *= max(1.0, np.abs(forces).max(initial=0.0))
     # a pulse must not be stepped over
     longest = min([setup.end / 20, *(item.longest_step() for item in setup.force)])
     found = solve_dae(
         residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
-        rtol=setup.relative_tolerance, atol=setup.absolute_tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
+        rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
     )  # fmt: skip
     if not found.success:
         raise ComputationError(
