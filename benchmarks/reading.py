@@ -12,10 +12,10 @@ READER = """
 import json, sys, time
 import hpcred
 hpcred.start("real")
-from hpcred.petsc import MPI
+from hpcred.parallel.petsc import MPI
 from hpcred.formats.matrix_files import read_entries
 from hpcred.formats.model_file import read_model
-from hpcred.progress import memory_mb
+from hpcred.parallel.stages import memory_mb
 comm = MPI.COMM_WORLD
 comm.Barrier()
 before, start = memory_mb(), time.perf_counter()

@@ -6,15 +6,15 @@ them is used, so that `hpcred.start("complex")` can choose the build before.
 
 from importlib import import_module
 
-from .errors import ComputationError, InputError
-from .runtime import start
+from .parallel.failures import ComputationError, InputError
+from .parallel.startup import start
 
 _PUBLIC = {
-    "SecondOrderModel": "model.model",
+    "SecondOrderModel": "model.second_order_model",
     "Dofs": "model.dofs",
-    "Tangent": "model.frame",
-    "Chord": "model.frame",
-    "Buckens": "model.frame",
+    "Tangent": "model.frames",
+    "Chord": "model.frames",
+    "Buckens": "model.frames",
     "Rayleigh": "model.damping",
     "GivenDamping": "model.damping",
     "Caughey": "model.damping",
@@ -22,28 +22,28 @@ _PUBLIC = {
     "Structural": "model.damping",
     "Modes": "reduction.modes",
     "Krylov": "reduction.krylov",
-    "SecondOrderKrylov": "reduction.second_order",
+    "SecondOrderKrylov": "reduction.second_order_krylov",
     "StaticCorrection": "reduction.krylov",
-    "SolverOptions": "linalg.mumps",
+    "SolverOptions": "linalg.factorisation",
     "reduce": "reduction.reduce",
-    "ReducedModel": "rom",
-    "frequency_response": "analysis.response",
+    "ReducedModel": "reduction.reduced_model",
+    "frequency_response": "analysis.frequency_response",
     "relative_error": "analysis.error",
     "error_integral": "analysis.error",
     "read_model": "formats.model_file",
     "write_model": "formats.model_file",
     "read_result": "formats.result_file",
     "write_result": "formats.result_file",
-    "convert": "formats.convert",
-    "inspect": "analysis.inspect",
+    "convert": "workflows.convert",
+    "inspect": "analysis.summary",
     "FloatingFrame": "multibody.floating_frame",
     "floating_frame": "multibody.floating_frame",
-    "node_shapes": "multibody.shapes",
-    "Body": "multibody.export",
-    "read_body": "multibody.export",
-    "export_result": "multibody.export",
-    "read_sid": "multibody.sid",
-    "write_sid": "multibody.sid",
+    "node_shapes": "multibody.node_shapes",
+    "Body": "workflows.export",
+    "read_body": "workflows.export",
+    "export_result": "workflows.export",
+    "read_sid": "formats.sid",
+    "write_sid": "formats.sid",
     "Simulation": "multibody.simulation",
     "ConstantForce": "multibody.simulation",
     "SineForce": "multibody.simulation",
@@ -52,7 +52,7 @@ _PUBLIC = {
     "simulate": "multibody.simulation",
     "linkage": "examples.linkage",
     "solid": "examples.solid",
-    "Progress": "progress",
+    "Progress": "parallel.stages",
 }
 
 __all__ = ["ComputationError", "InputError", "start", *_PUBLIC]

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from . import runtime
-from .errors import InputError
+from .parallel import startup as runtime
+from .parallel.failures import InputError
 
 app = typer.Typer(
     add_completion=False,
@@ -82,8 +82,8 @@ def _start(preferred="real"):
     """PETSc with the build that fits; returns the world communicator and a progress display."""
     global _progress
     scalar = runtime.start(_scalar, _petsc_args, preferred)
-    from .petsc import MPI
-    from .progress import Progress
+    from .parallel.petsc import MPI
+    from .parallel.stages import Progress
 
     if runtime.can_choose() and MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty():
         print(f"hpcred: {scalar} PETSc, {MPI.COMM_WORLD.size} rank(s)", file=sys.stderr)
@@ -112,7 +112,7 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
         raise typer.Exit
     if context.invoked_subcommand is None:
         comm, progress = _start()
-        from .examples.demo import run_demo
+        from .workflows.demo import run_demo
 
         run_demo(comm, "result.h5", progress, json)
 
@@ -145,11 +145,11 @@ def convert(
             raise InputError("convert: no model file to write; give its name last or by -o")
         output = files.pop()
     comm, progress = _start()
-    from .formats.convert import Source, abaqus_source
-    from .formats.convert import convert as read
     from .formats.hdf5 import check_writable
     from .formats.model_file import write_model
     from .report.tables import write_json
+    from .workflows.convert import Source, abaqus_source
+    from .workflows.convert import convert as read
 
     check_writable(output, comm)
     if files:
@@ -194,7 +194,7 @@ def info(
     if band_top is not None and band_top <= 0 or any(f <= 0 for f in frequencies):
         raise InputError("info: frequencies must be positive")
     comm, progress = _start()
-    from .analysis.inspect import inspect
+    from .analysis.summary import inspect
     from .formats.model_file import read_model
     from .report.tables import show_table, write_json
 
@@ -230,8 +230,8 @@ def reduce(
     json: JsonFile = None,
 ):
     """Reduce a model as a job file says."""
-    from .errors import agreed
-    from .keys import read_table
+    from .formats.toml_file import read_table
+    from .parallel.failures import agreed
 
     given = {"groups": groups, "out_of_core": out_of_core, "low_rank": low_rank}
     overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
@@ -239,8 +239,8 @@ def reduce(
         if read_table(job, overrides).get("low_rank") is not None:
             os.environ.setdefault("HPCRED_SCOTCH", "0")  # see SolverOptions
     comm, progress = _start()
-    from .reduction.job import run_job
     from .report.tables import show_table, show_timings, write_json
+    from .workflows.reduce import run_job
 
     rom, output = run_job(job, overrides, comm, progress)
     with rom:
@@ -277,8 +277,8 @@ def evaluate(
 ):
     """Frequency response of a reduced model; with --full its error eps(f) (55) and Q (57)."""
     comm, progress = _start("complex" if full else "real")
-    from .analysis.evaluate import evaluate_result
     from .report.tables import show_table, write_json
+    from .workflows.evaluate import evaluate_result
 
     limits = _numbers(band, "--band")
     if limits and (len(limits) != 2 or not 0 <= limits[0] < limits[1]):
@@ -305,8 +305,8 @@ def export(
 ):
     """Hand a reduced body over to another program."""
     comm, _ = _start()
-    from .multibody.export import export_result
     from .report.tables import write_json
+    from .workflows.export import export_result
 
     chosen = [int(number) for number in _numbers(nodes, "--nodes")] if nodes else None
     report = export_result(result, kind, output, chosen, comm)
@@ -351,7 +351,7 @@ def paper(
 ):
     """Reproduce Section 5 of the paper on the built-in linkage: Tables 1 and 2, Figures 3 to 5."""
     comm, progress = _start("complex")
-    from .report.paper import reproduce
+    from .workflows.paper import reproduce
 
     reproduce(output, comm, progress, json)
 
@@ -367,10 +367,10 @@ def bench(
     from pathlib import Path
 
     comm, progress = _start()
-    from .analysis.bench import bench as measure
-    from .analysis.bench import hints
-    from .errors import agreed
+    from .parallel.failures import agreed
     from .report.tables import show_table, write_json
+    from .workflows.bench import bench as measure
+    from .workflows.bench import hints
 
     with agreed(comm):
         if folder is not None and not Path(folder).is_dir():

@@ -14,7 +14,7 @@ DATA = Path(__file__).parent / "data"
 
 @pytest.fixture(scope="session")
 def comm():
-    from hpcred.petsc import MPI
+    from hpcred.parallel.petsc import MPI
 
     return MPI.COMM_WORLD
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 from hpcred.examples.beam import Rod, beam_element
-from hpcred.linalg.block import create_block, local_rows
+from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.model.dofs import Dofs
-from hpcred.model.model import SecondOrderModel, row_range
+from hpcred.model.second_order_model import SecondOrderModel, row_range
 
 
 def to_dense(mat):

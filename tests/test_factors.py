@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 import hpcred as package
-from hpcred import Buckens, Krylov, Modes, Rayleigh, SecondOrderKrylov, StaticCorrection, memory, runtime
-from hpcred.errors import ComputationError, InputError
-from hpcred.linalg.mumps import SolverOptions
-from hpcred.linalg.shifted import ShiftedSolver
+from hpcred import Buckens, Krylov, Modes, Rayleigh, SecondOrderKrylov, StaticCorrection
+from hpcred.linalg.factorisation import SolverOptions
+from hpcred.linalg.solvers import ShiftedSolver
+from hpcred.parallel import memory
+from hpcred.parallel import startup as runtime
+from hpcred.parallel.failures import ComputationError, InputError
 
 FREQUENCIES = np.linspace(5, 295, 30)
 JOB = (
@@ -180,8 +182,8 @@ def test_low_rank_with_scotch_is_refused(monkeypatch):
 
 def test_one_factor_at_a_time(comm):
     """A mixture of real and complex points frees the factor of the one before the other is made."""
-    from hpcred.model.frame import apply_frame
-    from hpcred.progress import Progress
+    from hpcred.model.frames import apply_frame
+    from hpcred.parallel.stages import Progress
     from hpcred.reduction.context import Context
 
     with package.linkage(comm) as model:

@@ -12,11 +12,11 @@ from helpers import columns_of, gather, to_dense
 
 import hpcred
 from hpcred import Buckens, Krylov, Modes
-from hpcred.formats.convert import Source, abaqus_source
 from hpcred.formats.hdf5 import writing
 from hpcred.formats.matrix_files import read_entries
 from hpcred.formats.text import pieces
-from hpcred.petsc import SCALAR, PETSc
+from hpcred.parallel.petsc import PETSc, is_complex
+from hpcred.workflows.convert import Source, abaqus_source
 
 pytestmark = pytest.mark.mpi
 
@@ -64,7 +64,7 @@ def test_every_format_gives_the_same_matrix(matrix, folder, comm, name):
     assert np.array_equal(assembled(folder / name, comm), matrix)
 
 
-@pytest.mark.skipif(SCALAR == "complex", reason="PETSc's own reader needs the scalar type of the file")
+@pytest.mark.skipif(is_complex(), reason="PETSc's own reader needs the scalar type of the file")
 def test_petsc_reads_what_we_read(matrix, folder, comm):
     mat = PETSc.Mat().load(PETSc.Viewer().createBinary(str(folder / "petsc.bin"), "r", comm=comm))
     assert np.array_equal(to_dense(mat), matrix)

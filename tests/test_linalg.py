@@ -7,13 +7,13 @@ from helpers import block_from, dense_model, gather, to_dense
 
 import hpcred
 from hpcred.linalg.basis import Basis
-from hpcred.linalg.block import as_pairs, create_block, from_dense
-from hpcred.linalg.damped import DampedSolver
-from hpcred.linalg.eigen import symmetric_eigenpairs
-from hpcred.linalg.mumps import SingularMatrix
-from hpcred.linalg.shifted import ShiftedSolver
-from hpcred.model.frame import apply_frame
-from hpcred.petsc import SCALAR, PETSc
+from hpcred.linalg.blocks import as_pairs, create_block, from_dense
+from hpcred.linalg.complex_solver import DampedSolver
+from hpcred.linalg.eigensolver import symmetric_eigenpairs
+from hpcred.linalg.factorisation import SingularMatrix
+from hpcred.linalg.solvers import ShiftedSolver
+from hpcred.model.frames import apply_frame
+from hpcred.parallel.petsc import PETSc, is_complex
 
 pytestmark = pytest.mark.mpi
 
@@ -39,7 +39,7 @@ def test_every_shift_is_solved_with_its_own_factor_and_one_analysis(model):
     solver.close()
 
 
-@pytest.mark.skipif(SCALAR == "complex", reason="no inertia in complex builds")
+@pytest.mark.skipif(is_complex(), reason="no inertia in complex builds")
 def test_inertia_follows_the_shift(model):
     K, M, _ = dense_model(model)
     values = scipy.linalg.eigh(K, M, eigvals_only=True)
@@ -88,7 +88,7 @@ def test_complex_shift_in_every_build(model):
     s = 30.0 + 2j * np.pi * 700
     expected = np.linalg.solve(K + s * (20.0 * M + 1e-5 * K) + s * s * M, B.astype(complex))
     solution = create_block(model.K, 6)
-    for form in ("real",) + (("native",) if SCALAR == "complex" else ()):
+    for form in ("real",) + (("native",) if is_complex() else ()):
         solver = DampedSolver(framed.model, form=form)
         solver.factor(s)
         solver.solve(as_pairs(from_dense(model.B), model.K), solution)

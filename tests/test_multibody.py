@@ -7,14 +7,14 @@ from helpers import bar, block_from, gather
 
 import hpcred
 from hpcred import Buckens, Chord, ConstantForce, Joint, Krylov, Modes, Rayleigh, Simulation, SineForce, TableForce
-from hpcred.errors import InputError
-from hpcred.linalg.block import apply, create_block, inner
-from hpcred.model.rigid import rigid_motions
-from hpcred.multibody.dynamics import FlexibleBody, rotation
-from hpcred.multibody.export import Body
+from hpcred.linalg.blocks import apply, create_block, inner
+from hpcred.model.rigid_body_modes import rigid_motions
+from hpcred.multibody.equations_of_motion import FlexibleBody, rotation
 from hpcred.multibody.floating_frame import _lumped, floating_frame
-from hpcred.multibody.shapes import node_shapes
+from hpcred.multibody.node_shapes import node_shapes
 from hpcred.multibody.simulation import simulate
+from hpcred.parallel.failures import InputError
+from hpcred.workflows.export import Body
 
 EDGES = (0.6, 0.2, 0.1)
 
@@ -287,7 +287,7 @@ def test_exudyn_moves_the_body_as_we_do(linkage_body, tmp_path):
     exudyn = pytest.importorskip("exudyn")
     from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
-    from hpcred.multibody.export import export_exudyn
+    from hpcred.workflows.export import export_exudyn
 
     export_exudyn(linkage_body, tmp_path / "body.npz")
     spin, push, size, end = (4.0, 20.0, 12.0), (0.1, 0.0, 0.3), linkage_body.rom.size, 0.1

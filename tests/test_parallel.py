@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import mpi_environment
 
-from hpcred import runtime
+from hpcred.parallel import startup as runtime
 
 HERE = Path(__file__).parent
 
@@ -64,7 +64,7 @@ def test_all_numerical_tests(ranks, scalar):
 
 PROGRAM = """
 import hpcred, time
-from hpcred.petsc import MPI
+from hpcred.parallel.petsc import MPI
 hpcred.linkage()
 if MPI.COMM_WORLD.rank == 1:
     raise {error}

@@ -9,8 +9,8 @@ from helpers import dense_model, gather, moments
 import hpcred
 from hpcred import Buckens, Chord, GivenDamping, Krylov, Modes, Rayleigh, StaticCorrection, Tangent
 from hpcred.examples import linkage as example
-from hpcred.model.frame import apply_frame
-from hpcred.petsc import SCALAR
+from hpcred.model.frames import apply_frame
+from hpcred.parallel.petsc import is_complex
 
 pytestmark = pytest.mark.mpi
 
@@ -226,7 +226,7 @@ def test_drop_above_and_band_without_modes(linkage):
         assert rom.frequencies.max() <= 200.0 and rom.size < 4
 
 
-@pytest.mark.skipif(SCALAR == "complex", reason="inertia needs a real build")
+@pytest.mark.skipif(is_complex(), reason="inertia needs a real build")
 def test_inspection(comm, linkage):
     report = hpcred.inspect(linkage, [300.0], band_top=300.0)
     assert report["rigid_body_modes"] == 6

@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from ..linalg.assembly import compress, exchange
+from ..linalg.csr import compress
 from ..model.damping import Rayleigh
 from ..model.dofs import Dofs
-from ..model.frame import Chord
-from ..model.model import SecondOrderModel, row_range
-from ..petsc import MPI
+from ..model.frames import Chord
+from ..model.second_order_model import SecondOrderModel, row_range
+from ..parallel.exchange import exchange
+from ..parallel.petsc import MPI
 from .beam import Rod, beam_element
 
 SUPPORTS = ((1, "x"), (1, "y"), (1, "z"), (7, "x"), (7, "z"), (14, "z"))

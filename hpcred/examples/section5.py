@@ -5,17 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..analysis.error import error_integral, relative_error
-from ..analysis.response import frequency_response
-from ..errors import agreed
-from ..model.frame import Buckens
-from ..multibody.export import Body
+from ..analysis.frequency_response import frequency_response
+from ..model.frames import Buckens
 from ..multibody.floating_frame import floating_frame
-from ..multibody.shapes import node_shapes
+from ..multibody.node_shapes import node_shapes
 from ..multibody.simulation import Joint, Simulation, SineForce, simulate
+from ..parallel.failures import agreed
 from ..reduction.krylov import Krylov, StaticCorrection
 from ..reduction.modes import Modes
 from ..reduction.reduce import reduce
-from ..reduction.second_order import SecondOrderKrylov
+from ..reduction.second_order_krylov import SecondOrderKrylov
+from ..workflows.export import Body
 from .linkage import BAND, DAMPING, FRAME, LOAD, SUPPORTS
 
 FREQUENCIES = np.linspace(0.1, BAND[1], 3001)

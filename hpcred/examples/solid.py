@@ -4,10 +4,10 @@ from itertools import product
 
 import numpy as np
 
-from ..errors import InputError
 from ..model.dofs import Dofs
-from ..model.model import SecondOrderModel, row_range
-from ..petsc import MPI
+from ..model.second_order_model import SecondOrderModel, row_range
+from ..parallel.failures import InputError
+from ..parallel.petsc import MPI
 
 
 def solid(

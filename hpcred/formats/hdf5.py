@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ..errors import InputError, agreed
+from ..parallel.failures import InputError, agreed
 
 SLAB = 2**26  # numbers written in one call, well below the 2 GiB that MPI-IO takes
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError, agreed
+from ..parallel.failures import InputError, agreed
 from .text import numbers, pieces, require_file, triples
 
 PETSC_MAT = 1211216  # class id at the start of a PETSc binary matrix

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import agreed
 from ..model.dofs import Dofs
-from ..model.model import SecondOrderModel, dofs_per_node, row_range
-from ..petsc import MPI
+from ..model.second_order_model import SecondOrderModel, dofs_per_node, row_range
+from ..parallel.failures import agreed
+from ..parallel.petsc import MPI
 from .hdf5 import reading, texts, writing
 
 FORMAT = "hpcred-model"

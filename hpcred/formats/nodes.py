@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError, agreed
-from ..linalg.assembly import exchange
 from ..model.dofs import DIRECTIONS, Dofs
 from ..model.elements import NODES, abaqus_kind, in_vtk_order
+from ..parallel.exchange import exchange
+from ..parallel.failures import InputError, agreed
 from .text import numbers, pieces, require_file
 
 

@@ -10,10 +10,10 @@ import json
 
 import numpy as np
 
-from ..errors import agreed
-from ..linalg.block import local_rows
-from ..petsc import MPI
-from ..rom import ReducedModel
+from ..linalg.blocks import local_rows
+from ..parallel.failures import agreed
+from ..parallel.petsc import MPI
+from ..reduction.reduced_model import ReducedModel
 from .hdf5 import reading, texts, writing
 from .model_file import write_elements
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..parallel.failures import InputError
 
 try:
     import fast_matrix_market

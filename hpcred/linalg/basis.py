@@ -5,13 +5,15 @@ columns scaled to unit M-norm (Stathopoulos & Wu, SIAM J. Sci. Comput. 23(6), 20
 and directions that the Gram matrix cannot resolve are separated, projected again and judged by themselves.
 """
 
+from __future__ import annotations
+
 from contextlib import contextmanager
 
 import numpy as np
 
-from ..errors import ComputationError
-from ..petsc import PETSc, SLEPc
-from .block import add_product, apply, copy_of, create_block, dense, fold, inner, turn, unfold
+from ..parallel.failures import ComputationError
+from ..parallel.petsc import PETSc, SLEPc
+from .blocks import add_product, apply, copy_of, create_block, dense, fold, inner, turn, unfold
 
 RESOLVED = 1e-4  # eigenvalues of a unit-diagonal Gram matrix above this are safe to divide by
 

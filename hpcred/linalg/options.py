@@ -2,7 +2,7 @@
 
 from contextlib import contextmanager
 
-from ..petsc import PETSc
+from ..parallel.petsc import PETSc
 
 
 @contextmanager

@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import InputError
-from ..petsc import SAME, PETSc
+from ..parallel.failures import InputError
+from ..parallel.petsc import SAME, PETSc
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError
+from ..parallel.failures import InputError
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linalg.assembly import exchange
-from ..linalg.block import apply, create_block, inner, local_rows
+from ..linalg.blocks import apply, create_block, inner, local_rows
 from ..model.dofs import require_dofs
-from ..model.rigid import rigid_motions
-from ..petsc import PETSc
+from ..model.rigid_body_modes import rigid_motions
+from ..parallel.exchange import exchange
+from ..parallel.petsc import PETSc
 from ..reduction.projection import WIDTH, project
 
 

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import ComputationError, InputError, agreed
 from ..formats.hdf5 import atomic_output, check_writable, writing
-from ..keys import as_kind, as_table, check_known, read_table, tuples
-from ..provenance import versions
-from .dynamics import FlexibleBody, Force, PointConstraint, rotation
-from .export import check_elastic, read_body, remarks
+from ..formats.toml_file import as_kind, as_table, check_known, read_table, tuples
+from ..parallel.failures import ComputationError, InputError, agreed
+from ..reduction.record import versions
+from ..workflows.export import check_elastic, read_body, remarks
+from .equations_of_motion import FlexibleBody, Force, PointConstraint, rotation
 
 Vector = tuple[float, float, float]
 AXES = ("x", "y", "z")
@@ -362,7 +362,7 @@ def _write_csv(motion, path):
 
 def _draw(motion, path):
     """Displacements, constraint forces and energies over time."""
-    from ..report.plots import time_figure
+    from ..report.figures import time_figure
 
     panels = [("displacement (m)", [
         (f"node {node} {a}", motion.node_displacement[:, j, i]) for j, node in enumerate(motion.nodes)

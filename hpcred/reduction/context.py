@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..linalg.block import apply, create_block, from_dense, inner, turn
-from ..linalg.damped import DampedSolver
-from ..linalg.mumps import SolverOptions
-from ..linalg.shifted import ShiftedSolver
-from ..petsc import PETSc
+from ..linalg.blocks import apply, create_block, from_dense, inner, turn
+from ..linalg.complex_solver import DampedSolver
+from ..linalg.factorisation import SolverOptions
+from ..linalg.solvers import ShiftedSolver
+from ..parallel.petsc import PETSc
 
 DEPENDENT = 1e-14  # eigenvalue of the Gram matrix of unit columns below which loads count as dependent
 

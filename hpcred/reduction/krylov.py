@@ -9,12 +9,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import InputError
 from ..linalg.basis import Basis
-from ..linalg.block import apply, as_pairs, copy_of, create_block
-from ..linalg.mumps import SingularMatrix
+from ..linalg.blocks import apply, as_pairs, copy_of, create_block
+from ..linalg.factorisation import SingularMatrix
 from ..model.damping import is_proportional
-from .chain import Chain
+from ..parallel.failures import InputError
+from .point_blocks import Chain
 from .points import laplace, point_name
 
 

@@ -5,13 +5,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import ComputationError, InputError
 from ..linalg.basis import Basis
-from ..linalg.block import add_product, apply, column_norms, create_block, dense, inner, local_rows
-from ..linalg.eigen import lowest_modes, modes_in_interval
-from ..linalg.mumps import SingularMatrix, SolverOptions
+from ..linalg.blocks import add_product, apply, column_norms, create_block, dense, inner, local_rows
+from ..linalg.eigensolver import lowest_modes, modes_in_interval
+from ..linalg.factorisation import SingularMatrix, SolverOptions
 from ..model.damping import ModalDamping
-from ..petsc import SCALAR
+from ..parallel.failures import ComputationError, InputError
+from ..parallel.petsc import is_complex
 from .projection import diagonalise, project, project_columns
 
 
@@ -99,7 +99,7 @@ class Modes:
         low, high = ((2 * np.pi * f) ** 2 for f in self.band)
         if low == 0:
             low = -0.01 * high  # below the rigid-body modes, where K - low M is definite
-        if SCALAR == "real":
+        if not is_complex():
             context.solver.estimate()  # SLEPc makes factors of its own; refused here if they do not fit
             context.release()
             settings = SolverOptions(context.options.out_of_core).mumps()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..errors import InputError
+from ..parallel.failures import InputError
 
 
 def laplace(kind, frequency, decay, s=None) -> complex:

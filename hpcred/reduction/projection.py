@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..linalg.block import apply, create_block, from_dense, inner
-from ..linalg.eigen import symmetric_eigenpairs
+from ..linalg.blocks import apply, create_block, from_dense, inner
+from ..linalg.eigensolver import symmetric_eigenpairs
 
 WIDTH = 64  # columns projected at a time, which bounds the memory
 

@@ -2,21 +2,21 @@
 
 import numpy as np
 
-from ..errors import ComputationError, InputError
 from ..linalg.basis import Basis
-from ..linalg.block import apply, copy_of, create_block
-from ..linalg.mumps import SolverOptions
+from ..linalg.blocks import apply, copy_of, create_block
+from ..linalg.factorisation import SolverOptions
 from ..model.damping import ModalDamping, Structural
-from ..model.frame import apply_frame
-from ..model.model import SYMMETRIC_TO
-from ..progress import Progress
-from ..provenance import provenance
-from ..rom import ReducedModel
-from .chain import chains_in_groups
+from ..model.frames import apply_frame
+from ..model.second_order_model import SYMMETRIC_TO
+from ..parallel.failures import ComputationError, InputError
+from ..parallel.stages import Progress
 from .context import Context
-from .oblique import biorthogonal
+from .point_blocks import chains_in_groups
 from .projection import diagonalise, project, project_columns
+from .record import provenance
 from .reduced_damping import reduced_damping
+from .reduced_model import ReducedModel
+from .two_sided import biorthogonal
 
 ORTHONORMAL_TO = 1e-12
 

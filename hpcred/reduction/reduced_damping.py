@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..linalg.block import apply, copy_of, create_block, inner
+from ..linalg.blocks import apply, copy_of, create_block, inner
 from ..model.damping import ModalDamping, caughey_terms
 
 

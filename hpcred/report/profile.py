@@ -1,6 +1,6 @@
 """`--profile`: what PETSc's events took in each stage of a run, the slowest rank of each."""
 
-from ..petsc import PETSc
+from ..parallel.petsc import PETSc
 from .tables import show_table
 
 EVENTS = {

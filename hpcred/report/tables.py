@@ -8,8 +8,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from ..errors import agreed
 from ..formats.hdf5 import atomic_output
+from ..parallel.failures import agreed
 
 
 def show_table(comm, title, columns, rows):

@@ -1,0 +1,250 @@
+"""The SID file, "standard input data" of a flexible body (O. Wallrapp, 1993; read by SIMPACK, NEWEUL and others).
+
+Text, one item a line, `key = value`, numbers as Fortran doubles with 11 decimals. An object has an order (0: constant,
+1: also linear in q), a shape and a structure (0 zero, 1 diagonal, 2 symmetric, 3 full, 4 identity); m0(i, j) is its
+constant part, m1(i, k, j) the coefficient of q_k in row i, column j.
+"""
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..parallel.failures import InputError
+
+OBJECTS = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "ksigma", "Ke", "De")
+IN_FRAME = ("origin", "phi", "psi", "AP")
+HEADER = ("order", "nrow", "ncol", "nq", "nqn", "structure")
+
+
+@dataclass
+class SidObject:
+    """One matrix: m0 (nrow, ncol), and m1 (nrow, nq, ncol) if order is 1, else None."""
+
+    m0: np.ndarray
+    m1: np.ndarray | None = None
+    nq: int = 0
+    nqn: int = 0
+    structure: int = 3
+
+    @property
+    def order(self) -> int:
+        return 0 if self.m1 is None else 1
+
+
+@dataclass
+class SidFrame:
+    """A node where other bodies and forces may act: its number and objects (origin, phi, psi, AP)."""
+
+    node: int
+    objects: dict[str, SidObject] = field(default_factory=dict)
+    rframe: str = "body ref"
+
+
+@dataclass
+class Sid:
+    """A whole file. `coordinates`: a name for each elastic coordinate; `objects`: mdCM, J, ..., De by name."""
+
+    mass: float
+    coordinates: list[str]
+    frames: list[SidFrame]
+    objects: dict[str, SidObject]
+    comment: str = ""
+
+
+def write_sid(path, sid: Sid):
+    """Write a file; call it on one rank."""
+    lines = [f"{len(sid.frames):5d}{len(sid.coordinates):4d}    :{sid.comment}", " part", _line(6, "new modal", "")]
+    lines += [" " * 11 + "refmod", _line(16, "mass", _number(sid.mass))]
+    lines.append(_line(16, "nelastq", f"{len(sid.coordinates):6d}"))
+    for i, name in enumerate(sid.coordinates, 1):
+        lines.append(_line(16, f"ielastq ({i:4d})", f" {name}"))
+    lines += [" " * 11 + "end refmod", " " * 11 + "frame"]
+    for frame in sid.frames:
+        lines += [_line(16, "new node", f"    {frame.node}"), _line(21, "rframe", f"    {frame.rframe}")]
+        for name in IN_FRAME:
+            lines += _object_lines(name, frame.objects[name], 21)
+        lines.append(" " * 16 + "end node")
+    lines.append(" " * 11 + "end frame")
+    for name in OBJECTS:
+        lines += _object_lines(name, sid.objects[name], 11)
+    lines += ["      end modal", " end part", ""]
+    with open(path, "w", encoding="ascii", errors="replace") as file:
+        file.write("\n".join(lines))
+
+
+def _line(indent, key, value):
+    return f"{' ' * indent}{key}".ljust(48) + f"={value}"
+
+
+def _number(value):
+    return f"{value: .11E}".replace("E", "D")
+
+
+def _object_lines(name, item, indent):
+    rows, columns = item.m0.shape
+    values = (item.order, rows, columns, item.nq, item.nqn, item.structure)
+    lines = [" " * indent + name] + [_line(26, key, f"{value:5d}") for key, value in zip(HEADER, values, strict=True)]
+    if item.structure not in (0, 4):
+        for i, j in np.argwhere(item.m0 != 0):
+            lines.append(_line(26, f"m0( {i + 1}, {j + 1})" + 13 * " ", _number(item.m0[i, j])))
+    if item.m1 is not None:
+        # column by column, as the reference files have it
+        for j, i, k in np.argwhere(item.m1.transpose(2, 0, 1) != 0):
+            lines.append(_line(26, f"m1( {i + 1}, {k + 1}, {j + 1})" + 10 * " ", _number(item.m1[i, k, j])))
+    return [*lines, f"{' ' * indent}end {name}"]
+
+
+def read_sid(path) -> Sid:
+    """Read a file back. Raises InputError that names the line."""
+    try:
+        with open(path, encoding="latin-1") as file:
+            text = file.read().splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    reader = _Lines(path, text)
+    head, _, comment = reader.next().partition(":")
+    try:
+        nodes, modes = (int(word) for word in head.split())
+    except ValueError as error:
+        raise reader.unexpected("the numbers of nodes and of modes") from error
+    reader.expect("part")
+    reader.expect("new modal")
+    reader.expect("refmod")
+    mass = reader.value("mass")
+    if int(reader.value("nelastq")) != modes:
+        raise reader.unexpected(f"nelastq = {modes} as in the first line")
+    coordinates = [reader.text("ielastq") for _ in range(modes)]
+    reader.expect("end refmod")
+    reader.expect("frame")
+    frames = []
+    while reader.peek().startswith("new node"):
+        frame = SidFrame(int(reader.value("new node")), rframe=reader.text("rframe"))
+        frame.objects = {name: _read_object(reader, name) for name in IN_FRAME}
+        reader.expect("end node")
+        frames.append(frame)
+    if len(frames) != nodes:
+        raise reader.unexpected(f"{nodes} nodes as in the first line")
+    reader.expect("end frame")
+    objects = {name: _read_object(reader, name) for name in OBJECTS}
+    reader.expect("end modal")
+    reader.expect("end part")
+    return Sid(mass, coordinates, frames, objects, comment)
+
+
+def _read_object(reader, name):
+    reader.expect(name)
+    order, rows, columns, nq, nqn, structure = (int(reader.value(key)) for key in HEADER)
+    m0 = np.eye(rows, columns) if structure == 4 else np.zeros((rows, columns))
+    m1 = np.zeros((rows, nq, columns)) if order else None
+    while not reader.peek().startswith("end"):
+        key, value = reader.item()
+        index = tuple(int(number) - 1 for number in re.findall(r"\d+", key[2:]))
+        target = {"m0": m0, "m1": m1}.get(key[:2])
+        if target is None or len(index) != target.ndim or any(i >= n for i, n in zip(index, target.shape, strict=True)):
+            raise reader.unexpected(f"an entry of {name} with {rows} rows and {columns} columns")
+        target[index] = value
+        if structure == 2 and key[:2] == "m0":
+            target[index[::-1]] = value
+    reader.expect(f"end {name}")
+    return SidObject(m0, m1, nq, nqn, structure)
+
+
+class _Lines:
+    """The lines of a file one after the other."""
+
+    def __init__(self, path, lines):
+        self._path, self._lines, self._at = path, lines, 0
+
+    def peek(self):
+        while self._at < len(self._lines) and not self._lines[self._at].strip():
+            self._at += 1
+        return self._lines[self._at].strip() if self._at < len(self._lines) else ""
+
+    def next(self):
+        line = self.peek()
+        self._at += 1
+        return line
+
+    def expect(self, words):
+        found = self.next().rstrip("= ").strip()
+        if found != words:
+            raise self.unexpected(f"'{words}'")
+
+    def text(self, key):
+        head, equals, value = self.next().partition("=")
+        if not equals or not head.strip().startswith(key):
+            raise self.unexpected(f"'{key} = ...'")
+        return value.strip()
+
+    def value(self, key):
+        text = self.text(key)
+        try:
+            return float(text.replace("D", "E").replace("d", "e"))
+        except ValueError as error:
+            raise self.unexpected(f"a number behind '{key} ='") from error
+
+    def item(self):
+        key = self.peek().partition("=")[0].strip()
+        return key, self.value(key)
+
+    def unexpected(self, expected):
+        line = self._lines[self._at - 1].strip() if 0 < self._at <= len(self._lines) else "the end"
+        return InputError(f"{self._path}, line {self._at}: found '{line[:60]}', expected {expected}")
+
+
+def build_sid(frame, stiffness, damping, frequencies, nodes, comment="") -> Sid:
+    """A Sid from floating-frame quantities and the reduced K, D (m, m).
+
+    `nodes`: list of (number, position (3,), phi (3, m), psi (3, m)) in the body frame.
+    """
+    count = len(frame.Ct)
+    skew = np.array([_skew(axis) for axis in np.eye(3)])
+    frames = []
+    for number, position, phi, psi in nodes:
+        turned = np.einsum("cij,ck->ikj", skew, psi)  # m1(:, k, :) = skew(psi_k)
+        objects = {
+            "origin": SidObject(position[:, None], phi[:, :, None], count),
+            "phi": _object(phi, count),
+            "psi": _object(psi, count),
+            "AP": SidObject(np.eye(3), turned, count) if psi.any() else SidObject(np.eye(3), None, count, 0, 4),
+        }
+        frames.append(SidFrame(int(number), objects))
+    pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    inertia = np.array([[frame.J[a, b]] for a, b in pairs])
+    slopes = np.array([frame.dJ[:, a, b] for a, b in pairs])[:, :, None]
+    objects = {
+        "mdCM": SidObject(frame.mc[:, None], frame.Ct.T[:, :, None], count),
+        "J": SidObject(inertia, slopes, count),
+        "Ct": _object(frame.Ct, count),
+        "Cr": SidObject(frame.Cr, frame.Cr1, count),
+        "Me": _object(frame.Me, count),
+        "Gr": _object(frame.Gr, count),
+        "Ge": _object(frame.Ge, count),
+        "Oe": SidObject(frame.Oe, frame.Oe1, count),
+        "ksigma": SidObject(np.zeros((count, 1)), None, count, 0, 0),
+        "Ke": _object(stiffness, count),
+        "De": _object(damping, count),
+    }
+    names = [f"Eigen Mode {i:4d} : {f:12.3f} Hz" for i, f in enumerate(frequencies, 1)]
+    return Sid(frame.mass, names, frames, objects, comment)
+
+
+def _object(matrix, count):
+    """A constant object with the structure that the matrix has; round-off beside a diagonal is left out."""
+    square = matrix.shape[0] == matrix.shape[1]
+    size = np.abs(matrix).max(initial=0.0)
+    if size == 0:
+        return SidObject(matrix, None, count, 0, 0)
+    if square:
+        diagonal = np.diag(np.diag(matrix))
+        if np.abs(matrix - diagonal).max() <= 1e-12 * size:
+            if np.abs(np.diag(matrix) - 1).max() <= 1e-11:
+                return SidObject(np.eye(len(matrix)), None, count, 0, 4)
+            return SidObject(diagonal, None, count, 0, 1)
+    return SidObject(matrix, None, count, 0, 3)
+
+
+def _skew(vector):
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -1,0 +1,138 @@
+"""Blocks of distributed column vectors: SLEPc BVs, and the four operations that the reduction needs on them.
+
+A block has the row layout of a matrix and `columns` columns; all functions are collective and act on the active
+columns. Small factors (Gram matrices, coefficients) are numpy arrays, identical on all ranks.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import numpy as np
+
+from ..parallel.petsc import PETSc, SLEPc
+
+
+def create_block(mat: PETSc.Mat, columns: int) -> SLEPc.BV:
+    """A zero block of `columns` columns that A x = b of `mat` can have as b and x. The caller destroys it."""
+    block = SLEPc.BV().create(comm=mat.comm)
+    block.setType(SLEPc.BV.Type.MAT)
+    block.setSizes((mat.getLocalSize()[0], mat.getSize()[0]), columns)
+    return block
+
+
+@contextmanager
+def dense(block: SLEPc.BV):
+    """The active columns as a dense matrix, without a copy."""
+    mat = block.getMat()
+    try:
+        yield mat
+    finally:
+        block.restoreMat(mat)
+
+
+@contextmanager
+def local_rows(block: SLEPc.BV):
+    """The rows of this rank of the active columns as a writable numpy view (rows, columns)."""
+    with dense(block) as mat:
+        view = mat.getDenseArray()
+        yield view
+        del view
+        mat.assemble()
+
+
+def copy_of(block: SLEPc.BV, mat: PETSc.Mat) -> SLEPc.BV:
+    """A new block with a copy of the active columns; `mat` gives the layout."""
+    first, last = block.getActiveColumns()
+    new = create_block(mat, max(last - first, 1))
+    new.setActiveColumns(0, last - first)
+    if first == last:
+        return new
+    with dense(block) as source, dense(new) as target:
+        source.copy(target)
+    return new
+
+
+def from_dense(mat: PETSc.Mat) -> SLEPc.BV:
+    """A new block with a copy of the columns of a dense matrix."""
+    new = create_block(mat, mat.getSize()[1])
+    with dense(new) as target:
+        mat.copy(target)
+    return new
+
+
+def apply(mat: PETSc.Mat, block: SLEPc.BV, result: SLEPc.BV):
+    """result = mat block."""
+    with dense(block) as source, dense(result) as target:
+        mat.matMult(source, target)
+
+
+def inner(left: SLEPc.BV, right: SLEPc.BV) -> np.ndarray:
+    """left^T right (columns of left, columns of right), with left real."""
+    (l0, l1), (r0, r1) = left.getActiveColumns(), right.getActiveColumns()
+    if l0 == l1 or r0 == r1:
+        return np.zeros((l1 - l0, r1 - r0))
+    small = right.dot(left)
+    values = small.getDenseArray()[l0:l1, r0:r1].copy()
+    small.destroy()
+    return values if np.iscomplexobj(values) and values.imag.any() else values.real.copy()
+
+
+def column_norms(block: SLEPc.BV) -> np.ndarray:
+    """2-norms of the active columns (columns,)."""
+    with local_rows(block) as rows:
+        squares = (np.abs(rows) ** 2).sum(axis=0)
+    return np.sqrt(block.comm.tompi4py().allreduce(squares))
+
+
+def add_product(result: SLEPc.BV, block: SLEPc.BV, factor: np.ndarray, alpha=1.0, beta=1.0):
+    """result = beta result + alpha block factor, with factor (columns of block, columns of result)."""
+    (b0, b1), (r0, r1) = block.getActiveColumns(), result.getActiveColumns()
+    if b0 == b1 or r0 == r1:
+        return
+    small = _small(factor, b0, b1, r0, r1)
+    result.mult(alpha, beta, block, small)
+    small.destroy()
+
+
+def turn(block: SLEPc.BV, factor: np.ndarray):
+    """block = block factor; the first columns are overwritten when factor has fewer columns than rows."""
+    first, last = block.getActiveColumns()
+    small = _small(factor, first, last, first, first + factor.shape[1])
+    block.multInPlace(small, first, first + factor.shape[1])
+    small.destroy()
+
+
+def fold(gram: np.ndarray) -> np.ndarray:
+    """X^H Y (k, b) of complex columns from the real products (2k, 2b) of their parts.
+
+    Complex columns are kept as pairs of real ones, Re and Im side by side, in both builds of PETSc.
+    """
+    real = gram[0::2, 0::2] + gram[1::2, 1::2]
+    return real + 1j * (gram[0::2, 1::2] - gram[1::2, 0::2])
+
+
+def unfold(factor: np.ndarray) -> np.ndarray:
+    """The real factor (2k, 2b) that does to pairs of columns what a complex one (k, b) does to complex columns."""
+    result = np.zeros((2 * factor.shape[0], 2 * factor.shape[1]))
+    result[0::2, 0::2] = result[1::2, 1::2] = factor.real
+    result[0::2, 1::2] = factor.imag
+    result[1::2, 0::2] = -factor.imag
+    return result
+
+
+def as_pairs(block: SLEPc.BV, mat: PETSc.Mat) -> SLEPc.BV:
+    """Real columns as pairs with zero imaginary parts, a new block."""
+    first, last = block.getActiveColumns()
+    pairs = create_block(mat, 2 * (last - first))
+    with local_rows(block) as x, local_rows(pairs) as z:
+        z[:, 0::2] = x
+    return pairs
+
+
+def _small(factor, row0, row1, column0, column1):
+    values = np.zeros((row1, column1), dtype=PETSc.ScalarType, order="F")
+    values[row0:, column0:] = factor
+    mat = PETSc.Mat().createDense((row1, column1), array=values, comm=PETSc.COMM_SELF)
+    mat.assemble()
+    return mat

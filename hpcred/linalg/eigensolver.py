@@ -1,0 +1,155 @@
+"""Eigenproblems by SLEPc: modes of (K, M) in a band, the lowest modes, and the small dense problem."""
+
+import numpy as np
+
+from ..parallel import startup as runtime
+from ..parallel.failures import ComputationError
+from ..parallel.petsc import PETSc, SLEPc
+from .blocks import create_block, local_rows
+from .options import temporary_options
+
+TOLERANCE = 1e-10
+
+
+def modes_in_interval(K, M, low, high, prefix="modes_", settings=None):
+    """All eigenpairs of (K, M) with low < eigenvalue < high, by spectrum slicing; a real build only. Collective.
+
+    `settings`: controls of MUMPS.
+    Returns eigenvalues (m,) ascending and eigenvectors as a block (n, m), or None for m = 0. The number found is
+    compared with the inertias of K - low M and K - high M; raises ComputationError when they disagree.
+    """
+    for attempt in range(4):
+        # an end of the interval that hits an eigenvalue is moved outwards a little
+        shift = 1e-6 * attempt * max(abs(low), abs(high))
+        eps = _create(K, M, prefix)
+        eps.setWhichEigenpairs(SLEPc.EPS.Which.ALL)
+        eps.setInterval(low - shift, high + shift)
+        eps.setDimensions(nev=16)
+        eps.getST().setType(SLEPc.ST.Type.SINVERT)
+        eps.setKrylovSchurDetectZeros(True)
+        ksp = eps.getKrylovSchurKSP()
+        ksp.setType("preonly")
+        ksp.getPC().setType("cholesky")
+        ksp.getPC().setFactorSolverType("mumps")
+        mumps = {"icntl_13": 1, "icntl_24": 1, "cntl_3": 1e-12, "icntl_7": runtime.ordering, "icntl_14": 60}
+        mumps |= settings or {}
+        try:
+            with temporary_options(prefix + "st_mat_mumps_", mumps):
+                eps.setFromOptions()
+                eps.solve()
+            break
+        except PETSc.Error as error:
+            eps.destroy()
+            if attempt == 3:
+                raise ComputationError(f"spectrum slicing failed: {str(error).splitlines()[-1]}") from error
+    inertias = eps.getKrylovSchurInertias()[1]
+    expected = int(max(inertias) - min(inertias)) if len(inertias) else eps.getConverged()
+    found = eps.getConverged()
+    if found != expected:
+        eps.destroy()
+        raise ComputationError(f"spectrum slicing found {found} modes, the inertia counts {expected}")
+    return _pairs(eps, K, found)
+
+
+def lowest_modes(K, M, count, solve, prefix="modes_"):
+    """The `count` lowest eigenpairs of (K, M) on the space where `solve` inverts K. Collective.
+
+    `solve(x, y)`: y = K^-1 x for vectors; for a free body by inertia relief, which keeps the rigid-body modes
+    out. Returns as modes_in_interval.
+    """
+    eps = _create(K, M, prefix)
+    eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    eps.setTarget(0.0)
+    eps.setDimensions(nev=count)
+    st = eps.getST()
+    st.setType(SLEPc.ST.Type.SINVERT)
+    st.setShift(0.0)
+    ksp = st.getKSP()
+    ksp.setType("preonly")
+    pc = ksp.getPC()
+    pc.setType("python")
+    inverse = _Inverse(solve)
+    pc.setPythonContext(inverse)
+    eps.setFromOptions()
+    eps.solve()
+    if inverse.error is not None:
+        eps.destroy()
+        raise inverse.error
+    if eps.getConverged() < count:
+        found = eps.getConverged()
+        eps.destroy()
+        raise ComputationError(f"SLEPc found only {found} of the {count} modes asked for")
+    return _pairs(eps, K, count)
+
+
+class _Inverse:
+    """A preconditioner that hands the shift-invert solves of SLEPc to the factor that the run has anyway.
+
+    An exception must not pass through SLEPc, which it would leave in pieces: after one, the operator is the
+    identity, so that SLEPc comes to an end.
+    """
+
+    def __init__(self, solve):
+        self._solve, self.error = solve, None
+
+    def apply(self, pc, x, y):
+        try:
+            if self.error is None:
+                self._solve(x, y)
+        except Exception as error:
+            self.error = error
+        if self.error is not None:
+            x.copy(y)
+
+
+def symmetric_eigenpairs(matrix: np.ndarray):
+    """Eigenvalues (m,) ascending and orthonormal eigenvectors (m, m) of a small symmetric matrix (53)."""
+    size = len(matrix)
+    if size == 0:
+        return np.zeros(0), np.zeros((0, 0))
+    mat = PETSc.Mat().createDense((size, size), array=np.asfortranarray(matrix), comm=PETSc.COMM_SELF)
+    mat.assemble()
+    eps = SLEPc.EPS().create(comm=PETSc.COMM_SELF)
+    eps.setOperators(mat)
+    eps.setProblemType(SLEPc.EPS.ProblemType.HEP)
+    eps.setType(SLEPc.EPS.Type.LAPACK)
+    eps.setWhichEigenpairs(SLEPc.EPS.Which.SMALLEST_REAL)
+    eps.setDimensions(nev=size)
+    eps.setOptionsPrefix("diagonalise_")
+    eps.setFromOptions()
+    eps.solve()
+    vector = mat.createVecRight()
+    values, vectors = np.zeros(size), np.zeros((size, size))
+    for i in range(size):
+        values[i] = eps.getEigenpair(i, vector).real
+        vectors[:, i] = vector.getArray().real
+    for item in (vector, eps, mat):
+        item.destroy()
+    return values, vectors
+
+
+def _create(K, M, prefix):
+    eps = SLEPc.EPS().create(comm=K.comm)
+    eps.setOptionsPrefix(prefix)
+    eps.setOperators(K, M)
+    eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    eps.setType(SLEPc.EPS.Type.KRYLOVSCHUR)
+    eps.setTolerances(tol=TOLERANCE, max_it=500)
+    return eps
+
+
+def _pairs(eps, K, count):
+    """Eigenvalues ascending with their vectors; destroys the solver."""
+    if count == 0:
+        eps.destroy()
+        return np.zeros(0), None
+    values = np.array([eps.getEigenvalue(i).real for i in range(count)])
+    block = create_block(K, count)
+    vector = K.createVecRight()
+    with local_rows(block) as rows:
+        for column, i in enumerate(np.argsort(values, kind="stable")):
+            eps.getEigenvector(int(i), vector)
+            rows[:, column] = vector.getArray(readonly=True).real
+    vector.destroy()
+    eps.destroy()
+    return np.sort(values), block

@@ -1,0 +1,240 @@
+"""The reference frame of the floating-frame formulation (2.3): from a body to one without rigid motion.
+
+The tangent and the chord frame (14, 15) remove dofs; the Buckens frame (16) keeps the free body and deflates its
+rigid-body modes.
+"""
+
+from copy import copy
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..linalg.blocks import local_rows
+from ..linalg.csr import compress
+from ..parallel.failures import InputError
+from ..parallel.petsc import PETSc
+from .damping import damping_matrix
+from .dofs import DIRECTIONS, position_of_node, row_of, rows_of_node
+from .rigid_body_modes import RigidBodyModes
+from .second_order_model import SecondOrderModel
+
+COLLINEAR = 1e-6  # area of the unit triangle below which three points count as collinear
+
+
+@dataclass(frozen=True)
+class NoFrame:
+    """The matrices as they are: the body is supported already."""
+
+    kind: ClassVar[str] = "none"
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """The body frame is that of one node, which has six dofs: all of them are held."""
+
+    kind: ClassVar[str] = "tangent"
+    node: int
+
+
+@dataclass(frozen=True)
+class Chord:
+    """The body frame goes through three nodes (14, 15): u(P1) = 0, u_2(P2) = u_3(P2) = 0, u_3(P3) = 0.
+
+    `axes`: global directions that serve as axes 1, 2, 3, such as "yxz"; axis 3 must not lie in the plane of the
+    points. Without it, axis 1 points from P1 to P2 and axis 3 is normal to the plane.
+    """
+
+    kind: ClassVar[str] = "chord"
+    nodes: tuple[int, int, int]
+    axes: str | None = None
+
+
+@dataclass(frozen=True)
+class Buckens:
+    """The body frame that makes the elastic displacement smallest (16): the free body without rigid-body modes.
+
+    `supports`: (node, direction) pairs to hold in inertia relief; the result does not depend on them.
+    """
+
+    kind: ClassVar[str] = "buckens"
+    supports: tuple[tuple[int, str], ...] | None = None
+
+
+class FramedModel:
+    """A model with its damping, in its reference frame.
+
+    `model`: the model in the free coordinates. `restore`: (n, n_free) matrix T with q = T q_free, or None when
+    nothing was removed. `rigid`: RigidBodyModes to deflate, or None. `damping`: the damping law, for those laws
+    that have no matrix. Call close(); collective.
+    """
+
+    def __init__(self, model, restore=None, rigid=None):
+        self.model, self.restore, self.rigid = model, restore, rigid
+        self.damping = None
+        self._owned = []
+
+    def close(self):
+        if self.restore is not None:
+            self.restore.destroy()
+            self.model.close()
+        if self.rigid is not None:
+            self.rigid.close()
+        for mat in self._owned:
+            mat.destroy()
+
+
+def apply_frame(model: SecondOrderModel, frame=None, damping=None) -> FramedModel:
+    """The model with the damping, in the frame; `model` stays as it is. Collective.
+
+    Raises InputError where the frame does not fit the body or the damping is not possible.
+    """
+    damped = copy(model)
+    damped.D, new = damping_matrix(model, damping)
+    framed = _in_frame(damped, frame)
+    framed.damping = damping
+    if new:
+        framed._owned.append(damped.D)
+    return framed
+
+
+def _in_frame(model, frame):
+    if isinstance(frame, Buckens):
+        return _buckens(model, frame)
+    if isinstance(frame, Tangent):
+        rows = rows_of_node(model, frame.node)
+        if len(rows) < 6:
+            have = ", ".join(DIRECTIONS[d] for d in sorted(rows))
+            raise InputError(
+                f"frame: the tangent frame needs a node with six dofs, node {frame.node} has {have}; "
+                "take the chord or the Buckens frame"
+            )
+        return _remove(model, list(rows.values()), None)
+    if isinstance(frame, Chord):
+        return _chord(model, frame)
+    return FramedModel(model)
+
+
+def _buckens(model, frame):
+    rigid = RigidBodyModes(model)
+    if rigid.count == 0:
+        raise InputError(
+            f"frame: the Buckens frame needs a free body, but {model.name} is supported "
+            f"(||K R|| / ||K|| = {rigid.defect:.1e} for rigid-body motions R); take frame kind 'none'"
+        )
+    if frame.supports is not None:
+        rows = [row_of(model, tuple(pair)) for pair in frame.supports]
+        if len(set(rows)) != rigid.count or not _holds(model, rigid, rows):
+            raise InputError(
+                f"frame.supports: expected {rigid.count} dofs that hold the body without constraining it, "
+                f"found {[tuple(pair) for pair in frame.supports]}"
+            )
+        rigid.hold(rows)
+    return FramedModel(model, rigid=rigid)
+
+
+def _holds(model, rigid, rows):
+    """Whether no rigid-body motion is left when the rows are held."""
+    with local_rows(rigid.R) as view:
+        mine = {row: view[row - model.first_row].real.copy()
+                for row in rows if 0 <= row - model.first_row < model.local_rows}  # fmt: skip
+        largest = float(np.abs(view).max(initial=0.0))
+    found = {}
+    for part in model.comm.allgather(mine):
+        found |= part
+    largest = max(model.comm.allgather(largest))
+    return np.linalg.svd(np.array([found[row] for row in rows]) / largest)[1].min() > 1e-6
+
+
+def _chord(model, frame):
+    points = np.array([position_of_node(model, node) for node in frame.nodes])
+    along, across = points[1] - points[0], points[2] - points[0]
+    normal = np.cross(along, across)
+    sizes = np.linalg.norm(along) * np.linalg.norm(across)
+    if len(set(frame.nodes)) < 3 or np.linalg.norm(normal) <= COLLINEAR * sizes:
+        listed = ", ".join(
+            f"node {node} at ({x:g}, {y:g}, {z:g})" for node, (x, y, z) in zip(frame.nodes, points, strict=True)
+        )
+        raise InputError(f"frame.nodes: the three points of the chord frame are collinear: {listed}")
+    if frame.axes is None:
+        e1, e3 = along / np.linalg.norm(along), normal / np.linalg.norm(normal)
+        axes = np.array([e1, np.cross(e3, e1), e3])
+    else:
+        if sorted(frame.axes) != ["x", "y", "z"]:
+            raise InputError(f"frame.axes: found '{frame.axes}', expected an order of x, y and z such as 'yxz'")
+        axes = np.eye(3)[["xyz".index(name) for name in frame.axes]]
+    # P1 is held; rotations left by u2(P2), u3(P2), u3(P3) = 0 must vanish
+    left = [np.cross(arm, axes[i]) for arm, i in ((along, 1), (along, 2), (across, 2))]
+    if np.linalg.svd(np.array(left) / np.linalg.norm(along))[1].min() < COLLINEAR:
+        raise InputError(
+            f"frame.axes: with axes '{frame.axes}' the supports at nodes {list(frame.nodes)} leave a rotation "
+            "free; choose axis 1 along the line from the first to the second node, axis 3 normal to the plane"
+        )
+    held, turned = [], []
+    for node, indices in zip(frame.nodes, ([0, 1, 2], [1, 2], [2]), strict=True):
+        rows = rows_of_node(model, node)
+        if not all(d in rows for d in range(3)):
+            raise InputError(f"frame.nodes: node {node} needs dofs in x, y and z for the chord frame")
+        directions = axes[indices]
+        aligned = np.flatnonzero((np.abs(directions) > 1 - 1e-12).any(axis=0))
+        if len(aligned) == len(indices) or len(indices) == 3:
+            held += [rows[d] for d in (range(3) if len(indices) == 3 else aligned)]
+        else:
+            turned.append(([rows[d] for d in range(3)], axes))
+            held += [rows[i] for i in indices]  # after turning, dof i of the node is along axis i
+    return _remove(model, held, turned)
+
+
+def _remove(model, held, turned):
+    """The model without the global rows `held`, after turning the dofs (rows, axes) of some nodes."""
+    comm, first, last = model.comm, model.first_row, model.first_row + model.local_rows
+    free = np.setdiff1d(np.arange(first, last), held).astype(PETSc.IntType)
+    total = comm.allreduce(len(free))
+    rotation = _rotation(model, turned) if turned else None
+    keep = PETSc.IS().createGeneral(free, comm=model.K.comm)
+    mats = {}
+    for key, mat in model.matrices.items():
+        rotated = mat.ptap(rotation) if rotation is not None else mat
+        mats[key] = rotated.createSubMatrix(keep, keep)
+        if rotation is not None:
+            rotated.destroy()
+    keep.destroy()
+    selection = _selection(model, free, total)
+    restore = selection
+    if rotation is not None:
+        restore = rotation.matMult(selection)
+        selection.destroy()
+        rotation.destroy()
+    dense = [None if mat is None else restore.transposeMatMult(mat) for mat in (model.B, model.Ct)]
+    reduced = SecondOrderModel(
+        mats["M"], mats["K"], mats.get("D"), dense[0], dense[1],
+        model.dofs.take(free - first) if model.dofs is not None else None,
+        model.input_names, model.output_names, model.name,
+    )  # fmt: skip
+    return FramedModel(reduced, restore)
+
+
+def _selection(model, free, total):
+    """T (n, n_free): one unit entry in each free row."""
+    comm = model.comm
+    start = comm.exscan(len(free)) or 0
+    counts = np.zeros(model.local_rows + 1, dtype=PETSc.IntType)
+    counts[free - model.first_row + 1] = 1
+    columns = np.arange(start, start + len(free), dtype=PETSc.IntType)
+    sizes = ((model.local_rows, model.size), (len(free), total))
+    csr = (np.cumsum(counts, dtype=PETSc.IntType), columns, np.ones(len(free)))
+    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=model.K.comm)
+
+
+def _rotation(model, turned):
+    """Q (n, n): the identity but for 3 x 3 blocks whose columns are the axes of the nodes to turn."""
+    first, last = model.first_row, model.first_row + model.local_rows
+    blocks = [(np.repeat(rows, 3), np.tile(rows, 3), axes.T.ravel()) for rows, axes in turned]
+    i, j, v = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    straight = np.setdiff1d(np.arange(first, last), i)
+    mine = (i >= first) & (i < last)
+    entries = (np.concatenate([straight, i[mine]]), np.concatenate([straight, j[mine]]),
+               np.concatenate([np.ones(len(straight)), v[mine]]))  # fmt: skip
+    indptr, indices, values = compress({"Q": entries}, first, last, model.size)
+    csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), values["Q"])
+    return PETSc.Mat().createAIJ(((model.local_rows, model.size),) * 2, csr=csr, comm=model.K.comm)

@@ -1,0 +1,280 @@
+"""The flexible body as the finite-element program gives it: CSR rows enter, distributed PETSc objects leave."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from ..linalg.csr import compress
+from ..parallel.failures import InputError, agreed
+from ..parallel.petsc import MPI, PETSc
+from .dofs import DIRECTIONS, Dofs, row_of, target_name
+
+SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
+
+
+class SecondOrderModel:
+    """M q'' + D q' + K q = B u, y = C q with n unknowns, p inputs, r outputs, distributed by rows.
+
+    M, D (or None), K: PETSc AIJ matrices (n, n) on one nonzero pattern. B (n, p) and C^T (n, r): dense PETSc
+    matrices; `Ct` is None when C = B^T. `dofs`: labels of the rows of this rank, or None. `elements`: node numbers
+    (elements of this rank, nodes) by kind of element, where known, for pictures. `name` is for
+    messages. SI units. Owns its PETSc objects: call close() or use it in a `with` block; both are collective.
+    """
+
+    def __init__(self, M, K, D=None, B=None, Ct=None, dofs=None, input_names=(), output_names=(), name="model"):
+        self.M, self.D, self.K, self.B, self.Ct = M, D, K, B, Ct
+        self.dofs, self.elements, self.name = dofs, {}, name
+        self.input_names, self._output_names = list(input_names), list(output_names)
+        self.comm = K.comm.tompi4py()
+        self.size = K.getSize()[0]
+        self.local_rows = K.getLocalSize()[0]
+        self.first_row = K.getOwnershipRange()[0]
+        self.row_starts = np.array(K.getOwnershipRanges()[:-1])
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def close(self):
+        """Free the PETSc objects. Collective."""
+        for mat in (self.M, self.D, self.K, self.B, self.Ct):
+            if mat is not None:
+                mat.destroy()
+        self.M = self.D = self.K = self.B = self.Ct = None
+
+    @property
+    def matrices(self) -> dict:
+        """M, K and, where there is one, D, by name."""
+        return {key: mat for key, mat in (("M", self.M), ("K", self.K), ("D", self.D)) if mat is not None}
+
+    @property
+    def nonzeros(self) -> int:
+        """Stored entries of K, and of each of the other matrices. Collective."""
+        return int(self.K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
+
+    @property
+    def output_names(self) -> list[str]:
+        return self.input_names if self.Ct is None else self._output_names
+
+    @cached_property
+    def symmetry_defects(self) -> dict[str, float]:
+        """Estimated ||A - A^T||_F / ||A||_F of M, K and D, from two random vectors. Collective."""
+        return {key: symmetry_defect(mat) for key, mat in self.matrices.items()}
+
+    @property
+    def symmetric(self) -> bool:
+        return all(defect <= SYMMETRIC_TO for defect in self.symmetry_defects.values())
+
+    @cached_property
+    def mean_diagonal_of_k(self) -> float:
+        return self._trace(self.K) / self.size
+
+    @cached_property
+    def mean_eigenvalue(self) -> float:
+        """trace(K) / trace(M) in (rad/s)^2: a scale for "zero" among the eigenvalues. Collective."""
+        mass = self._trace(self.M)
+        return self._trace(self.K) / mass if mass else 0.0
+
+    @staticmethod
+    def _trace(mat):
+        diagonal = mat.getDiagonal()
+        value = float(diagonal.sum().real)
+        diagonal.destroy()
+        return value
+
+    def set_inputs(self, targets):
+        """Unit loads at dofs: numbers from 1, or (node, direction) pairs. Collective. Raises InputError."""
+        self.set_input_columns(*self._unit_columns(targets))
+
+    def set_outputs(self, targets):
+        """Displacements measured at dofs, given as for set_inputs. Collective. Raises InputError."""
+        self.set_output_columns(*self._unit_columns(targets))
+
+    def set_input_columns(self, local, names):
+        """B from the rows of this rank (rows, p). Collective."""
+        self.B, self.input_names = self._replaced(self.B, local), list(names)
+
+    def set_output_columns(self, local, names):
+        """C^T from the rows of this rank (rows, r). Collective."""
+        self.Ct, self._output_names = self._replaced(self.Ct, local), list(names)
+
+    def clear_outputs(self):
+        """C = B^T from now on. Collective."""
+        if self.Ct is not None:
+            self.Ct.destroy()
+        self.Ct = None
+
+    def _unit_columns(self, targets):
+        """Rows of this rank of a matrix of unit columns, and their names."""
+        rows = np.array([row_of(self, target) for target in targets], dtype=np.int64)
+        local = np.zeros((self.local_rows, len(rows)))
+        mine = (rows >= self.first_row) & (rows < self.first_row + self.local_rows)
+        local[rows[mine] - self.first_row, np.flatnonzero(mine)] = 1.0
+        return local, [target_name(target) for target in targets]
+
+    def _replaced(self, old, local):
+        if old is not None:
+            old.destroy()
+        return dense_matrix(self.K, local)
+
+    @classmethod
+    def from_csr(
+        cls,
+        comm,
+        size,
+        indptr,
+        indices,
+        values,
+        inputs=None,
+        outputs=None,
+        dofs=None,
+        input_names=(),
+        output_names=(),
+        name="model",
+    ):
+        """A model from the rows of this rank. Collective.
+
+        `indptr` (rows + 1,), `indices` (nonzeros,) sorted global columns, `values`: dict of "K", "M" and
+        perhaps "D" -> (nonzeros,) on that one pattern. `inputs` (rows, p) and `outputs` (rows, r) are the rows
+        of B and C^T. Raises InputError for NaN, Inf, a negative diagonal of M, or rows that are empty.
+        """  # fmt: skip
+        rows = len(indptr) - 1
+        first = comm.exscan(rows) or 0
+        with agreed(comm):
+            for key in ("K", "M"):
+                if key not in values:
+                    raise InputError(f"{name}: no matrix {key}; a model needs K and M")
+            _check_rows(indptr, indices, values, first, name, dofs)
+        if comm.size > size:
+            raise InputError(
+                f"{name}: {size} rows cannot be distributed over {comm.size} ranks; start at most {size} ranks"
+            )
+        mats = {}
+        indptr = np.asarray(indptr, dtype=PETSc.IntType)
+        indices = np.asarray(indices, dtype=PETSc.IntType)
+        for key, data in values.items():
+            mats[key] = PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=(indptr, indices, data), comm=comm)
+        B, Ct = (None if local is None else dense_matrix(mats["K"], local) for local in (inputs, outputs))
+        return cls(mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, input_names, output_names, name)
+
+    @classmethod
+    def from_scipy(cls, K, M, D=None, comm=MPI.COMM_WORLD, **keywords):
+        """A model from SciPy sparse (or dense) matrices that all ranks hold, for small cases. Collective.
+
+        Other keywords as for from_csr, with `inputs` (n, p), `outputs` (n, r) and `dofs` of all rows.
+        """
+        given = {key: _coordinates(mat) for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
+        size = next(iter(given.values()))[3]
+        dofs = keywords.get("dofs")
+        per_node = dofs_per_node(dofs) if dofs is not None else 1
+        first, last = row_range(comm, size, per_node)
+        for key in ("inputs", "outputs"):
+            if keywords.get(key) is not None:
+                keywords[key] = np.asarray(keywords[key], dtype=float)[first:last]
+        if dofs is not None:
+            keywords["dofs"] = dofs.take(slice(first, last))
+        mine = {}
+        for key, (i, j, v, _) in given.items():
+            # a structurally symmetric pattern, also for an unsymmetric D
+            i, j, v = np.concatenate([i, j]), np.concatenate([j, i]), np.concatenate([v, np.zeros(len(v))])
+            local = (i >= first) & (i < last)
+            mine[key] = i[local], j[local], v[local]
+        indptr, indices, values = compress(mine, first, last, size)
+        return cls.from_csr(comm, size, indptr, indices, values, **keywords)
+
+
+def dense_matrix(like: PETSc.Mat, local: np.ndarray) -> PETSc.Mat:
+    """A dense matrix with the row layout of `like` from the rows of this rank. Collective."""
+    rows, size = like.getLocalSize()[0], like.getSize()[0]
+    mat = PETSc.Mat().createDense(((rows, size), (None, local.shape[1])), comm=like.comm)
+    mat.setUp()
+    mat.getDenseArray()[...] = local
+    mat.assemble()
+    return mat
+
+
+def row_range(comm, size: int, block: int = 1) -> tuple[int, int]:
+    """First and last row of this rank: even shares of whole blocks (the dofs of a node stay together)."""
+    count, extra = divmod(size // block, comm.size)
+    first = comm.rank * count + min(comm.rank, extra)
+    last = first + count + (comm.rank < extra)
+    return first * block, last * block
+
+
+def dofs_per_node(dofs: Dofs) -> int:
+    """The number of dofs of every node if it is the same for all and rows go node by node, else 1."""
+    node = dofs.node
+    changes = np.flatnonzero(np.diff(node)) + 1
+    block = int(changes[0]) if changes.size else node.size
+    if block > 1 and node.size % block == 0 and (node.reshape(-1, block) == node[::block, None]).all():
+        return block
+    return 1
+
+
+def symmetry_defect(mat: PETSc.Mat) -> float:
+    """Estimate of ||A - A^T||_F / ||A||_F: for random x with unit variance, E ||(A - A^T) x||^2 is the square."""
+    random = PETSc.Random().create(mat.comm)
+    random.setFromOptions()
+    random.setInterval((-(3**0.5), 3**0.5))
+    x, y = mat.createVecs()
+    z = y.duplicate()
+    defect = 0.0
+    for _ in range(2):
+        x.setRandom(random)
+        mat.mult(x, y)
+        mat.multTranspose(x, z)
+        y.axpy(-1.0, z)
+        defect = max(defect, y.norm())
+    for item in (x, y, z, random):
+        item.destroy()
+    norm = mat.norm(PETSc.NormType.FROBENIUS)
+    return float(defect / norm) if norm else 0.0
+
+
+def _coordinates(mat):
+    """Rows, columns, values and size of a SciPy sparse or a dense matrix."""
+    if hasattr(mat, "tocoo"):
+        mat = mat.tocoo()
+        return mat.row.astype(np.int64), mat.col.astype(np.int64), mat.data.astype(float), mat.shape[0]
+    mat = np.asarray(mat, dtype=float)
+    i, j = np.nonzero(mat)
+    return i, j, mat[i, j], mat.shape[0]
+
+
+def _check_rows(indptr, indices, values, first, name, dofs):
+    """Refuse rows that no mechanical model has."""
+
+    def row_name(row):
+        if dofs is None:
+            return f"dof {first + row + 1}"
+        direction = DIRECTIONS[dofs.direction[row]]
+        return f"dof {first + row + 1} (node {dofs.node[row]}, {direction})"
+
+    rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+    for key, data in values.items():
+        bad = np.flatnonzero(~np.isfinite(data))
+        if bad.size:
+            raise InputError(
+                f"{name}: matrix {key} has {bad.size} entries that are NaN or Inf, "
+                f"the first in the row of {row_name(rows[bad[0]])}"
+            )
+    diagonal = np.flatnonzero(indices == rows + first)
+    negative = diagonal[values["M"][diagonal] < 0]
+    if negative.size:
+        raise InputError(
+            f"{name}: the mass matrix has {negative.size} negative diagonal entries, the first at "
+            f"{row_name(rows[negative[0]])}: {values['M'][negative[0]]:g}; expected none"
+        )
+    touched = np.zeros(len(indptr) - 1, dtype=bool)
+    for key in ("K", "M"):
+        touched[rows[values[key] != 0]] = True
+    empty = np.flatnonzero(~touched)
+    if empty.size:
+        raise InputError(
+            f"{name}: {empty.size} dofs have no entry in K nor in M, the first is {row_name(empty[0])}; "
+            "no element touches them: remove them from the model"
+        )

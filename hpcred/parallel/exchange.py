@@ -1,0 +1,33 @@
+"""Rows that change their rank: arrays and the rank of every entry enter, what the others sent to this rank leaves."""
+
+import numpy as np
+from mpi4py import MPI
+
+CHUNK = 2**27  # entries sent to one rank in one message, below MPI's 32-bit counts
+
+
+def exchange(comm, owner: np.ndarray, arrays: list[np.ndarray]) -> list[np.ndarray]:
+    """Send entry i of each array to rank owner[i]; order is kept by sending rank. Collective."""
+    if comm.size == 1:
+        return arrays
+    order = np.argsort(owner, kind="stable")
+    counts = np.bincount(owner, minlength=comm.size)
+    incoming = np.array(comm.alltoall(list(counts)))
+    results = []
+    for array in arrays:
+        send = np.ascontiguousarray(array[order])
+        receive = np.empty(incoming.sum(), dtype=array.dtype)
+        start_out = np.concatenate([[0], np.cumsum(counts)])
+        start_in = np.concatenate([[0], np.cumsum(incoming)])
+        requests = []
+        for rank in range(comm.size):
+            for low in range(0, incoming[rank], CHUNK):
+                part = receive[start_in[rank] + low : start_in[rank] + min(low + CHUNK, incoming[rank])]
+                requests.append(comm.Irecv(part, source=rank))
+        for rank in range(comm.size):
+            for low in range(0, counts[rank], CHUNK):
+                part = send[start_out[rank] + low : start_out[rank] + min(low + CHUNK, counts[rank])]
+                requests.append(comm.Isend(part, dest=rank))
+        MPI.Request.Waitall(requests)
+        results.append(receive)
+    return results

@@ -1,0 +1,79 @@
+"""How much memory a rank may take: of the machine, a container and the batch system, the smallest limit counts."""
+
+import os
+import resource
+from pathlib import Path
+
+from . import startup as runtime
+
+SHARE = 0.9  # of what is free; the rest is for buffers and other programs
+MB = 2**20
+GROUPS = Path("/sys/fs/cgroup")
+
+
+def available_mb(comm) -> float:
+    """MB that each rank may take in addition to what it has, the same number on all ranks. Collective.
+
+    The environment variable HPCRED_MEMORY_MB sets it by hand, per rank.
+    """
+    given = os.environ.get("HPCRED_MEMORY_MB")
+    if given:
+        return float(given)
+    own = _node_mb() / runtime.ranks_on_node
+    per_cpu = os.environ.get("SLURM_MEM_PER_CPU", "")
+    if per_cpu.isdigit():
+        own = min(own, float(per_cpu) * int(os.environ.get("SLURM_CPUS_PER_TASK", "1")))
+    soft = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if soft != resource.RLIM_INFINITY:
+        own = min(own, soft / MB)
+    return SHARE * min(comm.allgather(own))
+
+
+def _node_mb() -> float:
+    """Free memory of this node for the job, in MB."""
+    limits = [_meminfo(), _cgroup()]
+    per_node = os.environ.get("SLURM_MEM_PER_NODE", "")
+    if per_node.isdigit() and int(per_node):
+        limits.append(float(per_node))
+    return min(limit for limit in limits if limit is not None)
+
+
+def _meminfo():
+    try:
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) / 1024
+    except OSError:
+        pass
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / MB
+
+
+def _groups_of_process():
+    try:
+        return Path("/proc/self/cgroup").read_text().splitlines()
+    except OSError:
+        return []
+
+
+def _cgroup():
+    """What the control groups of this process leave (version 2 and 1), or None. File cache can be given back."""
+    found = []
+    for line in _groups_of_process():
+        _, controllers, name = line.split(":", 2)
+        if controllers not in ("", "memory"):
+            continue
+        root = GROUPS if not controllers else GROUPS / "memory"
+        limit, used = ("memory.max", "memory.current") if not controllers else (
+            "memory.limit_in_bytes", "memory.usage_in_bytes")  # fmt: skip
+        folder = root / name.lstrip("/")
+        # a container shows its own group as the root
+        for place in {root, folder, *(parent for parent in folder.parents if root in parent.parents)}:
+            try:
+                most = (place / limit).read_text().strip()
+                if most != "max" and int(most) < 2**60:
+                    now = int((place / used).read_text())
+                    stat = dict(item.split() for item in (place / "memory.stat").read_text().splitlines())
+                    found.append((int(most) - now + int(stat.get("inactive_file", 0))) / MB)
+            except (OSError, ValueError):
+                continue
+    return min(found, default=None)

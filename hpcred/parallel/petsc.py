@@ -1,0 +1,35 @@
+"""PETSc and SLEPc of the build that `startup.start` chose, loaded when the first of their names is used.
+
+Modules may import these two at their top: nothing is loaded until then, so that a job can be read, and the build chosen
+by what it asks for, before PETSc is there.
+"""
+
+from importlib import import_module
+
+from mpi4py import MPI
+
+from . import startup
+
+SAME = True  # petsc4py's word for PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+
+
+class _Later:
+    """A module that is imported, after the start of hpcred, when one of its names is asked for."""
+
+    def __init__(self, name):
+        self._name = name
+
+    def __getattr__(self, name):
+        startup.start()
+        return getattr(import_module(self._name), name)
+
+
+PETSc, SLEPc = _Later("petsc4py.PETSc"), _Later("slepc4py.SLEPc")
+
+
+def is_complex() -> bool:
+    """Whether the scalars of PETSc are complex."""
+    return startup.start() == "complex"
+
+
+__all__ = ["MPI", "PETSc", "SAME", "SLEPc", "is_complex"]

@@ -1,0 +1,166 @@
+"""Second-order Krylov subspaces (47-50) in two-level orthogonal form extend a basis.
+
+The blocks R_0 = A^-1 B, R_1 = -A^-1 (2 s M + D) R_0, R_l = -A^-1 ((2 s M + D) R_(l-1) + M R_(l-2)) are the moments of
+(s^2 M + s D + K)^-1 B. The pairs (R_l, R_(l-1)) are a Krylov sequence of the linearised system; they are kept as
+coefficients in an orthonormal basis Q of all R_l, and the coefficients are orthonormalised as well (TOAR: Lu, Su and
+Bai, SIAM J. Matrix Anal. Appl. 37(1), 2016). The bare recurrence would lose everything but the dominant modes.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..linalg.basis import Basis
+from ..linalg.blocks import add_product, apply, as_pairs, create_block, inner, unfold
+from ..linalg.factorisation import SingularMatrix
+from ..model.damping import caughey_terms
+from ..parallel.failures import InputError
+from .krylov import Krylov
+from .point_blocks import Chain
+from .points import laplace, point_name
+
+SMALL = 1e-13  # singular value below which a direction of the coefficients is dependent
+
+
+@dataclass(frozen=True)
+class SecondOrderKrylov:
+    """`order` + 1 blocks of the second-order Krylov subspace at s = decay + i 2 pi frequency, or at `s` (re, im).
+
+    For any damping matrix. The real and the imaginary part of each block both enter the real basis (50), so that a
+    complex point gives twice the columns and its conjugate is matched as well.
+    """
+
+    kind: ClassVar[str] = "second_order_krylov"
+    frequency: float | None = None
+    decay: float | None = None
+    order: int = 0
+    s: tuple[float, float] | None = None
+
+    def __post_init__(self):
+        if self.order < 0:
+            raise InputError(f"second_order_krylov.order: found {self.order}, expected 0 or more")
+        if self.frequency is None and self.decay is None and self.s is None:
+            raise InputError("second_order_krylov: expected a point: frequency (Hz), decay (1/s), or s = [re, im]")
+        self.point  # noqa: B018  (refused early)
+
+    @property
+    def point(self) -> complex:
+        """The expansion point s."""
+        return laplace(self.kind, self.frequency, self.decay, self.s)
+
+    def columns(self, inputs: int, rigid: int) -> int:
+        """Number of vectors before deflation."""
+        return (2 if self.point.imag else 1) * inputs * (self.order + 1)
+
+    def extend(self, basis, context):
+        """Add the blocks to the basis. Collective. Raises InputError where the point is a pole."""
+        self.chain(context).join(basis, context)
+
+    def chain(self, context):
+        """The blocks as a Chain. Collective."""
+        s, model = self.point, context.model
+        if caughey_terms(context.framed.damping) is not None:
+            raise InputError(
+                "second_order_krylov: a Caughey series with more than two terms has no sparse damping matrix; "
+                "it is proportional, so that kind 'krylov' fits"
+            )
+        if model.D is None:
+            # without damping these R_l are combinations of (A^-1 M)^k A^-1 B, k <= l: the same span
+            return Krylov(s.imag / 2 / np.pi, self.order, s.real or None).chain(context)
+        try:
+            with context.progress.stage("factor", point_name(s)):
+                solver = self._factored(s, context)
+        except SingularMatrix as error:
+            raise InputError(f"second_order_krylov: the point {point_name(s)} is a pole of the model") from error
+        return self._arnoldi(s, context, solver)
+
+    @staticmethod
+    def _factored(s, context):
+        if s.imag == 0 and (s == 0 or context.rigid is None):
+            context.solver.factor(s.real**2, s.real)
+            return context.solver
+        context.damped_solver.factor(s)
+        return context.damped_solver
+
+    def _arnoldi(self, s, context, solver):
+        model, progress = context.model, context.progress
+        Q = Basis(model.M, tolerance=context.tolerance, pairs=True)
+        chain = Chain(Q)
+        load = as_pairs(context.loads, model.K)
+        upper = lower = states = None
+        scale = abs(s)
+        for j in range(self.order + 1):
+            if j:
+                load = self._load(s, scale, model, Q, upper, lower)
+            with progress.stage("solve"):
+                block = create_block(model.K, load.getActiveColumns()[1])
+                solver.solve(load, block)
+            scale = scale or _rayleigh_frequency(load, block, model.M)
+            load.destroy()
+            with progress.stage("orthogonalise"):
+                Q.extend(block)
+                new = Q.coefficients(block)
+                block.destroy()
+                upper, lower, states = _next_state(new, upper, states)
+            columns = new.shape[1] * (2 if s.imag else 1)
+            chain.add(f"second-order krylov {point_name(s)}, block {j}", columns)
+            if not upper.shape[1]:
+                break
+        return chain
+
+    @staticmethod
+    def _load(s, scale, model, Q, upper, lower):
+        """-((2 s M + D) Q upper + M Q lower) as pairs, with time in units of 1 / scale.
+
+        The scale, |s| in general, makes both halves of the states weigh alike.
+        """
+        columns = upper.shape[1]
+        load = create_block(model.K, 2 * columns)
+        for mat, coefficients in (
+            (model.M, scale * (2 * s * upper + scale * lower)),
+            (model.D, scale * upper),
+        ):
+            combined, product = (create_block(model.K, 2 * columns) for _ in range(2))
+            add_product(combined, Q.columns, unfold(coefficients), beta=0.0)
+            apply(mat, combined, product)
+            add_product(load, product, np.eye(2 * columns), alpha=-1.0)
+            combined.destroy()
+            product.destroy()
+        return load
+
+
+def _rayleigh_frequency(load, block, mass):
+    """sqrt(x^T K x / x^T M x) in rad/s of the static deflections x = K^-1 load."""
+    product = create_block(mass, block.getActiveColumns()[1])
+    apply(mass, block, product)
+    square = np.trace(inner(load, block)) / np.trace(inner(block, product))
+    product.destroy()
+    return float(np.sqrt(abs(square)))
+
+
+def _next_state(new, upper, states):
+    """Orthonormal coefficients of the next pairs (R_l, R_(l-1)), and all of them so far.
+
+    `new` (size, b): the new block in terms of Q; `upper`: what it came from. Returns the upper and lower half of
+    the new states (size, b'), and all states (2 size, total).
+    """
+    size = len(new)
+    before = np.zeros((size, new.shape[1]), dtype=complex)
+    if upper is not None:
+        before[: len(upper)] = upper
+    state = np.concatenate([new, before])
+    if states is None:
+        states = np.zeros((2 * size, 0), dtype=complex)
+    else:
+        half = len(states) // 2
+        padded = np.zeros((2 * size, states.shape[1]), dtype=complex)
+        padded[:half], padded[size : size + half] = states[:half], states[half:]
+        states = padded
+    norms = np.linalg.norm(state, axis=0)
+    state = state / np.where(norms > 0, norms, 1.0)
+    for _ in range(2):
+        state = state - states @ (states.conj().T @ state)
+    left, values, _ = np.linalg.svd(state, full_matrices=False)
+    state = left[:, values > SMALL]
+    return state[:size], state[size:], np.concatenate([states, state], axis=1)

@@ -1,0 +1,85 @@
+"""Figures; rank 0 only. Matplotlib is imported when the first one is drawn."""
+
+import numpy as np
+
+from ..parallel.failures import InputError
+
+INK = "#333333"
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")  # told apart with any colour vision (Okabe and Ito)
+DASHES = ("-", "--", "-.", ":")
+
+
+def pyplot():
+    """matplotlib.pyplot without a display. Raises InputError when it is not installed."""
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise InputError("figures need matplotlib: pip install 'hpcred[plots]'") from error
+    matplotlib.use("Agg")
+    matplotlib.rcParams["svg.hashsalt"] = "hpcred"
+    from matplotlib import pyplot as plt
+
+    return plt
+
+
+def error_figure(stem, frequencies, curves, title):
+    """eps over frequency, logarithmic: stem.png and stem.svg. `curves`: (label, errors) pairs."""
+    plt = pyplot()
+    figure, axes = plt.subplots(figsize=(7.5, 5.0), layout="constrained")
+    for (label, errors), colour, dash in zip(curves, COLOURS, DASHES, strict=False):
+        axes.semilogy(frequencies, errors, dash, color=colour, linewidth=1.1, label=label)
+    axes.set(xlabel="frequency (Hz)", ylabel="relative error", title=title)
+    axes.set_xlim(0, frequencies[-1])
+    axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=9, frameon=False)
+    save(figure, stem)
+
+
+def cut_figure(stem, t, curves, title):
+    """Displacements in mm over time, and below a cut-out where they differ most: stem.png and stem.svg.
+
+    `curves`: (label, values in m) pairs, the reference first.
+    """
+    plt = pyplot()
+    figure, (whole, cut) = plt.subplots(2, figsize=(7.5, 7.5), layout="constrained")
+    reference = curves[0][1]
+    worst = int(np.argmax(np.max([np.abs(values - reference) for _, values in curves[1:]], axis=0)))
+    width = (t[-1] - t[0]) / 40
+    near = np.abs(t - t[worst]) <= width
+    styles = zip((INK, *COLOURS), ("-", *DASHES[1:], (0, (5, 1, 1, 1, 1, 1))), strict=True)
+    for (label, values), (colour, dash) in zip(curves, styles, strict=False):
+        for axes, part in ((whole, slice(None)), (cut, near)):
+            thick = 2.2 if values is reference else 1.3
+            axes.plot(t[part], 1e3 * values[part], linestyle=dash, color=colour, linewidth=thick, label=label)
+    whole.set(title=title, xlim=(t[0], t[-1]))
+    whole.axvspan(t[worst] - width, t[worst] + width, color="#eeeeee", zorder=0)
+    cut.set(xlabel="time (s)", xlim=(t[near][0], t[near][-1]))
+    for axes in (whole, cut):
+        axes.set_ylabel("displacement (mm)")
+        axes.grid(True, color="#dddddd", linewidth=0.6)
+    cut.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=9, frameon=False)
+    save(figure, stem)
+
+
+def time_figure(path, t, panels):
+    """Curves over time as PNG, one panel below the other. `panels`: (label of the axis, [(label, values)])."""
+    plt = pyplot()
+    figure, axes = plt.subplots(len(panels), figsize=(9.0, 2.9 * len(panels)), sharex=True, squeeze=False,
+                                layout="constrained")  # fmt: skip
+    for (name, curves), panel in zip(panels, axes[:, 0], strict=True):
+        for i, (label, values) in enumerate(curves):
+            panel.plot(t, values, DASHES[i // len(COLOURS) % len(DASHES)], color=COLOURS[i % len(COLOURS)],
+                       linewidth=1.1, label=label)  # fmt: skip
+        panel.set_ylabel(name)
+        panel.grid(True, color="#dddddd", linewidth=0.6)
+        panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+    axes[-1, 0].set(xlabel="time (s)", xlim=(t[0], t[-1]))
+    figure.savefig(path, dpi=150, format="png")
+    plt.close(figure)
+
+
+def save(figure, stem):
+    """PNG and SVG, without a date, so that the same numbers give the same file."""
+    figure.savefig(f"{stem}.png", dpi=150)
+    figure.savefig(f"{stem}.svg", metadata={"Date": None})
+    pyplot().close(figure)

@@ -1,0 +1,122 @@
+"""`hpcred bench`: what this machine does with the steps that cost, on a block of hexahedra."""
+
+import os
+import time
+
+import numpy as np
+
+from ..examples.solid import solid
+from ..formats.model_file import read_model, write_model
+from ..linalg.basis import Basis
+from ..linalg.blocks import apply, create_block, local_rows
+from ..linalg.solvers import ShiftedSolver
+from ..parallel import startup as runtime
+from ..parallel.memory import available_mb
+
+NESTED = ("METIS", "SCOTCH")
+COLUMNS = 32
+
+
+def bench(cells, folder, comm, progress) -> dict:
+    """Rates of factorisation, solves, products, orthogonalisation, writing and reading; model.h5 goes to `folder`.
+
+    Collective.
+    """
+    report = {"ranks": comm.size, "ranks_on_node": runtime.ranks_on_node, "memory_mb_per_rank": available_mb(comm)}
+    with solid(cells, comm=comm) as model:
+        report |= {"dofs": model.size, "nonzeros": model.nonzeros}
+        with progress.stage("factor"):
+            solver = ShiftedSolver(model)
+            solver.factor(-((2 * np.pi * 100.0) ** 2))
+        record = solver.records[-1]
+        report |= {
+            "ordering": record["ordering"],
+            "analysis_seconds": record["analysis_seconds"],
+            "factor_seconds": record["factor_seconds"],
+            "factor_gflops": record["flops"] / record["factor_seconds"] / 1e9,
+            "factor_entries_per_dof": record["factor_entries"] / model.size,
+            "bytes_per_entry": record["memory_mb_used_total"] * 2**20 / record["factor_entries"],
+        }
+        for columns in (1, COLUMNS):
+            load, solution = random_block(model, columns), create_block(model.K, columns)
+            with progress.stage("solve"):
+                solver.solve(load, solution)
+                before = record["solve_seconds"], record["columns_solved"]
+                solver.solve(load, solution)
+            seconds = (record["solve_seconds"] - before[0]) / (record["columns_solved"] - before[1])
+            report[f"solve_ms_per_column_of_{columns}"] = 1e3 * seconds
+            report[f"solve_gflops_of_{columns}"] = 4 * record["factor_entries"] / seconds / 1e9
+            load.destroy()
+            solution.destroy()
+        report["residual"] = record["residual"]
+        solver.close()
+        report |= _products(model, comm, progress) | _files(model, folder, comm, progress)
+    return report
+
+
+def hints(report) -> list[str]:
+    """What would make this machine faster."""
+    found = []
+    if report["ordering"] not in NESTED:
+        found.append(
+            f"MUMPS ordered by {report['ordering']}: large solids need about half the operations with METIS or Scotch; "
+            "on Debian install libmumps-ptscotch-5.5, elsewhere build MUMPS with METIS"
+        )
+    if report["ranks"] < (os.cpu_count() or 1):
+        found.append(
+            f"{report['ranks']} ranks on a machine with {os.cpu_count()} cores: try mpiexec -n {os.cpu_count()}"
+        )
+    return found
+
+
+def random_block(model, columns):
+    """The same kind of numbers on any number of ranks."""
+    block = create_block(model.K, columns)
+    with local_rows(block) as rows:
+        rows[...] = np.random.default_rng(model.first_row).standard_normal(rows.shape)
+    return block
+
+
+def _products(model, comm, progress):
+    """Sparse times block, and the orthonormalisation of columns that are close to dependent."""
+    block, product = random_block(model, COLUMNS), create_block(model.K, COLUMNS)
+    with progress.stage("multiply"):
+        apply(model.K, block, product)
+        comm.Barrier()
+        start = time.perf_counter()
+        for _ in range(5):
+            apply(model.K, block, product)
+        comm.Barrier()
+        seconds = (time.perf_counter() - start) / 5
+    basis = Basis(model.M)
+    with local_rows(block) as rows:
+        rows[:, 1::2] = rows[:, 0::2] + 1e-7 * rows[:, 1::2]
+    with progress.stage("orthogonalise"):
+        start = time.perf_counter()
+        basis.extend(block)
+        comm.Barrier()
+        spent = time.perf_counter() - start
+    result = {
+        "multiply_ms_per_column": 1e3 * seconds / COLUMNS,
+        "multiply_gflops": 2 * model.nonzeros * COLUMNS / seconds / 1e9,
+        "orthogonalise_ms_per_column": 1e3 * spent / COLUMNS,
+        "orthogonality_loss": basis.defect(),
+    }
+    basis.close()
+    block.destroy()
+    product.destroy()
+    return result
+
+
+def _files(model, folder, comm, progress):
+    path = folder / "model.h5"
+    with progress.stage("write"):
+        start = time.perf_counter()
+        write_model(path, model)
+        written = time.perf_counter() - start
+    with progress.stage("read"):
+        start = time.perf_counter()
+        read_model(path, comm).close()
+        read = time.perf_counter() - start
+    size = comm.bcast(path.stat().st_size if comm.rank == 0 else None) / 1e6
+    return {"file_mb": size, "write_mb_per_second": size / written, "read_mb_per_second": size / read}

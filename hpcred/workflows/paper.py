@@ -1,0 +1,71 @@
+"""Section 5 in one command: Tables 1 and 2 beside the paper's figures, Figures 3 to 5, and the numbers as data."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..examples.linkage import linkage
+from ..examples.section5 import FREQUENCIES, MIMO, SISO, compare, deviations, lateral, table, time_response
+from ..formats.hdf5 import check_writable, writing
+from ..parallel.failures import InputError, agreed
+from ..report.figures import cut_figure, error_figure
+from ..report.tables import show_table, show_timings, write_json
+
+
+def reproduce(folder, comm, progress, json=None):
+    """Compute and write everything into `folder`, which is created. Collective. Raises InputError."""
+    folder = Path(folder)
+    with agreed(comm):
+        if comm.rank == 0:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(f"output {folder}: cannot be created ({error.strerror}); choose another") from error
+    check_writable(folder / "section5.h5", comm)
+    data, results = {}, {}
+    with linkage(comm) as model:
+        for setting in (SISO, MIMO):
+            with progress.stage(f"table {setting.table}"):
+                results[setting] = compare(model, setting)
+            columns, rows = table(results[setting])
+            show_table(comm, f"Table {setting.table}. {setting.title}", columns, rows)
+            data[f"table_{setting.table}"] = [dict(zip(columns, row, strict=True)) for row in rows]
+        with progress.stage("figure 5"):
+            motions = time_response(model, progress)
+    moved = deviations(motions)
+    columns = ["row", "method", "size", "largest |u_y - reference| (m)", "constraint drift (m)", "energy defect"]
+    rows = [
+        [row.number, row.method, motion.elastic.shape[1], deviation, motion.drift, motion.balance]
+        for (row, motion), deviation in zip(motions, [0.0, *moved], strict=True)
+    ]
+    largest = float(np.abs(lateral(motions[0][1])).max())
+    show_table(comm, f"Figure 5. u_y of node 20, up to {largest:.3g} m, against all elastic modes", columns, rows[1:])
+    data["figure_5"] = [dict(zip(columns, row, strict=True)) for row in rows]
+    with progress.stage("figures"), agreed(comm):
+        if comm.rank == 0:
+            for setting, found in results.items():
+                curves = [(f"{r['row'].method}, Q = {r['Q']:.2g}", r["eps"]) for r in found]
+                error_figure(
+                    folder / f"figure_{setting.figure}", FREQUENCIES, curves,
+                    f"Relative error of the reduced models, {setting.title.partition(':')[0]} case",
+                )  # fmt: skip
+            curves = [
+                (row.method + (f", deviation {deviation:.1e} m" if row.number else ""), lateral(motion))
+                for (row, motion), deviation in zip(motions, [0.0, *moved], strict=True)
+            ]
+            cut_figure(folder / "figure_5", motions[0][1].t, curves, "Displacement of node 20 in y")
+    with writing(folder / "section5.h5", comm) as file:
+        file.attribute("format", "hpcred-section5")
+        file.small("frequencies", FREQUENCIES)
+        for setting, found in results.items():
+            file.small(f"table_{setting.table}/methods", [r["row"].method for r in found])
+            file.small(f"table_{setting.table}/Q", np.array([r["Q"] for r in found]))
+            file.small(f"table_{setting.table}/eps", np.array([r["eps"] for r in found]))
+        file.small("figure_5/t", motions[0][1].t)
+        file.small("figure_5/methods", [row.method for row, _ in motions])
+        file.small("figure_5/u_y", np.array([lateral(motion) for _, motion in motions]))
+    write_json(comm, folder / "section5.json", data)
+    write_json(comm, json, data)
+    print(f"figures 3 to 5 (png, svg), section5.h5 and section5.json written to {folder}")
+    show_timings(comm, progress.summary())
+    return data
