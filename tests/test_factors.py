@@ -182,9 +182,10 @@ def test_low_rank_with_scotch_is_refused(monkeypatch):
 
 def test_one_factor_at_a_time(comm):
     """A mixture of real and complex points frees the factor of the one before the other is made."""
-    from hpcred.model.frames import apply_frame
     from hpcred.parallel.stages import Progress
     from hpcred.reduction.context import Context
+
+    from hpcred.model.frames import apply_frame
 
     with package.linkage(comm) as model:
         framed = apply_frame(model, Buckens(), Rayleigh(2.0, 1e-5))

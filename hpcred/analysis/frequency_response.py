@@ -1,81 +1,80 @@
 """Frequency responses H(i 2 pi f): of a reduced model densely, of a full model by one factorisation a frequency."""
 
+from __future__ import annotations
+
 import numpy as np
 
-from ..linalg.blocks import apply, as_pairs, create_block, from_dense, inner, turn, unfold
-from ..linalg.complex_solver import DampedSolver
-from ..linalg.factorisation import SingularMatrix
-from ..linalg.solvers import ShiftedSolver
+from ..linalg.blocks import apply, as_pairs, create_block, from_dense, inner, multiply, unfold
+from ..linalg.factorisation import Factoring, SingularMatrix
+from ..linalg.solvers import ComplexSolver, ShiftedSolver
 from ..model.damping import ModalDamping, Structural, caughey_terms
 from ..model.frames import apply_frame
-from ..parallel.failures import InputError, agreed
+from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.petsc import MPI
-from ..reduction.groups import copy_to_group
+from ..reduction.groups import Group
 from ..reduction.reduced_model import ReducedModel
 
 SMALL = 10_000  # dofs up to which every rank takes its own share of the frequencies
 
 
-def frequency_response(model, frequencies, frame=None, damping=None, progress=None, groups=None) -> np.ndarray:
+def frequency_response(
+    model, frequencies, frame=None, damping=None, *, factoring: Factoring | None = None, progress=None, groups=None,
+) -> np.ndarray:  # fmt: skip
     """H (frequencies, r, p) of a ReducedModel, or of a SecondOrderModel in a frame with a damping law.
 
     `frequencies` in Hz. In the Buckens frame the response is that of the elastic part: of the body whose
-    displacements are M-orthogonal to its rigid-body modes. `groups`: number of groups of ranks that solve for
-    different frequencies at the same time, each with its own copy of the matrices and the factor; by default as many
-    as ranks for small models and one for others. Collective; the result is the same on all ranks. Raises
-    InputError at an undamped pole, or for modal damping, which only a reduced model has.
+    displacements are M-orthogonal to its rigid-body modes. `factoring`: how to factor, as for reduce. `groups`: number
+    of groups of ranks that solve for different frequencies at the same time, each with its own copy of the matrices and
+    the factor; by default as many as ranks for small models and one for others. Collective; the result is the same on
+    all ranks. Raises InputError at an undamped pole, or for modal damping, which only a reduced model has.
     """
     frequencies = np.atleast_1d(np.asarray(frequencies, dtype=float))
     if isinstance(model, ReducedModel):
         return _reduced(model, frequencies)
     if isinstance(damping, ModalDamping):
         raise InputError("damping: modal ratios belong to a reduced model; the full model has no such response")
-    framed = apply_frame(model, frame, damping)
-    try:
-        groups = groups or (model.comm.size if model.size <= SMALL else 1)
-        if not 1 <= groups <= model.comm.size:
-            raise InputError(f"groups: found {groups}, expected 1 to {model.comm.size}, the number of ranks")
+    groups = groups or (model.comm.size if model.size <= SMALL else 1)
+    if not 1 <= groups <= model.comm.size:
+        raise InputError(f"groups: found {groups}, expected 1 to {model.comm.size}, the number of ranks")
+    with Owned(model.comm) as owned:
+        framed = owned.owns(apply_frame(model, frame, damping))
         if groups == 1:
-            return _full(framed, frequencies, progress)
-        return _in_groups(framed, frequencies, progress, groups)
-    finally:
-        framed.close()
+            return _full(framed, frequencies, factoring, progress)
+        return _in_groups(framed, frequencies, factoring, progress, groups)
 
 
-def _in_groups(framed, frequencies, progress, groups):
+def _in_groups(framed, frequencies, factoring, progress, groups):
     """Frequencies are dealt out to groups of ranks."""
     comm = framed.model.comm
-    copied, number = copy_to_group(framed, groups)
-    first = copied.model.comm.rank == 0
-    try:
-        with agreed(comm):
-            part = _full(copied, frequencies[number::groups], progress)
-    finally:
-        copied.close()
-        copied.model.close()
+    with Owned(comm) as owned:
+        group = owned.owns(Group(framed, groups))
+        with agreed(comm), Owned(group.comm):
+            part = _full(group.framed, frequencies[group.number :: groups], factoring, progress)
+        shares = comm.allgather((group.number, part) if group.leads else (None, None))
     response = np.zeros((len(frequencies), *part.shape[1:]), dtype=complex)
-    for owner, values in comm.allgather((number, part) if first else (None, None)):
+    for owner, values in shares:
         if owner is not None:
             response[owner::groups] = values
     return response
 
 
-def _reduced(rom, frequencies, comm=MPI.COMM_WORLD):
+def _reduced(reduced, frequencies, comm=MPI.COMM_WORLD):
     """Frequencies are dealt out to the ranks."""
-    mine = [rom.transfer_function(2j * np.pi * f) for f in frequencies[comm.rank :: comm.size]]
-    response = np.zeros((len(frequencies), len(rom.C), rom.B.shape[1]), dtype=complex)
+    mine = [reduced.transfer_function(2j * np.pi * f) for f in frequencies[comm.rank :: comm.size]]
+    response = np.zeros((len(frequencies), len(reduced.C), reduced.B.shape[1]), dtype=complex)
     for rank, part in enumerate(comm.allgather(mine)):
         if part:
             response[rank :: comm.size] = part
     return response
 
 
-def _full(framed, frequencies, progress):
+def _full(framed, frequencies, factoring, progress):
     model = framed.model
-    loads, sensors = from_dense(model.B), from_dense(model.B if model.Ct is None else model.Ct)
-    response = np.zeros((len(frequencies), sensors.getSizes()[1], loads.getSizes()[1]), dtype=complex)
-    solvers = _Solvers(framed)
-    try:
+    with Owned(model.comm) as owned:
+        loads = owned.owns(from_dense(model.B))
+        sensors = owned.owns(from_dense(model.B if model.Ct is None else model.Ct))
+        response = np.zeros((len(frequencies), sensors.getSizes()[1], loads.getSizes()[1]), dtype=complex)
+        solvers = owned.owns(_Solvers(framed, factoring))
         for i, frequency in enumerate(frequencies):
             try:
                 response[i] = solvers.response(2 * np.pi * frequency, loads, sensors)
@@ -86,18 +85,14 @@ def _full(framed, frequencies, progress):
                 ) from error
             if progress is not None:
                 progress.say(f"full model, {frequency:g} Hz ({i + 1} of {len(frequencies)})")
-    finally:
-        solvers.close()
-        loads.destroy()
-        sensors.destroy()
     return response
 
 
 class _Solvers:
     """The arithmetic that a damping law needs: real without damping and at rest, complex otherwise."""
 
-    def __init__(self, framed):
-        self.model, self.rigid = framed.model, framed.rigid
+    def __init__(self, framed, factoring):
+        self.model, self.rigid, self.factoring = framed.model, framed.rigid, factoring
         self.terms = caughey_terms(framed.damping)
         self.loss = framed.damping.loss_factor if isinstance(framed.damping, Structural) else 0.0
         self.damped = self.model.D is not None or self.terms is not None or self.loss > 0
@@ -110,26 +105,35 @@ class _Solvers:
 
     def response(self, omega, loads, sensors):
         """C A(i omega)^-1 B (r, p)."""
-        if omega == 0 or not self.damped:
-            self._shifted = self._shifted or ShiftedSolver(self.model, self.rigid, prefix="response_")
-            self._shifted.factor(-(omega**2))
-            solution = create_block(self.model.K, loads.getSizes()[1])
+        return self._undamped(omega, loads, sensors) if omega == 0 or not self.damped else self._damped(
+            omega, loads, sensors)  # fmt: skip
+
+    def _undamped(self, omega, loads, sensors):
+        if self._complex is not None:
+            self._complex.release()
+        if self._shifted is None:
+            self._shifted = ShiftedSolver(self.model, self.rigid, prefix="response_", factoring=self.factoring)
+        self._shifted.factor(-(omega**2))
+        with Owned(self.model.comm) as owned:
+            solution = owned.owns(create_block(self.model.K, loads.getSizes()[1]))
             self._shifted.solve(loads, solution)
-            result = inner(sensors, solution) / (1 + 1j * self.loss)
-        else:
-            self._complex = self._complex or DampedSolver(self.model, self.rigid, prefix="response_")
-            right = as_pairs(loads, self.model.K)
-            solution = create_block(self.model.K, right.getSizes()[1])
+            return inner(sensors, solution) / (1 + 1j * self.loss)
+
+    def _damped(self, omega, loads, sensors):
+        if self._shifted is not None:
+            self._shifted.release()
+        if self._complex is None:
+            self._complex = ComplexSolver(self.model, self.rigid, prefix="response_", factoring=self.factoring)
+        with Owned(self.model.comm) as owned:
+            right = owned.owns(as_pairs(loads, self.model.K))
+            solution = owned.owns(create_block(self.model.K, right.getSizes()[1]))
             if self.terms is None:
                 self._complex.factor(1j * omega, self.loss)
                 self._complex.solve(right, solution)
             else:
                 solve_caughey(self._complex, 1j * omega, self.terms, right, solution)
             gram = inner(sensors, solution)
-            result = gram[:, 0::2] + 1j * gram[:, 1::2]
-            right.destroy()
-        solution.destroy()
-        return result
+            return gram[:, 0::2] + 1j * gram[:, 1::2]
 
 
 def solve_caughey(solver, s, terms, right, solution):
@@ -152,4 +156,4 @@ def solve_caughey(solver, s, terms, right, solution):
         apply(solver.model.M, solution, load)
     load.destroy()
     columns = solution.getSizes()[1] // 2
-    turn(solution, unfold(np.eye(columns) / polynomial[-1]))
+    multiply(solution, unfold(np.eye(columns) / polynomial[-1]))

@@ -1,85 +1,89 @@
 """What there is to know of a model before it is reduced."""
 
+from contextlib import closing
+
 import numpy as np
 
-from ..linalg.factorisation import Factorisation, SingularMatrix
+from ..linalg.factorisation import Factorisation, Factoring, SingularMatrix
 from ..linalg.solvers import ShiftedSolver
-from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
+from ..model.rigid_body_modes import RigidBodyModes, misfit_of_nodes, rigid_body_quantities
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import is_complex
 
+ZERO = 1e-14  # eigenvalue relative to trace(K) / trace(M) that counts as zero
 
-def inspect(model, frequencies=(), band_top=None, progress=None) -> dict:
+
+def inspect(model, frequencies=(), band_top=None, *, factoring: Factoring | None = None, progress=None) -> dict:
     """Sizes, symmetry, definiteness, mass, rigid-body modes, and modes below frequencies (Hz). Collective.
 
     `band_top` (Hz): upper end of the band of interest, for the size hint: modes below twice that plus inputs.
-    Counts by inertia need a real build; in a complex one they are None.
+    Counts by inertia need a real build; in a complex one they are None. `warnings` lists what is doubtful.
     """
     report = {
         "model": model.name,
         "size": model.size,
         "nonzeros": model.nonzeros,
         "matrices": sorted(model.matrices),
-        "inputs": model.input_names,
-        "outputs": model.output_names,
+        "inputs": list(model.input_names),
+        "outputs": list(model.output_names),
         "symmetry_defects": model.symmetry_defects,
-        "mass_matrix": _definiteness(model.M),
+        "mass_matrix": _definiteness(model.M, factoring),
     }
-    rigid_count = None
+    rigid_count, warnings = None, []
     if model.dofs is not None:
         mass, centre, inertia = rigid_body_quantities(model)
-        rigid = RigidBodyModes(model)
-        rigid_count = rigid.count
-        report |= {
-            "mass_kg": mass,
-            "centre_of_mass_m": centre.tolist(),
-            "inertia_kg_m2": inertia.tolist(),
-            "rigid_body_modes": rigid.count,
-            "rigid_body_defect": rigid.defect,
-        }
-        rigid.close()
+        with closing(RigidBodyModes(model)) as rigid:
+            rigid_count = rigid.count
+            report |= {
+                "mass_kg": mass,
+                "centre_of_mass_m": centre.tolist(),
+                "inertia_kg_m2": inertia.tolist(),
+                "rigid_body_modes": rigid.count,
+                "rigid_body_defect": rigid.defect,
+            }
+        warnings += [sentence for sentence in (misfit_of_nodes(model),) if sentence]
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
-    counts = _count_modes(model, limits, rigid_count or 0, progress)
+    if not is_complex() and (limits or rigid_count is None):
+        with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:
+            if rigid_count is None:
+                # without nodes: eigenvalues that are zero to round-off
+                rigid_count = _count_below(solver, model.mean_eigenvalue * ZERO)
+                report["modes_at_zero"] = rigid_count
+            counts = {limit: _count_below(solver, (2 * np.pi * limit) ** 2) - rigid_count for limit in limits}
+    else:
+        counts = dict.fromkeys(limits)
+    for limit, count in counts.items():
+        if progress is not None:
+            progress.say(f"{count} elastic modes below {limit:g} Hz")
     if limits:
         report["elastic_modes_below_hz"] = [[limit, counts[limit]] for limit in limits]
     if band_top and counts[2 * band_top] is not None:
         report["size_hint"] = counts[2 * band_top] + len(model.input_names)
-    return report
+    return report | {"warnings": warnings}
 
 
-def _definiteness(mass):
+def _definiteness(mass, factoring):
     """ "positive definite", "singular" or "indefinite", by the inertia of M."""
     if is_complex():
         return "not known (complex PETSc)"
-    factors = Factorisation(mass, "cholesky", "inertia_", {"icntl_13": 1, "icntl_24": 1})
-    try:
-        factors.factor()
+    with closing(Factorisation(mass, "cholesky", "inertia_", {"icntl_13": 1, "icntl_24": 1}, factoring)) as factors:
+        try:
+            factors.factor(mass="1", damping="0", inertia_relief=False)
+        except SingularMatrix:
+            return "singular"
         if factors.negative_pivots:
             return "indefinite"
-        return "singular" if factors.records[-1]["null_pivots"] else "positive definite"
-    except SingularMatrix:
-        return "singular"
-    finally:
-        factors.close()
+        return "singular" if factors.records[-1].null_pivots else "positive definite"
 
 
-def _count_modes(model, limits, rigid, progress):
-    """Elastic modes below each limit (Hz): negative eigenvalues of K - omega^2 M, without rigid-body modes."""
-    if not limits or is_complex():
-        return dict.fromkeys(limits)
-    solver = ShiftedSolver(model, prefix="inertia_", inertia=True)
-    counts = {}
-    for limit in limits:
-        for nudge in (1.0, 1 + 1e-9, 1 - 1e-9):
-            try:
-                solver.factor(-((2 * np.pi * limit * nudge) ** 2))
-                counts[limit] = solver.negative_pivots - rigid
-                break
-            except SingularMatrix:
-                continue
-        else:
-            raise ComputationError(f"{limit:g} Hz is an eigenfrequency: modes below it cannot be counted")
-        if progress is not None:
-            progress.say(f"{counts[limit]} elastic modes below {limit:g} Hz")
-    solver.close()
-    return counts
+def _count_below(solver, square) -> int:
+    """Eigenvalues of (K, M) below a square of rad/s: negative pivots of K - square M (Sylvester)."""
+    for nudge in (1.0, 1 + 2e-9, 1 - 2e-9):
+        try:
+            solver.factor(-square * nudge)
+            return solver.negative_pivots
+        except SingularMatrix:
+            continue
+    raise ComputationError(
+        f"{np.sqrt(square) / (2 * np.pi):g} Hz is an eigenfrequency: modes below it cannot be counted"
+    )

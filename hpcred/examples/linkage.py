@@ -50,7 +50,7 @@ def linkage(comm=MPI.COMM_WORLD, inputs=(LOAD,), rod: Rod | None = None) -> Seco
     indptr, indices, values = compress({"K": (i, j, k), "M": (i, j, m)}, first, last, 6 * count)
     mine = np.arange(first, last)
     dofs = Dofs(mine // 6 + 1, (mine % 6).astype(np.int8), nodes[mine // 6])
-    model = SecondOrderModel.from_csr(comm, 6 * count, indptr, indices, values, dofs=dofs, name="linkage")
-    model.elements = elements
-    model.set_inputs(inputs)
-    return model
+    with SecondOrderModel.from_csr(
+        comm, 6 * count, indptr, indices, values, dofs=dofs, name="linkage", elements=elements
+    ) as model:
+        return model.with_inputs(inputs)

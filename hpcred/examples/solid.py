@@ -38,11 +38,12 @@ def solid(
     labels = np.repeat(nodes - skipped + 1, 3)
     position = np.repeat(place * (size / cells), 3, axis=0)
     dofs = Dofs(labels, np.tile(np.arange(3, dtype=np.int8), len(nodes)), position)
-    model = SecondOrderModel.from_csr(comm, 3 * count, indptr, indices, values, dofs=dofs, name="solid")
-    model.elements = {"hexahedron": _hexahedra(comm, cells, grid, clamped, skipped)}
+    elements = {"hexahedron": _hexahedra(comm, cells, grid, clamped, skipped)}
     face = np.linspace(0, grid[1] * grid[2] - 1, -(-inputs // 3)).astype(int) + count - grid[1] * grid[2] + 1
-    model.set_inputs([(int(node), direction) for node in face for direction in "xyz"][:inputs])
-    return model
+    with SecondOrderModel.from_csr(
+        comm, 3 * count, indptr, indices, values, dofs=dofs, name="solid", elements=elements
+    ) as model:
+        return model.with_inputs([(int(node), direction) for node in face for direction in "xyz"][:inputs])
 
 
 def _hexahedra(comm, cells, grid, clamped, skipped):

@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ..parallel.failures import InputError, agreed
+from ..parallel.failures import InputError, Owned, agreed, unfinished
 
 SLAB = 2**26  # numbers written in one call, well below the 2 GiB that MPI-IO takes
 
@@ -34,7 +34,6 @@ class Writer:
     def close(self):
         if self._file is not None:
             self._file.close()
-        self._comm.Barrier()
 
     def _turns(self, ranks):
         """The open file, or in turn for the ranks named where only one process can have it open."""
@@ -95,18 +94,20 @@ def atomic_output(path, comm):
     path = Path(path)
     check_writable(path, comm)
     temporary = path.with_name(f"{path.name}.tmp-{comm.bcast(os.getpid())}")
+    unfinished.add(temporary)
     try:
-        yield temporary
-    except BaseException:
+        with Owned(comm):
+            yield temporary
+        comm.Barrier()
+        with agreed(comm):
+            if comm.rank == 0:
+                with open(temporary, "rb") as file:
+                    os.fsync(file.fileno())
+                os.replace(temporary, path)
+    finally:
+        unfinished.discard(temporary)
         if comm.rank == 0:
             temporary.unlink(missing_ok=True)
-        raise
-    comm.Barrier()
-    with agreed(comm):
-        if comm.rank == 0:
-            with open(temporary, "rb") as file:
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
 
 
 def check_writable(path, comm):
@@ -132,17 +133,13 @@ def check_writable(path, comm):
 @contextmanager
 def writing(path, comm):
     """A Writer on a file that appears under its name when the block ends well. Collective."""
-    with atomic_output(path, comm) as temporary:
-        writer = Writer(temporary, comm)
-        try:
-            yield writer
-        finally:
-            writer.close()
+    with atomic_output(path, comm) as temporary, Owned(comm) as owned:
+        yield owned.owns(Writer(temporary, comm))
 
 
 @contextmanager
-def reading(path, kind: str):
-    """The file opened for reading by this rank; `kind` is its `format` attribute. Raises InputError."""
+def reading(path, kind: str, version: int | None = None):
+    """The file opened for reading by this rank; `kind` and `version` are its attributes. Raises InputError."""
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file")
@@ -154,6 +151,10 @@ def reading(path, kind: str):
         found = file.attrs.get("format", "none")
         if found != kind:
             raise InputError(f"{path}: found an HDF5 file of format '{found}', expected '{kind}'")
+        number = int(file.attrs.get("version", 0))
+        if version is not None and number != version:
+            what = "a newer hpcred wrote it: update this one" if number > version else "an older hpcred wrote it: make it again"
+            raise InputError(f"{path}: found version {number} of the format '{kind}', expected {version}; {what}")
         yield file
 
 

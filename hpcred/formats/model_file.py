@@ -17,7 +17,7 @@ from ..parallel.failures import agreed
 from ..parallel.petsc import MPI
 from .hdf5 import reading, texts, writing
 
-FORMAT = "hpcred-model"
+FORMAT, VERSION = "hpcred-model", 1
 
 
 def write_model(path, model: SecondOrderModel):
@@ -29,7 +29,7 @@ def write_model(path, model: SecondOrderModel):
     dense = {"inputs": (model.B, model.input_names), "outputs": (model.Ct, model.output_names)}
     with writing(path, model.comm) as file:
         file.attribute("format", FORMAT)
-        file.attribute("version", 1)
+        file.attribute("version", VERSION)
         file.attribute("size", model.size)
         file.attribute("rows_per_block", _block(model))
         write_csr(file, model.comm, indptr, indices, parts)
@@ -65,7 +65,7 @@ def write_elements(file, elements):
 
 def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
     """Read a model; each rank reads its rows only. Collective. Raises InputError."""
-    with agreed(comm), reading(path, FORMAT) as file:
+    with agreed(comm), reading(path, FORMAT, VERSION) as file:
         size = int(file.attrs["size"])
         first, last = row_range(comm, size, int(file.attrs.get("rows_per_block", 1)))
         matrices = file["matrices"]
@@ -81,12 +81,10 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         if "dofs" in file:
             dofs = Dofs(*(file[f"dofs/{key}"][first:last] for key in ("node", "direction", "position")))
         elements = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in file.get("elements", {}).items()}
-    model = SecondOrderModel.from_csr(
+    return SecondOrderModel.from_csr(
         comm, size, indptr - indptr[0], indices, values, dense["inputs"], dense["outputs"], dofs,
-        names["inputs"], names["outputs"], Path(path).name,
+        names["inputs"], names["outputs"], Path(path).name, elements,
     )  # fmt: skip
-    model.elements = elements
-    return model
 
 
 def _block(model):

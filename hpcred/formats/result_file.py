@@ -1,69 +1,197 @@
-"""result.h5: a ReducedModel, its basis, and the record of the run that made it.
+"""All of result.h5: a reduced model, its body and its basis enter; a Result leaves.
 
+attributes: format, version; loss_factor of structural damping
 reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
-basis/V (m, n), one row a basis vector in the dofs of the full model; dofs/ and elements/ as in model.h5
-floating_frame/ and interface/: for multibody programs, see multibody.floating_frame and multibody.shapes
-provenance: JSON
+basis/V (m, n), one row a basis vector in the dofs of the full model (basis/W: the left one of a two-sided projection)
+dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kind> (elements, nodes), as in model.h5
+floating_frame/: the quantities of multibody.floating_frame, for a one-sided basis of a model with nodes
+interface/node (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): see multibody.node_shapes
+record: JSON of reduction.record.Record
 """
 
-import json
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from ..linalg.blocks import local_rows
-from ..parallel.failures import agreed
+from ..multibody.body import Body, body_of
+from ..multibody.floating_frame import FloatingFrame
+from ..multibody.node_shapes import NodeShape, shapes_of_rows
+from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
+from ..reduction.record import Record
 from ..reduction.reduced_model import ReducedModel
 from .hdf5 import reading, texts, writing
 from .model_file import write_elements
 
-FORMAT = "hpcred-result"
+FORMAT, VERSION = "hpcred-result", 2
 ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
 NAMES = ("input_names", "output_names")
+QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
+CHUNK = 2**22  # rows looked through at a time
 
 
-def write_result(path, rom: ReducedModel, dofs=None, basis=True, comm=MPI.COMM_WORLD, body=None, elements=None):
-    """Write a reduced model; with `basis` also V, by all ranks. Collective. Raises InputError.
+@dataclass
+class Result:
+    """What a result file contains, but for the basis, which stays in the file: see shapes().
 
-    `body`: (FloatingFrame, list of NodeShape) of the same reduction, for multibody programs. `elements`: of the model.
+    `reduced`: the ReducedModel with its record. `floating_frame`: None where the model had no nodes or the projection
+    was two-sided. `nodes`: shapes of the interface nodes, those of the inputs and outputs. `path` of the file.
     """
+
+    path: Path
+    reduced: ReducedModel
+    floating_frame: FloatingFrame | None = None
+    nodes: list[NodeShape] = field(default_factory=list)
+
+    def __str__(self):
+        return f"{self.path}: {self.reduced}"
+
+    def body(self, nodes=None) -> Body:
+        """The body with chosen interface nodes, by default those of the inputs and outputs.
+
+        On one rank. Raises InputError where the file has no floating-frame quantities or no such node.
+        """
+        if self.floating_frame is None:
+            raise InputError(
+                f"{self.path}: no floating-frame quantities; the model had no node coordinates, or the projection "
+                "was two-sided"
+            )
+        known = {shape.node: shape for shape in self.nodes}
+        nodes = list(known) if nodes is None else list(nodes)
+        missing = [node for node in nodes if node not in known]
+        if missing:
+            known |= {shape.node: shape for shape in self._shapes_of_nodes(missing)}
+        return Body(self.reduced, self.floating_frame, [known[node] for node in nodes])
+
+    def _shapes_of_nodes(self, nodes):
+        with reading(self.path, FORMAT, VERSION) as file:
+            if "basis/V" not in file or "dofs" not in file:
+                raise InputError(
+                    f"{self.path}: node {nodes[0]} is no interface node, and the file was written without basis"
+                )
+            columns, dofs = file["basis/V"], file["dofs"]
+            rows = np.concatenate([
+                low + np.flatnonzero(np.isin(dofs["node"][low : low + CHUNK], nodes))
+                for low in range(0, columns.shape[1], CHUNK)
+            ])  # fmt: skip
+            parts = [dofs[key][rows] for key in ("node", "direction", "position")] if len(rows) else [np.zeros(0)] * 3
+            basis = np.array([columns[:, row] for row in rows]).reshape(len(rows), columns.shape[0])
+        return shapes_of_rows(nodes, *parts, basis, str(self.path))
+
+    @contextmanager
+    def shapes(self):
+        """The Shapes of all columns of the basis, while the file is open. On one rank. Raises InputError."""
+        with reading(self.path, FORMAT, VERSION) as file:
+            yield Shapes(file, self.path)
+
+
+class Shapes:
+    """Shapes of the columns of a basis at the nodes, read from an open file one by one.
+
+    `nodes` (k,) their numbers, `points` (k, 3) in m, `cells` by kind as indices of points, `names` and `frequencies` (m,)
+    of the columns: the stored basis is the diagonalised one (54), so that they are the pseudo-modes.
+    """
+
+    def __init__(self, file, name):
+        if "basis/V" not in file or "dofs" not in file:
+            raise InputError(
+                f"{name}: no basis with node coordinates; reduce a model with nodes, and with write_basis = true"
+            )
+        node, self._direction = file["dofs/node"][...], file["dofs/direction"][...]
+        self.nodes, first, self._place = np.unique(node, return_index=True, return_inverse=True)
+        self.points = file["dofs/position"][...][first]
+        self._basis = file["basis/V"]
+        kind = "basis vector" if "basis/W" in file else "pseudo-mode"
+        self.frequencies = file["reduced/frequencies"][...]
+        width = len(str(len(self.frequencies)))
+        self.names = [f"{kind} {k + 1:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies)]
+        self.cells = {}
+        for key, cells in file.get("elements", {}).items():
+            cells = cells[...]
+            index = np.searchsorted(self.nodes, cells).clip(max=len(self.nodes) - 1)
+            there = (self.nodes[index] == cells).all(axis=1)  # a frame may hold all dofs of a node
+            self.cells[key] = index[there]
+
+    def displacement(self, column) -> np.ndarray:
+        """(k, 3); the translational dofs of a column."""
+        values, moved = self._basis[column], self._direction < 3
+        displaced = np.zeros((len(self.nodes), 3))
+        displaced[self._place[moved], self._direction[moved]] = values[moved]
+        return displaced
+
+
+def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=(0.0, 0.0, 0.0), lumped=False):
+    """Write what `reduce` made of a SecondOrderModel. Collective. Raises InputError when the file cannot be written.
+
+    With the `model` come its nodes and elements, and the quantities that multibody programs need (for them the basis of
+    `reduced` must not be closed); `origin` (3,) of the body frame in m and `lumped`: see multibody.floating_frame.
+    `basis`: whether V is written.
+    """
+    comm = model.comm if model is not None else MPI.COMM_WORLD
+    body = None
+    if model is not None and model.dofs is not None and reduced.columns is not None and reduced.left_columns is None:
+        body = body_of(model, reduced, origin=origin, lumped=lumped)
     with writing(path, comm) as file:
         file.attribute("format", FORMAT)
-        file.attribute("version", 1)
+        file.attribute("version", VERSION)
+        file.attribute("loss_factor", reduced.loss_factor)
         for key in ARRAYS:
-            file.small(f"reduced/{key}", getattr(rom, key))
+            file.small(f"reduced/{key}", getattr(reduced, key))
         for key in NAMES:
-            file.small(f"reduced/{key}", list(getattr(rom, key)))
-        if basis and rom.columns is not None:
-            with local_rows(rom.columns) as rows:
-                file.rows("basis/V", np.ascontiguousarray(rows.real.T), axis=1)
-            if rom.left_columns is not None:
-                with local_rows(rom.left_columns) as rows:
-                    file.rows("basis/W", np.ascontiguousarray(rows.real.T), axis=1)
-            if dofs is not None:
-                for key in ("node", "direction", "position"):
-                    file.rows(f"dofs/{key}", getattr(dofs, key))
-            write_elements(file, elements or {})
+            file.small(f"reduced/{key}", list(getattr(reduced, key)))
+        if basis and reduced.columns is not None:
+            _write_basis(file, reduced, model)
         if body is not None:
-            frame, shapes = body
-            for key, value in frame.arrays().items():
+            for key, value in body.floating_frame.arrays().items():
                 file.small(f"floating_frame/{key}", value)
-            file.small("floating_frame/integrals", frame.integrals)
-            if shapes:
-                file.small("interface/node", np.array([shape.node for shape in shapes]))
-                for key in ("position", "phi", "psi", "rotates"):
-                    file.small(f"interface/{key}", np.array([getattr(shape, key) for shape in shapes]))
-        file.attribute("loss_factor", rom.loss_factor)
-        file.small("provenance", rom.provenance)
+            file.small("floating_frame/integrals", body.floating_frame.integrals)
+            if body.nodes:
+                for key in ("node", "position", "phi", "psi", "rotates"):
+                    file.small(f"interface/{key}", np.array([getattr(shape, key) for shape in body.nodes]))
+        file.small("record", TypeAdapter(Record | None).dump_json(reduced.record).decode())
 
 
-def read_result(path, comm=MPI.COMM_WORLD) -> ReducedModel:
-    """Read a reduced model on every rank, without its basis. Collective. Raises InputError."""
-    with agreed(comm), reading(path, FORMAT) as file:
-        reduced = file["reduced"]
-        return ReducedModel(
-            **{key: reduced[key][...] for key in ARRAYS},
-            **{key: texts(reduced[key]) for key in NAMES},
-            loss_factor=float(file.attrs.get("loss_factor", 0.0)),
-            provenance=json.loads(file["provenance"][()].decode()),
+def _write_basis(file, reduced, model):
+    for key, block in (("V", reduced.columns), ("W", reduced.left_columns)):
+        if block is not None:
+            with local_rows(block) as rows:
+                file.rows(f"basis/{key}", np.ascontiguousarray(rows.real.T), axis=1)
+    if model is not None and model.dofs is not None:
+        for key in ("node", "direction", "position"):
+            file.rows(f"dofs/{key}", getattr(model.dofs, key))
+        write_elements(file, model.elements)
+
+
+def read_result(path, comm=MPI.COMM_WORLD) -> Result:
+    """Read a result on every rank, without its basis. Collective. Raises InputError."""
+    with agreed(comm), reading(path, FORMAT, VERSION) as file:
+        group = file["reduced"]
+        try:
+            record = TypeAdapter(Record | None).validate_json(file["record"][()])
+        except ValidationError as error:
+            raise InputError(f"{path}: the record of the run is damaged: {error.errors()[0]['msg']}") from error
+        reduced = ReducedModel(
+            **{key: group[key][...] for key in ARRAYS},
+            **{key: tuple(texts(group[key])) for key in NAMES},
+            loss_factor=float(file.attrs["loss_factor"]),
+            record=record,
         )
+        result = Result(Path(path), reduced)
+        if "floating_frame" in file:
+            quantities = file["floating_frame"]
+            result.floating_frame = FloatingFrame(
+                **{key: quantities[key][()] for key in QUANTITIES}, integrals=quantities["integrals"][()].decode()
+            )
+        if "interface" in file:
+            arrays = [file[f"interface/{key}"][...] for key in ("node", "position", "phi", "psi", "rotates")]
+            result.nodes = [
+                NodeShape(int(node), position, phi, psi, bool(rotates))
+                for node, position, phi, psi, rotates in zip(*arrays, strict=True)
+            ]
+        return result

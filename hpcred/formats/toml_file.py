@@ -1,10 +1,14 @@
-"""Tables of a TOML file become checked frozen dataclasses; every refusal names the key, what was found and expected."""
+"""A TOML file enters, checked frozen dataclasses leave; every refusal names the key, what was found and what was expected."""
+
+from __future__ import annotations
 
 import difflib
+import json
 import sys
-from dataclasses import MISSING, fields
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import get_args, get_origin
+from types import NoneType, UnionType
+from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
@@ -15,12 +19,8 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-WORDS = {
-    str: "a text",
-    int: "a whole number",
-    float: "a number",
-    bool: "true or false",
-}
+CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)  # of the outermost dataclass, which hands it to those inside
+WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or false"}
 
 
 def read_table(path, overrides=()) -> dict:
@@ -30,83 +30,128 @@ def read_table(path, overrides=()) -> dict:
         raise InputError(f"{path}: no such file")
     try:
         table = tomllib.loads(path.read_text())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{path}: not a TOML file: {error}") from error
     for text in overrides:
         _override(table, text)
     return table
 
 
-def as_kind(classes, item: dict, where: str):
-    """An instance of the one of some dataclasses that the key `kind` of a table names. Raises InputError."""
-    item, kinds = tuples(item), {cls.kind: cls for cls in classes}
-    if not isinstance(item, dict):
-        raise InputError(f"{where}: found {item!r}, expected a table with a key 'kind'")
-    if "kind" not in item:
-        raise InputError(f"{where}.kind: missing; expected one of {', '.join(kinds)}")
-    kind = item["kind"]
-    if kind not in kinds:
-        raise InputError(f"{where}.kind: found {kind!r}, expected one of {', '.join(kinds)}{_near(kind, kinds)}")
-    return as_table(kinds[kind], {key: value for key, value in item.items() if key != "kind"}, where)
+def parse(kind, table: dict):
+    """An instance of the dataclass `kind`, which has CONFIG as __pydantic_config__, with strict types.
 
-
-def as_table(cls, values, where):
-    """An instance of a dataclass from the values of a table, with strict types. Raises InputError."""
-    names = {field.name: field for field in fields(cls)}
-    check_known(values, names, where)
-    checked = {}
-    for name, field in names.items():
-        place = f"{where}.{name}" if where else name
-        if name in values:
-            checked[name] = _checked(field.type, values[name], place)
-        elif field.default is MISSING:
-            raise InputError(f"{place}: missing; expected {_expected(field.type)}")
-    return cls(**checked)
-
-
-def _checked(kind, value, place):
+    Tables with a key `kind` become the one of several dataclasses that it names. Raises InputError.
+    """
     try:
-        return TypeAdapter(kind, config=ConfigDict(strict=True)).validate_python(value)
+        text = json.dumps(table, default=_no_json)
+        return TypeAdapter(kind).validate_json(text, strict=True)
     except ValidationError as error:
-        raise InputError(f"{place}: found {_as_toml(value)}, expected {_expected(kind)}") from error
+        # of several mistakes the deepest: of the kinds of value that a key takes, the one that was meant
+        details = max(error.errors(), key=lambda item: (len(item["loc"]), item["type"] == "unexpected_keyword_argument"))
+        raise InputError(_sentence(kind, table, details)) from error
+
+
+def _no_json(value):
+    return str(value)  # a date, which no key takes
+
+
+_MISSING = object()
+
+
+def _sentence(kind, table, details) -> str:
+    """What pydantic found to be wrong with a table."""
+    if details["type"] == "value_error":
+        return str(details["ctx"]["error"])
+    where, kind, found, names = _place(kind, table, details["loc"])
+    if details["type"] == "unexpected_keyword_argument":
+        return f"{where}: unknown key{_near(details['loc'][-1], names)}; known are {', '.join(names)}"
+    if details["type"].startswith("union_tag"):
+        kinds = {_kind_of(item): item for item in get_args(kind)}
+        if "kind" not in found:
+            return f"{where}.kind: missing; expected one of {', '.join(kinds)}"
+        return (
+            f"{where}.kind: found {found['kind']!r}, expected one of {', '.join(kinds)}{_near(found['kind'], kinds)}"
+        )
+    if found is _MISSING:
+        return f"{where}: missing; expected {_expected(kind)}"
+    finite = " that is finite" if details["type"] == "finite_number" else ""
+    return f"{where}: found {_as_toml(found)}, expected {_expected(kind)}{finite}"
+
+
+def _place(kind, found, steps):
+    """The key at which the steps of pydantic end, its type, its value, and the keys beside it.
+
+    Inside of a list of numbers or texts it is the key of the list; pydantic's words for the kinds of a value are no keys.
+    """
+    where, names = "", []
+    for step in steps:
+        kind = _plain(kind)
+        if isinstance(found, dict):
+            table = _dataclass_of(kind, found)
+            if table is None or (step not in found and step not in _types(table)):
+                continue
+            names = list(_types(table))
+            names = names[:-1] if names[-1] == "kind" else names
+            where = f"{where}.{step}" if where else step
+            kind, found = _types(table).get(step), found.get(step, _MISSING)
+        elif isinstance(found, list) and isinstance(step, int) and get_origin(kind) is tuple:
+            if _dataclass_of(_plain(get_args(kind)[0]), {}) is None:
+                break
+            where, kind, found = f"{where}[{step}]", get_args(kind)[0], found[step]
+        else:
+            break
+    return where, _plain(kind), found, names
+
+
+def _types(table) -> dict:
+    """Keys and types of a dataclass."""
+    hints = get_type_hints(table, include_extras=True)
+    return {item.name: hints[item.name] for item in fields(table)}
+
+
+def _plain(kind):
+    return get_args(kind)[0] if get_origin(kind) is Annotated else kind
+
+
+def _kind_of(table) -> str:
+    return next(item.default for item in fields(table) if item.name == "kind")
+
+
+def _dataclass_of(kind, found):
+    """The dataclass that a table is meant for, or None; the first one where its key `kind` does not tell."""
+    if is_dataclass(kind):
+        return kind
+    tables = [item for item in get_args(kind) if is_dataclass(item)]
+    fitting = [item for item in tables if "kind" in found and _kind_of(item) == found["kind"]]
+    return next(iter(fitting or tables), None)
 
 
 def _expected(kind) -> str:
     """A type in words."""
+    kind = _plain(kind)
     if kind in WORDS:
         return WORDS[kind]
-    parts = [part for part in get_args(kind) if part not in (type(None), ...)]
+    if get_origin(kind) is Literal:
+        return " or ".join(f"'{word}'" for word in get_args(kind))
+    parts = [part for part in get_args(kind) if part not in (NoneType, ...)]
     if get_origin(kind) is tuple:
         if ... in get_args(kind):
-            return f"a list of {' or '.join(_expected(part) for part in parts)}"
+            return f"a list of {_expected(parts[0])}"
         return f"[{', '.join(_expected(part) for part in parts)}]"
-    return " or ".join(_expected(part) for part in parts) or "a table"
+    if get_origin(kind) in (Union, UnionType):
+        return " or ".join(dict.fromkeys(_expected(part) for part in parts))
+    return "a table"
 
 
 def _as_toml(value):
-    if isinstance(value, tuple):
+    if isinstance(value, list):
         return "[" + ", ".join(_as_toml(item) for item in value) + "]"
     return f"'{value}'" if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def check_known(table, names, where):
-    """Raise InputError for a key that is none of `names`."""
-    for key in table:
-        if key not in names:
-            place = f"{where}.{key}" if where else key
-            raise InputError(f"{place}: unknown key{_near(key, names)}; known are {', '.join(names)}")
 
 
 def _near(word, words) -> str:
     close = difflib.get_close_matches(str(word), list(words), n=1, cutoff=0.5)
     return f" (did you mean '{close[0]}'?)" if close else ""
-
-
-def tuples(value):
-    """Lists as tuples, at every depth, since the dataclasses are frozen."""
-    if isinstance(value, dict):
-        return {key: tuples(item) for key, item in value.items()}
-    return tuple(tuples(item) for item in value) if isinstance(value, list) else value
 
 
 def _override(table, text):

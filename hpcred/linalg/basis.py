@@ -8,48 +8,70 @@ and directions that the Gram matrix cannot resolve are separated, projected agai
 from __future__ import annotations
 
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..parallel.failures import ComputationError
+from ..parallel.decisions import decided
+from ..parallel.failures import ComputationError, Owned
 from ..parallel.petsc import PETSc, SLEPc
-from .blocks import add_product, apply, copy_of, create_block, dense, fold, inner, turn, unfold
+from .blocks import add_product, apply, copy_of, create_block, dense, fold, inner, multiply, unfold
 
 RESOLVED = 1e-4  # eigenvalues of a unit-diagonal Gram matrix above this are safe to divide by
+PASSES = 20  # of projection or separation; two or three are usual
+
+
+@dataclass(frozen=True)
+class Extension:
+    """What a block brought: how many `kept` directions were new, and how clear that was.
+
+    A direction's weight is the part of it outside of the basis, relative to the column that brought it, in M-norms:
+    `smallest_kept` (inf if none was kept) and `largest_dropped` (0 if none was dropped) lie on both sides of the
+    deflation tolerance.
+    """
+
+    kept: int = 0
+    smallest_kept: float = np.inf
+    largest_dropped: float = 0.0
 
 
 class Basis:
     """Columns with V^T M V = I, also M-orthogonal to the columns of `deflate` (for rigid-body modes; or None).
 
-    `tolerance`: a direction whose part outside the span is smaller than this, relative to the M-norm of the
-    column that brought it, is dropped. `pairs`: blocks are pairs Re, Im of complex columns (see block.fold), the
-    basis is complex with V^H M V = I, and sizes count complex columns (`width` real ones). Owns PETSc objects: call
-    close(). All methods are collective.
+    `tolerance`: a direction whose weight (see Extension) is not larger is dropped. `room`: columns to expect. Owns
+    PETSc objects: call close(). All methods are collective, and what they decide is decided once for all ranks.
     """
 
-    def __init__(self, mass: PETSc.Mat, deflate: SLEPc.BV | None = None, tolerance: float = 1e-12, pairs=False):
-        self.mass = mass
-        self.tolerance = tolerance
-        self.width = 2 if pairs else 1
-        self._fold, self._unfold = (fold, unfold) if pairs else (np.asarray, np.asarray)
+    width = 1  # real columns of a column
+
+    def __init__(self, mass: PETSc.Mat, deflate: SLEPc.BV | None = None, tolerance: float = 1e-12, room: int = 16):
+        self.mass, self.tolerance = mass, tolerance
+        self.comm = mass.comm.tompi4py()
         self._leading = 0
         self.size = 0
-        self._block = create_block(mass, 32)
+        deflated = 0 if deflate is None else np.diff(deflate.getActiveColumns())[0]
+        self._block = create_block(mass, deflated + self.width * room)
         if deflate is not None:
             self._append(deflate)
             self._leading, self.size = self.size, 0
+
+    @staticmethod
+    def _gram(product: np.ndarray) -> np.ndarray:
+        """X^H Y from the products of the real columns that make up X and Y."""
+        return product
+
+    @staticmethod
+    def _factor(factor: np.ndarray) -> np.ndarray:
+        """What does to the real columns what `factor` does to the columns."""
+        return factor
 
     def close(self):
         self._block.destroy()
 
     @property
     def columns(self) -> SLEPc.BV:
-        """V as a block whose active columns are the basis (n, size); owned by the basis."""
-        return self.columns_since(0)
-
-    def columns_since(self, start: int) -> SLEPc.BV:
-        """The columns from `start` on as active columns of the same block."""
-        return self.columns_between(start, self.size)
+        """V as a block whose active columns are the basis (n, width size); owned by the basis."""
+        return self.columns_between(0, self.size)
 
     def columns_between(self, start: int, stop: int) -> SLEPc.BV:
         """The columns start .. stop - 1 as active columns of the same block."""
@@ -60,68 +82,72 @@ class Basis:
     def coefficients(self, block: SLEPc.BV) -> np.ndarray:
         """V^H M block (size, columns): the columns of a block in terms of the basis."""
         with self._times_mass(block) as product:
-            return self._fold(inner(self.columns, product))
+            return self._gram(inner(self.columns, product))
 
     @property
     def _end(self):
         return self._leading + self.width * self.size
 
-    def extend(self, block: SLEPc.BV) -> int:
-        """Add the span of the active columns of `block`, which stays as it is; return how many were new.
+    def extend(self, block: SLEPc.BV) -> Extension:
+        """Add the span of the active columns of `block`, which stays as it is.
 
         Raises ComputationError when a column is not finite or M shows a negative norm.
         """
-        start = self.size
-        if block.getActiveColumns()[0] == block.getActiveColumns()[1]:
-            return 0
-        pending = copy_of(block, self.mass)
-        # weight: what is left of a column relative to what came in, hence how many digits it still carries
-        weight = None
-        while pending.getActiveColumns()[1]:
-            weight, gram = self._project_and_scale(pending, weight)
-            if not weight.size:
-                break
-            values, vectors = np.linalg.eigh(gram)
-            resolved = values > RESOLVED
-            fresh = copy_of(pending, self.mass)
-            self._combine(fresh, vectors[:, resolved] / np.sqrt(values[resolved]))
-            rest = vectors[:, ~resolved]
-            self._combine(pending, rest)
-            weight = 1.0 / np.sqrt((np.abs(rest) ** 2 / weight[:, None] ** 2).sum(axis=0))
-            self._polish(fresh)
-            self._append(fresh)
-            fresh.destroy()
-        pending.destroy()
-        return self.size - start
+        first, last = block.getActiveColumns()
+        if first == last:
+            return Extension()
+        start, weight, smallest, largest = self.size, None, np.inf, 0.0
+        with Owned(self.comm) as owned:
+            pending = owned.owns(copy_of(block, self.mass))
+            for _ in range(PASSES):
+                weight, gram, dropped = self._project_and_scale(pending, weight)
+                largest = max(largest, dropped)
+                if not weight.size:
+                    break
+                scaled, rest, weight, resolved = decided(self.comm, _separate, gram, weight)
+                smallest = min(smallest, resolved)
+                fresh = copy_of(pending, self.mass)
+                try:
+                    self._combine(fresh, scaled)
+                    self._polish(fresh)
+                    self._append(fresh)
+                finally:
+                    fresh.destroy()
+                self._combine(pending, rest)
+                if not weight.size:
+                    break
+            else:
+                raise ComputationError("a block of basis vectors could not be orthonormalised: is M positive definite?")
+        return Extension(self.size - start, float(smallest), float(largest))
 
     def defect(self) -> float:
-        """max |V^T M V - I|, rigid-body modes included."""
+        """max |V^H M V - I|, rigid-body modes included."""
         return self.gram()[1]
 
     def gram(self) -> tuple[np.ndarray, float]:
         """V^H M V (size, size), and max |V^H M V - I| with the rigid-body modes included."""
         self._block.setActiveColumns(0, self._end)
         with self._times_mass(self._block) as product:
-            gram = self._fold(inner(self._block, product))
+            gram = self._gram(inner(self._block, product))
         first = self._leading // self.width
         return gram[first:, first:], float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
 
-    def turn(self, factor: np.ndarray):
-        """V <- V factor (54); factor (size, k)."""
-        turn(self.columns, factor)
+    def multiply(self, factor: np.ndarray):
+        """V <- V factor (54); factor (size, k), the same on all ranks."""
+        multiply(self.columns, self._factor(factor))
         self.size = factor.shape[1]
 
     def _combine(self, block, factor):
         """block <- block factor, with the new number of columns active."""
-        turn(block, self._unfold(factor))
+        multiply(block, self._factor(factor))
         block.setActiveColumns(0, self.width * factor.shape[1])
 
     @contextmanager
     def _times_mass(self, block):
         first, last = block.getActiveColumns()
         product = create_block(self.mass, last - first)
-        apply(self.mass, block, product)
         try:
+            apply(self.mass, block, product)
             yield product
         finally:
             product.destroy()
@@ -130,41 +156,29 @@ class Basis:
         """block <- block - V (V^H M block); returns the coefficients and block^H M block from before."""
         self._block.setActiveColumns(0, self._end)
         with self._times_mass(block) as product:
-            inside, gram = (self._fold(inner(left, product)) for left in (self._block, block))
-        add_product(block, self._block, self._unfold(inside), alpha=-1.0)
+            inside, gram = (self._gram(inner(left, product)) for left in (self._block, block))
+        add_product(block, self._block, self._factor(inside), alpha=-1.0)
         return inside, (gram + gram.conj().T) / 2
 
     def _project_and_scale(self, block, weight):
         """Project until the projection takes nothing more, scale to M-norm 1, drop what has become too small.
 
-        Returns the weights of the columns left and their Gram matrix with unit diagonal.
+        Returns the weights of the columns left, their Gram matrix with unit diagonal, and the largest weight dropped.
         """
-        while True:
+        largest = 0.0
+        for _ in range(PASSES):
             inside, gram = self._project(block)
-            squares = np.diag(gram).real
-            if not np.isfinite(squares).all():
-                raise ComputationError("a basis vector has entries that are not finite")
-            if (squares < -1e-10 * np.abs(squares).max(initial=0.0)).any():
-                raise ComputationError("a basis vector has a negative M-norm: the mass matrix is indefinite")
-            norms = np.sqrt(np.maximum(squares, 0.0))
-            weight = np.ones(norms.size) if weight is None else weight * norms
-            kept = np.flatnonzero((norms > 0) & (weight > self.tolerance))
-            scale = np.zeros((norms.size, kept.size))
-            scale[kept, np.arange(kept.size)] = 1.0 / norms[kept]
+            scale, weight, gram, done, dropped = decided(self.comm, _judge, inside, gram, weight, self.tolerance)
+            largest = max(largest, dropped)
             self._combine(block, scale)
-            weight, inside = weight[kept], inside @ scale
-            gram = scale.T @ gram @ scale - inside.conj().T @ inside
-            left = np.diag(gram).real
-            if (left > 0.25).all():  # twice is enough
-                scale = 1.0 / np.sqrt(left)
-                self._combine(block, np.diag(scale))
-                return weight / scale, gram * np.outer(scale, scale)
+            if done:
+                return weight, gram, largest
+        raise ComputationError("the projection of basis vectors does not come to rest: is M positive definite?")
 
     def _polish(self, block):
         """One more projection, and the symmetric orthonormalisation of well-conditioned columns."""
         inside, gram = self._project(block)
-        values, vectors = np.linalg.eigh(gram - inside.conj().T @ inside)
-        self._combine(block, vectors / np.sqrt(values) @ vectors.conj().T)
+        self._combine(block, decided(self.comm, _inverse_root, gram - inside.conj().T @ inside))
 
     def _append(self, block):
         count = block.getActiveColumns()[1] - block.getActiveColumns()[0]
@@ -175,3 +189,57 @@ class Basis:
         with dense(block) as source, dense(self._block) as target:
             source.copy(target)
         self.size += count // self.width
+
+
+class ComplexBasis(Basis):
+    """Complex columns with V^H M V = I, kept as pairs of real ones, Re and Im side by side (see blocks.fold).
+
+    Blocks are such pairs too; sizes and factors count complex columns.
+    """
+
+    width = 2
+    _gram = staticmethod(fold)
+    _factor = staticmethod(unfold)
+
+
+def _judge(inside, gram, weight, tolerance):
+    """What one projection left of some columns.
+
+    Returns the factor that scales and drops columns, the weights and the Gram matrix of those kept, whether another
+    projection would take next to nothing, and the largest weight dropped.
+    """
+    squares = np.diag(gram).real
+    if not np.isfinite(squares).all():
+        raise ComputationError("a basis vector has entries that are not finite")
+    if (squares < -1e-10 * np.abs(squares).max(initial=0.0)).any():
+        raise ComputationError("a basis vector has a negative M-norm: the mass matrix is indefinite")
+    norms = np.sqrt(np.maximum(squares, 0.0))
+    weight = np.ones(norms.size) if weight is None else weight * norms
+    kept = np.flatnonzero((norms > 0) & (weight > tolerance))
+    dropped = np.delete(weight, kept)[np.delete(norms, kept) > 0].max(initial=0.0)
+    scale = np.zeros((norms.size, kept.size))
+    scale[kept, np.arange(kept.size)] = 1.0 / norms[kept]
+    weight, inside = weight[kept], inside @ scale
+    gram = scale.T @ gram @ scale - inside.conj().T @ inside
+    left = np.diag(gram).real
+    if not (left > 0.25).all():  # twice is enough
+        return scale, weight, gram, False, dropped
+    unit = 1.0 / np.sqrt(left)
+    return scale * unit, weight / unit, gram * np.outer(unit, unit), True, dropped
+
+
+def _separate(gram, weight):
+    """Directions of unit columns that their Gram matrix resolves, scaled to be orthonormal, and the rest.
+
+    Returns both as factors, the weights of the rest, and the smallest weight of the others.
+    """
+    values, vectors = np.linalg.eigh(gram)
+    resolved = values > RESOLVED
+    sizes = 1.0 / np.sqrt((np.abs(vectors) ** 2 / weight[:, None] ** 2).sum(axis=0))
+    smallest = (sizes * np.sqrt(np.maximum(values, 0.0)))[resolved].min(initial=np.inf)
+    return vectors[:, resolved] / np.sqrt(values[resolved]), vectors[:, ~resolved], sizes[~resolved], smallest
+
+
+def _inverse_root(gram):
+    values, vectors = np.linalg.eigh(gram)
+    return vectors / np.sqrt(values) @ vectors.conj().T

@@ -37,7 +37,7 @@ def local_rows(block: SLEPc.BV):
     with dense(block) as mat:
         view = mat.getDenseArray()
         yield view
-        del view
+        del view  # a view that outlives the matrix would not be noticed
         mat.assemble()
 
 
@@ -95,7 +95,7 @@ def add_product(result: SLEPc.BV, block: SLEPc.BV, factor: np.ndarray, alpha=1.0
     small.destroy()
 
 
-def turn(block: SLEPc.BV, factor: np.ndarray):
+def multiply(block: SLEPc.BV, factor: np.ndarray):
     """block = block factor; the first columns are overwritten when factor has fewer columns than rows."""
     first, last = block.getActiveColumns()
     small = _small(factor, first, last, first, first + factor.shape[1])
@@ -136,3 +136,20 @@ def _small(factor, row0, row1, column0, column1):
     mat = PETSc.Mat().createDense((row1, column1), array=values, comm=PETSc.COMM_SELF)
     mat.assemble()
     return mat
+
+
+def random_block(mat: PETSc.Mat, columns: int, seed: int = 0) -> SLEPc.BV:
+    """A new block of random numbers of mean 0 and variance 1 that do not depend on the number of ranks.
+
+    Entry (i, j) is a hash of i, j and the seed (Steele, Lea & Flood, OOPSLA 2014: SplitMix64).
+    """
+    block = create_block(mat, columns)
+    first, last = mat.getOwnershipRange()
+    place = np.arange(first, last, dtype=np.uint64)[:, None] * np.uint64(columns) + np.arange(columns, dtype=np.uint64)
+    z = (place + np.uint64(1 + (seed << 40))) * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z ^= z >> np.uint64(31)
+    with local_rows(block) as rows:
+        rows[...] = (z.astype(float) / 2**63 - 1.0) * 3**0.5
+    return block

@@ -9,7 +9,8 @@ def compress(entries: dict, first: int, last: int, columns: int):
     `entries`: name -> (rows, columns, values) with global numbers from 0. Returns indptr (rows + 1,), indices
     (nonzeros,) and a dict name -> values (nonzeros,).
     """
-    keys = {name: (i - first) * columns + j for name, (i, j, _) in entries.items()}
+    # 32-bit row numbers of PETSc overflow in the product
+    keys = {name: (np.asarray(i, dtype=np.int64) - first) * int(columns) + j for name, (i, j, _) in entries.items()}
     diagonal = np.arange(last - first) * (columns + 1) + first  # always present, as PETSc wants it
     pattern = np.unique(np.concatenate([diagonal, *(np.unique(key) for key in keys.values())]))
     rows, indices = np.divmod(pattern, columns)

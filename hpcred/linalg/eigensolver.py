@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from ..parallel import startup as runtime
+from ..parallel import startup
+from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError
-from ..parallel.petsc import PETSc, SLEPc
+from ..parallel.petsc import PETSc, SLEPc, is_complex
 from .blocks import create_block, local_rows
 from .options import temporary_options
 
@@ -31,7 +32,7 @@ def modes_in_interval(K, M, low, high, prefix="modes_", settings=None):
         ksp.setType("preonly")
         ksp.getPC().setType("cholesky")
         ksp.getPC().setFactorSolverType("mumps")
-        mumps = {"icntl_13": 1, "icntl_24": 1, "cntl_3": 1e-12, "icntl_7": runtime.ordering, "icntl_14": 60}
+        mumps = {"icntl_13": 1, "icntl_24": 1, "cntl_3": 1e-12, "icntl_7": startup.ordering, "icntl_14": 60}
         mumps |= settings or {}
         try:
             with temporary_options(prefix + "st_mat_mumps_", mumps):
@@ -55,7 +56,8 @@ def lowest_modes(K, M, count, solve, prefix="modes_"):
     """The `count` lowest eigenpairs of (K, M) on the space where `solve` inverts K. Collective.
 
     `solve(x, y)`: y = K^-1 x for vectors; for a free body by inertia relief, which keeps the rigid-body modes
-    out. Returns as modes_in_interval.
+    out. Returns eigenvalues (count,) ascending and a block whose columns span the eigenvectors: as many, or twice as
+    many in a complex build (see _pairs).
     """
     eps = _create(K, M, prefix)
     eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
@@ -102,12 +104,20 @@ class _Inverse:
             x.copy(y)
 
 
-def symmetric_eigenpairs(matrix: np.ndarray):
-    """Eigenvalues (m,) ascending and orthonormal eigenvectors (m, m) of a small symmetric matrix (53)."""
+def symmetric_eigenpairs(matrix: np.ndarray, comm):
+    """Eigenvalues (m,) ascending and orthonormal eigenvectors (m, m) of a small symmetric matrix (53).
+
+    Solved once and sent: the same on all ranks. Collective.
+    """
+    return decided(comm, _dense_eigenpairs, (matrix + matrix.T) / 2)
+
+
+def _dense_eigenpairs(matrix):
     size = len(matrix)
     if size == 0:
         return np.zeros(0), np.zeros((0, 0))
-    mat = PETSc.Mat().createDense((size, size), array=np.asfortranarray(matrix), comm=PETSc.COMM_SELF)
+    values = np.asfortranarray(matrix, dtype=PETSc.ScalarType)
+    mat = PETSc.Mat().createDense((size, size), array=values, comm=PETSc.COMM_SELF)
     mat.assemble()
     eps = SLEPc.EPS().create(comm=PETSc.COMM_SELF)
     eps.setOperators(mat)
@@ -119,13 +129,15 @@ def symmetric_eigenpairs(matrix: np.ndarray):
     eps.setFromOptions()
     eps.solve()
     vector = mat.createVecRight()
-    values, vectors = np.zeros(size), np.zeros((size, size))
+    squares, vectors = np.zeros(size), np.zeros((size, size), dtype=PETSc.ScalarType)
     for i in range(size):
-        values[i] = eps.getEigenpair(i, vector).real
-        vectors[:, i] = vector.getArray().real
+        squares[i] = eps.getEigenpair(i, vector).real
+        vectors[:, i] = vector.getArray()
     for item in (vector, eps, mat):
         item.destroy()
-    return values, vectors
+    if np.abs(vectors.imag).max() > 1e-12:  # a complex build computes with the real numbers that it was given
+        raise ComputationError("the eigenvectors of a real symmetric matrix are not real")
+    return squares, vectors.real.copy()
 
 
 def _create(K, M, prefix):
@@ -139,17 +151,24 @@ def _create(K, M, prefix):
 
 
 def _pairs(eps, K, count):
-    """Eigenvalues ascending with their vectors; destroys the solver."""
+    """Eigenvalues ascending with their vectors; destroys the solver.
+
+    A complex build gives every vector an arbitrary phase, and complex mixtures of the vectors of a repeated eigenvalue:
+    the real and the imaginary parts, 2 count columns, then span the real eigenvectors.
+    """
     if count == 0:
         eps.destroy()
         return np.zeros(0), None
     values = np.array([eps.getEigenvalue(i).real for i in range(count)])
-    block = create_block(K, count)
+    block = create_block(K, 2 * count if is_complex() else count)
     vector = K.createVecRight()
     with local_rows(block) as rows:
         for column, i in enumerate(np.argsort(values, kind="stable")):
             eps.getEigenvector(int(i), vector)
-            rows[:, column] = vector.getArray(readonly=True).real
+            array = vector.getArray(readonly=True)
+            rows[:, column] = array.real
+            if is_complex():
+                rows[:, count + column] = array.imag
     vector.destroy()
     eps.destroy()
     return np.sort(values), block

@@ -5,76 +5,111 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
-from math import inf
 
-import numpy as np
-
-from ..parallel import startup as runtime
+from ..parallel import startup
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.memory import available_mb
 from ..parallel.petsc import PETSc, SLEPc
-from .blocks import add_product, apply, column_norms, copy_of, create_block, dense
+from .blocks import dense
 from .options import temporary_options
 
 MORE_ROOM = (-8, -9, -14, -15, -17, -20)  # INFOG(1): a workspace was too small
 OUT_OF_MEMORY = (-7, -13, -19)
-LOW_RANK_STEPS = 12  # of refinement at most, when the factor is approximate
-REFINE_ABOVE = 1e-10  # relative residual above which a step of iterative refinement is made
+ORDERINGS = {0: "AMD", 2: "AMF", 3: "SCOTCH", 4: "PORD", 5: "METIS", 6: "QAMD"}
 
 
-@dataclass(frozen=True)
-class SolverOptions:
-    """How the factors are kept. `out_of_core`: a folder for them, on a fast local disk, instead of memory.
+@dataclass(frozen=True, kw_only=True)
+class Factoring:
+    """How matrices are factored, wherever it is done.
 
-    `low_rank`: relative accuracy of block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019);
-    solutions are refined to the residual of full factors, and the run fails if that is not reached.
+    `out_of_core`: a folder for the factors, on a fast local disk, instead of memory. `low_rank`: relative accuracy of
+    block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined to the residual
+    of full factors, and the run fails if that is not reached. `memory_mb`: what a rank may take for a factor, by
+    default what the machine and the batch system leave (see parallel.memory).
     """
 
     out_of_core: str | None = None
     low_rank: float | None = None
+    memory_mb: float | None = None
 
     def __post_init__(self):
         if self.low_rank is not None and not 0 < self.low_rank < 1e-2:
             raise InputError(f"low_rank: found {self.low_rank:g}, expected a number from 0 to 0.01, such as 1e-8")
-        if self.low_rank is not None and runtime.ordering == 3:
-            # MUMPS 5.5 hands Scotch a graph that was not initialised when it groups the rows of a front
-            raise InputError("low_rank: MUMPS with Scotch may crash there; set HPCRED_SCOTCH=0 in the environment")
+        if self.memory_mb is not None and not 0 < self.memory_mb < 1e12:
+            raise InputError(f"memory_mb: found {self.memory_mb:g}, expected MB of a rank, more than 0")
         if self.out_of_core is not None and not os.access(self.out_of_core, os.W_OK | os.X_OK):
             raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be written; create it or name another")
 
     def mumps(self) -> dict:
-        """The controls of MUMPS."""
+        """The controls of MUMPS, once PETSc is loaded. Raises InputError where MUMPS cannot do it."""
         found = {}
         if self.out_of_core is not None:
             found |= {"icntl_22": 1, "ooc_tmpdir": self.out_of_core}
         if self.low_rank is not None:
+            startup.check_low_rank()
             found |= {"icntl_35": 2, "cntl_7": self.low_rank}
         return found
+
+    def limit_mb(self, comm) -> int:
+        """MB that a rank may take for factors. Collective."""
+        return max(int(self.memory_mb or available_mb(comm)), 1)
 
 
 class SingularMatrix(ComputationError):
     """The matrix is singular to working precision; `distance` to singularity is relative."""
 
     def __init__(self, distance=0.0):
-        super().__init__(f"the matrix is singular to working precision (relative distance {distance:.1e})")
+        super().__init__(distance)
         self.distance = distance
+
+    def __str__(self):
+        return f"the matrix is singular to working precision (relative distance {self.distance:.1e})"
+
+
+@dataclass(kw_only=True)
+class FactorRecord:
+    """One factorisation: of K + damping D + mass M (texts of the two numbers), what it took, and what it was used for.
+
+    Seconds, MB, counts of MUMPS; `residual`: the largest relative residual of the solves.
+    """
+
+    mass: str
+    damping: str
+    inertia_relief: bool
+    kind: str
+    analysis_seconds: float
+    factor_seconds: float
+    ordering: str
+    factor_entries: int
+    flops: float
+    memory_mb_estimated_total: int
+    memory_mb_estimated_max_rank: int
+    memory_mb_used_max_rank: int
+    memory_mb_used_total: int
+    negative_pivots: int
+    null_pivots: int
+    workspace_retries: int
+    columns_solved: int = 0
+    solve_seconds: float = 0.0
+    residual: float = 0.0
 
 
 class Factorisation:
     """LDL^T ("cholesky") or LU ("lu") of `matrix`, whose values may change but not its pattern.
 
     `prefix`: of the PETSc options; `settings`: MUMPS controls such as {"icntl_13": 1}, which users' own options
-    override; `options`: SolverOptions. `records` has one dict a factorisation. All methods are collective. Owns
-    the solver, not the matrix: call close().
+    override. `records` has one FactorRecord a factorisation. All methods are collective. Owns the solver, not the
+    matrix: call close().
     """
 
-    def __init__(self, matrix: PETSc.Mat, kind: str, prefix: str, settings=None, options=None):
-        self.matrix, self.records = matrix, []
-        self._kind, self._prefix, self._options = kind, prefix, options or SolverOptions()
-        self._settings = {"icntl_7": runtime.ordering, "icntl_14": 40, **self._options.mumps(), **(settings or {})}
-        self._norm = None
+    def __init__(self, matrix: PETSc.Mat, kind: str, prefix: str, settings=None, factoring: Factoring | None = None):
+        self.matrix, self.factoring = matrix, factoring or Factoring()
+        self.records: list[FactorRecord] = []
+        self.analyses = 0  # symbolic ones so far
+        self._kind, self._prefix = kind, prefix
+        self._settings = {"icntl_7": startup.ordering, "icntl_14": 40, **self.factoring.mumps(), **(settings or {})}
         # before the first factor takes its part
-        self._limit = max(int(available_mb(matrix.comm.tompi4py())), 1)
+        self._limit = self.factoring.limit_mb(matrix.comm.tompi4py())
         PETSc.Log.begin()
         self._event = PETSc.Log.Event("MatCholFctrSym" if kind == "cholesky" else "MatLUFactorSym")
         self._ksp = PETSc.KSP().create(matrix.comm)
@@ -83,7 +118,6 @@ class Factorisation:
         self._ksp.getPC().setType(kind)
         self._ksp.getPC().setFactorSolverType("mumps")
         self._ksp.setFromOptions()
-        self._analyses = 0
 
     def close(self):
         self._ksp.destroy()
@@ -93,14 +127,9 @@ class Factorisation:
         self._ksp.getPC().reset()
 
     @property
-    def analyses(self) -> int:
-        """Number of symbolic analyses so far."""
-        return self._analyses
-
-    @property
     def negative_pivots(self) -> int:
         """Number of negative eigenvalues by Sylvester's law; on several ranks it needs icntl_13 = 1."""
-        return self.records[-1]["negative_pivots"]
+        return self.records[-1].negative_pivots
 
     def estimate(self):
         """MB that a factor needs in all, as MUMPS estimates, and MB that the ranks have; by an analysis alone.
@@ -111,7 +140,7 @@ class Factorisation:
             self._ksp.setOperators(self.matrix)
             self._ksp.setUp()
         mumps = self._ksp.getPC().getFactorMatrix()
-        on_disk = self._options.out_of_core is not None
+        on_disk = self.factoring.out_of_core is not None
         total, largest = (mumps.getMumpsInfog(i) for i in ((27, 26) if on_disk else (17, 16)))
         message = self._does_not_fit(mumps)
         self.release()
@@ -128,7 +157,7 @@ class Factorisation:
         )
 
     def factor(self, **labels):
-        """Factor the values that the matrix has now; `labels` go to the record.
+        """Factor the values that the matrix has now; `labels` (mass, damping, inertia_relief) go to the record.
 
         A failed factor cannot be used again: the solver is reset, and given more workspace when that was the
         reason. Raises SingularMatrix, or ComputationError with MUMPS' code.
@@ -136,6 +165,32 @@ class Factorisation:
         # the state of a parallel matrix does not follow MatAXPY, and setUp looks at new values only when told
         self.matrix.stateIncrease()
         before, start = self._event.getPerfInfo(), time.perf_counter()
+        mumps, retries = self._factor_with_room()
+        after = self._event.getPerfInfo()
+        analysis = after["time"] - before["time"]
+        self.analyses += after["count"] - before["count"]
+        entries = mumps.getMumpsInfog(29)
+        self.records.append(
+            FactorRecord(
+                **labels,
+                kind="LDL^T" if self._kind == "cholesky" else "LU",
+                analysis_seconds=round(analysis, 4),
+                factor_seconds=round(time.perf_counter() - start - analysis, 4),
+                ordering=ORDERINGS.get(mumps.getMumpsInfog(7), "other"),
+                factor_entries=entries if entries >= 0 else -entries * 10**6,
+                flops=mumps.getMumpsRinfog(3),
+                memory_mb_estimated_total=mumps.getMumpsInfog(17),
+                memory_mb_estimated_max_rank=mumps.getMumpsInfog(16),
+                memory_mb_used_max_rank=mumps.getMumpsInfog(21),
+                memory_mb_used_total=mumps.getMumpsInfog(22),
+                negative_pivots=mumps.getMumpsInfog(12),
+                null_pivots=mumps.getMumpsInfog(28),
+                workspace_retries=retries,
+            )
+        )
+
+    def _factor_with_room(self):
+        """The factor of MUMPS, and how often its workspace had to be enlarged."""
         # MUMPS compares its estimate with this limit after the analysis, before it takes the memory
         settings = {**self._settings, "icntl_23": self._limit}
         room = PETSc.Options(self._prefix).getInt("mat_mumps_icntl_14", self._settings["icntl_14"])
@@ -147,7 +202,7 @@ class Factorisation:
             mumps = self._ksp.getPC().getFactorMatrix()
             code, detail = mumps.getMumpsInfog(1), mumps.getMumpsInfog(2)
             if code >= 0:
-                break
+                return mumps, retries
             message = self._does_not_fit(mumps)
             self._ksp.getPC().reset()
             if code == -10:
@@ -156,34 +211,7 @@ class Factorisation:
                 raise ComputationError(message)
             if code not in MORE_ROOM:
                 raise ComputationError(f"MUMPS failed to factor: INFOG(1) = {code}, INFOG(2) = {detail}")
-        else:
-            raise ComputationError(f"MUMPS wants ever more workspace: INFOG(1) = {code}, INFOG(2) = {detail}")
-        after = self._event.getPerfInfo()
-        analysis = after["time"] - before["time"]
-        self._analyses += after["count"] - before["count"]
-        self._norm = None
-        entries = mumps.getMumpsInfog(29)
-        self.records.append(
-            {
-                **labels,
-                "kind": "LDL^T" if self._kind == "cholesky" else "LU",
-                "analysis_seconds": round(analysis, 4),
-                "factor_seconds": round(time.perf_counter() - start - analysis, 4),
-                "ordering": ORDERINGS.get(mumps.getMumpsInfog(7), "other"),
-                "factor_entries": entries if entries >= 0 else -entries * 10**6,
-                "flops": mumps.getMumpsRinfog(3),
-                "memory_mb_estimated_total": mumps.getMumpsInfog(17),
-                "memory_mb_estimated_max_rank": mumps.getMumpsInfog(16),
-                "memory_mb_used_max_rank": mumps.getMumpsInfog(21),
-                "memory_mb_used_total": mumps.getMumpsInfog(22),
-                "negative_pivots": mumps.getMumpsInfog(12),
-                "null_pivots": mumps.getMumpsInfog(28),
-                "workspace_retries": retries,
-                "columns_solved": 0,
-                "solve_seconds": 0.0,
-                "residual": 0.0,
-            }
-        )
+        raise ComputationError(f"MUMPS wants ever more workspace: INFOG(1) = {code}, INFOG(2) = {detail}")
 
     def back_substitute(self, load: SLEPc.BV, solution: SLEPc.BV):
         """solution = A^-1 load, all active columns in one call of MUMPS, unchecked."""
@@ -192,58 +220,5 @@ class Factorisation:
             self._ksp.getPC().getFactorMatrix().matSolve(b, x)
             columns = x.getSize()[1]
         record = self.records[-1]
-        record["columns_solved"] += columns
-        record["solve_seconds"] = round(record["solve_seconds"] + time.perf_counter() - start, 4)
-
-    def refine(self, load, solution, matrix, back_substitute, scale=None, steps=0):
-        """Check the residual load - matrix solution, and improve the solution while it is large.
-
-        `back_substitute(load, solution)` is the caller's; residuals are relative to `scale` (columns,), by
-        default the norms of the load; `steps` of refinement are made in any case.
-        Raises ComputationError when the residual stays large.
-        """
-        scale = column_norms(load) if scale is None else scale
-        most = 2 if self._options.low_rank is None else LOW_RANK_STEPS
-        before = inf
-        for step in range(most + 1):
-            residual = copy_of(load, matrix)
-            columns = residual.getSizes()[1]
-            product = create_block(matrix, columns)
-            apply(matrix, solution, product)
-            add_product(residual, product, np.eye(columns), alpha=-1.0)
-            relative, backward = self._residual_norms(residual, scale, solution)
-            small_or_stuck = relative <= REFINE_ABOVE or relative > before / 2
-            enough = step == most or not relative < inf or (step >= steps and small_or_stuck)
-            before = relative
-            if not enough:
-                back_substitute(residual, product)
-                add_product(solution, product, np.eye(columns))
-            product.destroy()
-            residual.destroy()
-            if enough:
-                break
-        self.records[-1]["residual"] = max(self.records[-1]["residual"], relative)
-        if self._options.low_rank is not None and not (relative <= REFINE_ABOVE or backward < 1e-14):
-            raise ComputationError(
-                f"low_rank: the residual stays at {relative:.1e} after {most} steps of refinement; take less than "
-                f"{self._options.low_rank:g}, or leave it out"
-            )
-        if not (relative < 1e-6 or backward < 1e-12):
-            raise ComputationError(
-                f"the solution has a relative residual of {relative:.1e} (backward error {backward:.1e}): "
-                "the matrix is too ill-conditioned to be solved"
-            )
-
-    def _residual_norms(self, residual, b, solution):
-        """Largest ||r|| / ||b|| and ||r|| / (||A|| ||x|| + ||b||) over the columns."""
-        r, x = column_norms(residual), column_norms(solution)
-        if not (np.isfinite(r).all() and np.isfinite(x).all()):
-            return inf, inf
-        if not (some := b > 0).any():
-            return 0.0, 0.0
-        self._norm = self._norm or self.matrix.norm(PETSc.NormType.INFINITY)
-        backward = r[some] / (self._norm * x[some] + b[some])
-        return float((r[some] / b[some]).max()), float(backward.max())
-
-
-ORDERINGS = {0: "AMD", 2: "AMF", 3: "SCOTCH", 4: "PORD", 5: "METIS", 6: "QAMD"}
+        record.columns_solved += columns
+        record.solve_seconds = round(record.solve_seconds + time.perf_counter() - start, 4)

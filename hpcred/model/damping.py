@@ -1,9 +1,11 @@
 """Damping laws: which D belongs to a model with M and K."""
 
-from dataclasses import dataclass
-from typing import ClassVar
+from copy import copy
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..parallel.failures import InputError
 from ..parallel.petsc import SAME, PETSc
@@ -13,21 +15,21 @@ from ..parallel.petsc import SAME, PETSc
 class NoDamping:
     """D = 0, even if the model has a damping matrix."""
 
-    kind: ClassVar[str] = "none"
+    kind: Literal["none"] = field(default="none", kw_only=True, repr=False)
 
 
 @dataclass(frozen=True)
 class GivenDamping:
     """The damping matrix of the model."""
 
-    kind: ClassVar[str] = "given"
+    kind: Literal["given"] = field(default="given", kw_only=True, repr=False)
 
 
 @dataclass(frozen=True)
 class Rayleigh:
     """D = alpha M + beta K (40); alpha in 1/s, beta in s."""
 
-    kind: ClassVar[str] = "rayleigh"
+    kind: Literal["rayleigh"] = field(default="rayleigh", kw_only=True, repr=False)
     alpha: float = 0.0
     beta: float = 0.0
 
@@ -43,7 +45,7 @@ class Caughey:
     With more than two terms D is not sparse, and is applied by solves with M.
     """
 
-    kind: ClassVar[str] = "caughey"
+    kind: Literal["caughey"] = field(default="caughey", kw_only=True, repr=False)
     coefficients: tuple[float, ...]
 
     def __post_init__(self):
@@ -59,7 +61,7 @@ class ModalDamping:
     (frequency in Hz, ratio) pairs, interpolated linearly and constant outside.
     """
 
-    kind: ClassVar[str] = "modal"
+    kind: Literal["modal"] = field(default="modal", kw_only=True, repr=False)
     ratio: float | None = None
     ratios: tuple[float, ...] | None = None
     table: tuple[tuple[float, float], ...] | None = None
@@ -87,7 +89,7 @@ class ModalDamping:
 class Structural:
     """Structural (hysteretic) damping: (1 + i eta) K in frequency responses, none in time; eta = loss_factor."""
 
-    kind: ClassVar[str] = "structural"
+    kind: Literal["structural"] = field(default="structural", kw_only=True, repr=False)
     loss_factor: float
 
     def __post_init__(self):
@@ -95,26 +97,26 @@ class Structural:
             raise InputError(f"damping.loss_factor: found {self.loss_factor:g}; it may not be negative")
 
 
-def damping_matrix(model, damping):
-    """D of a damping law, and whether it is a new matrix that the caller destroys. Collective.
+def with_damping(model, damping):
+    """The model with the D of a damping law, without one for the laws that have no sparse matrix. Collective.
 
-    (None, False) for the laws that have no sparse matrix. Raises InputError when there is none to be given.
+    Raises InputError when there is none to be given.
     """
     if isinstance(damping, GivenDamping):
         if model.D is None:
             raise InputError(f"damping.kind: 'given' needs a damping matrix, {model.name} has none")
-        return model.D, False
+        return model.with_damping_matrix(copy(model.D))
     if isinstance(damping, Rayleigh):
         alpha, beta = damping.alpha, damping.beta
     elif isinstance(damping, Caughey) and len(damping.coefficients) <= 2:
         alpha, beta = (*damping.coefficients, 0.0)[:2]
     else:
-        return None, False
+        return model.with_damping_matrix(None)
     mat = model.M.duplicate(copy=True)
     mat.scale(alpha)
     mat.axpy(beta, model.K, structure=SAME)
     mat.stateIncrease()
-    return mat, True
+    return model.with_damping_matrix(mat)
 
 
 def caughey_terms(damping) -> tuple[float, ...] | None:
@@ -149,3 +151,8 @@ def is_proportional(model) -> bool:
     for item in (*vectors.values(), x, random):
         item.destroy()
     return bool(proportional)
+
+
+Damping = Annotated[
+    NoDamping | GivenDamping | Rayleigh | Caughey | ModalDamping | Structural, Field(discriminator="kind")
+]

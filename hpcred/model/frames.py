@@ -4,17 +4,19 @@ The tangent and the chord frame (14, 15) remove dofs; the Buckens frame (16) kee
 rigid-body modes.
 """
 
-from copy import copy
-from dataclasses import dataclass
-from typing import ClassVar
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..linalg.blocks import local_rows
 from ..linalg.csr import compress
-from ..parallel.failures import InputError
+from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import PETSc
-from .damping import damping_matrix
+from .damping import with_damping
 from .dofs import DIRECTIONS, position_of_node, row_of, rows_of_node
 from .rigid_body_modes import RigidBodyModes
 from .second_order_model import SecondOrderModel
@@ -26,14 +28,14 @@ COLLINEAR = 1e-6  # area of the unit triangle below which three points count as 
 class NoFrame:
     """The matrices as they are: the body is supported already."""
 
-    kind: ClassVar[str] = "none"
+    kind: Literal["none"] = field(default="none", kw_only=True, repr=False)
 
 
 @dataclass(frozen=True)
 class Tangent:
     """The body frame is that of one node, which has six dofs: all of them are held."""
 
-    kind: ClassVar[str] = "tangent"
+    kind: Literal["tangent"] = field(default="tangent", kw_only=True, repr=False)
     node: int
 
 
@@ -45,7 +47,7 @@ class Chord:
     points. Without it, axis 1 points from P1 to P2 and axis 3 is normal to the plane.
     """
 
-    kind: ClassVar[str] = "chord"
+    kind: Literal["chord"] = field(default="chord", kw_only=True, repr=False)
     nodes: tuple[int, int, int]
     axes: str | None = None
 
@@ -57,10 +59,11 @@ class Buckens:
     `supports`: (node, direction) pairs to hold in inertia relief; the result does not depend on them.
     """
 
-    kind: ClassVar[str] = "buckens"
+    kind: Literal["buckens"] = field(default="buckens", kw_only=True, repr=False)
     supports: tuple[tuple[int, str], ...] | None = None
 
 
+@dataclass(frozen=True, eq=False)
 class FramedModel:
     """A model with its damping, in its reference frame.
 
@@ -69,19 +72,17 @@ class FramedModel:
     that have no matrix. Call close(); collective.
     """
 
-    def __init__(self, model, restore=None, rigid=None):
-        self.model, self.restore, self.rigid = model, restore, rigid
-        self.damping = None
-        self._owned = []
+    model: SecondOrderModel
+    restore: PETSc.Mat | None = None
+    rigid: RigidBodyModes | None = None
+    damping: object = None
 
     def close(self):
+        self.model.close()
         if self.restore is not None:
             self.restore.destroy()
-            self.model.close()
         if self.rigid is not None:
             self.rigid.close()
-        for mat in self._owned:
-            mat.destroy()
 
 
 def apply_frame(model: SecondOrderModel, frame=None, damping=None) -> FramedModel:
@@ -89,34 +90,44 @@ def apply_frame(model: SecondOrderModel, frame=None, damping=None) -> FramedMode
 
     Raises InputError where the frame does not fit the body or the damping is not possible.
     """
-    damped = copy(model)
-    damped.D, new = damping_matrix(model, damping)
-    framed = _in_frame(damped, frame)
-    framed.damping = damping
-    if new:
-        framed._owned.append(damped.D)
-    return framed
+    with Owned(model.comm) as owned:
+        damped = owned.owns(with_damping(model, damping))
+        restore = rigid = None
+        if isinstance(frame, Buckens):
+            free, rigid = damped.shared(), _free_body(damped, frame)
+        elif isinstance(frame, Tangent):
+            free, restore = _remove(damped, _rows_of_tangent(damped, frame), None)
+        elif isinstance(frame, Chord):
+            free, restore = _remove(damped, *_rows_of_chord(damped, frame))
+        else:
+            free = damped.shared()
+        return FramedModel(free, restore, rigid, damping)
 
 
-def _in_frame(model, frame):
-    if isinstance(frame, Buckens):
-        return _buckens(model, frame)
-    if isinstance(frame, Tangent):
-        rows = rows_of_node(model, frame.node)
-        if len(rows) < 6:
-            have = ", ".join(DIRECTIONS[d] for d in sorted(rows))
-            raise InputError(
-                f"frame: the tangent frame needs a node with six dofs, node {frame.node} has {have}; "
-                "take the chord or the Buckens frame"
-            )
-        return _remove(model, list(rows.values()), None)
-    if isinstance(frame, Chord):
-        return _chord(model, frame)
-    return FramedModel(model)
+def _rows_of_tangent(model, frame):
+    rows = rows_of_node(model, frame.node)
+    if len(rows) < 6:
+        have = ", ".join(DIRECTIONS[d] for d in sorted(rows))
+        raise InputError(
+            f"frame: the tangent frame needs a node with six dofs, node {frame.node} has {have}; "
+            "take the chord or the Buckens frame"
+        )
+    return list(rows.values())
 
 
-def _buckens(model, frame):
+def _free_body(model, frame):
+    """The rigid-body modes of a body in the Buckens frame."""
     rigid = RigidBodyModes(model)
+    try:
+        _hold(model, rigid, frame)
+    except InputError:
+        rigid.close()  # a refusal of all ranks
+        raise
+    return rigid
+
+
+def _hold(model, rigid, frame):
+    """Refuse a supported body, and hold the supports that the user chose."""
     if rigid.count == 0:
         raise InputError(
             f"frame: the Buckens frame needs a free body, but {model.name} is supported "
@@ -130,7 +141,6 @@ def _buckens(model, frame):
                 f"found {[tuple(pair) for pair in frame.supports]}"
             )
         rigid.hold(rows)
-    return FramedModel(model, rigid=rigid)
 
 
 def _holds(model, rigid, rows):
@@ -146,7 +156,8 @@ def _holds(model, rigid, rows):
     return np.linalg.svd(np.array([found[row] for row in rows]) / largest)[1].min() > 1e-6
 
 
-def _chord(model, frame):
+def _rows_of_chord(model, frame):
+    """Global rows to hold, and the dofs of nodes to be rotated before."""
     points = np.array([position_of_node(model, node) for node in frame.nodes])
     along, across = points[1] - points[0], points[2] - points[0]
     normal = np.cross(along, across)
@@ -170,7 +181,7 @@ def _chord(model, frame):
             f"frame.axes: with axes '{frame.axes}' the supports at nodes {list(frame.nodes)} leave a rotation "
             "free; choose axis 1 along the line from the first to the second node, axis 3 normal to the plane"
         )
-    held, turned = [], []
+    held, rotated = [], []
     for node, indices in zip(frame.nodes, ([0, 1, 2], [1, 2], [2]), strict=True):
         rows = rows_of_node(model, node)
         if not all(d in rows for d in range(3)):
@@ -180,24 +191,24 @@ def _chord(model, frame):
         if len(aligned) == len(indices) or len(indices) == 3:
             held += [rows[d] for d in (range(3) if len(indices) == 3 else aligned)]
         else:
-            turned.append(([rows[d] for d in range(3)], axes))
-            held += [rows[i] for i in indices]  # after turning, dof i of the node is along axis i
-    return _remove(model, held, turned)
+            rotated.append(([rows[d] for d in range(3)], axes))
+            held += [rows[i] for i in indices]  # then dof i of the node is along axis i
+    return held, rotated
 
 
-def _remove(model, held, turned):
-    """The model without the global rows `held`, after turning the dofs (rows, axes) of some nodes."""
+def _remove(model, held, rotated):
+    """The model without the global rows `held`, after rotating the dofs (rows, axes) of some nodes, and T."""
     comm, first, last = model.comm, model.first_row, model.first_row + model.local_rows
     free = np.setdiff1d(np.arange(first, last), held).astype(PETSc.IntType)
     total = comm.allreduce(len(free))
-    rotation = _rotation(model, turned) if turned else None
+    rotation = _rotation(model, rotated) if rotated else None
     keep = PETSc.IS().createGeneral(free, comm=model.K.comm)
     mats = {}
     for key, mat in model.matrices.items():
-        rotated = mat.ptap(rotation) if rotation is not None else mat
-        mats[key] = rotated.createSubMatrix(keep, keep)
+        turned = mat.ptap(rotation) if rotation is not None else mat
+        mats[key] = turned.createSubMatrix(keep, keep)
         if rotation is not None:
-            rotated.destroy()
+            turned.destroy()
     keep.destroy()
     selection = _selection(model, free, total)
     restore = selection
@@ -206,12 +217,12 @@ def _remove(model, held, turned):
         selection.destroy()
         rotation.destroy()
     dense = [None if mat is None else restore.transposeMatMult(mat) for mat in (model.B, model.Ct)]
-    reduced = SecondOrderModel(
+    free_model = SecondOrderModel(
         mats["M"], mats["K"], mats.get("D"), dense[0], dense[1],
         model.dofs.take(free - first) if model.dofs is not None else None,
         model.input_names, model.output_names, model.name,
     )  # fmt: skip
-    return FramedModel(reduced, restore)
+    return free_model, restore
 
 
 def _selection(model, free, total):
@@ -226,10 +237,10 @@ def _selection(model, free, total):
     return PETSc.Mat().createAIJ(sizes, csr=csr, comm=model.K.comm)
 
 
-def _rotation(model, turned):
-    """Q (n, n): the identity but for 3 x 3 blocks whose columns are the axes of the nodes to turn."""
+def _rotation(model, rotated):
+    """Q (n, n): the identity but for 3 x 3 blocks whose columns are the axes of the nodes to rotate."""
     first, last = model.first_row, model.first_row + model.local_rows
-    blocks = [(np.repeat(rows, 3), np.tile(rows, 3), axes.T.ravel()) for rows, axes in turned]
+    blocks = [(np.repeat(rows, 3), np.tile(rows, 3), axes.T.ravel()) for rows, axes in rotated]
     i, j, v = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
     straight = np.setdiff1d(np.arange(first, last), i)
     mine = (i >= first) & (i < last)
@@ -238,3 +249,6 @@ def _rotation(model, turned):
     indptr, indices, values = compress({"Q": entries}, first, last, model.size)
     csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), values["Q"])
     return PETSc.Mat().createAIJ(((model.local_rows, model.size),) * 2, csr=csr, comm=model.K.comm)
+
+
+Frame = Annotated[NoFrame | Tangent | Chord | Buckens, Field(discriminator="kind")]

@@ -2,41 +2,52 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..linalg.csr import compress
-from ..parallel.failures import InputError, agreed
+from ..parallel.failures import InputError, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
 from .dofs import DIRECTIONS, Dofs, row_of, target_name
 
 SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class SecondOrderModel:
     """M q'' + D q' + K q = B u, y = C q with n unknowns, p inputs, r outputs, distributed by rows.
 
     M, D (or None), K: PETSc AIJ matrices (n, n) on one nonzero pattern. B (n, p) and C^T (n, r): dense PETSc
     matrices; `Ct` is None when C = B^T. `dofs`: labels of the rows of this rank, or None. `elements`: node numbers
-    (elements of this rank, nodes) by kind of element, where known, for pictures. `name` is for
-    messages. SI units. Owns its PETSc objects: call close() or use it in a `with` block; both are collective.
+    (elements of this rank, nodes) by kind of element, where known, for pictures. `name` is for messages. SI units.
+
+    A model does not change after it was made; with_inputs and the like give another one on the same matrices. Each owns
+    its PETSc objects, which are counted references: call close() or use it in a `with` block; both are collective.
     """
 
-    def __init__(self, M, K, D=None, B=None, Ct=None, dofs=None, input_names=(), output_names=(), name="model"):
-        self.M, self.D, self.K, self.B, self.Ct = M, D, K, B, Ct
-        self.dofs, self.elements, self.name = dofs, {}, name
-        self.input_names, self._output_names = list(input_names), list(output_names)
-        self.comm = K.comm.tompi4py()
-        self.size = K.getSize()[0]
-        self.local_rows = K.getLocalSize()[0]
-        self.first_row = K.getOwnershipRange()[0]
-        self.row_starts = np.array(K.getOwnershipRanges()[:-1])
+    M: PETSc.Mat
+    K: PETSc.Mat
+    D: PETSc.Mat | None = None
+    B: PETSc.Mat | None = None
+    Ct: PETSc.Mat | None = None
+    dofs: Dofs | None = None
+    input_names: tuple[str, ...] = ()
+    own_output_names: tuple[str, ...] = ()
+    name: str = "model"
+    elements: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def __post_init__(self):
+        watched(self.comm)
 
     def __enter__(self):
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, _, error, __):
+        if error is not None:
+            settle(self.comm, error)
         self.close()
 
     def close(self):
@@ -44,7 +55,52 @@ class SecondOrderModel:
         for mat in (self.M, self.D, self.K, self.B, self.Ct):
             if mat is not None:
                 mat.destroy()
-        self.M = self.D = self.K = self.B = self.Ct = None
+
+    def __str__(self):
+        """Three lines on what the model is. Collective."""
+        matrices = ", ".join(sorted(self.matrices))
+        nodes = "without nodes" if self.dofs is None else f"{self.node_count} nodes"
+        return (
+            f"{self.name}: {self.size} dofs, {nodes}, on {self.comm.size} rank(s)\n"
+            f"  matrices {matrices} with {self.nonzeros} nonzeros, {'symmetric' if self.symmetric else 'unsymmetric'}\n"
+            f"  inputs {listed(self.input_names)}; outputs {listed(self.output_names)}"
+        )
+
+    def shared(self):
+        """The same model with references of its own: either is closed without the other."""
+        return self._with()
+
+    def _with(self, **changed):
+        """Another model with some fields changed, and references of its own to the other PETSc objects."""
+        kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct")
+                if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
+        return replace(self, **kept, **changed)
+
+    @cached_property
+    def comm(self):
+        return self.K.comm.tompi4py()
+
+    @cached_property
+    def size(self) -> int:
+        return self.K.getSize()[0]
+
+    @cached_property
+    def local_rows(self) -> int:
+        return self.K.getLocalSize()[0]
+
+    @cached_property
+    def first_row(self) -> int:
+        return int(self.K.getOwnershipRange()[0])
+
+    @cached_property
+    def row_starts(self) -> np.ndarray:
+        """The first row of each rank (ranks,)."""
+        return np.array(self.K.getOwnershipRanges()[:-1], dtype=np.int64)
+
+    @property
+    def node_count(self) -> int:
+        """Number of nodes; a node whose rows lie on two ranks counts twice. Collective."""
+        return self.comm.allreduce(len(np.unique(self.dofs.node)))
 
     @property
     def matrices(self) -> dict:
@@ -57,8 +113,8 @@ class SecondOrderModel:
         return int(self.K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
 
     @property
-    def output_names(self) -> list[str]:
-        return self.input_names if self.Ct is None else self._output_names
+    def output_names(self) -> tuple[str, ...]:
+        return self.input_names if self.Ct is None else self.own_output_names
 
     @cached_property
     def symmetry_defects(self) -> dict[str, float]:
@@ -86,27 +142,37 @@ class SecondOrderModel:
         diagonal.destroy()
         return value
 
-    def set_inputs(self, targets):
-        """Unit loads at dofs: numbers from 1, or (node, direction) pairs. Collective. Raises InputError."""
-        self.set_input_columns(*self._unit_columns(targets))
+    def with_inputs(self, targets):
+        """The model with unit loads at dofs: numbers from 1, or (node, direction) pairs.
 
-    def set_outputs(self, targets):
-        """Displacements measured at dofs, given as for set_inputs. Collective. Raises InputError."""
-        self.set_output_columns(*self._unit_columns(targets))
+        Collective. Raises InputError.
+        """
+        return self.with_input_columns(*self._unit_columns(targets))
 
-    def set_input_columns(self, local, names):
-        """B from the rows of this rank (rows, p). Collective."""
-        self.B, self.input_names = self._replaced(self.B, local), list(names)
+    def with_outputs(self, targets):
+        """The model with displacements measured at dofs, given as for with_inputs. Collective. Raises InputError."""
+        return self.with_output_columns(*self._unit_columns(targets))
 
-    def set_output_columns(self, local, names):
-        """C^T from the rows of this rank (rows, r). Collective."""
-        self.Ct, self._output_names = self._replaced(self.Ct, local), list(names)
+    def with_input_columns(self, local, names):
+        """The model with B from the rows of this rank (rows, p). Collective."""
+        return self._with(B=dense_matrix(self.K, local), input_names=tuple(names))
 
-    def clear_outputs(self):
-        """C = B^T from now on. Collective."""
-        if self.Ct is not None:
-            self.Ct.destroy()
-        self.Ct = None
+    def with_output_columns(self, local, names):
+        """The model with C^T from the rows of this rank (rows, r), or with C = B^T for None. Collective."""
+        Ct = None if local is None else dense_matrix(self.K, local)
+        return self._with(Ct=Ct, own_output_names=tuple(names))
+
+    def with_damping_matrix(self, D):
+        """The model with the damping matrix D on the pattern of K, or None; it takes D over. Collective."""
+        return self._with(D=D)
+
+    def as_dual(self):
+        """The model of the transposed transfer function: M^T, D^T, K^T (M and K are symmetric), C^T for B. Collective."""
+        changed = {"B": None if self.Ct is None else copy(self.Ct), "Ct": None, "input_names": self.output_names}
+        if self.D is not None and not self.symmetric:
+            changed["D"] = PETSc.Mat()
+            self.D.transpose(changed["D"])
+        return self._with(**changed)
 
     def _unit_columns(self, targets):
         """Rows of this rank of a matrix of unit columns, and their names."""
@@ -115,11 +181,6 @@ class SecondOrderModel:
         mine = (rows >= self.first_row) & (rows < self.first_row + self.local_rows)
         local[rows[mine] - self.first_row, np.flatnonzero(mine)] = 1.0
         return local, [target_name(target) for target in targets]
-
-    def _replaced(self, old, local):
-        if old is not None:
-            old.destroy()
-        return dense_matrix(self.K, local)
 
     @classmethod
     def from_csr(
@@ -135,12 +196,14 @@ class SecondOrderModel:
         input_names=(),
         output_names=(),
         name="model",
+        elements=None,
     ):
         """A model from the rows of this rank. Collective.
 
         `indptr` (rows + 1,), `indices` (nonzeros,) sorted global columns, `values`: dict of "K", "M" and
         perhaps "D" -> (nonzeros,) on that one pattern. `inputs` (rows, p) and `outputs` (rows, r) are the rows
-        of B and C^T. Raises InputError for NaN, Inf, a negative diagonal of M, or rows that are empty.
+        of B and C^T; `elements` as of the model. Raises InputError for NaN, Inf, a negative diagonal of M, or rows
+        that are empty.
         """  # fmt: skip
         rows = len(indptr) - 1
         first = comm.exscan(rows) or 0
@@ -159,7 +222,10 @@ class SecondOrderModel:
         for key, data in values.items():
             mats[key] = PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=(indptr, indices, data), comm=comm)
         B, Ct = (None if local is None else dense_matrix(mats["K"], local) for local in (inputs, outputs))
-        return cls(mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, input_names, output_names, name)
+        return cls(
+            mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, tuple(input_names), tuple(output_names), name,
+            elements or {},
+        )  # fmt: skip
 
     @classmethod
     def from_scipy(cls, K, M, D=None, comm=MPI.COMM_WORLD, **keywords):
@@ -236,13 +302,25 @@ def symmetry_defect(mat: PETSc.Mat) -> float:
 
 
 def _coordinates(mat):
-    """Rows, columns, values and size of a SciPy sparse or a dense matrix."""
+    """Rows, columns, real values and size of a SciPy sparse or a dense matrix. Raises InputError."""
     if hasattr(mat, "tocoo"):
         mat = mat.tocoo()
-        return mat.row.astype(np.int64), mat.col.astype(np.int64), mat.data.astype(float), mat.shape[0]
-    mat = np.asarray(mat, dtype=float)
-    i, j = np.nonzero(mat)
-    return i, j, mat[i, j], mat.shape[0]
+        i, j, v = mat.row.astype(np.int64), mat.col.astype(np.int64), mat.data
+    else:
+        mat = np.asarray(mat)
+        i, j = np.nonzero(mat)
+        v = mat[i, j]
+    if mat.shape[0] != mat.shape[1]:
+        raise InputError(f"from_scipy: found a matrix of {mat.shape[0]} x {mat.shape[1]}, expected a square one")
+    if np.iscomplexobj(v) and v.imag.any():
+        raise InputError("from_scipy: found a matrix with imaginary parts, expected real ones")
+    return i, j, v.real.astype(float), mat.shape[0]
+
+
+def listed(names, most=4) -> str:
+    """Names in a line, the first few of many."""
+    shown = ", ".join(names[:most]) + (f", ... ({len(names)})" if len(names) > most else "")
+    return shown or "none"
 
 
 def _check_rows(indptr, indices, values, first, name, dofs):

@@ -4,7 +4,9 @@ import os
 import resource
 from pathlib import Path
 
-from . import startup as runtime
+import psutil
+
+from . import startup
 
 SHARE = 0.9  # of what is free; the rest is for buffers and other programs
 MB = 2**20
@@ -19,7 +21,7 @@ def available_mb(comm) -> float:
     given = os.environ.get("HPCRED_MEMORY_MB")
     if given:
         return float(given)
-    own = _node_mb() / runtime.ranks_on_node
+    own = _node_mb() / startup.ranks_on_node
     per_cpu = os.environ.get("SLURM_MEM_PER_CPU", "")
     if per_cpu.isdigit():
         own = min(own, float(per_cpu) * int(os.environ.get("SLURM_CPUS_PER_TASK", "1")))
@@ -31,21 +33,11 @@ def available_mb(comm) -> float:
 
 def _node_mb() -> float:
     """Free memory of this node for the job, in MB."""
-    limits = [_meminfo(), _cgroup()]
+    limits = [psutil.virtual_memory().available / MB, *_control_groups()]
     per_node = os.environ.get("SLURM_MEM_PER_NODE", "")
     if per_node.isdigit() and int(per_node):
         limits.append(float(per_node))
-    return min(limit for limit in limits if limit is not None)
-
-
-def _meminfo():
-    try:
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) / 1024
-    except OSError:
-        pass
-    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / MB
+    return min(limits)
 
 
 def _groups_of_process():
@@ -55,8 +47,8 @@ def _groups_of_process():
         return []
 
 
-def _cgroup():
-    """What the control groups of this process leave (version 2 and 1), or None. File cache can be given back."""
+def _control_groups():
+    """What the control groups of this process (version 2 and 1) leave, in MB. File cache can be given back."""
     found = []
     for line in _groups_of_process():
         _, controllers, name = line.split(":", 2)
@@ -76,4 +68,4 @@ def _cgroup():
                     found.append((int(most) - now + int(stat.get("inactive_file", 0))) / MB)
             except (OSError, ValueError):
                 continue
-    return min(found, default=None)
+    return found

@@ -4,22 +4,23 @@ Damping is left out when the basis is built, which is exact in the limit of ligh
 enters with the projection. At s = i omega the matrix K - omega^2 M is real, as it is for real s.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
-from ..linalg.basis import Basis
+from ..linalg.basis import Basis, ComplexBasis
 from ..linalg.blocks import apply, as_pairs, copy_of, create_block
 from ..linalg.factorisation import SingularMatrix
 from ..model.damping import is_proportional
-from ..parallel.failures import InputError
-from .point_blocks import Chain
+from ..parallel.failures import InputError, Owned
+from .ingredient import PointIngredient
+from .point_blocks import PointBlocks
 from .points import laplace, point_name
 
 
 @dataclass(frozen=True)
-class Krylov:
+class Krylov(PointIngredient):
     """`order` + 1 blocks at s = decay + i 2 pi frequency (1/s, Hz): (K + s^2 M)^-1 B, then repeatedly (K + s^2 M)^-1 M.
 
     The reduced transfer function and its first `order` derivatives with respect to s^2 match those of the full
@@ -27,7 +28,7 @@ class Krylov:
     M^-1 K, which matches Markov parameters. Points that are neither real nor imaginary give twice the columns (50).
     """
 
-    kind: ClassVar[str] = "krylov"
+    kind: Literal["krylov"] = field(default="krylov", kw_only=True, repr=False)
     frequency: float | None = None
     order: int = 0
     decay: float | None = None
@@ -56,63 +57,63 @@ class Krylov:
         """Number of vectors before deflation."""
         return (2 if self._is_complex() else 1) * inputs * (self.order + 1)
 
-    def extend(self, basis, context):
-        """Add the blocks to the basis. Collective. Raises InputError where the point is an eigenfrequency."""
-        self.chain(context).join(basis, context)
+    def complex_shift(self, damped):
+        return self._is_complex()
 
-    def chain(self, context):
-        """The blocks as a Chain. Collective.
+    def blocks(self, run):
+        """The blocks of the point. Collective. Raises InputError where the point is an eigenfrequency.
 
-        Block Arnoldi: the chain of the point is kept orthonormal by itself, because (K + s^2 M)^-1 M has to act
+        Block Arnoldi: the vectors of the point are kept orthonormal by themselves, because (K + s^2 M)^-1 M has to act
         on the whole block and not only on what the basis did not have yet.
         """
-        model = context.model
+        model = run.model
         if self._is_complex() and not is_proportional(model):
             raise InputError(
                 f"krylov: the point {self.name} is complex and the damping of {model.name} is not proportional; "
                 "kind 'second_order_krylov' fits"
             )
-        if not context.loads.getActiveColumns()[1]:
+        if not run.loads.getActiveColumns()[1]:
             raise InputError(f"krylov: no input loads the free dofs of {model.name}")
         try:
-            with context.progress.stage("factor", self.name):
-                solver, next_matrix = self._factored(context)
+            with run.progress.stage("factor", self.name):
+                solver, next_matrix = self._factored(run)
         except SingularMatrix as error:
             raise self._refusal(model, error) from error
-        return self._arnoldi(context, solver, next_matrix)
+        return self._arnoldi(run, solver, next_matrix)
 
-    def _factored(self, context):
+    def _factored(self, run):
         """The solver of the point, and the matrix that leads from one block to the next load."""
         square = self.point**2
         if self._is_complex():
-            context.damped_solver.factor_sum(square)
-            return context.damped_solver, context.model.M
+            run.complex_solver.factor_sum(square)
+            return run.complex_solver, run.model.M
         if self.infinity:
-            context.solver.factor_mass()
-            return context.solver, context.model.K
-        context.solver.factor(square.real)
-        return context.solver, context.model.M
+            run.solver.factor_mass()
+            return run.solver, run.model.K
+        run.solver.factor(square.real)
+        return run.solver, run.model.M
 
-    def _arnoldi(self, context, solver, next_matrix):
-        model, progress = context.model, context.progress
-        width = 2 if self._is_complex() else 1
-        chain = Chain(Basis(model.M, tolerance=context.tolerance, pairs=width == 2))
-        load = as_pairs(context.loads, model.K) if width == 2 else copy_of(context.loads, model.K)
+    def _arnoldi(self, run, solver, next_matrix):
+        model, progress = run.model, run.progress
+        inputs = run.loads.getActiveColumns()[1]
+        kind, load = (ComplexBasis, as_pairs) if self._is_complex() else (Basis, copy_of)
+        vectors = kind(model.M, tolerance=run.tolerance, room=inputs * (self.order + 1))
+        blocks, load = PointBlocks(vectors), load(run.loads, model.K)
         for j in range(self.order + 1):
-            columns = load.getActiveColumns()[1]
-            block = create_block(model.K, columns)
-            with progress.stage("solve"):
-                solver.solve(load, block)
-            load.destroy()
-            with progress.stage("orthogonalise"):
-                chain.vectors.extend(block)
-                block.destroy()
-            start = chain.add(f"krylov {self.name}, block {j}", columns)
-            if j == self.order or chain.vectors.size == start:
+            with Owned(model.comm) as owned:
+                owned.owns(load)
+                columns = load.getActiveColumns()[1]
+                block = owned.owns(create_block(model.K, columns))
+                with progress.stage("solve"):
+                    solver.solve(load, block)
+                with progress.stage("orthogonalise"):
+                    vectors.extend(block)
+            start = blocks.add(f"krylov {self.name}, block {j}", columns)
+            if j == self.order or vectors.size == start:
                 break
-            load = create_block(model.K, width * (chain.vectors.size - start))
-            apply(next_matrix, chain.vectors.columns_since(start), load)
-        return chain
+            load = create_block(model.K, vectors.width * (vectors.size - start))
+            apply(next_matrix, vectors.columns_between(start, vectors.size), load)
+        return blocks
 
     def _refusal(self, model, error):
         if self.infinity:
@@ -129,17 +130,13 @@ class Krylov:
 
 
 @dataclass(frozen=True)
-class StaticCorrection:
+class StaticCorrection(PointIngredient):
     """K^-1 B, the deflection under constant loads (by inertia relief for a free body): Krylov(0 Hz, order 0)."""
 
-    kind: ClassVar[str] = "static_correction"
+    kind: Literal["static_correction"] = field(default="static_correction", kw_only=True, repr=False)
 
     def columns(self, inputs: int, rigid: int) -> int:
         return inputs
 
-    def extend(self, basis, context):
-        self.chain(context).join(basis, context)
-
-    def chain(self, context):
-        """The block as a Chain. Collective."""
-        return Krylov(frequency=0.0, order=0).chain(context)
+    def blocks(self, run):
+        return Krylov(frequency=0.0, order=0).blocks(run)

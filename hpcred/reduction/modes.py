@@ -1,22 +1,26 @@
 """Modal reduction: the lowest modes, the modes in a band, or listed modes of (K, M) extend a basis."""
 
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
-from ..linalg.basis import Basis
-from ..linalg.blocks import add_product, apply, column_norms, create_block, dense, inner, local_rows
+from ..linalg.basis import Basis, Extension
+from ..linalg.blocks import add_product, apply, column_norms, copy_of, create_block, inner, local_rows
 from ..linalg.eigensolver import lowest_modes, modes_in_interval
-from ..linalg.factorisation import SingularMatrix, SolverOptions
+from ..linalg.factorisation import Factoring, SingularMatrix
 from ..model.damping import ModalDamping
-from ..parallel.failures import ComputationError, InputError
+from ..parallel.decisions import decided
+from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import is_complex
+from .ingredient import Ingredient
 from .projection import diagonalise, project, project_columns
+
+INDEPENDENT = 1e-6  # weight of a direction of modes found that is not round-off
 
 
 @dataclass(frozen=True)
-class Modes:
+class Modes(Ingredient):
     """Undamped modes: exactly one of the lowest `count`, all in `band` (Hz), or those of the list `index`.
 
     `dominant`: of these, only so many that contribute most to the transfer function, ranked by approximate Hankel
@@ -27,7 +31,7 @@ class Modes:
     are never part of the basis.
     """
 
-    kind: ClassVar[str] = "modes"
+    kind: Literal["modes"] = field(default="modes", kw_only=True, repr=False)
     count: int | None = None
     band: tuple[float, float] | None = None
     index: tuple[int, ...] | None = None
@@ -65,105 +69,104 @@ class Modes:
         """How many of the lowest elastic modes have to be known."""
         return self.count or (max(self.index) - rigid if self.index else 0)
 
-    def extend(self, basis, context):
+    def extend(self, basis, run):
         """Add the modes to the basis. Collective."""
-        rigid = context.rigid.count if context.rigid is not None else 0
-        self.check(context.model.size, rigid)
+        rigid = run.rigid.count if run.rigid is not None else 0
+        self.check(run.model.size, rigid)
         more = {}
-        with context.progress.stage("modes", self._name()):
+        with run.progress.stage("modes", self._name()):
             if self.band is not None:
-                values, block = self._in_band(context)
+                values, block = self._in_band(run)
             else:
-                values, block = _lowest(context, self._highest(rigid))
+                values, block = _lowest(run, self._highest(rigid))
                 if self.index is not None:
                     chosen = np.array(sorted(set(self.index))) - rigid - 1
-                    values, block = values[chosen], _choose(context, block, chosen)
+                    values, block = values[chosen], _choose(run, block, chosen)
             if self.dominant is not None and block is not None:
-                values, block, dominance = _dominant(context, values, block, self.dominant)
-                more["dominance"] = dominance.tolist()
-            residual = _residual(context, values, block)
-        frequencies = np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
-        kept = 0
+                values, block, dominance = _dominant(run, values, block, self.dominant)
+                more["dominance"] = tuple(dominance.tolist())
+            residual = _residual(run, values, block)
+        frequencies = tuple((np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)).tolist())
+        found = Extension()
         if block is not None:
-            with context.progress.stage("orthogonalise"):
-                kept = basis.extend(block)
+            with run.progress.stage("orthogonalise"):
+                found = basis.extend(block)
             block.destroy()
-        context.note(self._name(), len(values), kept, frequencies_hz=frequencies.tolist(), residual=residual, **more)
+        run.note(self._name(), len(values), found, frequencies_hz=frequencies, residual=residual, **more)
 
     def _name(self):
         if self.band is not None:
             return f"modes in {self.band[0]:g} to {self.band[1]:g} Hz"
         return f"{self.count} lowest modes" if self.count else f"modes {list(self.index)}"
 
-    def _in_band(self, context):
+    def _in_band(self, run):
         low, high = ((2 * np.pi * f) ** 2 for f in self.band)
         if low == 0:
             low = -0.01 * high  # below the rigid-body modes, where K - low M is definite
         if not is_complex():
-            context.solver.estimate()  # SLEPc makes factors of its own; refused here if they do not fit
-            context.release()
-            settings = SolverOptions(context.options.out_of_core).mumps()
-            values, block = modes_in_interval(context.model.K, context.model.M, low, high, settings=settings)
-            return _without_rigid(context, values, block)
+            run.solver.estimate()  # SLEPc makes factors of its own; refused here if they do not fit
+            run.release()
+            settings = Factoring(out_of_core=run.factoring.out_of_core).mumps()
+            values, block = modes_in_interval(run.model.K, run.model.M, low, high, settings=settings)
+            return _without_rigid(run, values, block)
         # No inertia in complex builds: take ever more of the lowest modes until one lies above the band.
-        rigid = context.rigid.count if context.rigid is not None else 0
-        count, most = 16, context.model.size - rigid
+        rigid = run.rigid.count if run.rigid is not None else 0
+        count, most = 16, run.model.size - rigid
         while True:
-            values, block = _lowest(context, min(count, most))
+            values, block = _lowest(run, min(count, most))
             if values[-1] > high or len(values) == most:
                 break
             block.destroy()
             count *= 2
         inside = np.flatnonzero((values > low) & (values < high))
-        return values[inside], _choose(context, block, inside)
+        return values[inside], _choose(run, block, inside)
 
 
-def _lowest(context, count):
+def _lowest(run, count):
     try:
-        context.solver.factor(0.0)
+        run.solver.factor(0.0)
     except SingularMatrix as error:
         raise InputError(
-            f"basis: K of {context.model.name} is singular, so the body can move freely; "
+            f"basis: K of {run.model.name} is singular, so the body can move freely; "
             "take frame kind 'buckens', 'chord' or 'tangent'"
         ) from error
-    right, left = create_block(context.model.K, 1), create_block(context.model.K, 1)
+    with Owned(run.model.comm) as owned:
+        right, left = (owned.owns(create_block(run.model.K, 1)) for _ in range(2))
 
-    def solve(x, y):
-        with local_rows(right) as rows:
-            rows[:, 0] = x.getArray(readonly=True)
-        context.solver.solve(right, left)
-        with local_rows(left) as rows:
-            y.setArray(rows[:, 0])
+        def solve(x, y):
+            with local_rows(right) as rows:
+                rows[:, 0] = x.getArray(readonly=True)
+            run.solver.solve(right, left)
+            with local_rows(left) as rows:
+                y.setArray(rows[:, 0])
 
-    values, block = lowest_modes(context.model.K, context.model.M, count, solve)
-    right.destroy()
-    left.destroy()
-    return _polish(context, block) if count else (values, block)
+        values, block = lowest_modes(run.model.K, run.model.M, count, solve)
+        if not count:
+            return values, block
+        owned.owns(block)
+        return _polish(run, block, count)
 
 
-def _polish(context, block):
+def _polish(run, block, count):
     """One step of inverse iteration of all modes at once, refined, and the Rayleigh-Ritz values and vectors.
 
-    What follows modes in a basis is the small rest that they leave, and shares their round-off.
+    What follows modes in a basis is the small rest that they leave, and shares their round-off. The columns of the block
+    span the modes; there may be more of them, dependent ones.
     """
-    count = block.getActiveColumns()[1]
-    load = context.times_mass(block)
-    context.solver.solve(load, block, steps=1)
-    load.destroy()
-    vectors = Basis(context.model.M, tolerance=context.tolerance)
-    vectors.extend(block)
-    values = diagonalise(vectors, project(context.model.K, vectors.columns))
-    if vectors.size < count:
-        raise ComputationError(f"only {vectors.size} of the {count} modes found are independent")
-    with dense(vectors.columns) as source, dense(block) as target:
-        source.copy(target)
-    vectors.close()
-    return values, block
+    with Owned(run.model.comm) as owned:
+        load = owned.owns(run.times_mass(block))
+        run.solver.solve(load, block, steps=1)
+        vectors = owned.owns(Basis(run.model.M, tolerance=INDEPENDENT, room=block.getSizes()[1]))
+        vectors.extend(block)
+        if vectors.size < count:
+            raise ComputationError(f"only {vectors.size} of the {count} modes found are independent")
+        values = diagonalise(vectors, project(run.model.K, vectors.columns))
+        return values[:count], copy_of(vectors.columns_between(0, count), run.model.K)
 
 
-def _dominant(context, values, block, count):
+def _dominant(run, values, block, count):
     """The `count` modes with the largest contribution, in the order of frequency, and what they contribute."""
-    model = context.model
+    model = run.model
     size = np.maximum(np.sqrt(np.diag(project(model.M, block))), 1e-300)
     loads = np.linalg.norm(project_columns(block, model.B), axis=1) / size
     sensors = loads if model.Ct is None else np.linalg.norm(project_columns(block, model.Ct), axis=1) / size
@@ -171,45 +174,45 @@ def _dominant(context, values, block, count):
     ratio = np.full(len(values), 0.01)
     if model.D is not None:
         ratio = np.maximum(np.diag(project(model.D, block)) / size**2 / (2 * omega), 1e-6)
-    elif isinstance(context.framed.damping, ModalDamping):
-        ratio = np.maximum(context.framed.damping.at(omega / (2 * np.pi)), 1e-6)
+    elif isinstance(run.framed.damping, ModalDamping):
+        ratio = np.maximum(run.framed.damping.at(omega / (2 * np.pi)), 1e-6)
     value = loads * sensors / (4 * ratio * omega**2)
-    chosen = np.sort(np.argsort(-value, kind="stable")[:count])
-    return values[chosen], _choose(context, block, chosen), value[chosen]
+    chosen = decided(model.comm, lambda: np.sort(np.argsort(-value, kind="stable")[:count]))
+    return values[chosen], _choose(run, block, chosen), value[chosen]
 
 
-def _choose(context, block, columns):
+def _choose(run, block, columns):
     """The chosen columns as a new block, None for none; the block is destroyed."""
     if not len(columns):
         block.destroy()
         return None
-    chosen = create_block(context.model.K, len(columns))
+    chosen = create_block(run.model.K, len(columns))
     with local_rows(block) as source, local_rows(chosen) as target:
         target[...] = source[:, columns]
     block.destroy()
     return chosen
 
 
-def _without_rigid(context, values, block):
+def _without_rigid(run, values, block):
     """Leave out the modes that are rigid-body motions."""
-    if block is None or context.rigid is None:
+    if block is None or run.rigid is None:
         return values, block
-    product = context.times_mass(block)
-    share = (inner(context.rigid.R, product) ** 2).sum(axis=0) / np.diag(inner(block, product))
+    product = run.times_mass(block)
+    share = (inner(run.rigid.R, product) ** 2).sum(axis=0) / np.diag(inner(block, product))
     product.destroy()
     elastic = np.flatnonzero(share < 0.5)
-    block = _choose(context, block, elastic)
+    block = _choose(run, block, elastic)
     if block is not None:
-        context.rigid.project(block)
+        run.rigid.project(block)
     return values[elastic], block
 
 
-def _residual(context, values, block):
+def _residual(run, values, block):
     """Largest ||K x - lambda M x|| / (lambda ||M x||) over the modes."""
     if block is None:
         return 0.0
-    product, force = context.times_mass(block), create_block(context.model.K, len(values))
-    apply(context.model.K, block, force)
+    product, force = run.times_mass(block), create_block(run.model.K, len(values))
+    apply(run.model.K, block, force)
     size = column_norms(product)
     add_product(force, product, np.diag(values), alpha=-1.0)
     residual = float((column_norms(force) / (np.abs(values) * size)).max())

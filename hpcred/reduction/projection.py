@@ -34,8 +34,7 @@ def project_columns(columns, mat) -> np.ndarray:
 
 
 def diagonalise(basis, stiffness: np.ndarray):
-    """Turn the basis so that V^T K V is diagonal (53, 54); returns omega^2 (m,)."""
-    comm = basis.mass.comm.tompi4py()
-    squares, rotation = comm.bcast(symmetric_eigenpairs((stiffness + stiffness.T) / 2))
-    basis.turn(rotation)
+    """V <- V X with the eigenvectors X of V^T K V (53, 54), which diagonalise it; returns omega^2 (m,). Collective."""
+    squares, vectors = symmetric_eigenpairs(stiffness, basis.comm)
+    basis.multiply(vectors)
     return squares

@@ -1,18 +1,77 @@
-"""What a result file says about the run that made it."""
+"""The record of a run: everything that made a reduced model, as one typed value; plain numbers and texts only."""
 
 from __future__ import annotations
 
 import platform
-from dataclasses import asdict
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
+from typing import Annotated, Any
 
-from ..model.damping import NoDamping
-from ..model.frames import NoFrame
+from pydantic import Field
+
+from ..linalg.blocks import apply, create_block, from_dense, inner, random_block
+from ..linalg.factorisation import FactorRecord
+from ..model.damping import Damping
+from ..model.frames import Frame
+from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
+from ..parallel.progress import Timing
+from .krylov import Krylov, StaticCorrection
+from .modes import Modes
+from .run import IngredientRecord
+from .second_order_krylov import SecondOrderKrylov
+
+AnyIngredient = Annotated[Modes | Krylov | SecondOrderKrylov | StaticCorrection, Field(discriminator="kind")]
 
 
-def versions() -> dict:
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """What made a reduced model.
+
+    Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs by
+    name, and `signature` (see signature_of), by which it is known again. Of the reduction: frame, damping, basis and
+    settings; what each ingredient brought; every factorisation; max |V^T M V - I|; unstable poles (re, im) in rad/s;
+    warnings; where the time went. `job`: the job file with its overrides, file names absolute.
+    """
+
+    date: str
+    versions: dict[str, str]
+    scalar: str
+    ranks: int
+    petsc_options: dict[str, str]
+    model: str
+    size: int
+    free_size: int
+    nonzeros: int
+    rigid_body_modes: int
+    symmetry_defects: dict[str, float]
+    signature: dict[str, tuple[float, ...]]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    frame: Frame
+    damping: Damping
+    basis: tuple[AnyIngredient, ...]
+    projection: str
+    deflation_tolerance: float
+    drop_above: float | None
+    groups: int
+    ingredients: tuple[IngredientRecord, ...]
+    factorisations: tuple[FactorRecord, ...]
+    symbolic_analyses: int
+    orthonormality_defect: float
+    unstable_poles: tuple[tuple[float, float], ...]
+    warnings: tuple[str, ...]
+    timing: Timing
+    job: dict[str, Any] | None = None
+
+    @property
+    def ordering(self) -> str:
+        """The fill-reducing ordering of MUMPS."""
+        return self.factorisations[-1].ordering if self.factorisations else "none"
+
+
+def versions() -> dict[str, str]:
     """Versions of everything that can change a number."""
     found = {
         "python": platform.python_version(),
@@ -28,39 +87,43 @@ def versions() -> dict:
     return found
 
 
-def describe(item) -> dict:
-    """A frozen dataclass of the public API as a dictionary, with its kind."""
-    return {"kind": item.kind, **{key: value for key, value in asdict(item).items() if value is not None}}
+def signature_of(model) -> dict[str, tuple[float, ...]]:
+    """z^T A z of M, K and D, and z^T B, z^T C^T, for a fixed random z (n,): the same model has the same. Collective."""
+    found = {}
+    with Owned(model.comm) as owned:
+        z = owned.owns(random_block(model.K, 1, seed=1))
+        product = owned.owns(create_block(model.K, 1))
+        for key, mat in model.matrices.items():
+            apply(mat, z, product)
+            found[key] = inner(z, product)
+        for key, mat in (("B", model.B), ("C", model.Ct)):
+            if mat is not None:
+                found[key] = inner(z, owned.owns(from_dense(mat)))
+    return model.comm.bcast({key: tuple(values.ravel().tolist()) for key, values in found.items()})
 
 
-def provenance(model, framed, basis, frame, damping, contexts, progress, defect) -> dict:
-    """Everything but the matrices; plain types only. Collective."""
-    run = progress.summary()
-    context = contexts[0]
-    records = [record for item in contexts for record in item.records]
-    record = {
-        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "versions": versions(),
-        "scalar": "complex" if is_complex() else "real",
-        "ranks": model.comm.size,
-        "petsc_options": PETSc.Options().getAll(),
-        "model": model.name,
-        "size": model.size,
-        "free_size": framed.model.size,
-        "nonzeros": framed.model.nonzeros,
-        "rigid_body_modes": framed.rigid.count if framed.rigid is not None else 0,
-        "inputs": model.input_names,
-        "outputs": model.output_names,
-        "frame": describe(frame or NoFrame()),
-        "damping": describe(damping or NoDamping()),
-        "basis": [describe(item) for item in basis],
-        "deflation_tolerance": context.tolerance,
-        "ingredients": context.report,
-        "orthonormality_defect": defect,
-        "symmetry_defects": model.symmetry_defects,
-        "ordering": records[-1]["ordering"] if records else "none",
-        "factorisations": records,
-        "symbolic_analyses": sum(item.analyses for item in contexts),
-        "run": run,
-    }
+def make_record(model, framed, runs, progress, **known) -> Record:
+    """The Record of a reduction; `known`: what the caller has at hand. Collective."""
+    factorisations = [record for run in runs for record in run.factorisations]
+    record = Record(
+        date=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        versions=versions(),
+        scalar="complex" if is_complex() else "real",
+        ranks=model.comm.size,
+        petsc_options={key: str(value) for key, value in PETSc.Options().getAll().items()},
+        model=model.name,
+        size=model.size,
+        free_size=framed.model.size,
+        nonzeros=framed.model.nonzeros,
+        rigid_body_modes=framed.rigid.count if framed.rigid is not None else 0,
+        symmetry_defects=model.symmetry_defects,
+        signature=signature_of(model),
+        inputs=model.input_names,
+        outputs=model.output_names,
+        ingredients=tuple(runs[0].ingredients),
+        factorisations=tuple(factorisations),
+        symbolic_analyses=sum(run.analyses for run in runs),
+        timing=progress.timing(),
+        **known,
+    )
     return model.comm.bcast(record)

@@ -1,106 +1,91 @@
-"""The main job: a model, a frame, a damping law and a list of basis ingredients enter, a reduced model leaves."""
+"""The main step: a model, a frame, a damping law and a list of basis ingredients enter, a reduced model leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from ..linalg.basis import Basis
 from ..linalg.blocks import apply, copy_of, create_block
-from ..linalg.factorisation import SolverOptions
-from ..model.damping import ModalDamping, Structural
-from ..model.frames import apply_frame
+from ..linalg.factorisation import Factoring
+from ..model.damping import ModalDamping, NoDamping, Structural
+from ..model.frames import Buckens, NoFrame, apply_frame
+from ..model.rigid_body_modes import misfit_of_nodes
 from ..model.second_order_model import SYMMETRIC_TO
-from ..parallel.failures import ComputationError, InputError
-from ..parallel.stages import Progress
-from .context import Context
-from .point_blocks import chains_in_groups
+from ..parallel.decisions import decided
+from ..parallel.failures import ComputationError, InputError, Owned
+from ..parallel.progress import Progress
+from .groups import blocks_in_groups, number_of_groups
 from .projection import diagonalise, project, project_columns
-from .record import provenance
+from .record import make_record
 from .reduced_damping import reduced_damping
 from .reduced_model import ReducedModel
+from .run import Run
+from .settings import Reduction
 from .two_sided import biorthogonal
 
 ORTHONORMAL_TO = 1e-12
 
 
 def reduce(
-    model, basis, frame=None, damping=None, tolerance=1e-12, drop_above=None, progress=None,
-    projection="one_sided", allow_unstable=False, groups=1, options=None,
+    model, basis, frame=None, damping=None, *, settings: Reduction | None = None, factoring: Factoring | None = None,
+    progress: Progress | None = None, **keywords,
 ) -> ReducedModel:  # fmt: skip
     """Reduce a SecondOrderModel by projection onto the span of the ingredients. Collective.
 
     `basis`: list of Modes, Krylov, SecondOrderKrylov, StaticCorrection; each extends what the ones before it gave.
     `frame`: Tangent, Chord, Buckens or None; `damping`: Rayleigh, Caughey, GivenDamping, ModalDamping, Structural
-    or None. `tolerance`: relative size of the new part of a vector below which it is dropped as dependent.
-    `drop_above`: pseudo-modes above this frequency (Hz) are cut after the diagonalisation. The reduced model has
-    V^T M V = I and diagonal V^T K V.
+    or None. Other keywords are those of Reduction, such as drop_above=2000.0, and replace those of `settings`.
 
-    `projection`: "one_sided" (W = V), or "two_sided": where the outputs differ from the inputs, W is built from C^T
-    (33), W^T M V = I, and twice as many moments match; the result may be unstable, which is refused unless
-    `allow_unstable`.
-
-    `groups`: number of groups of ranks that factor different expansion points at the same time, each with a copy of
-    the matrices, or "auto": as many as points, ranks and memory allow. `options`: SolverOptions. Raises
-    InputError or ComputationError, the same on all ranks; `model` is not changed.
+    The reduced model has V^T M V = I and diagonal V^T K V (but for a two-sided projection, W^T M V = I).
+    Raises InputError or ComputationError, the same on all ranks; `model` is not changed.
     """
+    settings = replace(settings or Reduction(), **keywords)
     progress = progress or Progress(model.comm, show=False)
+    frame, damping = frame or NoFrame(), damping or NoDamping()
     _check_model(model)
-    two_sided = projection == "two_sided" and model.Ct is not None
-    if two_sided and (drop_above is not None or isinstance(damping, ModalDamping)):
+    two_sided = settings.projection == "two_sided" and model.Ct is not None
+    if two_sided and (settings.drop_above is not None or isinstance(damping, ModalDamping)):
         raise InputError(
             "projection: 'two_sided' leaves no diagonal model, which drop_above and modal damping need; "
             "take 'one_sided'"
         )
-    with progress.stage("frame"):
-        framed = apply_frame(model, frame, damping)
-    rigid = framed.rigid.R if framed.rigid is not None else None
-    contexts = [Context(framed, progress, tolerance, options or SolverOptions())]
-    if two_sided:
-        contexts.append(contexts[0].dual())
-    bases = [Basis(framed.model.M, rigid, tolerance) for _ in contexts]
-    try:
-        _check_size(framed, basis)
-        groups = _number_of_groups(groups, contexts[0], basis)
-        chains = chains_in_groups(basis, contexts, groups) if groups > 1 else {}
+    warnings = _warnings(model, frame)
+    with Owned(model.comm) as owned:
+        with progress.stage("frame"):
+            framed = owned.owns(apply_frame(model, frame, damping))
+        tolerance = settings.deflation_tolerance
+        runs = [owned.owns(Run(framed, progress, tolerance, factoring or Factoring()))]
+        if two_sided:
+            runs.append(owned.owns(runs[0].dual()))
+        rigid = framed.rigid.R if framed.rigid is not None else None
+        columns = _check_size(framed, basis)
+        bases = [owned.owns(Basis(framed.model.M, rigid, tolerance, room=columns)) for _ in runs]
+        groups = number_of_groups(settings.groups, runs[0], basis)
+        ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}
         for i, ingredient in enumerate(basis):
-            for c, (vectors, context) in enumerate(zip(bases, contexts, strict=True)):
-                if (i, c) in chains:
-                    chains[i, c].join(vectors, context)
+            for r, (vectors, run) in enumerate(zip(bases, runs, strict=True)):
+                if (i, r) in ready:
+                    ready[i, r].join(vectors, run)
                 else:
-                    ingredient.extend(vectors, context)
-        for context in contexts:
-            context.release()
+                    ingredient.extend(vectors, run)
+        for run in runs:
+            run.release()
         if not all(vectors.size for vectors in bases):
             raise InputError("basis: no vector is left; no mode lies in the bands and no input loads the body")
         with progress.stage("project"):
             if two_sided:
-                rom, defect = _project_oblique(model, framed, *bases, contexts[0], allow_unstable)
+                reduced, defect = _project_two_sided(model, framed, *bases, runs[0], settings.allow_unstable)
             else:
-                rom, defect = _project(model, framed, bases[0], contexts[0], drop_above)
-        rom.provenance = provenance(model, framed, basis, frame, damping, contexts, progress, defect)
-        rom.provenance["projection"] = "two_sided" if two_sided else "one_sided"
-        rom.provenance["unstable_poles"] = [[pole.real, pole.imag] for pole in rom.unstable_poles()]
-        return rom
-    finally:
-        for item in (*contexts, *bases, framed):
-            item.close()
-
-
-def _number_of_groups(wanted, context, basis):
-    """Groups of ranks for the expansion points. Collective. Raises InputError."""
-    points = sum(hasattr(item, "chain") for item in basis)
-    ranks = context.model.comm.size
-    if wanted != "auto":
-        if isinstance(wanted, str) or not 1 <= wanted <= ranks:
-            raise InputError(f"groups: found {wanted!r}, expected 1 to {ranks}, the number of ranks, or 'auto'")
-        return min(wanted, max(points, 1))
-    most = min(points, ranks)
-    if most < 2:
-        return 1
-    with context.progress.stage("estimate"):
-        need, have = context.solver.estimate()
-        context.release()
-    found = max(1, min(most, int(have / (1.2 * max(need, 1)))))
-    context.progress.say(f"{found} groups of ranks: a factor needs about {need:.0f} MB, there are {have:.0f} MB")
-    return found
+                reduced, defect = _project(model, framed, bases[0], runs[0], settings.drop_above)
+        reduced.record = make_record(
+            model, framed, runs, progress, frame=frame, damping=damping, basis=tuple(basis), groups=groups,
+            projection="two_sided" if two_sided else "one_sided", deflation_tolerance=tolerance,
+            drop_above=settings.drop_above, orthonormality_defect=defect, warnings=warnings,
+            unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
+        )  # fmt: skip
+        return reduced
 
 
 def _check_model(model):
@@ -114,23 +99,31 @@ def _check_model(model):
         raise InputError(f"{model.name} has no inputs; name them by `inputs`, as dof numbers or [node, direction]")
 
 
-def _check_size(framed, basis):
-    """Refuse a basis that cannot fit before anything is factored."""
+def _warnings(model, frame) -> tuple[str, ...]:
+    """What is doubtful of the model; refused where the frame depends on it."""
+    misfit = misfit_of_nodes(model) if model.dofs is not None else None
+    if misfit and isinstance(frame, Buckens):
+        raise InputError(misfit)
+    return (misfit,) if misfit else ()
+
+
+def _check_size(framed, basis) -> int:
+    """Refuse a basis that cannot fit before anything is factored; returns how many vectors are asked for."""
     if not basis:
         raise InputError("basis: the list of ingredients is empty")
     model, rigid = framed.model, framed.rigid.count if framed.rigid is not None else 0
     for item in basis:
-        if hasattr(item, "check"):
-            item.check(model.size, rigid)
+        item.check(model.size, rigid)
     columns = sum(item.columns(model.B.getSize()[1], rigid) for item in basis)
     if columns > model.size - rigid:
         raise InputError(
             f"basis: {columns} vectors asked for, but {model.name} has only {model.size - rigid} elastic "
             "coordinates in this frame; ask for fewer modes, points or lower orders"
         )
+    return max(columns, 1)
 
 
-def _project(model, framed, vectors, context, drop_above):
+def _project(model, framed, vectors, run, drop_above):
     """The diagonalised reduced model with its basis in all dofs, and the orthonormality defect."""
     full = framed.model
     squares = diagonalise(vectors, project(full.K, vectors.columns))
@@ -139,8 +132,8 @@ def _project(model, framed, vectors, context, drop_above):
         kept = int((frequencies <= drop_above).sum())
         if kept == 0:
             raise InputError(f"drop_above: no pseudo-frequency lies below {drop_above:g} Hz")
-        context.note(f"pseudo-frequencies up to {drop_above:g} Hz", len(frequencies), kept)
-        vectors.turn(np.eye(len(frequencies))[:, :kept])
+        run.note(f"pseudo-frequencies up to {drop_above:g} Hz", len(frequencies), kept)
+        vectors.multiply(np.eye(len(frequencies))[:, :kept])
         frequencies = frequencies[:kept]
     mass, defect = vectors.gram()
     if defect > ORTHONORMAL_TO:
@@ -150,29 +143,29 @@ def _project(model, framed, vectors, context, drop_above):
     columns = vectors.columns
     small = {"M": mass} | {key: project(mat, columns) for key, mat in full.matrices.items() if key != "M"}
     if "D" not in small:
-        small["D"] = reduced_damping(framed.damping, context, columns, frequencies)
+        small["D"] = reduced_damping(framed.damping, run, columns, frequencies)
     for key, value in small.items():
         if key != "D" or full.symmetric:
             small[key] = (value + value.T) / 2
     inputs = project_columns(columns, full.B)
     outputs = inputs if full.Ct is None else project_columns(columns, full.Ct)
-    rom = _reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
-    rom.columns = _everywhere(model, framed, columns)
-    return rom, defect
+    reduced = _reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
+    reduced.columns = _everywhere(model, framed, columns)
+    return reduced, defect
 
 
-def _project_oblique(model, framed, right, left, context, allow_unstable):
+def _project_two_sided(model, framed, right, left, run, allow_unstable):
     """The reduced model of a two-sided projection (20), its poles checked, and the biorthonormality defect."""
     full = framed.model
-    defect = biorthogonal(left, right, context)
+    defect = biorthogonal(left, right, run)
     V, W = right.columns, left.columns
     small = {key: project(mat, V, W) for key, mat in full.matrices.items()}
     frequencies = np.sort(np.sqrt(np.abs(np.linalg.eigvals(small["K"])))) / (2 * np.pi)
     if "D" not in small:
-        small["D"] = reduced_damping(framed.damping, context, V, frequencies, W)
+        small["D"] = reduced_damping(framed.damping, run, V, frequencies, W)
     inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
-    rom = _reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
-    unstable = rom.unstable_poles()
+    reduced = _reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
+    unstable = decided(model.comm, reduced.unstable_poles)
     if len(unstable) and not allow_unstable:
         listed = ", ".join(f"{pole.real:.3g}{pole.imag:+.4g}i" for pole in unstable[:6])
         raise InputError(
@@ -180,8 +173,8 @@ def _project_oblique(model, framed, right, left, context, allow_unstable):
             f"half-plane ({listed}{', ...' if len(unstable) > 6 else ''} rad/s); take projection = 'one_sided', "
             "which keeps stability, or allow_unstable = true for frequency responses only"
         )
-    rom.columns, rom.left_columns = (_everywhere(model, framed, block) for block in (V, W))
-    return rom, defect
+    reduced.columns, reduced.left_columns = (_everywhere(model, framed, block) for block in (V, W))
+    return reduced, defect
 
 
 def _reduced_model(model, framed, small, inputs, outputs, frequencies):

@@ -6,7 +6,7 @@ from ..linalg.blocks import apply, copy_of, create_block, inner
 from ..model.damping import ModalDamping, caughey_terms
 
 
-def reduced_damping(damping, context, right, frequencies, left=None):
+def reduced_damping(damping, run, right, frequencies, left=None):
     """D (m, m) of a reduced model with the basis `right`, and `left` if it is another; zero without damping.
 
     `frequencies` (m,) of the diagonalised model in Hz. Collective.
@@ -14,24 +14,24 @@ def reduced_damping(damping, context, right, frequencies, left=None):
     if isinstance(damping, ModalDamping):
         return np.diag(4 * np.pi * frequencies * damping.at(frequencies))
     if (terms := caughey_terms(damping)) is not None:
-        return _project_caughey(terms, context, right, left)
+        return _project_caughey(terms, run, right, left)
     return np.zeros((len(frequencies), len(frequencies)))
 
 
-def _project_caughey(terms, context, right, left):
+def _project_caughey(terms, run, right, left):
     """W^T M sum_k a_k (M^-1 K)^k V (39), by solves with M."""
-    model = context.model
-    context.solver.factor_mass()
+    model = run.model
+    run.solver.factor_mass()
     power = copy_of(right, model.M)  # (M^-1 K)^k V
     left = left if left is not None else right
-    momentum = context.times_mass(power)
+    momentum = run.times_mass(power)
     result = terms[0] * inner(left, momentum)
     momentum.destroy()
     for coefficient in terms[1:]:
         force = create_block(model.K, power.getSizes()[1])
         apply(model.K, power, force)
         result += coefficient * inner(left, force)
-        context.solver.solve(force, power)
+        run.solver.solve(force, power)
         force.destroy()
     power.destroy()
     return result

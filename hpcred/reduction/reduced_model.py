@@ -1,8 +1,14 @@
 """The reduced model: small numpy arrays, the same on all ranks, and what they came from."""
 
-from dataclasses import dataclass, field
+from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
+
+from ..model.second_order_model import listed
+from ..parallel.failures import settle
+from .record import Record
 
 
 @dataclass
@@ -10,7 +16,7 @@ class ReducedModel:
     """M x'' + D x' + K x = B u, y = C x with m coordinates, p inputs, r outputs; SI units.
 
     M, D, K (m, m), B (m, p), C (r, m); `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52).
-    `loss_factor`: eta of structural damping, for frequency responses only. `provenance`: what made it.
+    `loss_factor`: eta of structural damping, for frequency responses only. `record`: what made it.
     `columns`: the basis V as a distributed block (n, m), zero at the dofs that the frame holds, when the reduction
     was run here, and `left_columns` W of a two-sided projection; None after reading a file. close() frees them.
     """
@@ -22,15 +28,28 @@ class ReducedModel:
     C: np.ndarray
     frequencies: np.ndarray
     loss_factor: float = 0.0
-    input_names: list = field(default_factory=list)
-    output_names: list = field(default_factory=list)
-    provenance: dict = field(default_factory=dict)
+    input_names: tuple[str, ...] = ()
+    output_names: tuple[str, ...] = ()
+    record: Record | None = None
     columns: object = None
     left_columns: object = None
 
     @property
     def size(self) -> int:
         return len(self.M)
+
+    def __str__(self):
+        """Three lines on what the model is."""
+        record = self.record
+        origin = f" for the {record.size} dofs of {record.model}" if record is not None else ""
+        frame = f", frame {record.frame.kind}, damping {record.damping.kind}" if record is not None else ""
+        return (
+            f"reduced model: {self.size} coordinates{origin}\n"
+            f"  pseudo-frequencies {self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g} Hz{frame}\n"
+            f"  inputs {listed(self.input_names)}; outputs {listed(self.output_names)}"
+        )
+
+    __repr__ = __str__
 
     def transfer_function(self, s: complex) -> np.ndarray:
         """H(s) = C (s^2 M + s D + (1 + i eta) K)^-1 B (r, p), (25, 41)."""
@@ -60,5 +79,7 @@ class ReducedModel:
     def __enter__(self):
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, _, error, __):
+        if error is not None and self.columns is not None:
+            settle(self.columns.comm.tompi4py(), error)
         self.close()

@@ -6,32 +6,34 @@ coefficients in an orthonormal basis Q of all R_l, and the coefficients are orth
 Bai, SIAM J. Matrix Anal. Appl. 37(1), 2016). The bare recurrence would lose everything but the dominant modes.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
-from ..linalg.basis import Basis
+from ..linalg.basis import ComplexBasis
 from ..linalg.blocks import add_product, apply, as_pairs, create_block, inner, unfold
 from ..linalg.factorisation import SingularMatrix
 from ..model.damping import caughey_terms
-from ..parallel.failures import InputError
+from ..parallel.decisions import decided
+from ..parallel.failures import InputError, Owned
+from .ingredient import PointIngredient
 from .krylov import Krylov
-from .point_blocks import Chain
+from .point_blocks import PointBlocks
 from .points import laplace, point_name
 
 SMALL = 1e-13  # singular value below which a direction of the coefficients is dependent
 
 
 @dataclass(frozen=True)
-class SecondOrderKrylov:
+class SecondOrderKrylov(PointIngredient):
     """`order` + 1 blocks of the second-order Krylov subspace at s = decay + i 2 pi frequency, or at `s` (re, im).
 
     For any damping matrix. The real and the imaginary part of each block both enter the real basis (50), so that a
     complex point gives twice the columns and its conjugate is matched as well.
     """
 
-    kind: ClassVar[str] = "second_order_krylov"
+    kind: Literal["second_order_krylov"] = field(default="second_order_krylov", kw_only=True, repr=False)
     frequency: float | None = None
     decay: float | None = None
     order: int = 0
@@ -53,61 +55,58 @@ class SecondOrderKrylov:
         """Number of vectors before deflation."""
         return (2 if self.point.imag else 1) * inputs * (self.order + 1)
 
-    def extend(self, basis, context):
-        """Add the blocks to the basis. Collective. Raises InputError where the point is a pole."""
-        self.chain(context).join(basis, context)
+    def complex_shift(self, damped):
+        return bool(self.point.imag) and (damped or bool(self.point.real))
 
-    def chain(self, context):
-        """The blocks as a Chain. Collective."""
-        s, model = self.point, context.model
-        if caughey_terms(context.framed.damping) is not None:
+    def blocks(self, run):
+        """The blocks of the point. Collective. Raises InputError where the point is a pole."""
+        s, model = self.point, run.model
+        if caughey_terms(run.framed.damping) is not None:
             raise InputError(
                 "second_order_krylov: a Caughey series with more than two terms has no sparse damping matrix; "
                 "it is proportional, so that kind 'krylov' fits"
             )
         if model.D is None:
             # without damping these R_l are combinations of (A^-1 M)^k A^-1 B, k <= l: the same span
-            return Krylov(s.imag / 2 / np.pi, self.order, s.real or None).chain(context)
+            return Krylov(s.imag / 2 / np.pi, self.order, s.real or None).blocks(run)
         try:
-            with context.progress.stage("factor", point_name(s)):
-                solver = self._factored(s, context)
+            with run.progress.stage("factor", point_name(s)):
+                solver = self._factored(s, run)
         except SingularMatrix as error:
             raise InputError(f"second_order_krylov: the point {point_name(s)} is a pole of the model") from error
-        return self._arnoldi(s, context, solver)
+        return self._arnoldi(s, run, solver)
 
     @staticmethod
-    def _factored(s, context):
-        if s.imag == 0 and (s == 0 or context.rigid is None):
-            context.solver.factor(s.real**2, s.real)
-            return context.solver
-        context.damped_solver.factor(s)
-        return context.damped_solver
+    def _factored(s, run):
+        if s.imag == 0 and (s == 0 or run.rigid is None):
+            run.solver.factor(s.real**2, s.real)
+            return run.solver
+        run.complex_solver.factor(s)
+        return run.complex_solver
 
-    def _arnoldi(self, s, context, solver):
-        model, progress = context.model, context.progress
-        Q = Basis(model.M, tolerance=context.tolerance, pairs=True)
-        chain = Chain(Q)
-        load = as_pairs(context.loads, model.K)
+    def _arnoldi(self, s, run, solver):
+        model, progress = run.model, run.progress
+        Q = ComplexBasis(model.M, tolerance=run.tolerance, room=run.loads.getActiveColumns()[1] * (self.order + 1))
+        blocks, load = PointBlocks(Q), as_pairs(run.loads, model.K)
         upper = lower = states = None
         scale = abs(s)
         for j in range(self.order + 1):
-            if j:
-                load = self._load(s, scale, model, Q, upper, lower)
-            with progress.stage("solve"):
-                block = create_block(model.K, load.getActiveColumns()[1])
-                solver.solve(load, block)
-            scale = scale or _rayleigh_frequency(load, block, model.M)
-            load.destroy()
-            with progress.stage("orthogonalise"):
-                Q.extend(block)
-                new = Q.coefficients(block)
-                block.destroy()
-                upper, lower, states = _next_state(new, upper, states)
+            with Owned(model.comm) as owned:
+                owned.owns(load)
+                block = owned.owns(create_block(model.K, load.getActiveColumns()[1]))
+                with progress.stage("solve"):
+                    solver.solve(load, block)
+                scale = scale or _rayleigh_frequency(load, block, model.M)
+                with progress.stage("orthogonalise"):
+                    Q.extend(block)
+                    new = Q.coefficients(block)
+            upper, lower, states = decided(model.comm, _next_state, new, upper, states)
             columns = new.shape[1] * (2 if s.imag else 1)
-            chain.add(f"second-order krylov {point_name(s)}, block {j}", columns)
-            if not upper.shape[1]:
+            blocks.add(f"second-order krylov {point_name(s)}, block {j}", columns)
+            if j == self.order or not upper.shape[1]:
                 break
-        return chain
+            load = self._load(s, scale, model, Q, upper, lower)
+        return blocks
 
     @staticmethod
     def _load(s, scale, model, Q, upper, lower):
@@ -121,12 +120,11 @@ class SecondOrderKrylov:
             (model.M, scale * (2 * s * upper + scale * lower)),
             (model.D, scale * upper),
         ):
-            combined, product = (create_block(model.K, 2 * columns) for _ in range(2))
-            add_product(combined, Q.columns, unfold(coefficients), beta=0.0)
-            apply(mat, combined, product)
-            add_product(load, product, np.eye(2 * columns), alpha=-1.0)
-            combined.destroy()
-            product.destroy()
+            with Owned(model.comm) as owned:
+                combined, product = (owned.owns(create_block(model.K, 2 * columns)) for _ in range(2))
+                add_product(combined, Q.columns, unfold(coefficients), beta=0.0)
+                apply(mat, combined, product)
+                add_product(load, product, np.eye(2 * columns), alpha=-1.0)
         return load
 
 

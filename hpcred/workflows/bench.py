@@ -1,57 +1,74 @@
 """`hpcred bench`: what this machine does with the steps that cost, on a block of hexahedra."""
 
+from __future__ import annotations
+
 import os
+import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 
 from ..examples.solid import solid
 from ..formats.model_file import read_model, write_model
 from ..linalg.basis import Basis
-from ..linalg.blocks import apply, create_block, local_rows
+from ..linalg.blocks import apply, create_block, local_rows, random_block
 from ..linalg.solvers import ShiftedSolver
-from ..parallel import startup as runtime
+from ..parallel import startup
+from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.memory import available_mb
+from ..parallel.progress import Progress
 
 NESTED = ("METIS", "SCOTCH")
 COLUMNS = 32
 
 
-def bench(cells, folder, comm, progress) -> dict:
-    """Rates of factorisation, solves, products, orthogonalisation, writing and reading; model.h5 goes to `folder`.
+def bench(cells=(40, 16, 16), *, folder=None, comm=None, progress: Progress | None = None) -> dict:
+    """Rates of factorisation, solves, products, orthogonalisation, writing and reading, on a block of hexahedra.
 
-    Collective.
+    `folder`: where to try writing and reading, by default that of temporary files. Collective. Raises InputError.
     """
-    report = {"ranks": comm.size, "ranks_on_node": runtime.ranks_on_node, "memory_mb_per_rank": available_mb(comm)}
-    with solid(cells, comm=comm) as model:
+    comm = comm or startup.start_mpi()
+    progress = progress or Progress(comm, show=False)
+    with agreed(comm):
+        if folder is not None and not Path(folder).is_dir():
+            raise InputError(f"--folder: found '{folder}', expected a folder that exists")
+    place = tempfile.TemporaryDirectory(prefix="hpcred-", dir=folder) if comm.rank == 0 else None
+    try:
+        return comm.bcast(_measure(cells, Path(comm.bcast(place.name if place else None)), comm, progress))
+    finally:
+        if place is not None:
+            place.cleanup()
+
+
+def _measure(cells, folder, comm, progress):
+    report = {"ranks": comm.size, "ranks_on_node": startup.ranks_on_node, "memory_mb_per_rank": available_mb(comm)}
+    with solid(cells, comm=comm) as model, Owned(comm) as owned:
         report |= {"dofs": model.size, "nonzeros": model.nonzeros}
         with progress.stage("factor"):
-            solver = ShiftedSolver(model)
+            solver = owned.owns(ShiftedSolver(model))
             solver.factor(-((2 * np.pi * 100.0) ** 2))
         record = solver.records[-1]
         report |= {
-            "ordering": record["ordering"],
-            "analysis_seconds": record["analysis_seconds"],
-            "factor_seconds": record["factor_seconds"],
-            "factor_gflops": record["flops"] / record["factor_seconds"] / 1e9,
-            "factor_entries_per_dof": record["factor_entries"] / model.size,
-            "bytes_per_entry": record["memory_mb_used_total"] * 2**20 / record["factor_entries"],
+            "ordering": record.ordering,
+            "analysis_seconds": record.analysis_seconds,
+            "factor_seconds": record.factor_seconds,
+            "factor_gflops": record.flops / record.factor_seconds / 1e9,
+            "factor_entries_per_dof": record.factor_entries / model.size,
+            "bytes_per_entry": record.memory_mb_used_total * 2**20 / record.factor_entries,
         }
         for columns in (1, COLUMNS):
-            load, solution = random_block(model, columns), create_block(model.K, columns)
+            load, solution = owned.owns(random_block(model.K, columns)), owned.owns(create_block(model.K, columns))
             with progress.stage("solve"):
                 solver.solve(load, solution)
-                before = record["solve_seconds"], record["columns_solved"]
+                before = record.solve_seconds, record.columns_solved
                 solver.solve(load, solution)
-            seconds = (record["solve_seconds"] - before[0]) / (record["columns_solved"] - before[1])
+            seconds = (record.solve_seconds - before[0]) / (record.columns_solved - before[1])
             report[f"solve_ms_per_column_of_{columns}"] = 1e3 * seconds
-            report[f"solve_gflops_of_{columns}"] = 4 * record["factor_entries"] / seconds / 1e9
-            load.destroy()
-            solution.destroy()
-        report["residual"] = record["residual"]
-        solver.close()
-        report |= _products(model, comm, progress) | _files(model, folder, comm, progress)
-    return report
+            report[f"solve_gflops_of_{columns}"] = 4 * record.factor_entries / seconds / 1e9
+        report["residual"] = record.residual
+        solver.release()
+        return report | _products(model, comm, progress) | _files(model, folder, comm, progress)
 
 
 def hints(report) -> list[str]:
@@ -69,17 +86,9 @@ def hints(report) -> list[str]:
     return found
 
 
-def random_block(model, columns):
-    """The same kind of numbers on any number of ranks."""
-    block = create_block(model.K, columns)
-    with local_rows(block) as rows:
-        rows[...] = np.random.default_rng(model.first_row).standard_normal(rows.shape)
-    return block
-
-
 def _products(model, comm, progress):
     """Sparse times block, and the orthonormalisation of columns that are close to dependent."""
-    block, product = random_block(model, COLUMNS), create_block(model.K, COLUMNS)
+    block, product = random_block(model.K, COLUMNS), create_block(model.K, COLUMNS)
     with progress.stage("multiply"):
         apply(model.K, block, product)
         comm.Barrier()
@@ -88,7 +97,7 @@ def _products(model, comm, progress):
             apply(model.K, block, product)
         comm.Barrier()
         seconds = (time.perf_counter() - start) / 5
-    basis = Basis(model.M)
+    basis = Basis(model.M, room=COLUMNS)
     with local_rows(block) as rows:
         rows[:, 1::2] = rows[:, 0::2] + 1e-7 * rows[:, 1::2]
     with progress.stage("orthogonalise"):

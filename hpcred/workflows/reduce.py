@@ -1,70 +1,93 @@
 """A job file enters, result.h5 leaves."""
 
-from dataclasses import asdict
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from ..formats.hdf5 import check_writable
 from ..formats.job_file import Job, read_job
 from ..formats.model_file import read_model
+from ..formats.model_source import column_names, read_columns, read_source
 from ..formats.result_file import write_result
-from ..linalg.factorisation import SolverOptions
-from ..multibody.floating_frame import floating_frame
-from ..multibody.node_shapes import interface_nodes, node_shapes
+from ..parallel import startup
 from ..parallel.failures import InputError, agreed
+from ..parallel.progress import Progress
+from ..reduction.record import Record
 from ..reduction.reduce import reduce
-from .convert import column_names, convert, read_columns
 
 
-def run_job(path, overrides, comm, progress):
-    """Read, reduce and write as a job file says; returns the ReducedModel and the name of the result. Collective."""
+@dataclass(frozen=True)
+class Reduced:
+    """What a job gave: the file, its record, the number of coordinates, and the pseudo-frequencies in Hz."""
+
+    output: str
+    record: Record
+    size: int
+    frequencies: tuple[float, ...]
+
+
+def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Progress | None = None) -> Reduced:
+    """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.
+
+    Takes the PETSc build that fits the job, where PETSc is not loaded yet. Collective. Raises InputError or
+    ComputationError.
+    """
+    comm = comm or startup.start_mpi()
     with agreed(comm):
-        job = read_job(path, overrides)
+        if not isinstance(job, Job):
+            job = read_job(job, overrides)
+        job.factoring  # noqa: B018  (refused early)
+    startup.start(preferred=job.preferred_scalar, low_rank=job.low_rank is not None)
     check_writable(job.output, comm)
-    with agreed(comm):
-        options = SolverOptions(job.out_of_core, job.low_rank)
+    progress = progress or Progress(comm, show=False)
     with progress.stage("read", str(job.model)):
-        model = job_model(job, comm)
-    with model:
-        rom = reduce(
-            model,
-            job.basis,
-            job.frame,
-            job.damping,
-            job.deflation_tolerance,
-            job.drop_above,
-            progress,
-            job.projection,
-            job.allow_unstable,
-            job.groups,
-            options,
-        )
-        rom.provenance["job"] = asdict(job)
-        body = None
-        if model.dofs is not None and rom.left_columns is None:
-            with progress.stage("floating frame"):
-                frame = floating_frame(model, rom.columns, job.body_origin, job.lumped_integrals, rom.M)
-                body = frame, node_shapes(model, rom.columns, interface_nodes(model))
+        model = model_of_job(job, comm)
+    with model, reduce(
+        model, job.basis, job.frame, job.damping, settings=job.settings, factoring=job.factoring, progress=progress
+    ) as reduced:
+        record = replace(reduced.record, job=_plain(job), timing=progress.timing())
+        reduced.record = record
         with progress.stage("write", job.output):
-            write_result(job.output, rom, model.dofs, job.write_basis, comm, body, model.elements)
-    rom.provenance["run"] = progress.summary()
-    return rom, job.output
+            write_result(
+                job.output, reduced, model, basis=job.write_basis, origin=job.body_origin, lumped=job.lumped_integrals
+            )
+        record = replace(record, timing=progress.timing())
+        return Reduced(job.output, record, reduced.size, tuple(reduced.frequencies.tolist()))
 
 
-def job_model(job: Job, comm):
-    """The model of a job with its inputs and outputs. Collective."""
-    if isinstance(job.model, str):
-        model = read_model(job.model, comm)
-    else:
-        model = convert(job.model, comm, Path(job.model.K).name)
-    for key, transposed in (("input", False), ("output", True)):
-        given = getattr(job, key + "s")
-        if isinstance(given, str):
-            local = read_columns(comm, model.row_starts, model.size, given, transposed)
-            getattr(model, f"set_{key}_columns")(local, column_names(given, local))
-        elif given is not None:
-            getattr(model, f"set_{key}s")(given)
+def _plain(job) -> dict:
+    """The job as plain types, with absolute names of files, which stay right wherever the result is used."""
+    table = asdict(job)
+    for key in ("model", "output", "inputs", "outputs", "out_of_core"):
+        if isinstance(table[key], str):
+            table[key] = str(Path(table[key]).absolute())
+    if isinstance(table["model"], dict):
+        table["model"] = {key: name and str(Path(name).absolute()) for key, name in table["model"].items()}
+    return table
+
+
+def model_of_job(job: Job, comm):
+    """The model of a job with its inputs and outputs. Collective. Raises InputError."""
+    model = read_model(job.model, comm) if isinstance(job.model, str) else read_source(
+        job.model, comm, Path(job.model.K).name)  # fmt: skip
+    for key in ("input", "output"):
+        model = with_targets(model, key, getattr(job, key + "s"))
     if model.B is None:
-        raise InputError(
-            f"inputs: neither the job nor {model.name} has any; give dof numbers or [node, direction] pairs"
-        )
+        with model:
+            raise InputError(
+                f"inputs: neither the job nor {model.name} has any; give dof numbers or [node, direction] pairs"
+            )
     return model
+
+
+def with_targets(model, key, targets):
+    """The model with other inputs or outputs (`key`: "input" or "output"), from a matrix file or as dofs; `model` is
+    closed. None leaves them as they are. Collective. Raises InputError."""
+    if targets is None:
+        return model
+    with model:
+        if not isinstance(targets, str):
+            return getattr(model, f"with_{key}s")(targets)
+        local = read_columns(model.comm, model.row_starts, model.size, targets, key == "output")
+        return getattr(model, f"with_{key}_columns")(local, column_names(targets, local))

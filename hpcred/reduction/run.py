@@ -1,0 +1,170 @@
+"""One reduction under way: the framed model, solvers, loads and settings that an ingredient may use, and its record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..linalg.basis import Extension
+from ..linalg.blocks import apply, create_block, from_dense, inner, multiply
+from ..linalg.factorisation import Factoring, FactorRecord
+from ..linalg.solvers import ComplexSolver, ShiftedSolver
+from ..model.frames import FramedModel
+from ..parallel.decisions import decided
+from ..parallel.progress import Progress
+
+DEPENDENT = 1e-14  # eigenvalue of the Gram matrix of unit columns below which loads count as dependent
+
+
+@dataclass(frozen=True, kw_only=True)
+class IngredientRecord:
+    """What a part of the basis brought: columns offered and kept, and how clear the decision was.
+
+    `smallest_kept` and `largest_dropped`: weights (see linalg.basis.Extension) of the directions on both sides of the
+    deflation tolerance, None where there are none. For modes their frequencies in Hz, the largest residual, and what
+    dominant ones contribute.
+    """
+
+    where: str
+    columns: int
+    kept: int
+    smallest_kept: float | None = None
+    largest_dropped: float | None = None
+    frequencies_hz: tuple[float, ...] | None = None
+    residual: float | None = None
+    dominance: tuple[float, ...] | None = None
+
+
+@dataclass
+class Run:
+    """Given to `extend(basis, run)` of every ingredient. Call close(); collective."""
+
+    framed: FramedModel
+    progress: Progress
+    tolerance: float
+    factoring: Factoring = Factoring()
+    ingredients: list[IngredientRecord] = field(default_factory=list)
+    _solver: ShiftedSolver | None = None
+    _complex_solver: ComplexSolver | None = None
+    _loads: object = None
+    _shared: Run | None = None
+    _own_model: object = None
+    _added: list[FactorRecord] = field(default_factory=list)
+    _added_analyses: int = 0
+
+    def __post_init__(self):
+        self.model, self.rigid = self.framed.model, self.framed.rigid
+
+    @property
+    def solver(self) -> ShiftedSolver:
+        """The one solver of the run; only one of the two has a factor at a time."""
+        if self._shared is not None:
+            return self._shared.solver
+        if self._solver is None:
+            self._solver = ShiftedSolver(self.model, self.rigid, factoring=self.factoring)
+        if self._complex_solver is not None:
+            self._complex_solver.release()
+        return self._solver
+
+    @property
+    def complex_solver(self) -> ComplexSolver:
+        """The one solver of the run for complex A(s)."""
+        if self._shared is not None:
+            return self._shared.complex_solver
+        if self._complex_solver is None:
+            self._complex_solver = ComplexSolver(self.model, self.rigid, factoring=self.factoring)
+        if self._solver is not None:
+            self._solver.release()
+        return self._complex_solver
+
+    @property
+    def factorisations(self) -> list[FactorRecord]:
+        """The factorisations of the run."""
+        return self._added + [record for solver in self._solvers() for record in solver.records]
+
+    @property
+    def analyses(self) -> int:
+        """The symbolic analyses of the run: one as long as real and complex points do not alternate."""
+        return self._added_analyses + sum(solver.analyses for solver in self._solvers())
+
+    def _solvers(self):
+        return [solver for solver in (self._solver, self._complex_solver) if solver is not None]
+
+    @property
+    def loads(self):
+        """The independent columns of B, self-equilibrated for a free body, as a block; owned by the run."""
+        if self._loads is None:
+            self._loads = from_dense(self.model.B)
+            if self.rigid is not None:
+                self.rigid.equilibrate(self._loads)
+            factor, kept = decided(self.model.comm, _independent, inner(self._loads, self._loads))
+            if factor is not None:
+                multiply(self._loads, factor)
+                self._loads.setActiveColumns(0, kept)
+                self.note("inputs", self.model.B.getSize()[1], kept)
+        return self._loads
+
+    def times_mass(self, block):
+        """M block as a new block."""
+        first, last = block.getActiveColumns()
+        product = create_block(self.model.M, last - first)
+        apply(self.model.M, block, product)
+        return product
+
+    def note(self, where: str, columns: int, found: Extension | int, **more):
+        """Record how many of the columns offered were new; shown by the command line, kept in the result."""
+        weights = {}
+        if isinstance(found, Extension):
+            if found.kept:
+                weights["smallest_kept"] = found.smallest_kept
+            if found.largest_dropped:
+                weights["largest_dropped"] = found.largest_dropped
+            found = found.kept
+        self.ingredients.append(IngredientRecord(where=where, columns=columns, kept=found, **weights, **more))
+        dropped = f", {columns - found} dependent dropped" if columns > found else ""
+        self.progress.say(f"{where}: {found} new vectors{dropped}")
+
+    def on_group(self, framed):
+        """A run for a copy of the framed model on a group of ranks."""
+        return Run(framed, self.progress, self.tolerance, self.factoring)
+
+    def add(self, factorisations, analyses, ingredients):
+        """Take over what was recorded on a group of ranks."""
+        self._added += factorisations
+        self._added_analyses += analyses
+        self.ingredients += ingredients
+
+    def dual(self):
+        """The run of the output Krylov subspaces (33): C^T in place of B, transposed matrices. Collective.
+
+        Symmetric matrices share the solvers, and so the factors of a point that was used right before.
+        """
+        model = self.model.as_dual()
+        framed = FramedModel(model, rigid=self.rigid, damping=self.framed.damping)
+        other = Run(framed, self.progress, self.tolerance, self.factoring, self.ingredients)
+        other._own_model = model
+        if self.model.symmetric:
+            other._shared = self
+        return other
+
+    def release(self):
+        """Free the factors."""
+        for solver in self._solvers():
+            solver.release()
+
+    def close(self):
+        for item in (*self._solvers(), self._own_model):
+            if item is not None:
+                item.close()
+        if self._loads is not None:
+            self._loads.destroy()
+
+
+def _independent(gram):
+    """What makes independent columns of dependent ones, and how many; None where they are independent."""
+    size = np.sqrt(np.diag(gram))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
+    kept = values > DEPENDENT
+    return (None, len(kept)) if kept.all() else (scale[:, None] * vectors[:, kept], int(kept.sum()))

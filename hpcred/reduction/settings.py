@@ -1,0 +1,36 @@
+"""How to reduce, as one frozen set of keywords."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..parallel.failures import InputError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reduction:
+    """How a basis becomes a reduced model.
+
+    `deflation_tolerance`: weight (relative size of the new part of a vector) below which a direction is dropped as
+    dependent. `drop_above`: pseudo-modes above this frequency (Hz) are cut after the diagonalisation. `projection`:
+    "one_sided" (W = V), or "two_sided": where the outputs differ from the inputs, W is built from C^T (33),
+    W^T M V = I, and twice as many moments match; the result may be unstable, which is refused unless `allow_unstable`.
+    `groups`: number of groups of ranks that factor different expansion points at the same time, each with a copy of the
+    matrices, or "auto": as many as points, ranks and memory allow.
+    """
+
+    deflation_tolerance: float = 1e-9
+    drop_above: float | None = None
+    projection: str = "one_sided"
+    allow_unstable: bool = False
+    groups: int | str = 1
+
+    def __post_init__(self):
+        if not 0 < self.deflation_tolerance < 1:
+            raise InputError(f"deflation_tolerance: found {self.deflation_tolerance:g}, expected 0 to 1")
+        if self.drop_above is not None and not 0 < self.drop_above < float("inf"):
+            raise InputError(f"drop_above: found {self.drop_above:g}, expected a positive frequency in Hz")
+        if self.projection not in ("one_sided", "two_sided"):
+            raise InputError(f"projection: found '{self.projection}', expected 'one_sided' or 'two_sided'")
+        if self.groups != "auto" and (isinstance(self.groups, str) or self.groups < 1):
+            raise InputError(f"groups: found {self.groups!r}, expected a whole number of at least 1, or 'auto'")
