@@ -22,6 +22,24 @@ def comm():
 
 
 @pytest.fixture
+def linkage(comm):
+    """The example of the paper, 20 nodes and 120 dofs, free."""
+    import hpcred
+
+    with hpcred.linkage(comm) as model:
+        yield model
+
+
+@pytest.fixture
+def solid(comm):
+    """A clamped block with 144 dofs and three inputs."""
+    import hpcred
+
+    with hpcred.solid((4, 2, 3), inputs=3, comm=comm) as model:
+        yield model
+
+
+@pytest.fixture
 def folder(comm):
     """An empty folder that all ranks share."""
     path = comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None)
