@@ -1,6 +1,5 @@
-"""Fixtures, and the end of the whole job when a test fails on one of several ranks."""
+"""Fixtures, and the plugin that runs the tests marked mpi on several ranks."""
 
-import os
 import shutil
 import subprocess
 import sys
@@ -8,6 +7,9 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from launch import mpi_environment
+
+pytest_plugins = ["mpi_items"]
 
 DATA = Path(__file__).parent / "data"
 
@@ -17,6 +19,24 @@ def comm():
     from hpcred.parallel.petsc import MPI
 
     return MPI.COMM_WORLD
+
+
+@pytest.fixture
+def linkage(comm):
+    """The example of the paper, 20 nodes and 120 dofs, free."""
+    import hpcred
+
+    with hpcred.linkage(comm) as model:
+        yield model
+
+
+@pytest.fixture
+def solid(comm):
+    """A clamped block with 144 dofs and three inputs."""
+    import hpcred
+
+    with hpcred.solid((4, 2, 3), inputs=3, comm=comm) as model:
+        yield model
 
 
 @pytest.fixture
@@ -41,30 +61,7 @@ def hpcred(tmp_path):
             capture_output=True,
             text=True,
             timeout=timeout,
-            env={**mpi_environment(), **environment},
+            env=mpi_environment(**environment),
         )
 
     return run
-
-
-def mpi_environment():
-    """Open MPI refuses root and more ranks than cores unless told."""
-    return {
-        **os.environ,
-        "OMPI_ALLOW_RUN_AS_ROOT": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        "OMPI_MCA_rmaps_base_oversubscribe": "1",
-    }
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item, call):
-    report = yield
-    if report.failed and "mpi4py.MPI" in sys.modules:
-        from mpi4py import MPI
-
-        if MPI.COMM_WORLD.size > 1:
-            # the other ranks may wait for this one for ever
-            print(f"\nrank {MPI.COMM_WORLD.rank}: {item.nodeid}\n{report.longreprtext}", file=sys.stderr, flush=True)
-            MPI.COMM_WORLD.Abort(1)
-    return report

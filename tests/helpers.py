@@ -1,7 +1,12 @@
-"""Small dense second methods for the tests."""
+"""Small dense second methods for the tests, and command lines that must be refused."""
+
+from pathlib import Path
 
 import numpy as np
+import scipy.io
+import scipy.sparse
 
+from hpcred.cli import run
 from hpcred.examples.beam import Rod, beam_element
 from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.model.dofs import Dofs
@@ -86,3 +91,24 @@ def bar(comm, length, elements, **rod):
     model = SecondOrderModel.from_csr(comm, size, indptr, np.tile(np.arange(size), last - first), values, dofs=dofs)
     model.set_inputs([(1, "x")])
     return model
+
+
+def refused(capsys, *arguments):
+    """The one sentence with which a command line is refused; nothing may have been written."""
+    before = sorted(Path().iterdir())
+    capsys.readouterr()
+    status = run(list(arguments))
+    message = capsys.readouterr().err
+    assert status == 2, message
+    assert message.startswith("hpcred: error: ") and message.count("\n") == 1, message
+    assert "Traceback" not in message
+    assert sorted(Path().iterdir()) == before
+    return message
+
+
+def write_matrices(change):
+    """K.mtx and M.mtx of a chain of four masses, after a change of the arrays."""
+    mats = {"K": np.diag([2.0, 2, 2, 1]) - np.eye(4, k=1) - np.eye(4, k=-1), "M": np.eye(4)}
+    mats.update(change(**mats) or {})
+    for key, mat in mats.items():
+        scipy.io.mmwrite(f"{key}.mtx", scipy.sparse.coo_matrix(mat), symmetry="general")

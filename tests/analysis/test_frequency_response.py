@@ -1,0 +1,77 @@
+"""The full response: structural damping, free bodies, groups of ranks."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from helpers import close, dense_model
+
+import hpcred
+from hpcred import (
+    Buckens,
+    GivenDamping,
+    Krylov,
+    Modes,
+    SecondOrderKrylov,
+    Structural,
+)
+from hpcred.examples import linkage as example
+
+pytestmark = pytest.mark.mpi
+
+
+def set_columns(model, key, array):
+    mine = slice(model.first_row, model.first_row + model.local_rows)
+    getattr(model, f"set_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
+
+
+def test_structural_damping(solid):
+    K, M, B = dense_model(solid)
+    omega = 2 * np.pi * 900.0
+    expected = B.T @ np.linalg.solve((1 + 0.05j) * K - omega**2 * M, B)
+    law = Structural(0.05)
+    full = hpcred.frequency_response(solid, [900.0, 0.0], damping=law)
+    assert close(expected, full[0]) < 1e-9
+    assert close(B.T @ np.linalg.solve((1 + 0.05j) * K, B), full[1]) < 1e-9
+    with hpcred.reduce(solid, [Krylov(900.0, 3), Krylov(0.0, 1)], damping=law) as rom:
+        assert rom.D.max() == 0.0
+        assert hpcred.relative_error(full, hpcred.frequency_response(rom, [900.0, 0.0])).max() < 1e-5
+
+
+def test_elastic_response_of_a_free_body_with_a_damper_to_ground(comm):
+    """D R is not zero: the reference is the body held M-orthogonal to its rigid-body modes."""
+    with hpcred.linkage(comm, inputs=(example.LOAD, (1, "x"))) as model:
+        K, M, B = dense_model(model)
+        D = 1e-5 * K
+        D[116, 116] += 40.0
+        D[2, 2] += 15.0
+        modes = scipy.linalg.eigh(K, M)[1][:, 6:]
+        s = 2j * np.pi * 60.0
+        small = [modes.T @ mat @ modes for mat in (M, D, K)]
+        expected = (B.T @ modes) @ np.linalg.solve(s * s * small[0] + s * small[1] + small[2], modes.T @ B + 0j)
+        rows = np.arange(120)
+        dofs = hpcred.Dofs(rows // 6 + 1, (rows % 6).astype(np.int8), example.positions()[rows // 6])
+        with hpcred.SecondOrderModel.from_scipy(K, M, D, comm, dofs=dofs) as damped_body:
+            set_columns(damped_body, "input", B)
+            full = hpcred.frequency_response(damped_body, [60.0], Buckens(), GivenDamping())
+            assert close(expected, full[0]) < 1e-8
+            basis = [Modes(count=3), SecondOrderKrylov(60.0, order=1)]
+            with hpcred.reduce(damped_body, basis, Buckens(), GivenDamping()) as rom:
+                assert close(expected, rom.transfer_function(s)) < 1e-8
+
+
+@pytest.mark.parametrize("frame", [None, Buckens()])
+def test_groups_of_ranks_share_the_frequencies(comm, frame):
+    frequencies = [5.0, 60.0, 110.0, 250.0, 290.0]
+    with hpcred.linkage(comm, inputs=(example.LOAD, (3, "ry"))) as model:
+        model.set_outputs([(4, "x"), (17, "rz"), (20, "z")])
+        one, each = (
+            hpcred.frequency_response(model, frequencies, frame, example.DAMPING, groups=groups)
+            for groups in (1, comm.size)
+        )
+        assert one.shape == (5, 3, 2)
+        assert close(one, each) < 1e-9
+        if comm.size == 3:
+            two = hpcred.frequency_response(model, frequencies, frame, example.DAMPING, groups=2)
+            assert close(one, two) < 1e-9
+        with pytest.raises(hpcred.InputError, match="groups: found 9"):
+            hpcred.frequency_response(model, frequencies, frame, groups=9)

@@ -1,0 +1,37 @@
+"""What info says of a model: inertia counts, mass, centre of mass."""
+
+import numpy as np
+import pytest
+
+import hpcred
+from hpcred.examples import linkage as example
+from hpcred.model.frames import apply_frame
+from hpcred.parallel.petsc import is_complex
+
+pytestmark = pytest.mark.mpi
+
+
+@pytest.mark.skipif(is_complex(), reason="inertia needs a real build")
+def test_inspection(comm, linkage):
+    report = hpcred.inspect(linkage, [300.0], band_top=300.0)
+    assert report["rigid_body_modes"] == 6
+    assert report["mass_kg"] == pytest.approx(5.39798, abs=1e-5)
+    assert report["mass_matrix"] == "positive definite"
+    assert report["elastic_modes_below_hz"][0] == [300.0, 7]
+    framed = apply_frame(linkage, example.FRAME)
+    supported = hpcred.inspect(framed.model, [600.0], band_top=300.0)
+    assert supported["rigid_body_modes"] == 0
+    assert supported["elastic_modes_below_hz"] == [[600.0, 13]]
+    assert supported["size_hint"] == 14
+    framed.close()
+
+
+def test_mass_and_inertia_of_a_block(comm):
+    with hpcred.solid((4, 3, 2), (0.4, 0.2, 0.1), 3, clamped=False, comm=comm) as model:
+        report = hpcred.inspect(model)
+    mass = 7850 * 0.4 * 0.2 * 0.1
+    assert report["mass_kg"] == pytest.approx(mass)
+    assert np.allclose(report["centre_of_mass_m"], [0.2, 0.1, 0.05])
+    # the consistent mass matrix integrates trilinear fields exactly
+    expected = mass / 12 * np.array([0.2**2 + 0.1**2, 0.4**2 + 0.1**2, 0.4**2 + 0.2**2])
+    assert np.allclose(np.diag(report["inertia_kg_m2"]), expected)

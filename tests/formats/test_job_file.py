@@ -1,0 +1,128 @@
+"""Job files: each refusal by its sentence; inputs, outputs and matrices by files."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse
+from helpers import refused, write_matrices
+
+import hpcred as package
+from hpcred.cli import run
+
+JOB = """
+model = "model.h5"
+inputs = [[20, "z"]]
+[frame]
+kind = "chord"
+nodes = [1, 7, 14]
+axes = "yxz"
+[[basis]]
+kind = "krylov"
+frequency = 100.0
+order = 1
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with the linkage as model.h5 and a good job."""
+    monkeypatch.chdir(tmp_path)
+    with package.linkage() as model:
+        package.write_model("model.h5", model)
+    Path("job.toml").write_text(JOB)
+    return tmp_path
+
+
+def replaced(old, new):
+    assert old in JOB
+    Path("job.toml").write_text(JOB.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    "old, new, says",
+    [
+        ("order = 1", "ordr = 1", r"basis\[0\].ordr: unknown key \(did you mean 'order'\?\)"),
+        ("order = 1", "order = 1.5", r"basis\[0\].order: found 1.5, expected a whole number"),
+        ("order = 1", 'order = "1"', r"basis\[0\].order: found '1', expected a whole number"),
+        ("order = 1", "order = -1", r"krylov.order: found -1"),
+        ("frequency = 100.0", "frequency = -5.0", "krylov.frequency: found -5"),
+        ("frequency = 100.0", "", r"krylov: expected frequency \(Hz\), decay"),
+        ("frequency = 100.0", "decay = -1.0", "krylov.decay: found -1"),
+        ("nodes = [1, 7, 14]", "", r"frame.nodes: missing; expected \["),
+        ('kind = "krylov"', 'kind = "krilov"', r"found 'krilov', expected one of .* \(did you mean 'krylov'\?\)"),
+        ("[frame]", "band = [300.0, 0.0]\n[frame]", r"band: found \[300.0, 0.0\]"),
+        ("[frame]", "band = [-1.0, 2.0]\n[frame]", r"band: found \[-1.0, 2.0\]"),
+        ("[frame]", "banf = [0.0, 2.0]\n[frame]", r"banf: unknown key \(did you mean 'band'\?\)"),
+        ('kind = "krylov"\nfrequency = 100.0\norder = 1', 'kind = "modes"\nband = [9.0, 1.0]', r"modes.band: found"),
+        (
+            'kind = "krylov"\nfrequency = 100.0\norder = 1',
+            'kind = "modes"\ncount = 3\nband = [0.0, 1.0]',
+            "exactly one of count, band and index",
+        ),
+        ("[1, 7, 14]", "[5, 7, 14]", "collinear: node 5 at"),
+        ("[1, 7, 14]", "[1, 7, 99]", "node 99 does not exist in model.h5; its nodes are numbered 1 to 20"),
+        ("[1, 7, 14]", "[1, 7]", r"frame.nodes: found \[1, 7\], expected \[a whole number, a whole number"),
+        ('"yxz"', '"zyx"', "leave a rotation free"),
+        ('"yxz"', '"yyz"', "expected an order of x, y and z"),
+        ('[[20, "z"]]', '[[20, "w"]]', "direction: found 'w', expected one of x, y, z"),
+        ('[[20, "z"]]', "[121]", "dof 121 does not exist in model.h5; its dofs are numbered 1 to 120"),
+        ("order = 1", "order = 200", "basis: 201 vectors asked for, but model.h5 has only 114"),
+        ('kind = "krylov"\nfrequency = 100.0\norder = 1', 'kind = "modes"\ncount = 115', "115 elastic modes asked"),
+        ('"model.h5"', '"missing.h5"', "missing.h5: no such file"),
+        ('"model.h5"', '"job.toml"', "job.toml: not a readable HDF5 file"),
+        ("[frame]", 'output = "nowhere/r.h5"\n[frame]', "the folder nowhere does not exist"),
+        ("[frame]", 'output = "/proc/r.h5"\n[frame]', "cannot be written"),
+        ("[frame]", '[damping]\nkind = "given"\n[frame]', "needs a damping matrix"),
+        ("[frame]", '[damping]\nkind = "rayleigh"\nalpha = -1.0\n[frame]', "neither may be negative"),
+        ('kind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"', 'kind = "tangent"\nnode = 21', "node 21 does not exist"),
+        ('[frame]\nkind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"', "", None),
+        ("frequency", "frequency =", "not a TOML file"),
+        ("[frame]", '[damping]\nkind = "structural"\nloss_factor = -0.1\n[frame]', "loss_factor: found -0.1"),
+        ("[frame]", '[damping]\nkind = "modal"\nratio = -0.1\n[frame]', "found the ratio -0.1; it may not be negative"),
+        ("[frame]", '[damping]\nkind = "modal"\n[frame]', "exactly one of ratio, ratios and table"),
+        ("[frame]", '[damping]\nkind = "caughey"\ncoefficients = []\n[frame]', "at least one number"),
+        ("[frame]", 'projection = "oblique"\n[frame]', "found 'oblique', expected 'one_sided' or 'two_sided'"),
+        ('kind = "krylov"\nfrequency = 100.0', 'kind = "second_order_krylov"', "expected a point: frequency"),
+        (
+            'kind = "krylov"\nfrequency = 100.0',
+            'kind = "second_order_krylov"\ndecay = 1.0\ns = [0.0, 1.0]',
+            "expected s, or frequency and decay, not both",
+        ),
+        (
+            'kind = "krylov"\nfrequency = 100.0',
+            'kind = "second_order_krylov"\ns = [-3.0, 1.0]',
+            "second_order_krylov.decay: found -3, expected 1/s, not negative",
+        ),
+    ],
+)
+def test_a_bad_job_is_refused(folder, capsys, old, new, says):
+    replaced(old, new)
+    if says is None:  # a free body at 100 Hz is a fair problem; at 0 Hz it is not
+        Path("job.toml").write_text(Path("job.toml").read_text().replace("100.0", "0.0"))
+        says = "can move freely; take frame kind 'buckens'"
+    assert re.search(says, refused(capsys, "reduce", "job.toml"))
+
+
+def test_inputs_as_files_and_matrices_in_the_job(tmp_path, monkeypatch):
+    """A job without model.h5, with B from a file: the same as dof numbers."""
+    monkeypatch.chdir(tmp_path)
+    write_matrices(lambda K, M: None)
+    scipy.io.mmwrite("B.mtx", np.eye(4)[:, [3, 0]])
+    job = (
+        'inputs = {}\noutput = "{}"\n[model]\nK = "K.mtx"\nM = "M.mtx"\n[[basis]]\nkind = "krylov"\nfrequency = 0.01\n'
+    )
+    Path("a.toml").write_text(job.format('"B.mtx"', "a.h5"))
+    Path("b.toml").write_text(job.format("[4, 1]", "b.h5"))
+    assert run(["reduce", "a.toml"]) == 0 and run(["reduce", "b.toml"]) == 0
+    a, b = (package.read_result(f"{name}.h5") for name in "ab")
+    assert np.allclose(a.transfer_function(0.3j), b.transfer_function(0.3j), rtol=1e-12)
+    assert a.input_names == ["B.mtx:1", "B.mtx:2"] and b.input_names == ["dof 4", "dof 1"]
+
+
+def test_an_output_matrix_of_another_size_is_refused(folder, capsys):
+    scipy.io.mmwrite("C.mtx", np.eye(3, 119))
+    replaced("[frame]", 'outputs = "C.mtx"\n[frame]')
+    assert "C.mtx: found 3 x 119, expected 120 columns" in refused(capsys, "reduce", "job.toml")

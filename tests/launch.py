@@ -1,0 +1,18 @@
+"""How tests start jobs of their own: the environment of mpiexec, and whether there are two PETSc builds."""
+
+import os
+
+from hpcred.parallel import startup
+
+TWO_BUILDS = startup.can_choose() and not os.environ.get("HPCRED_SCALAR")  # asked before PETSc is loaded
+
+
+def mpi_environment(**more):
+    """Open MPI refuses root and more ranks than cores unless told."""
+    return {
+        **os.environ,
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        **more,
+    }

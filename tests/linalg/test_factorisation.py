@@ -1,0 +1,120 @@
+"""How factors are made and kept: workspace, memory limits, out of core, low rank."""
+
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hpcred
+import hpcred as package
+from hpcred import Krylov, Modes
+from hpcred.linalg.blocks import create_block, from_dense
+from hpcred.linalg.factorisation import SolverOptions
+from hpcred.linalg.solvers import ShiftedSolver
+from hpcred.parallel import startup as runtime
+from hpcred.parallel.failures import ComputationError, InputError
+from hpcred.parallel.petsc import PETSc
+
+FREQUENCIES = np.linspace(5, 295, 30)
+JOB = (
+    'model = "model.h5"\n[[basis]]\nkind = "krylov"\nfrequency = 100.0\n[[basis]]\nkind = "krylov"\nfrequency = 900.0\n'
+)
+
+
+@pytest.fixture
+def model(comm):
+    with hpcred.solid((3, 2, 2), inputs=3, comm=comm) as model:
+        yield model
+
+
+@pytest.mark.mpi
+def test_a_workspace_that_is_too_small_is_enlarged(comm):
+    """MUMPS' factor is unusable after INFOG(1) = -9; the shift after it must be right as well."""
+    with hpcred.solid((8, 8, 8), inputs=1, comm=comm) as model:
+        options = PETSc.Options("shift_")
+        options["mat_mumps_icntl_14"] = -60
+        options["mat_mumps_icntl_23"] = 0  # with the memory known, MUMPS takes what it needs at once
+        loads, solution = from_dense(model.B), create_block(model.K, 1)
+        solver = ShiftedSolver(model)
+        for frequency in (0.0, 500.0):
+            solver.factor(-((2 * np.pi * frequency) ** 2))
+            solver.solve(loads, solution)
+            assert solver.records[-1]["residual"] < 1e-9
+        options.delValue("mat_mumps_icntl_14")
+        options.delValue("mat_mumps_icntl_23")
+        if comm.size == 1:
+            assert solver.records[0]["workspace_retries"] > 0
+        solver.close()
+
+
+@pytest.mark.mpi
+def test_factors_on_disk_are_the_same(comm, folder):
+    with package.solid((8, 6, 6), inputs=3, comm=comm) as model:
+        basis = [Krylov(frequency=100.0, order=1), Krylov(frequency=2000.0)]
+        found = []
+        for options in (None, SolverOptions(out_of_core=str(folder))):
+            with package.reduce(model, basis, options=options) as rom:
+                found.append(package.frequency_response(rom, FREQUENCIES))
+        comm.Barrier()
+        assert not os.listdir(folder)  # MUMPS has removed its files
+        if comm.size == 1:  # where they were, while the solver was there
+            solver = ShiftedSolver(model, options=SolverOptions(out_of_core=str(folder)))
+            solver.factor(-1e4)
+            assert os.listdir(folder)
+            solver.close()
+    assert np.abs(found[1] - found[0]).max() < 1e-12 * np.abs(found[0]).max()
+
+
+def test_low_rank_factors_reach_the_same_residual(hpcred, tmp_path):
+    """In a program of its own, since MUMPS must be without Scotch there."""
+    assert hpcred("example", "solid", "--cells", 16, 8, 8).returncode == 0
+    (tmp_path / "job.toml").write_text(JOB)
+    found = []
+    for more in ([], ["--low-rank", "1e-5"]):
+        run = hpcred("reduce", "job.toml", "--json", "run.json", *more, ranks=2)
+        assert run.returncode == 0, run.stderr
+        found.append(json.loads((tmp_path / "run.json").read_text()))
+    for record in found:
+        assert max(item["residual"] for item in record["factorisations"]) < 1e-10
+    assert found[1]["frequencies_hz"][:6] == pytest.approx(found[0]["frequencies_hz"][:6], rel=1e-9)
+    assert found[1]["job"]["low_rank"] == 1e-5
+
+
+@pytest.mark.mpi
+def test_a_factor_that_does_not_fit_is_refused_before_it_is_made(comm, monkeypatch):
+    with package.solid((10, 8, 8), inputs=1, comm=comm) as model:
+        monkeypatch.setenv("HPCRED_MEMORY_MB", "3")
+        with pytest.raises(ComputationError, match=r"about \d+ MB on one rank .* a rank has 3 MB.*--out-of-core DIR"):
+            package.reduce(model, [Krylov(frequency=100.0)])
+        with pytest.raises(ComputationError, match=r"does not fit"):
+            package.reduce(model, [Modes(band=(0.0, 3000.0))])
+        monkeypatch.delenv("HPCRED_MEMORY_MB")
+        solver = ShiftedSolver(model)
+        need, have = solver.estimate()
+        solver.factor(-1e4)
+        record = solver.records[-1]
+        assert need == pytest.approx(record["memory_mb_estimated_total"], rel=0.1)
+        assert need > 0.9 * record["memory_mb_used_total"] > 0
+        assert have > 100 * comm.size
+        solver.close()
+
+
+@pytest.mark.parametrize(
+    "options, says",
+    [
+        ({"low_rank": 0.5}, "low_rank: found 0.5"),
+        ({"low_rank": -1e-8}, "low_rank: found -1e-08"),
+        ({"out_of_core": "/nowhere/at/all"}, "the folder /nowhere/at/all cannot be written"),
+    ],
+)
+def test_options_that_make_no_sense(options, says):
+    with pytest.raises(InputError, match=says):
+        replace(SolverOptions(), **options)
+
+
+def test_low_rank_with_scotch_is_refused(monkeypatch):
+    monkeypatch.setattr(runtime, "ordering", 3)
+    with pytest.raises(InputError, match="HPCRED_SCOTCH=0"):
+        SolverOptions(low_rank=1e-8)

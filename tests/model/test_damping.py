@@ -1,0 +1,72 @@
+"""Damping laws against dense matrices; which are proportional."""
+
+import numpy as np
+import pytest
+from helpers import close, dense_model, gather
+
+import hpcred
+from hpcred import (
+    Caughey,
+    GivenDamping,
+    Krylov,
+    Rayleigh,
+    SecondOrderKrylov,
+)
+from hpcred.model.damping import is_proportional
+
+pytestmark = pytest.mark.mpi
+
+
+def damped(solid, unsymmetric=False):
+    """The solid with Rayleigh damping, two discrete dampers, and perhaps a gyroscopic pair; D as numpy too."""
+    K, M, B = dense_model(solid)
+    D = 10.0 * M + 1e-5 * K
+    D[5, 5] += 3e3
+    D[40, 40] += 1e4
+    if unsymmetric:
+        D[5, 40] += 2e3
+        D[40, 5] -= 2e3
+    model = hpcred.SecondOrderModel.from_scipy(K, M, D, solid.comm)
+    set_columns(model, "input", B)
+    return model, K, M, D, B
+
+
+def set_columns(model, key, array):
+    mine = slice(model.first_row, model.first_row + model.local_rows)
+    getattr(model, f"set_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
+
+
+def test_caughey_series_against_dense_matrices(comm):
+    """Five terms; full and reduced D, and Rayleigh as the series of two."""
+    with hpcred.solid((2, 2, 2), inputs=2, comm=comm) as model:
+        K, M, B = dense_model(model)
+        a = (5.0, 2e-6, 3e-15, 1e-24, 4e-34)
+        power, D = np.eye(len(K)), np.zeros_like(K)
+        for coefficient in a:
+            D += coefficient * M @ power
+            power = np.linalg.solve(M, K) @ power
+        frequencies = [0.0, 300.0, 2500.0]
+        expected = []
+        for s in 2j * np.pi * np.array(frequencies):
+            expected.append(B.T @ np.linalg.solve(s * s * M + s * D + K, B.astype(complex)))
+        full = hpcred.frequency_response(model, frequencies, damping=Caughey(a))
+        assert close(np.array(expected), full) < 1e-8
+        with hpcred.reduce(model, [Krylov(0.0, 1), Krylov(2500.0, 1)], damping=Caughey(a)) as rom:
+            V = gather(rom.columns)
+            assert close(V.T @ D @ V, rom.D) < 1e-8
+            assert hpcred.relative_error(full, hpcred.frequency_response(rom, frequencies)).max() < 1e-4
+        two = hpcred.frequency_response(model, frequencies, damping=Caughey(a[:2]))
+        assert close(two, hpcred.frequency_response(model, frequencies, damping=Rayleigh(*a[:2]))) < 1e-12
+
+
+def test_proportional_damping_is_recognised(solid):
+    model, K, M, D, _ = damped(solid)
+    with model:
+        assert not is_proportional(model)
+        with pytest.raises(hpcred.InputError, match="'second_order_krylov' fits"):
+            hpcred.reduce(model, [Krylov(300.0, decay=20.0)], damping=GivenDamping())
+        hpcred.reduce(model, [Krylov(300.0)], damping=GivenDamping()).close()
+    with hpcred.SecondOrderModel.from_scipy(K, M, 3.0 * M + 1e-6 * K, solid.comm) as model:
+        assert is_proportional(model)
+    with pytest.raises(hpcred.InputError, match="'krylov' fits"):
+        hpcred.reduce(solid, [SecondOrderKrylov(300.0)], damping=Caughey((1.0, 1e-6, 1e-16)))

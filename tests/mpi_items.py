@@ -1,0 +1,250 @@
+"""Tests marked mpi, once for each number of ranks and each PETSc build: items of their own, with a line each.
+
+In: items marked `mpi`, or `mpi(ranks=(1, 2))` where not all numbers of ranks make sense. Out: the same items with the
+suffixes [1-rank] (run here), [2-ranks], [3-ranks] and, where there are two builds, [1-rank-complex], [2-ranks-complex].
+
+The items of one suffix run together in one `mpiexec ... pytest`, the inner session, which starts with the first of
+them. Its ranks append what happens, a line of JSON each time, to a file; the session outside reads its reports there
+while the inner one goes on. A failure on one rank ends the inner session, as does an item that takes longer than
+HPCRED_TEST_TIMEOUT seconds, or a crash; the items after it go to a new one. `mpiexec -n 4 python -m pytest -m mpi` runs
+the items on the ranks that it was given.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+import pytest
+from launch import TWO_BUILDS, mpi_environment
+
+TIMEOUT = float(os.environ.get("HPCRED_TEST_TIMEOUT", "300"))
+INNER = os.environ.get("HPCRED_TEST_SESSION")  # in an inner session: its folder
+
+HERE = "1-rank"
+LAUNCHED = {"2-ranks": (2, ""), "3-ranks": (3, "")}  # suffix: ranks, build
+if TWO_BUILDS or INNER:
+    LAUNCHED |= {"1-rank-complex": (1, "complex"), "2-ranks-complex": (2, "complex")}
+
+
+def world():
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD
+
+
+# collection
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_generate_tests(metafunc):
+    if (mark := metafunc.definition.get_closest_marker("mpi")) is None:
+        return
+    if world().size > 1 and not INNER:
+        suffixes = [f"{world().size}-ranks"]
+    else:
+        ranks = mark.kwargs.get("ranks", (1, 2, 3))
+        suffixes = [HERE] * (1 in ranks) + [name for name, (count, _) in LAUNCHED.items() if count in ranks]
+    metafunc.fixturenames.append("job")
+    metafunc.parametrize("job", suffixes)
+
+
+def suffix_of(item):
+    """The suffix of an item that is to run in an inner session, else None."""
+    suffix = item.callspec.params.get("job") if hasattr(item, "callspec") else None
+    return suffix if suffix in LAUNCHED and world().size == 1 else None
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    if INNER:
+        by_name = {item.nodeid: item for item in items}
+        items[:] = [by_name[name] for name in json.loads(Path(INNER, "items.json").read_text())]
+        private()
+    else:
+        order = [None, *LAUNCHED]
+        items.sort(key=lambda item: order.index(suffix_of(item)))
+
+
+# inside: every rank tells what happens
+
+
+@cache
+def private():
+    """A communicator of our own: a test in which one rank is left behind must not pair with the barrier here."""
+    return world().Dup()
+
+
+def tell(**event):
+    with open(Path(INNER, "events"), "a") as file:  # one write a line, so that ranks do not mix
+        file.write(json.dumps(event) + "\n")
+
+
+def pytest_runtest_logstart(nodeid):
+    if INNER and world().rank == 0:
+        tell(start=nodeid)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    if INNER and (report.failed or world().rank == 0):
+        data = item.config.hook.pytest_report_to_serializable(config=item.config, report=report)
+        tell(report=data, rank=world().rank)
+    if report.failed and world().size > 1:
+        # the other ranks may wait for this one for ever
+        print(f"\nrank {world().rank}: {item.nodeid}\n{report.longreprtext}", file=sys.stderr, flush=True)
+        world().Abort(1)
+    return report
+
+
+def pytest_runtest_logfinish(nodeid):
+    if INNER:
+        private().Barrier()  # no rank may still fail in an item that is called finished
+        if world().rank == 0:
+            tell(finish=nodeid)
+
+
+# outside: the reports of inner sessions
+
+
+class Session:
+    """One inner session for the items of one suffix: its process, and what it has told so far."""
+
+    def __init__(self, suffix, items):
+        self.suffix, self.last = suffix, items[-1].nodeid
+        self.started, self.finished, self.reports = set(), set(), {}
+        self._read = 0
+        self._folder = Path(tempfile.mkdtemp(prefix="hpcred-tests-"))
+        (self._folder / "items.json").write_text(json.dumps([item.nodeid for item in items]))
+        (self._folder / "events").touch()
+        ranks, build = LAUNCHED[suffix]
+        options = ["-q", "--color=no", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={TIMEOUT:g}"]
+        files = dict.fromkeys(str(item.path) for item in items)
+        more = {"HPCRED_TEST_SESSION": str(self._folder), **({"HPCRED_SCALAR": build} if build else {})}
+        with open(self._folder / "output", "w") as output:
+            self.process = subprocess.Popen(
+                ["mpiexec", "-n", str(ranks), sys.executable, "-m", "pytest", *options, *files],
+                cwd=items[0].config.rootpath,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=mpi_environment(**more),
+            )
+
+    def _listen(self):
+        """Take in the lines that are new and complete; returns whether there were any."""
+        with open(self._folder / "events", "rb") as file:
+            file.seek(self._read)
+            new = file.read()
+        new = new[: new.rfind(b"\n") + 1]
+        self._read += len(new)
+        for event in map(json.loads, new.splitlines()):
+            self.started.add(event.get("start"))
+            self.finished.add(event.get("finish"))
+            if "report" in event:
+                self.reports.setdefault(event["report"]["nodeid"], []).append(event)
+        return bool(new)
+
+    def wait_for(self, nodeid):
+        """Returns "finished", or "ended" or "hangs" where that will not come."""
+        since = time.monotonic()
+        while nodeid not in self.finished:
+            ended = self.process.poll() is not None
+            if self._listen():
+                since = time.monotonic()
+            elif ended:
+                return "ended"
+            elif time.monotonic() - since > TIMEOUT + 15:  # after faulthandler has shown where
+                self._stop()
+                return "hangs"
+            else:
+                time.sleep(0.01)
+        return "finished"
+
+    def _stop(self):
+        """End a job that has not come to its end by itself: mpiexec ends its ranks."""
+        for signal in (self.process.terminate, self.process.kill):
+            if self.process.poll() is None:
+                signal()
+                with suppress(subprocess.TimeoutExpired):
+                    self.process.wait(10)
+
+    def output(self):
+        return (self._folder / "output").read_text(errors="replace")[-8000:]
+
+    def close(self):
+        if self.last in self.finished:
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(30)
+        self._stop()
+        shutil.rmtree(self._folder)
+
+
+session = None  # the inner session that runs; one at a time
+broken = {}  # suffix: what a session told that ended before its first item
+
+
+def reports_of(item, suffix):
+    """The reports of one item, from an inner session that is started where needed."""
+    global session
+    how = None
+    if session is not None and session.suffix == suffix:
+        how = session.wait_for(item.nodeid)
+    if how is None or (how != "finished" and item.nodeid not in session.started):
+        close_session()
+        if suffix in broken:
+            return [failure(item, broken[suffix])]
+        items = item.session.items
+        session = Session(suffix, [other for other in items[items.index(item) :] if suffix_of(other) == suffix])
+        how = session.wait_for(item.nodeid)
+    told = session.reports.get(item.nodeid, [])
+    if how != "finished":
+        told = [event for event in told if event["report"]["outcome"] == "failed"][:1]
+    if told:
+        return [report_from(item, event, suffix) for event in told]
+    text = f"mpiexec {how} with exit status {session.process.poll()}; the end of its output:\n{session.output()}"
+    if not session.started:
+        broken[suffix] = text
+    return [failure(item, text)]
+
+
+def report_from(item, event, suffix):
+    report = item.config.hook.pytest_report_from_serializable(config=item.config, data=event["report"])
+    if isinstance(report.longrepr, list):  # the place and reason of a skip
+        report.longrepr = tuple(report.longrepr)
+    if report.failed:
+        report.sections.append((suffix, f"on rank {event['rank']}"))
+    return report
+
+
+def failure(item, text):
+    return pytest.TestReport(item.nodeid, item.location, dict.fromkeys(item.keywords, 1), "failed", text, "call")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item):
+    if INNER or (suffix := suffix_of(item)) is None:
+        return None
+    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+    for report in reports_of(item, suffix):
+        item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+    return True
+
+
+def close_session():
+    global session
+    if session is not None:
+        session.close()
+    session = None
+
+
+def pytest_sessionfinish():
+    close_session()

@@ -1,0 +1,77 @@
+"""Groups of ranks give the same model, and fail together."""
+
+import json
+
+import numpy as np
+import pytest
+
+import hpcred as package
+from hpcred import Buckens, Krylov, Modes, Rayleigh, SecondOrderKrylov, StaticCorrection
+from hpcred.parallel.failures import InputError
+
+FREQUENCIES = np.linspace(5, 295, 30)
+JOB = (
+    'model = "model.h5"\n[[basis]]\nkind = "krylov"\nfrequency = 100.0\n[[basis]]\nkind = "krylov"\nfrequency = 900.0\n'
+)
+
+
+def responses(model, basis, damping=None, **options):
+    with package.reduce(model, basis, Buckens(), damping, **options) as rom:
+        return package.frequency_response(rom, FREQUENCIES), rom
+
+
+def model_of(comm):
+    return package.solid((3, 2, 2), inputs=2, comm=comm)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("groups", ["all", "auto"])
+def test_groups_give_the_same_model(comm, groups):
+    """Every kind of point, more points than groups, modes between; with one rank there is one group."""
+    basis = [
+        Krylov(frequency=40.0, order=1), Modes(index=(7, 8)), SecondOrderKrylov(frequency=150.0),
+        Krylov(frequency=90.0, decay=3.0), StaticCorrection(), SecondOrderKrylov(frequency=260.0, order=1),
+    ]  # fmt: skip
+    damping = Rayleigh(2.0, 1e-5)
+    with package.linkage(comm) as model:
+        alone, one = responses(model, basis, damping)
+        wanted = comm.size if groups == "all" else groups
+        shared, many = responses(model, basis, damping, groups=wanted)
+    assert np.abs(shared - alone).max() < 1e-8 * np.abs(alone).max()
+    assert one.size == many.size
+    where = [[item["where"] for item in rom.provenance["ingredients"]] for rom in (one, many)]
+    assert where[0] == where[1]
+    if groups == "all":
+        factors = [len(rom.provenance["factorisations"]) for rom in (one, many)]
+        assert factors[0] <= factors[1] <= factors[0] + 1  # the modes have one of their own
+    with pytest.raises(InputError, match=f"groups: found {comm.size + 1}, expected 1 to {comm.size}"):
+        package.reduce(model_of(comm), basis, groups=comm.size + 1)
+
+
+def test_a_refusal_in_one_group_ends_all(hpcred, tmp_path):
+    """The second point is an eigenfrequency; the first group has nothing against its own."""
+    assert hpcred("example", "linkage").returncode == 0
+    buckens = '[frame]\nkind = "buckens"\n'
+    head, points = JOB.split("\n", 1)
+    (tmp_path / "modes.toml").write_text(f'{head}\n{buckens}[[basis]]\nkind = "modes"\nindex = [7]\n')
+    (tmp_path / "job.toml").write_text(f"{head}\n{buckens}{points}")
+    assert hpcred("reduce", "modes.toml", "--json", "modes.json").returncode == 0
+    (frequency,) = json.loads((tmp_path / "modes.json").read_text())["frequencies_hz"]
+    run = hpcred("reduce", "job.toml", "--groups", 2, "--set", f"basis.1.frequency={frequency!r}", ranks=2, timeout=60)
+    assert run.returncode == 2
+    assert run.stderr.count("hpcred: error: ") == 1 and "is an eigenfrequency of the undamped model" in run.stderr
+
+
+@pytest.mark.mpi
+def test_groups_of_a_two_sided_projection(comm):
+    with package.solid((6, 3, 3), inputs=2, comm=comm) as model:
+        model.set_outputs([(96, "z"), (40, "y")])
+        basis = [Krylov(frequency=500.0), Krylov(frequency=3000.0)]
+        results = [
+            package.reduce(model, basis, projection="two_sided", allow_unstable=True, groups=groups)
+            for groups in (1, comm.size)
+        ]
+        alone, shared = (package.frequency_response(rom, FREQUENCIES) for rom in results)
+        for rom in results:
+            rom.close()
+    assert np.abs(shared - alone).max() < 1e-9 * np.abs(alone).max()

@@ -1,0 +1,56 @@
+"""Moments of the reduced model against those of the full one; points at infinity and on eigenfrequencies."""
+
+import numpy as np
+import pytest
+from helpers import close, dense_model, moments
+
+import hpcred
+from hpcred import (
+    Buckens,
+    Krylov,
+    Modes,
+)
+
+pytestmark = pytest.mark.mpi
+
+
+@pytest.mark.parametrize("points", [[(0.0, 1)], [(700.0, 2)], [(300.0, 0), (2500.0, 1)]])
+def test_moments_match_at_every_point_and_order(solid, points):
+    K, M, B = dense_model(solid)
+    with hpcred.reduce(solid, [Krylov(frequency, order) for frequency, order in points]) as rom:
+        for frequency, order in points:
+            shift = -((2 * np.pi * frequency) ** 2)
+            full = moments(K, M, B, B.T, shift, 2 * (order + 1) + 1)
+            small = moments(rom.K, rom.M, rom.B, rom.C, shift, 2 * (order + 1) + 1)
+            for a, b in list(zip(full, small, strict=True))[:-1]:
+                assert np.abs(a - b).max() < 1e-9 * np.abs(a).max()
+            if len(points) == 1:
+                assert np.abs(full[-1] - small[-1]).max() > 1e-8 * np.abs(full[-1]).max()  # not more than was asked
+
+
+@pytest.mark.parametrize("point", [{"decay": 3000.0, "order": 1}, {"frequency": 300.0, "decay": 3000.0, "order": 1}])
+def test_moments_of_the_proportional_method_off_the_imaginary_axis(solid, point):
+    K, M, B = dense_model(solid)
+    ingredient = Krylov(**point)
+    shift = ingredient.point**2
+    with hpcred.reduce(solid, [ingredient]) as rom:
+        full = moments(K + 0j, M, B, B.T, shift, 4)
+        small = moments(rom.K + 0j, rom.M, rom.B, rom.C, shift, 4)
+        assert max(close(a, b) for a, b in zip(full, small, strict=True)) < 1e-9
+
+
+def test_markov_parameters_match_at_infinity(solid):
+    K, M, B = dense_model(solid)
+    with hpcred.reduce(solid, [Krylov(infinity=True, order=2)]) as rom:
+        x, y = np.linalg.solve(M, B), rom.B
+        for _ in range(6):
+            assert close(B.T @ x, rom.C @ y) < 1e-9
+            x, y = np.linalg.solve(M, K @ x), rom.K @ y
+
+
+def test_a_point_on_an_eigenfrequency_is_refused(linkage):
+    with hpcred.reduce(linkage, [Modes(count=1)], Buckens()) as rom:
+        exact = rom.frequencies[0]
+    with pytest.raises(hpcred.InputError, match="eigenfrequency"):
+        hpcred.reduce(linkage, [Krylov(exact, 1)], Buckens())
+    hpcred.reduce(linkage, [Krylov(33.3047, 1)], Buckens()).close()

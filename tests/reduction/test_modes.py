@@ -1,0 +1,58 @@
+"""Modes by count, band, index and dominance."""
+
+import numpy as np
+import pytest
+
+import hpcred
+from hpcred import (
+    Buckens,
+    Modes,
+)
+from hpcred.examples import linkage as example
+
+pytestmark = pytest.mark.mpi
+
+SUPPORTED = [10.5726, 23.3801, 29.3622, 54.5380, 75.2618, 141.4085, 144.9854, 235.7926]
+FREE = [33.3047, 52.4523, 72.1522, 77.5797, 120.4666, 221.8691, 253.2911, 410.4717]
+
+
+def test_modes_of_the_supported_linkage(linkage):
+    with hpcred.reduce(linkage, [Modes(count=8)], example.FRAME) as rom:
+        assert np.allclose(rom.frequencies, SUPPORTED, atol=1e-4)
+    with hpcred.reduce(linkage, [Modes(band=(20.0, 142.0))], example.FRAME) as rom:
+        assert np.allclose(rom.frequencies, SUPPORTED[1:6], atol=1e-4)
+
+
+def test_elastic_modes_of_the_free_linkage(linkage):
+    """Shift-invert at zero of a free body gives wrong eigenvalues when K is factored as it is."""
+    with hpcred.reduce(linkage, [Modes(count=8)], Buckens()) as rom:
+        assert np.allclose(rom.frequencies, FREE, atol=1e-4)
+    with hpcred.reduce(linkage, [Modes(band=(0.0, 300.0))], Buckens()) as rom:
+        assert np.allclose(rom.frequencies, FREE[:7], atol=1e-4)
+    with hpcred.reduce(linkage, [Modes(index=(7, 9, 13))], Buckens()) as rom:
+        assert np.allclose(rom.frequencies, np.array(FREE)[[0, 2, 6]], atol=1e-4)
+    with pytest.raises(hpcred.InputError, match="start at 7"):
+        hpcred.reduce(linkage, [Modes(index=(6, 7))], Buckens())
+
+
+def test_all_modes_are_the_whole_model(linkage):
+    frequencies = [0.0, 12.0, 77.0, 290.0]
+    full = hpcred.frequency_response(linkage, frequencies, Buckens(), example.DAMPING)
+    with hpcred.reduce(linkage, [Modes(count=114)], Buckens(), example.DAMPING) as rom:
+        reduced = hpcred.frequency_response(rom, frequencies)
+        assert hpcred.relative_error(full, reduced).max() < 1e-8
+
+
+def test_dominant_modes_are_those_that_the_loads_excite(comm):
+    """A force along x on a bar: stretching modes matter, bending modes do not."""
+    with hpcred.solid((12, 2, 2), (1.2, 0.2, 0.2), inputs=1, comm=comm) as bar:
+        center = [node + 1 for node in range(12 * 9) if node % 9 == 4][-1]  # the middle of the end face
+        bar.set_inputs([(center, "x")])
+        with hpcred.reduce(bar, [Modes(count=20)]) as rom:
+            share = np.abs(rom.B[:, 0]) ** 2 / rom.frequencies**2
+            expected = rom.frequencies[np.sort(np.argsort(-share)[:3])]
+        with hpcred.reduce(bar, [Modes(count=20, dominant=3)]) as rom:
+            assert np.allclose(rom.frequencies, expected, rtol=1e-8)
+            assert len(rom.provenance["ingredients"][0]["dominance"]) == 3
+            longitudinal = 1 / (4 * 1.2) * np.sqrt(2.1e11 / 7850)
+            assert abs(rom.frequencies[0] / longitudinal - 1) < 0.02

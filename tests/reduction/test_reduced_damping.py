@@ -1,0 +1,28 @@
+"""Damping ratios of the modes of the reduced model."""
+
+import numpy as np
+import pytest
+
+import hpcred
+from hpcred import (
+    ModalDamping,
+    Modes,
+    StaticCorrection,
+)
+
+pytestmark = pytest.mark.mpi
+
+
+def test_modal_damping_ratios(solid):
+    for law, ratios in (
+        (ModalDamping(ratio=0.02), lambda f: np.full(len(f), 0.02)),
+        (ModalDamping(ratios=(0.01, 0.03)), lambda f: np.where(np.arange(len(f)) == 0, 0.01, 0.03)),
+        (ModalDamping(table=((500.0, 0.01), (2000.0, 0.04))), lambda f: np.interp(f, [500, 2000], [0.01, 0.04])),
+    ):
+        with hpcred.reduce(solid, [Modes(count=6), StaticCorrection()], damping=law) as rom:
+            poles = rom.poles()
+            poles = poles[poles.imag > 0]
+            assert np.allclose(np.abs(poles), 2 * np.pi * rom.frequencies, rtol=1e-6)
+            assert np.allclose(-poles.real / np.abs(poles), ratios(rom.frequencies), rtol=1e-6)
+    with pytest.raises(hpcred.InputError, match="belong to a reduced model"):
+        hpcred.frequency_response(solid, [10.0], damping=ModalDamping(ratio=0.02))

@@ -1,0 +1,97 @@
+"""Moments with general damping, high orders, and what the proportional method cannot do."""
+
+import numpy as np
+import pytest
+from helpers import close, dense_model, second_order_moments
+
+import hpcred
+from hpcred import (
+    GivenDamping,
+    Krylov,
+    SecondOrderKrylov,
+)
+
+POINTS = [
+    {"frequency": 700.0, "order": 2},
+    {"frequency": 300.0, "decay": 500.0, "order": 1},
+    {"decay": 2000.0, "order": 2},
+    {"s": (100.0, 4000.0), "order": 0},
+    {"frequency": 0.0, "order": 2},
+]
+
+
+def damped(solid, unsymmetric=False):
+    """The solid with Rayleigh damping, two discrete dampers, and perhaps a gyroscopic pair; D as numpy too."""
+    K, M, B = dense_model(solid)
+    D = 10.0 * M + 1e-5 * K
+    D[5, 5] += 3e3
+    D[40, 40] += 1e4
+    if unsymmetric:
+        D[5, 40] += 2e3
+        D[40, 5] -= 2e3
+    model = hpcred.SecondOrderModel.from_scipy(K, M, D, solid.comm)
+    set_columns(model, "input", B)
+    return model, K, M, D, B
+
+
+def set_columns(model, key, array):
+    mine = slice(model.first_row, model.first_row + model.local_rows)
+    getattr(model, f"set_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("unsymmetric", [False, True])
+@pytest.mark.parametrize("point", POINTS)
+def test_second_order_moments_match(solid, point, unsymmetric):
+    """order + 1 moments; twice as many where V^T A V keeps the symmetry of the full model."""
+    model, K, M, D, B = damped(solid, unsymmetric)
+    ingredient = SecondOrderKrylov(**point)
+    count = (ingredient.order + 1) * (1 if unsymmetric else 2)
+    with model, hpcred.reduce(model, [ingredient], damping=GivenDamping()) as rom:
+        assert rom.size == ingredient.columns(3, 0)
+        for s in (ingredient.point, ingredient.point.conjugate()):
+            full = second_order_moments(K, M, D, B, B.T, s, count)
+            small = second_order_moments(rom.K, rom.M, rom.D, rom.B, rom.C, s, count)
+            assert max(close(a, b) for a, b in zip(full, small, strict=True)) < 1e-9
+
+
+@pytest.mark.mpi
+def test_high_orders_do_not_collapse(solid):
+    """The bare recurrence has turned into the dominant modes long before order 9."""
+    model, K, M, D, B = damped(solid)
+    with model, hpcred.reduce(model, [SecondOrderKrylov(700.0, order=9)], damping=GivenDamping()) as rom:
+        assert rom.size >= 50
+        frequencies = np.linspace(10.0, 4000.0, 60)
+        full = hpcred.frequency_response(model, frequencies, damping=GivenDamping())
+        assert hpcred.relative_error(full, hpcred.frequency_response(rom, frequencies)).max() < 1e-8
+
+
+@pytest.mark.mpi
+def test_without_damping_both_krylov_methods_span_the_same(solid):
+    with (
+        hpcred.reduce(solid, [Krylov(700.0, 2)]) as a,
+        hpcred.reduce(solid, [SecondOrderKrylov(700.0, order=2)]) as b,
+    ):
+        assert np.allclose(a.frequencies, b.frequencies, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_discrete_dampers_need_second_order_krylov():
+    """21,660 dofs with two strong dampers: at equal size, orders of magnitude between the methods."""
+    with hpcred.solid((20, 18, 18), inputs=2) as model:
+        model.D = model.K.duplicate(copy=True)
+        model.D.scale(1e-8)
+        for row in (model.size - 2, model.size - 3 * 19 * 19 + 1):
+            model.D.setValue(row, row, 2e6, addv=True)
+        model.D.assemble()
+        frequencies = np.linspace(200, 6000, 7)
+        full = hpcred.frequency_response(model, frequencies, damping=GivenDamping())
+        errors = {}
+        for name, basis in (
+            ("second order", [SecondOrderKrylov(2000.0, order=2), SecondOrderKrylov(4500.0, order=2)]),
+            ("proportional", [Krylov(2000.0, 5), Krylov(4500.0, 5)]),
+        ):
+            with hpcred.reduce(model, basis, damping=GivenDamping()) as rom:
+                assert rom.size == 24
+                errors[name] = hpcred.relative_error(full, hpcred.frequency_response(rom, frequencies)).max()
+    assert errors["second order"] < 1e-2 * errors["proportional"]

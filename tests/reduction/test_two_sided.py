@@ -1,0 +1,72 @@
+"""Oblique projection: twice the moments, biorthogonality, unstable models."""
+
+import numpy as np
+import pytest
+from helpers import close, dense_model, gather, second_order_moments
+
+import hpcred
+from hpcred import (
+    GivenDamping,
+    Krylov,
+    Rayleigh,
+    SecondOrderKrylov,
+)
+
+pytestmark = pytest.mark.mpi
+
+
+def damped(solid, unsymmetric=False):
+    """The solid with Rayleigh damping, two discrete dampers, and perhaps a gyroscopic pair; D as numpy too."""
+    K, M, B = dense_model(solid)
+    D = 10.0 * M + 1e-5 * K
+    D[5, 5] += 3e3
+    D[40, 40] += 1e4
+    if unsymmetric:
+        D[5, 40] += 2e3
+        D[40, 5] -= 2e3
+    model = hpcred.SecondOrderModel.from_scipy(K, M, D, solid.comm)
+    set_columns(model, "input", B)
+    return model, K, M, D, B
+
+
+def set_columns(model, key, array):
+    mine = slice(model.first_row, model.first_row + model.local_rows)
+    getattr(model, f"set_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
+
+
+@pytest.mark.parametrize("unsymmetric", [False, True])
+def test_two_sided_projection_matches_twice_the_moments(solid, unsymmetric):
+    model, K, M, D, B = damped(solid, unsymmetric)
+    C = np.zeros((3, len(K)))
+    C[0, 50] = C[1, 20] = C[2, 8] = 1.0
+    with model:
+        set_columns(model, "output", C.T)
+        for point, two_sided in (({"frequency": 700.0, "order": 1}, True), ({"decay": 2000.0, "order": 1}, False)):
+            ingredient = SecondOrderKrylov(**point)
+            projection = "two_sided" if two_sided else "one_sided"
+            with hpcred.reduce(
+                model, [ingredient], None, GivenDamping(), projection=projection, allow_unstable=True
+            ) as rom:
+                count = 4 if two_sided else 2
+                full = second_order_moments(K, M, D, B, C, ingredient.point, count)
+                small = second_order_moments(rom.K, rom.M, rom.D, rom.B, rom.C, ingredient.point, count)
+                assert max(close(a, b) for a, b in zip(full, small, strict=True)) < 1e-9
+                if two_sided:
+                    V, W = gather(rom.columns), gather(rom.left_columns)
+                    assert np.abs(W.T @ M @ V - np.eye(rom.size)).max() < 1e-10
+                    assert close(rom.K, W.T @ K @ V) < 1e-9
+
+
+def test_an_unstable_two_sided_model_is_refused(solid):
+    C = np.zeros((2, solid.size))
+    C[0, 50] = C[1, 20] = 1.0
+    set_columns(solid, "input", dense_model(solid)[2][:, :2])
+    set_columns(solid, "output", C.T)
+    basis = [Krylov(700.0, 1), Krylov(0.0)]
+    with hpcred.reduce(solid, basis, projection="two_sided", allow_unstable=True) as rom:
+        unstable = rom.provenance["unstable_poles"]
+    assert unstable
+    with pytest.raises(hpcred.InputError, match="is unstable, with .* take projection = 'one_sided'"):
+        hpcred.reduce(solid, basis, projection="two_sided")
+    with hpcred.reduce(solid, basis, damping=Rayleigh(1.0, 1e-7)) as rom:
+        assert not rom.provenance["unstable_poles"]

@@ -1,0 +1,87 @@
+"""The rules of the house: floors, public names, docstrings, and PETSc loaded only when it is used."""
+
+import ast
+import subprocess
+import sys
+from importlib.util import resolve_name
+from pathlib import Path
+
+import pytest
+from launch import mpi_environment
+
+import hpcred
+
+HOUSE = Path(hpcred.__file__).parent
+FLOORS = ["cli", "workflows", "report", "formats", "examples", "analysis", "multibody"]
+FLOORS += ["reduction", "model", "linalg", "parallel"]
+DOORS = ("", "__main__")  # hpcred/__init__.py, which names everything, and `python -m hpcred`
+MODULES = {
+    ".".join(path.relative_to(HOUSE).with_suffix("").parts).removesuffix("__init__").rstrip("."): path
+    for path in sorted(HOUSE.rglob("*.py"))
+}
+
+
+def imports(name, path):
+    """The modules of hpcred, without its name, that a module imports anywhere in its text."""
+    here = ".".join(["hpcred", *name.split(".")[: None if path.name == "__init__.py" else -1]]).rstrip(".")
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            targets = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = resolve_name("." * node.level + (node.module or ""), here) if node.level else node.module
+            targets = [f"{base}.{alias.name}" for alias in node.names]
+        else:
+            continue
+        for target in targets:
+            if target.startswith("hpcred."):
+                yield target.removeprefix("hpcred.")
+
+
+def floor(name):
+    return FLOORS.index(name.split(".")[0])
+
+
+def test_every_room_has_its_floor():
+    rooms = {name.split(".")[0] for name in MODULES} - set(DOORS)
+    assert rooms == set(FLOORS)
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if name not in DOORS])
+def test_no_import_goes_up(name):
+    found = list(imports(name, MODULES[name]))
+    assert not [target for target in found if target.split(".")[0] not in FLOORS], "names of the street door"
+    assert not [target for target in found if floor(target) < floor(name)]
+
+
+def test_imports_are_seen(tmp_path):
+    """The rule above can fail."""
+    module = tmp_path / "module.py"
+    module.write_text("def f():\n    from ..report import tables\n    from . import solvers\n    import hpcred.cli\n")
+    assert set(imports("linalg.module", module)) == {"report.tables", "linalg.solvers", "cli"}
+
+
+@pytest.mark.parametrize("name", hpcred.__all__)
+def test_public_names_resolve_and_say_what_they_are(name):
+    assert getattr(hpcred, name).__doc__
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_modules_say_what_they_do_and_rooms_are_empty(name):
+    path = MODULES[name]
+    tree = ast.parse(path.read_text())
+    if path.name == "__init__.py" and name:
+        assert not tree.body or (len(tree.body) == 1 and ast.get_docstring(tree))
+    else:
+        assert ast.get_docstring(tree)
+
+
+def test_petsc_is_loaded_when_it_is_first_used():
+    """So that a job can choose the build."""
+    modules = ["hpcred." + name if name else "hpcred" for name in MODULES if name != "__main__"]
+    program = (
+        f"import importlib, sys\nfor name in {modules}:\n    importlib.import_module(name)\n"
+        "print([name for name in sys.modules if name.split('.')[0] in ('petsc4py', 'slepc4py')])"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=mpi_environment())
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.strip() == "[]"

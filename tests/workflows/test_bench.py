@@ -1,0 +1,23 @@
+"""`hpcred bench`: its measurements and hints."""
+
+import json
+
+JOB = (
+    'model = "model.h5"\n[[basis]]\nkind = "krylov"\nfrequency = 100.0\n[[basis]]\nkind = "krylov"\nfrequency = 900.0\n'
+)
+
+
+def test_bench_and_profile(hpcred, tmp_path):
+    run = hpcred("bench", "--cells", 10, 5, 5, "--json", "bench.json", ranks=2)
+    assert run.returncode == 0, run.stderr
+    report = json.loads((tmp_path / "bench.json").read_text())
+    assert report["dofs"] == 1080 and report["orthogonality_loss"] < 1e-12 and report["residual"] < 1e-10
+    assert all(report[key] > 0 for key in ("factor_gflops", "solve_gflops_of_32", "multiply_gflops",
+                                           "write_mb_per_second", "read_mb_per_second"))  # fmt: skip
+    assert ("hint: MUMPS ordered by" in run.stdout) == (report["ordering"] not in ("METIS", "SCOTCH"))
+    assert hpcred("bench", "--folder", "nowhere").returncode == 2
+    assert hpcred("example", "solid", "--cells", 10, 5, 5).returncode == 0
+    (tmp_path / "job.toml").write_text(JOB)
+    run = hpcred("reduce", "job.toml", "--profile", "--groups", 2, ranks=2)
+    assert run.returncode == 0, run.stderr
+    assert "PETSc events by stage" in run.stdout and "MatCholFctrNum" in run.stdout

@@ -1,0 +1,19 @@
+"""The demo prints its table."""
+
+import re
+
+import h5py
+import pytest
+
+
+def test_the_demo_prints_its_table(hpcred, tmp_path):
+    result = hpcred(ranks=2)
+    assert result.returncode == 0, result.stderr
+    rows = re.findall(r"^ +(\d) .* 14 +\S+ +(\S+) +(\S+) *$", result.stdout, re.M)
+    found = {int(row): float(q) for row, q, _ in rows}
+    assert found[1] < 1e-8
+    assert found[3] == pytest.approx(8.91e-2, rel=2e-3)
+    assert found[4] == pytest.approx(8.39, rel=2e-3)
+    assert "result.h5" in result.stdout
+    with h5py.File(tmp_path / "result.h5") as file:
+        assert file["basis/V"].shape == (14, 120)
