@@ -13,7 +13,7 @@ from helpers import columns_of, gather, to_dense
 import hpcred
 from hpcred import Buckens, Krylov, Modes
 from hpcred.formats.hdf5 import writing
-from hpcred.formats.matrix_files import read_entries
+from hpcred.formats.matrix_formats import read_entries
 from hpcred.formats.text import pieces
 from hpcred.parallel.petsc import PETSc, is_complex
 from hpcred.workflows.convert import Source, abaqus_source
@@ -79,11 +79,11 @@ def test_every_line_is_read_once_wherever_the_pieces_are_cut(folder, comm, monke
     comm.Barrier()
     for size in (1, 7, 64, 10**6):
         monkeypatch.setattr("hpcred.formats.text.PIECE", size)
-        plain = sum(comm.allgather([line for text in pieces(folder / "lines.txt", comm, 0)
-                                    for line in text.splitlines(True)]), [])  # fmt: skip
+        plain = sum(comm.allgather([line for piece in pieces(folder / "lines.txt", comm)
+                                    for line in piece.text.splitlines(True)]), [])  # fmt: skip
         assert plain == lines
-        packed = sum(comm.allgather([line for text in pieces(folder / "lines.txt.gz", comm, 0)
-                                     for line in text.splitlines(True)]), [])  # fmt: skip
+        packed = sum(comm.allgather([line for piece in pieces(folder / "lines.txt.gz", comm)
+                                     for line in piece.text.splitlines(True)]), [])  # fmt: skip
         assert sorted(packed) == sorted(lines)
 
 

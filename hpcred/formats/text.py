@@ -1,8 +1,14 @@
-"""Numbers from text files, each rank a range of bytes; also from gzip, where each rank takes every so-manieth piece."""
+"""Text files of numbers: a file enters, the whole lines of this rank leave, as bytes and as strictly read numbers.
+
+Each rank reads a range of bytes; of a gzip file, which has no way in from the middle, every so-manieth piece.
+"""
 
 import gzip
 import io
+import re
 import warnings
+import zlib
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,26 +20,99 @@ try:
 except ImportError:
     fast_matrix_market = None
 
-PIECE = 2**24  # bytes of text parsed at a time
-LARGEST = 2**62  # more rows than there will be
-COMMENTS = (b"%", b"#", b"*")
+PIECE = 2**21  # bytes of text parsed at a time: what is copied on the way stays in the cache
+COMMENT = re.compile(rb"(?m)^[ \t]*(?:%|#|\*\*).*$")
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+LARGEST_WHOLE = 2**53  # up to here a float is exact
+LARGEST_LABEL = 2**31 - 1
+# fast_matrix_market stops at the end of the first number of a field and leaves the rest of the line: 1.5+02 is 1.5 to
+# it. So each line gets this as an imaginary part, which is found again only where the value was read to its end.
+MARK, MARKED = b" 7e-99\n", 7e-99
+MANY = 2**62  # more rows than there will be
 
 
-def pieces(path, comm, start: int, stop: int | None = None, continued=False):
-    """Whole lines of the bytes start..stop of a file that fall to this rank, in pieces of bytes.
+@dataclass(frozen=True)
+class Piece:
+    """Whole lines of a file; `start` is the byte where they begin (in the unpacked text)."""
 
-    `continued`: a line that ends with a comma goes on in the next one.
+    path: Path
+    text: bytes
+    start: int
 
-    A line belongs to the rank (or piece) in which its first byte lies. For .gz the positions are those of the
-    unpacked text; every rank unpacks the file, since gzip has no way in from the middle, but keeps its pieces only.
-    """
-    if Path(path).suffix == ".gz":
-        yield from _gzip_pieces(path, comm, start)
-        return
-    stop = stop or Path(path).stat().st_size
-    low = start + (stop - start) * comm.rank // comm.size
-    high = start + (stop - start) * (comm.rank + 1) // comm.size
+    def refusal(self, line: int, expected: str) -> InputError:
+        """An InputError for a line, counted from 0 in the piece."""
+        found = self.text.split(b"\n", line + 1)[line].decode("latin-1").strip()[:80]
+        number = line_number(self.path, self.start) + line
+        return InputError(f"{self.path}, line {number}: found '{found}', expected {expected}")
+
+
+def require_file(path):
+    """Raise InputError unless `path` is a file that can be read."""
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        with open(path, "rb"):
+            pass
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def is_packed(path) -> bool:
+    """Whether a file is gzip."""
     with open(path, "rb") as file:
+        return file.read(2) == b"\x1f\x8b"
+
+
+def open_unpacked(path):
+    """The file opened for reading bytes, those of the unpacked text where it is gzip."""
+    return gzip.open(path, "rb") if is_packed(path) else open(path, "rb")
+
+
+def first_bytes(path, count=4096) -> bytes:
+    """The first bytes of the (unpacked) file, without a byte order mark. Raises InputError."""
+    require_file(path)
+    try:
+        with open_unpacked(path) as file:
+            return file.read(count).removeprefix(BYTE_ORDER_MARK)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: found a damaged gzip file ({error})") from error
+
+
+def first_line(start: bytes) -> bytes:
+    """The first line of a text that is neither blank nor a comment."""
+    for line in COMMENT.sub(b"", start).splitlines():
+        if line.strip():
+            return line.strip()
+    return b""
+
+
+def line_number(path, position: int) -> int:
+    """The number, from 1, of the line in which a byte of the (unpacked) file lies."""
+    count = 1
+    with open_unpacked(path) as file:
+        while position > 0 and (text := file.read(min(PIECE, position))):
+            count += text.count(b"\n")
+            position -= len(text)
+    return count
+
+
+def pieces(path, comm, start=0, stop: int | None = None, continued=False):
+    """The Pieces of the bytes start..stop of a file that fall to this rank; a line falls to where its first byte lies.
+
+    `continued`: a line that ends with a comma goes on in the next one. Raises InputError.
+    """
+    if is_packed(path):
+        if stop is not None:
+            raise InputError(f"{path}: found a gzip file; unpack it first")
+        yield from _packed_pieces(path, comm, start)
+        return
+    with open(path, "rb") as file:
+        if start == 0 and file.read(3) == BYTE_ORDER_MARK:
+            start = 3
+        stop = Path(path).stat().st_size if stop is None else stop
+        low = start + (stop - start) * comm.rank // comm.size
+        high = start + (stop - start) * (comm.rank + 1) // comm.size
         if low > start:
             file.seek(low - 1)
             line = file.readline()  # the rest of the line that began before
@@ -48,62 +127,85 @@ def pieces(path, comm, start: int, stop: int | None = None, continued=False):
                 text += file.readline()
             while continued and text.rstrip().endswith(b",") and low + len(text) < stop:
                 text += file.readline()
+            yield Piece(path, text, low)
             low += len(text)
-            yield text
 
 
-def _gzip_pieces(path, comm, start):
-    with gzip.open(path, "rb") as file:
-        file.read(start)
-        rest, number = b"", 0
-        while text := file.read(PIECE):
-            text = rest + text
-            cut = text.rfind(b"\n") + 1
-            rest = text[cut:]
-            if number % comm.size == comm.rank:
-                yield text[:cut]
-            number += 1
-        if rest and number % comm.size == comm.rank:
-            yield rest
+def _packed_pieces(path, comm, start):
+    try:
+        with gzip.open(path, "rb") as file:
+            file.read(start)
+            rest, number = b"", 0
+            while text := file.read(PIECE):
+                text = rest + text
+                cut = text.rfind(b"\n") + 1
+                rest = text[cut:]
+                if number % comm.size == comm.rank:
+                    yield Piece(path, text[:cut], start)
+                start += cut
+                number += 1
+            if rest and number % comm.size == comm.rank:
+                yield Piece(path, rest, start)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: found a damaged gzip file ({error})") from error
 
 
-def numbers(text: bytes, columns: int, path) -> np.ndarray:
-    """The numbers of whole lines as (lines, columns). Raises InputError where the text is something else."""
-    text = text.replace(b",", b" ").replace(b"D", b"e")
-    if any(mark in text for mark in COMMENTS):
-        text = b"\n".join(line for line in text.split(b"\n") if line.lstrip()[:1] not in COMMENTS)
-    values = _parse(text)
-    if values is None or values.size % columns:
-        line = _bad_line(text, columns)
-        raise InputError(
-            f"{path}: found the line '{line}', expected {columns} numbers a line; the file is damaged or of "
-            "another format"
-        )
-    return values.reshape(-1, columns)
+def places(comm, counts: list[tuple[int, int]]) -> np.ndarray:
+    """The place in the file of every line of this rank, from (start, lines) of its pieces. Collective."""
+    mine = {start for start, _ in counts}
+    before, parts = 0, []
+    for start, lines in sorted(item for part in comm.allgather(counts) for item in part):
+        if start in mine:
+            parts.append(np.arange(before, before + lines))
+        before += lines
+    return np.concatenate(parts) if parts else np.zeros(0, np.int64)
 
 
-def triples(text: bytes, path):
-    """Rows, columns and values of whole lines of row, column, value; numbers from 1. Raises InputError.
+def numbers(piece: Piece, columns: int, commas=True) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers (lines, columns) of the lines, and which line of the piece each row is.
 
-    By fast_matrix_market where it is installed and the text is plain, else as `numbers`.
+    Blank lines and comments are left out; between numbers stand blanks, or commas where allowed. Exponents may
+    be Fortran's (1.5D+02). Raises InputError that names the line.
     """
-    if fast_matrix_market is not None:
-        plain = text.replace(b",", b" ") if b"," in text else text
-        lines = np.count_nonzero(np.frombuffer(plain, np.uint8) == ord("\n")) + (not plain.endswith(b"\n"))
-        head = b"%%%%MatrixMarket matrix coordinate real general\n%d %d %d\n" % (LARGEST, LARGEST, lines)
-        try:
-            (values, (rows, columns)), _ = fast_matrix_market.read_coo(io.BytesIO(head + plain), parallelism=1)
-            return rows.astype(np.int64) + 1, columns.astype(np.int64) + 1, values
-        except (ValueError, OverflowError):
-            pass  # comments, blank lines, Fortran's exponents, or a bad line, which the next one names
-    table = numbers(text, 3, path)
-    if (table[:, :2] % 1).any():
-        raise InputError(f"{path}: found row or column numbers that are not whole")
-    return table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2].copy()
+    values, counts, lines = ragged(piece, commas, f"{columns} number{'s' * (columns > 1)}")
+    wrong = np.flatnonzero(counts != columns)
+    if wrong.size:
+        raise piece.refusal(lines[wrong[0]], f"{columns} number{'s' * (columns > 1)} a line")
+    return values.reshape(-1, columns), lines
+
+
+def ragged(piece: Piece, commas=True, expected="numbers") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All numbers of the lines in one array, how many are in each line, and which line of the piece each is."""
+    plain = _plain(piece.text, commas)
+    values = _parse(plain)
+    bytes_ = np.frombuffer(plain, np.uint8)
+    blank = bytes_ <= ord(" ")
+    begins = ~blank
+    begins[1:] &= blank[:-1]
+    line_of_number = np.cumsum(bytes_ == ord("\n"))[begins]
+    if values is None or values.size != line_of_number.size:
+        for index, line in enumerate(plain.split(b"\n")):
+            found = _parse(line)
+            if found is None or found.size != len(line.split()):
+                raise piece.refusal(index, f"{expected} a line")
+    counts = np.bincount(line_of_number)
+    lines = np.flatnonzero(counts)
+    return values, counts[lines], lines
+
+
+def _plain(text, commas):
+    """The text with blanks between the numbers, with e for the exponent, and without comments."""
+    if any(mark in text for mark in (b"%", b"#", b"**")):
+        text = COMMENT.sub(b"", text)
+    if commas:
+        text = text.replace(b",", b" ")
+    return text.replace(b"D", b"e").replace(b"d", b"e")
 
 
 def _parse(text):
     """All numbers of a text, or None if something else is in it."""
+    if not text.strip():
+        return np.zeros(0)  # numpy finds a -1 in a blank text
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)
         try:
@@ -112,21 +214,44 @@ def _parse(text):
             return None
 
 
-def _bad_line(text, columns):
-    for line in text.split(b"\n"):
-        values = _parse(line)
-        if line.strip() and (values is None or values.size != columns):
-            return line.decode(errors="replace").strip()[:80]
-    return ""
+def whole(piece: Piece, values: np.ndarray, lines: np.ndarray, what: str, low=1, high=LARGEST_WHOLE) -> np.ndarray:
+    """Whole numbers from low to high, as int64. Raises InputError that names the line."""
+    with np.errstate(invalid="ignore"):
+        wrong = np.flatnonzero(~((values >= low) & (values <= high) & (values % 1 == 0)))
+    if wrong.size:
+        limit = f"{low} to {high}" if high < LARGEST_WHOLE else f"at least {low}"
+        raise piece.refusal(lines[wrong[0]], f"{what} as a whole number of {limit}")
+    return values.astype(np.int64)
 
 
-def require_file(path):
-    """Raise InputError unless `path` is a file that can be read."""
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+def triples(piece: Piece, commas=False) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+    """Rows and columns (from 0; from 1 in the file) and values of lines of row, column, value.
+
+    And which line of the piece each is, or None where each line is one. By fast_matrix_market where it is installed
+    and the text is plain, else as `numbers`. Raises InputError that names the line.
+    """
+    if fast_matrix_market is not None:
+        found = _plain_triples(piece.text.replace(b",", b" ") if commas else piece.text)
+        if found is not None:
+            return *found, None
+    table, lines = numbers(piece, 3, commas)
+    rows, columns = (whole(piece, table[:, k], lines, f"the {what} number") - 1
+                     for k, what in enumerate(("row", "column")))  # fmt: skip
+    return rows, columns, table[:, 2].copy(), lines
+
+
+def _plain_triples(text):
+    """Rows, columns and values, or None where there are comments, blank lines, D exponents or anything wrong."""
+    if not text.endswith(b"\n"):
+        text += b"\n"
+    lines = np.count_nonzero(np.frombuffer(text, np.uint8) == ord("\n"))
+    head = b"%%%%MatrixMarket matrix coordinate complex general\n%d %d %d\n" % (MANY, MANY, lines)
     try:
-        with open(path, "rb"):
-            pass
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+        (values, (rows, columns)), _ = fast_matrix_market.read_coo(
+            io.BytesIO(head + text.replace(b"\n", MARK)), parallelism=1
+        )
+    except (ValueError, OverflowError):
+        return None
+    if len(values) != lines or (values.imag != MARKED).any():
+        return None
+    return rows.astype(np.int64, copy=False), columns.astype(np.int64, copy=False), values.real.copy()

@@ -1,0 +1,339 @@
+"""Abaqus input files (.inp): a file enters, the nodes at their places in the assembly and the elements leave.
+
+Each rank looks for keywords in its range of bytes; rank 0 walks through the keywords (parts, instances, includes),
+and all ranks share the data lines. Read are *Node, *Element, *Part, *Instance, *Assembly, *Include and *System;
+what else would change nodes, or the directions of dofs, is refused.
+"""
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..model.elements import NODES, abaqus_kind, in_vtk_order
+from ..parallel.failures import InputError, agreed
+from ..parallel.lookup import sort_over_ranks
+from .node_table import Nodes, finite
+from .text import (
+    COMMENT,
+    LARGEST_LABEL,
+    Piece,
+    first_line,
+    is_packed,
+    line_number,
+    pieces,
+    ragged,
+    require_file,
+    whole,
+)
+
+KEYWORD = re.compile(rb"(?m)^[ \t]*\*(?!\*)")
+EMPTY_FIELD = re.compile(rb",(?=[ \t]*,)")
+CHANGES_NODES = {"ngen", "nfill", "ncopy", "nmap", "import", "imperfection", "symmetricmodelgeneration"}
+TOLERATED = {"nset", "input", "system"}  # parameters of *Node
+
+
+@dataclass(frozen=True)
+class Section:
+    """A keyword at the byte `position` of a file, its parameters, and the bytes start..stop of its data lines."""
+
+    path: Path
+    position: int
+    keyword: str
+    parameters: dict
+    start: int
+    stop: int
+
+    def refusal(self, text: str) -> InputError:
+        return InputError(f"{self.path}, line {line_number(self.path, self.position)}: {text}")
+
+
+@dataclass(frozen=True)
+class Placement:
+    """x -> a + R (x + translation - a), with R the rotation about an axis through a."""
+
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    point: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+
+    def __call__(self, position):
+        return self.point + (position + self.translation - self.point) @ self.rotation.T
+
+
+@dataclass(frozen=True)
+class Block:
+    """The data lines of a *Node or *Element, where its nodes stand, and which of the `groups` of labels they are of."""
+
+    section: Section
+    path: Path
+    start: int
+    stop: int | None
+    placement: Placement
+    group: str
+
+
+def begins(start: bytes) -> bool:
+    """Whether a text that starts so is an input file: its first line that is no comment is a keyword."""
+    return first_line(start)[:1] == b"*"
+
+
+def read(path, comm) -> tuple[Nodes, dict]:
+    """The nodes, ascending by number over the ranks, and the elements of an input file. Collective.
+
+    Elements: node numbers (elements of this rank, nodes) by kind; kinds that are not known are left out.
+    Raises InputError.
+    """
+    sections = _sections(Path(path), comm, ())
+    with agreed(comm):
+        blocks = _blocks(path, sections) if comm.rank == 0 else None
+    blocks = comm.bcast(blocks)
+    return _nodes(path, comm, [block for block in blocks if block.section.keyword == "node"]), _elements(
+        comm, [block for block in blocks if block.section.keyword == "element"]
+    )
+
+
+def _sections(path, comm, including):
+    """All keywords of a file and of those it includes, in order. Collective."""
+    with agreed(comm):
+        require_file(path)
+        if is_packed(path):
+            raise InputError(f"{path}: found a gzip file; unpack it first")
+        found = [piece.start + match.start() for piece in pieces(path, comm) for match in KEYWORD.finditer(piece.text)]
+    positions = sum(comm.allgather(found), [])
+    with agreed(comm):
+        sections = _keywords(path, positions) if comm.rank == 0 else None
+    result = []
+    for section in comm.bcast(sections):
+        if section.keyword != "include":
+            result.append(section)
+            continue
+        with agreed(comm):
+            name = section.parameters.get("input")
+            if not name:
+                raise section.refusal("found *Include without a file, expected input=FILE")
+            file = path.parent / name
+            if not file.is_file():
+                raise section.refusal(f"found *Include of {file}, which is no file")
+            if file.resolve() in [item.resolve() for item in (path, *including)]:
+                raise section.refusal(f"found *Include of {file}, which includes itself")
+            if _data_lines(section):
+                raise section.refusal("found data lines below *Include, expected a keyword")
+        result += _sections(file, comm, (path, *including))
+    return result
+
+
+def _keywords(path, positions):
+    """The Sections of a file from the bytes where its keywords begin; a line that ends with a comma goes on."""
+    sections, size = [], path.stat().st_size
+    with open(path, "rb") as file:
+        head = file.read(positions[0] if positions else size)
+        if first_line(head.removeprefix(b"\xef\xbb\xbf")):
+            shown = first_line(head).decode("latin-1")[:80]
+            raise InputError(f"{path}: found '{shown}' above the first keyword, expected a keyword such as *Node")
+        for position, stop in zip(positions, [*positions[1:], size], strict=True):
+            file.seek(position)
+            line = file.readline()
+            while line.rstrip().endswith(b",") and file.tell() < stop:
+                line = line.rstrip() + file.readline()
+            keyword, *parameters = _fields(line.decode("latin-1").strip().lstrip("*"))
+            pairs = (item.partition("=") for item in parameters)
+            given = {_word(key): value.strip().strip("\"'") for key, _, value in pairs if key.strip()}
+            sections.append(Section(path, position, _word(keyword), given, file.tell(), stop))
+    return sections
+
+
+def _fields(line):
+    """The parts of a line between commas; commas in quotes do not count."""
+    return re.findall(r'(?:"[^"]*"|[^",])+', line)
+
+
+def _word(text):
+    """Keywords and parameters count without blanks and in any case."""
+    return "".join(text.lower().split())
+
+
+def _data_lines(section):
+    """The few data lines of a keyword, without comments and blank lines, as lists of fields."""
+    with open(section.path, "rb") as file:
+        file.seek(section.start)
+        text = COMMENT.sub(b"", file.read(section.stop - section.start)).decode("latin-1")
+    return [[item.strip() for item in line.split(",")] for line in text.splitlines() if line.strip()]
+
+
+def _numbers(section, fields, count):
+    """`count` numbers of a data line; what is left out is zero."""
+    fields = [item.lower().replace("d", "e") for item in fields]
+    while fields and not fields[-1]:
+        fields.pop()
+    try:
+        if len(fields) > count or any("_" in item for item in fields):
+            raise ValueError
+        values = np.array([float(item or 0.0) for item in fields] + [0.0] * (count - len(fields)))
+    except ValueError as error:
+        raise section.refusal(f"found the data line '{', '.join(fields)}', expected {count} numbers") from error
+    if not np.isfinite(values).all():
+        raise section.refusal(f"found the data line '{', '.join(fields)}', expected finite numbers")
+    return values
+
+
+def _blocks(path, sections):
+    """The data lines of nodes and elements that are in the model, each with its place."""
+    parts, blocks, instances = {}, [], 0
+    scope, name, placement = "model", "", Placement()
+    for section in sections:
+        keyword, given = section.keyword, section.parameters
+        if keyword in CHANGES_NODES:
+            raise section.refusal(
+                f"found *{keyword.capitalize()}, which makes or moves nodes; write the input file with all nodes in "
+                "*Node lines, or give the nodes as lines of node, x, y, z"
+            )
+        if keyword == "transform":
+            raise section.refusal(
+                "found *Transform, which turns the directions of dofs; take the matrices from a model without it"
+            )
+        if keyword == "system" and any(_numbers(section, line, 6).any() for line in _data_lines(section)):
+            raise section.refusal("found *System with a system of its own, expected nodes in the global one")
+        if keyword == "part":
+            scope, name = "part", given.get("name", "").lower()
+            parts[name] = []
+        elif keyword == "assembly":
+            scope = "assembly"
+        elif keyword == "instance":
+            instances += 1
+            scope, name, placement = "instance", given.get("name", ""), _placement(section)
+            part = given.get("part", "").lower()
+            if part not in parts or "instance" in given or "library" in given:
+                raise section.refusal(f"found an *Instance of '{part}', expected one of a *Part above")
+            blocks += [_block(item, placement, f"instance {name}") for item in parts[part]]
+        elif keyword in ("endpart", "endassembly", "endinstance"):
+            scope = "assembly" if keyword == "endinstance" else "model"
+        elif keyword in ("node", "element"):
+            if scope == "part":
+                parts[name].append(section)
+            else:
+                group = f"instance {name}" if scope == "instance" else f"the {scope}"
+                blocks.append(_block(section, placement if scope == "instance" else Placement(), group))
+    if parts and not instances:
+        raise InputError(f"{path}: found a *Part but no *Instance of one, expected an assembly, or nodes without parts")
+    return blocks
+
+
+def _block(section, placement, group):
+    start, stop, path = section.start, section.stop, section.path
+    if "input" in section.parameters:
+        path = section.path.parent / section.parameters["input"]
+        if not path.is_file():
+            raise section.refusal(f"found input={path}, which is no file")
+        if _data_lines(section):
+            raise section.refusal("found data lines below a keyword with input=, expected them in that file only")
+        start, stop = 0, None
+    if section.keyword == "node":
+        unknown = sorted(set(section.parameters) - TOLERATED)
+        system = section.parameters.get("system", "r").lower()
+        if unknown or system not in ("r", "c"):
+            raise section.refusal(
+                f"found *Node with {f'the parameter {unknown[0]}' if unknown else f'system={system}'}, expected "
+                "rectangular (system=R) or cylindrical (system=C) coordinates"
+            )
+    return Block(section, path, start, stop, placement, group)
+
+
+def _placement(section):
+    """The translation, and then the rotation about the axis from a to b, of the data lines of an *Instance."""
+    lines = _data_lines(section)
+    if len(lines) > 2:
+        raise section.refusal(f"found {len(lines)} lines below *Instance, expected a translation and a rotation")
+    translation = _numbers(section, lines[0], 3) if lines else np.zeros(3)
+    if len(lines) < 2:
+        return Placement(translation)
+    values = _numbers(section, lines[1], 7)
+    a, b, angle = values[:3], values[3:6], np.deg2rad(values[6])
+    length = np.linalg.norm(b - a)
+    if not length:
+        raise section.refusal("found a rotation of *Instance about two equal points, expected an axis from a to b")
+    x, y, z = (b - a) / length
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return Placement(translation, a, rotation)
+
+
+def _nodes(path, comm, blocks):
+    """The nodes of all blocks, ascending by number over the ranks; each number once."""
+    groups = sorted({block.group for block in blocks})
+    with agreed(comm):
+        parts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.int64))]
+        for block in blocks:
+            for piece in pieces(block.path, comm, block.start, block.stop):
+                label, position = _node_lines(piece, block)
+                parts.append((label, block.placement(position), np.full(len(label), groups.index(block.group))))
+        label, position, group = (np.concatenate(items) for items in zip(*parts, strict=True))
+    label, x, y, z, group = sort_over_ranks(comm, label, [*position.T, group])
+    position = np.array([x, y, z]).T
+    if not comm.allreduce(len(label)):
+        raise InputError(f"{path}: found no nodes, expected *Node lines of node, x, y, z")
+    with agreed(comm):
+        again = np.flatnonzero(label[1:] == label[:-1]) + 1
+        mixed = again[group[again] != group[again - 1]]
+        if mixed.size:
+            names = " and ".join(groups[group[k]] for k in (mixed[0] - 1, mixed[0]))
+            raise InputError(
+                f"{path}: found the node {label[mixed[0]]} in {names}; rows of the matrices cannot be told apart, "
+                "since Abaqus numbers the nodes of an assembly anew. Write the input file without parts and assemblies, or "
+                "give tables of nodes and dofs in the numbers that Abaqus uses"
+            )
+        moved = again[(position[again] != position[again - 1]).any(axis=1)]
+        if moved.size:
+            places = " and ".join(str(position[k].tolist()) for k in (moved[0] - 1, moved[0]))
+            raise InputError(f"{path}: found the node {label[moved[0]]} at {places}, expected one place a node")
+    once = np.ones(len(label), bool)
+    once[again] = False
+    label = label[once]
+    return Nodes(label, position[once], (comm.exscan(len(label)) or 0) + np.arange(len(label)))
+
+
+def _node_lines(piece, block):
+    """Labels, and Cartesian coordinates in the system of the part, of data lines; what is left out is zero."""
+    filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
+    values, counts, lines = ragged(filled, expected="node, x, y, z")
+    wrong = np.flatnonzero((counts < 2) | (counts > 4))
+    if wrong.size:
+        raise piece.refusal(lines[wrong[0]], "node, x, y, z (2 to 4 numbers a line)")
+    table = np.zeros((len(counts), 4))
+    row = np.repeat(np.arange(len(counts)), counts)
+    table[row, np.arange(len(values)) - np.repeat(np.cumsum(counts) - counts, counts)] = values
+    finite(piece, table[:, 1:], lines)
+    label = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
+    position = table[:, 1:]
+    if block.section.parameters.get("system", "r").lower() == "c":  # radius, angle in degrees, z
+        radius, angle = position[:, 0].copy(), np.deg2rad(position[:, 1])
+        position[:, 0], position[:, 1] = radius * np.cos(angle), radius * np.sin(angle)
+    return label, position
+
+
+def _elements(comm, blocks):
+    """Node numbers (elements of this rank, nodes) by kind."""
+    found = {}
+    with agreed(comm):
+        for block in blocks:
+            kind = abaqus_kind(block.section.parameters.get("type", ""))
+            if kind is None:
+                continue
+            for piece in pieces(block.path, comm, block.start, block.stop, continued=True):
+                found.setdefault(kind, []).append(_element_lines(piece, NODES[kind] + 1))
+    kinds = sorted(set().union(*comm.allgather(set(found))))
+    return {kind: in_vtk_order(kind, np.concatenate([np.zeros((0, NODES[kind]), np.int64), *found.get(kind, [])]))
+            for kind in kinds}  # fmt: skip
+
+
+def _element_lines(piece, width):
+    """The node numbers of elements, each of one or more whole lines of together `width` numbers."""
+    values, counts, lines = ragged(piece, expected=f"{width} numbers an element")
+    ends = np.cumsum(counts)
+    line = np.searchsorted(ends, np.arange(width, values.size + 1, width))
+    wrong = np.flatnonzero(ends[line] % width) if values.size else line
+    if wrong.size or values.size % width:
+        bad = line[wrong[0]] if wrong.size else len(lines) - 1
+        raise piece.refusal(lines[bad], f"{width} numbers an element")
+    whole(piece, values, np.repeat(lines, counts), "the number of an element or node", 1, LARGEST_LABEL)
+    return values.reshape(-1, width)[:, 1:].astype(np.int64)

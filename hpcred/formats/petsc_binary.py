@@ -1,0 +1,67 @@
+"""PETSc binary files, real AIJ with 32-bit indices: a file enters, entries leave, each rank its share of rows."""
+
+import os
+import struct
+
+import numpy as np
+
+from ..parallel.failures import InputError, agreed
+from .entries import Entries
+
+CLASS_ID = struct.pack(">i", 1211216)  # of a matrix
+HEADER = 16
+
+
+def begins(start: bytes) -> bool:
+    """Whether a file that starts so is a PETSc matrix."""
+    return start[:4] == CLASS_ID
+
+
+def row_share(rows: int, rank: int, ranks: int) -> tuple[int, int]:
+    """First and last row of a rank. Python's integers: 10^7 rows times 215 ranks does not fit 32 bits."""
+    rows, rank, ranks = int(rows), int(rank), int(ranks)
+    return rows * rank // ranks, rows * (rank + 1) // ranks
+
+
+def read(path, comm) -> Entries:
+    """Read a real sparse matrix. Collective. Raises InputError."""
+    with agreed(comm):
+        rows, columns, count = _header(path)
+        low, high = row_share(rows, comm.rank, comm.size)
+        lengths = np.fromfile(path, ">i4", high - low, offset=HEADER + 4 * low).astype(np.int64)
+        if (lengths < 0).any():
+            raise InputError(f"{path}: found a row of {lengths.min()} entries; the file is damaged")
+        mine = int(lengths.sum())
+    counts = comm.allgather(mine)
+    if sum(counts) != count:
+        raise InputError(
+            f"{path}: found rows of {sum(counts)} entries in all, the header says {count}; the file is damaged"
+        )
+    before = sum(counts[: comm.rank])
+    with agreed(comm):
+        start = HEADER + 4 * rows
+        j = np.fromfile(path, ">i4", mine, offset=start + 4 * before).astype(np.int64)
+        v = np.fromfile(path, ">f8", mine, offset=start + 4 * count + 8 * before).astype(float)
+        if mine and not 0 <= j.min() <= j.max() < columns:
+            wrong = j.max() if j.min() >= 0 else j.min()
+            raise InputError(
+                f"{path}: found the column {wrong} (from 0), expected less than {columns}; the file is damaged"
+            )
+    return Entries((rows, columns), np.repeat(np.arange(low, high), lengths), j, v)
+
+
+def _header(path):
+    size = os.path.getsize(path)
+    if size < HEADER:
+        raise InputError(f"{path}: found {size} bytes, expected a PETSc matrix; the file is cut off")
+    rows, columns, count = (int(number) for number in np.fromfile(path, ">i4", 4)[1:])
+    if count == -1:
+        raise InputError(f"{path}: found a dense PETSc matrix, expected a sparse one (AIJ)")
+    expected = HEADER + 4 * rows + 12 * count
+    if min(rows, columns, count) < 0 or size != expected:
+        hint = "a complex matrix" if size == expected + 8 * count else "a damaged file or 64-bit indices"
+        raise InputError(
+            f"{path}: found {size} bytes, expected {expected} for a real sparse matrix of {rows} rows and "
+            f"{count} entries; this looks like {hint}"
+        )
+    return rows, columns, count
