@@ -27,13 +27,14 @@ def inspect(model, frequencies=(), band_top=None, progress=None) -> dict:
     }
     rigid_count = None
     if model.dofs is not None:
-        mass, centre, inertia = rigid_body_quantities(model)
+        body = rigid_body_quantities(model)
         rigid = RigidBodyModes(model)
         rigid_count = rigid.count
         report |= {
-            "mass_kg": mass,
-            "centre_of_mass_m": centre.tolist(),
-            "inertia_kg_m2": inertia.tolist(),
+            "mass_kg": body.mass,
+            "masses_in_x_y_z_kg": body.masses.tolist(),
+            "centre_of_mass_m": _known(body.centre),
+            "inertia_kg_m2": _known(body.inertia),
             "rigid_body_modes": rigid.count,
             "rigid_body_defect": rigid.defect,
         }
@@ -45,6 +46,11 @@ def inspect(model, frequencies=(), band_top=None, progress=None) -> dict:
     if band_top and counts[2 * band_top] is not None:
         report["size_hint"] = counts[2 * band_top] + len(model.input_names)
     return report
+
+
+def _known(values):
+    """Numbers as nested lists, None for what is not known."""
+    return np.where(np.isnan(values), None, values).tolist()
 
 
 def _definiteness(mass):
