@@ -169,9 +169,10 @@ class FlexibleBody:
         )
 
     def jacobians(self, t, y, yp):
-        """dF/dy and dF/dy' for the Newton steps: exact but for terms of the size of the elastic deflections.
+        """dF/dy and dF/dy' for the Newton steps, which need no exact ones.
 
-        The columns of the quaternion and of v and w are differences; those of q and u hold stiffness and damping.
+        The columns of the quaternion and of v and w are differences; those of q and u hold stiffness and damping, which
+        outweigh the inertia forces there.
         """
         _, p, q, _, _, _ = self.split(y)
         m, c, n = self.size, self.multipliers, len(y)
