@@ -52,7 +52,7 @@ _PUBLIC = {
     "simulate": "multibody.simulation",
     "linkage": "examples.linkage",
     "solid": "examples.solid",
-    "Progress": "parallel.stages",
+    "Progress": "parallel.progress",
 }
 
 __all__ = ["ComputationError", "InputError", "start", *_PUBLIC]

@@ -83,7 +83,7 @@ def _start(preferred="real"):
     global _progress
     scalar = runtime.start(_scalar, _petsc_args, preferred)
     from .parallel.petsc import MPI
-    from .parallel.stages import Progress
+    from .parallel.progress import Progress
 
     if runtime.can_choose() and MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty():
         print(f"hpcred: {scalar} PETSc, {MPI.COMM_WORLD.size} rank(s)", file=sys.stderr)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..linalg.factorisation import Factorisation, Factoring, SingularMatrix
 from ..linalg.solvers import ShiftedSolver
-from ..model.rigid_body_modes import RigidBodyModes, misfit_of_nodes, rigid_body_quantities
+from ..model.rigid_body_modes import RigidBodyModes, doubts_of_nodes, rigid_body_quantities
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import is_complex
 
@@ -31,17 +31,18 @@ def inspect(model, frequencies=(), band_top=None, *, factoring: Factoring | None
     }
     rigid_count, warnings = None, []
     if model.dofs is not None:
-        mass, centre, inertia = rigid_body_quantities(model)
+        body = rigid_body_quantities(model)
         with closing(RigidBodyModes(model)) as rigid:
             rigid_count = rigid.count
             report |= {
-                "mass_kg": mass,
-                "centre_of_mass_m": centre.tolist(),
-                "inertia_kg_m2": inertia.tolist(),
+                "mass_kg": body.mass,
+                "masses_in_x_y_z_kg": body.masses.tolist(),
+                "centre_of_mass_m": _known(body.centre),
+                "inertia_kg_m2": _known(body.inertia),
                 "rigid_body_modes": rigid.count,
                 "rigid_body_defect": rigid.defect,
             }
-        warnings += [sentence for sentence in (misfit_of_nodes(model),) if sentence]
+        warnings += doubts_of_nodes(model)
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
     if not is_complex() and (limits or rigid_count is None):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:
@@ -60,6 +61,11 @@ def inspect(model, frequencies=(), band_top=None, *, factoring: Factoring | None
     if band_top and counts[2 * band_top] is not None:
         report["size_hint"] = counts[2 * band_top] + len(model.input_names)
     return report | {"warnings": warnings}
+
+
+def _known(values):
+    """Numbers as nested lists, None for what is not known."""
+    return np.where(np.isnan(values), None, values).tolist()
 
 
 def _definiteness(mass, factoring):

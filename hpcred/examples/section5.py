@@ -7,15 +7,13 @@ import numpy as np
 from ..analysis.error import error_integral, relative_error
 from ..analysis.frequency_response import frequency_response
 from ..model.frames import Buckens
-from ..multibody.floating_frame import floating_frame
-from ..multibody.node_shapes import node_shapes
+from ..multibody.body import body_of
 from ..multibody.simulation import Joint, Simulation, SineForce, simulate
 from ..parallel.failures import agreed
 from ..reduction.krylov import Krylov, StaticCorrection
 from ..reduction.modes import Modes
 from ..reduction.reduce import reduce
 from ..reduction.second_order_krylov import SecondOrderKrylov
-from ..workflows.export import Body
 from .linkage import BAND, DAMPING, FRAME, LOAD, SUPPORTS
 
 FREQUENCIES = np.linspace(0.1, BAND[1], 3001)
@@ -100,7 +98,7 @@ def compare(model, setting: Setting, numbers=None, progress=None, keep=None):
 
 
 SIMULATION = Simulation(
-    body="linkage", end=1.0, steps=1000,
+    end=1.0, steps=1000,
     force=(SineForce(LOAD[0], (0.0, 0.0, -1000.0), 1.0),),
     constraint=(Joint(1), Joint(7, ("x", "z")), Joint(14, ("z",))),
 )  # fmt: skip
@@ -118,8 +116,7 @@ def time_response(model, progress=None):
     bodies = []
     for row in rows:
         with reduce(model, row.basis, MIMO.frame, DAMPING, ROUND_OFF) as rom:
-            frame = floating_frame(model, rom.columns)
-            bodies.append(Body(rom, frame, node_shapes(model, rom.columns, SIMULATION.nodes)))
+            bodies.append(body_of(model, rom, SIMULATION.nodes))
     with agreed(comm):
         for k in range(comm.rank, len(rows), comm.size):
             motions[k] = simulate(bodies[k], SIMULATION, progress)

@@ -3,6 +3,9 @@
 Text, one item a line, `key = value`, numbers as Fortran doubles with 11 decimals. An object has an order (0: constant,
 1: also linear in q), a shape and a structure (0 zero, 1 diagonal, 2 symmetric, 3 full, 4 identity); m0(i, j) is its
 constant part, m1(i, k, j) the coefficient of q_k in row i, column j.
+
+A Body becomes a file with mass, inertia and couplings (mdCM, J, Ct, Cr, Me, Gr, Ge, Oe), K (Ke), D (De) and its nodes.
+The file has no inputs and outputs but nodes, and no loss factor.
 """
 
 import re
@@ -10,10 +13,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..multibody.body import Body, check_moving, inputs_without_node, maker, remarks
 from ..parallel.failures import InputError
 
 OBJECTS = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "ksigma", "Ke", "De")
-IN_FRAME = ("origin", "phi", "psi", "AP")
+OF_NODE = ("origin", "phi", "psi", "AP")
 HEADER = ("order", "nrow", "ncol", "nq", "nqn", "structure")
 
 
@@ -33,7 +37,7 @@ class SidObject:
 
 
 @dataclass
-class SidFrame:
+class SidNode:
     """A node where other bodies and forces may act: its number and objects (origin, phi, psi, AP)."""
 
     node: int
@@ -47,23 +51,27 @@ class Sid:
 
     mass: float
     coordinates: list[str]
-    frames: list[SidFrame]
+    nodes: list[SidNode]
     objects: dict[str, SidObject]
     comment: str = ""
 
 
-def write_sid(path, sid: Sid):
-    """Write a file; call it on one rank."""
-    lines = [f"{len(sid.frames):5d}{len(sid.coordinates):4d}    :{sid.comment}", " part", _line(6, "new modal", "")]
+def write_sid(path, body: Body | Sid) -> list[str]:
+    """Write a Body, or a Sid as it is; call it on one rank. Returns remarks on what is not in the file.
+
+    Raises InputError for a body with structural damping, rigid-body motions, or without mass in some direction.
+    """
+    sid, notes = (body, []) if isinstance(body, Sid) else build_sid(body)
+    lines = [f"{len(sid.nodes):5d}{len(sid.coordinates):4d}    :{sid.comment}", " part", _line(6, "new modal", "")]
     lines += [" " * 11 + "refmod", _line(16, "mass", _number(sid.mass))]
     lines.append(_line(16, "nelastq", f"{len(sid.coordinates):6d}"))
     for i, name in enumerate(sid.coordinates, 1):
         lines.append(_line(16, f"ielastq ({i:4d})", f" {name}"))
     lines += [" " * 11 + "end refmod", " " * 11 + "frame"]
-    for frame in sid.frames:
-        lines += [_line(16, "new node", f"    {frame.node}"), _line(21, "rframe", f"    {frame.rframe}")]
-        for name in IN_FRAME:
-            lines += _object_lines(name, frame.objects[name], 21)
+    for node in sid.nodes:
+        lines += [_line(16, "new node", f"    {node.node}"), _line(21, "rframe", f"    {node.rframe}")]
+        for name in OF_NODE:
+            lines += _object_lines(name, node.objects[name], 21)
         lines.append(" " * 16 + "end node")
     lines.append(" " * 11 + "end frame")
     for name in OBJECTS:
@@ -71,6 +79,7 @@ def write_sid(path, sid: Sid):
     lines += ["      end modal", " end part", ""]
     with open(path, "w", encoding="ascii", errors="replace") as file:
         file.write("\n".join(lines))
+    return notes
 
 
 def _line(indent, key, value):
@@ -112,29 +121,32 @@ def read_sid(path) -> Sid:
     reader.expect("new modal")
     reader.expect("refmod")
     mass = reader.value("mass")
-    if int(reader.value("nelastq")) != modes:
+    if reader.count("nelastq") != modes:
         raise reader.unexpected(f"nelastq = {modes} as in the first line")
     coordinates = [reader.text("ielastq") for _ in range(modes)]
     reader.expect("end refmod")
     reader.expect("frame")
-    frames = []
+    found = []
     while reader.peek().startswith("new node"):
-        frame = SidFrame(int(reader.value("new node")), rframe=reader.text("rframe"))
-        frame.objects = {name: _read_object(reader, name) for name in IN_FRAME}
+        node = SidNode(reader.count("new node"), rframe=reader.text("rframe"))
+        node.objects = {name: _read_object(reader, name) for name in OF_NODE}
         reader.expect("end node")
-        frames.append(frame)
-    if len(frames) != nodes:
+        found.append(node)
+    if len(found) != nodes:
         raise reader.unexpected(f"{nodes} nodes as in the first line")
     reader.expect("end frame")
     objects = {name: _read_object(reader, name) for name in OBJECTS}
     reader.expect("end modal")
     reader.expect("end part")
-    return Sid(mass, coordinates, frames, objects, comment)
+    if reader.peek():
+        reader.next()
+        raise reader.unexpected("nothing behind 'end part'")
+    return Sid(mass, coordinates, found, objects, comment)
 
 
 def _read_object(reader, name):
     reader.expect(name)
-    order, rows, columns, nq, nqn, structure = (int(reader.value(key)) for key in HEADER)
+    order, rows, columns, nq, nqn, structure = (reader.count(key) for key in HEADER)
     m0 = np.eye(rows, columns) if structure == 4 else np.zeros((rows, columns))
     m1 = np.zeros((rows, nq, columns)) if order else None
     while not reader.peek().startswith("end"):
@@ -184,6 +196,12 @@ class _Lines:
         except ValueError as error:
             raise self.unexpected(f"a number behind '{key} ='") from error
 
+    def count(self, key):
+        text = self.text(key)
+        if not text.isdigit():
+            raise self.unexpected(f"a whole number behind '{key} ='")
+        return int(text)
+
     def item(self):
         key = self.peek().partition("=")[0].strip()
         return key, self.value(key)
@@ -193,41 +211,42 @@ class _Lines:
         return InputError(f"{self._path}, line {self._at}: found '{line[:60]}', expected {expected}")
 
 
-def build_sid(frame, stiffness, damping, frequencies, nodes, comment="") -> Sid:
-    """A Sid from floating-frame quantities and the reduced K, D (m, m).
-
-    `nodes`: list of (number, position (3,), phi (3, m), psi (3, m)) in the body frame.
-    """
-    count = len(frame.Ct)
+def build_sid(body: Body) -> tuple[Sid, list[str]]:
+    """The file of a body, and remarks on what is not in it. Raises InputError as write_sid does."""
+    check_moving(body, "a SID file")
+    reduced, quantities = body.reduced, body.floating_frame
+    notes = [*remarks(body), *inputs_without_node(body)]
+    count = reduced.size
     skew = np.array([_skew(axis) for axis in np.eye(3)])
-    frames = []
-    for number, position, phi, psi in nodes:
-        turned = np.einsum("cij,ck->ikj", skew, psi)  # m1(:, k, :) = skew(psi_k)
+    nodes = []
+    for shape in body.nodes:
+        slopes = np.einsum("cij,ck->ikj", skew, shape.psi)  # m1(:, k, :) = skew(psi_k)
         objects = {
-            "origin": SidObject(position[:, None], phi[:, :, None], count),
-            "phi": _object(phi, count),
-            "psi": _object(psi, count),
-            "AP": SidObject(np.eye(3), turned, count) if psi.any() else SidObject(np.eye(3), None, count, 0, 4),
+            "origin": SidObject((shape.position - quantities.origin)[:, None], shape.phi[:, :, None], count),
+            "phi": _object(shape.phi, count),
+            "psi": _object(shape.psi, count),
+            "AP": SidObject(np.eye(3), slopes, count) if shape.psi.any() else SidObject(np.eye(3), None, count, 0, 4),
         }
-        frames.append(SidFrame(int(number), objects))
+        nodes.append(SidNode(int(shape.node), objects))
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    inertia = np.array([[frame.J[a, b]] for a, b in pairs])
-    slopes = np.array([frame.dJ[:, a, b] for a, b in pairs])[:, :, None]
+    inertia = np.array([[quantities.J[a, b]] for a, b in pairs])
+    slopes = np.array([quantities.dJ[:, a, b] for a, b in pairs])[:, :, None]
     objects = {
-        "mdCM": SidObject(frame.mc[:, None], frame.Ct.T[:, :, None], count),
+        "mdCM": SidObject(quantities.mc[:, None], quantities.Ct.T[:, :, None], count),
         "J": SidObject(inertia, slopes, count),
-        "Ct": _object(frame.Ct, count),
-        "Cr": SidObject(frame.Cr, frame.Cr1, count),
-        "Me": _object(frame.Me, count),
-        "Gr": _object(frame.Gr, count),
-        "Ge": _object(frame.Ge, count),
-        "Oe": SidObject(frame.Oe, frame.Oe1, count),
+        "Ct": _object(quantities.Ct, count),
+        "Cr": SidObject(quantities.Cr, quantities.Cr1, count),
+        "Me": _object(quantities.Me, count),
+        "Gr": _object(quantities.Gr, count),
+        "Ge": _object(quantities.Ge, count),
+        "Oe": SidObject(quantities.Oe, quantities.Oe1, count),
         "ksigma": SidObject(np.zeros((count, 1)), None, count, 0, 0),
-        "Ke": _object(stiffness, count),
-        "De": _object(damping, count),
+        "Ke": _object(reduced.K, count),
+        "De": _object(reduced.D, count),
     }
-    names = [f"Eigen Mode {i:4d} : {f:12.3f} Hz" for i, f in enumerate(frequencies, 1)]
-    return Sid(frame.mass, names, frames, objects, comment)
+    names = [f"Eigen Mode {i:4d} : {f:12.3f} Hz" for i, f in enumerate(reduced.frequencies, 1)]
+    comment = "; ".join([f"No. nodes, No. modes: {maker(body)}", *notes])
+    return Sid(quantities.mass, names, nodes, objects, comment), notes
 
 
 def _object(matrix, count):

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..linalg.basis import Basis
 from ..linalg.blocks import add_product, apply, column_norms, copy_of, create_block, inner, local_rows, multiply
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
-from ..parallel.petsc import PETSc, SLEPc
+from ..parallel.petsc import MPI, PETSc, SLEPc
 from .dofs import require_dofs
 
+NO_MASS = 1e-12  # of the largest mass: round-off
+SAME_MASS = 1e-6  # relative difference of the masses in x, y, z that the digits of a text file explain
+ROUND_OFF = 1e-10
 FORCE_FREE = 1e-8  # ||K R|| / (||K|| ||R||) below which a rigid-body motion counts as free of force
 MOST_ROWS = 0.6  # share of rows in which supports are not believed
 
@@ -36,25 +42,74 @@ def rigid_motions(model, centre=(0.0, 0.0, 0.0)) -> SLEPc.BV:
     return motions
 
 
-def rigid_body_quantities(model):
-    """Mass (kg), centre of mass (3,) (m) and inertia about it (3, 3) (kg m^2), from M and the nodes. Collective."""
+@dataclass(frozen=True)
+class RigidBody:
+    """`masses` (3,) in kg that M has in x, y and z, `centre` (3,) of mass in m, `inertia` (3, 3) in kg m^2 about it.
+
+    A direction in which no node can move has no mass. What M then does not contain is NaN: without z the inertia
+    about x and about y and their product; without y and z also the place of the centre along x.
+    """
+
+    masses: np.ndarray
+    centre: np.ndarray
+    inertia: np.ndarray
+
+    @property
+    def mass(self) -> float:
+        """The largest of the masses: dofs that are left out or held take mass away from a direction."""
+        return float(self.masses.max())
+
+    @property
+    def complete(self) -> bool:
+        """Whether there is a mass in each direction."""
+        return bool((self.masses > 0).all())
+
+    @property
+    def uniform(self) -> bool:
+        """Whether the directions that have a mass have the same."""
+        return bool(self.masses[self.masses > 0].min(initial=self.mass) >= (1 - SAME_MASS) * self.mass)
+
+
+def rigid_body_of(gram: np.ndarray) -> RigidBody:
+    """Mass, centre and inertia about the reference point, from R^T M R (6, 6) of the motions of rigid_motions."""
+    masses, cross = np.diag(gram)[:3].copy(), gram[:3, 3:]
+    masses[np.abs(masses) <= NO_MASS * np.abs(masses).max()] = 0.0
+    # integral of e_a . (e_b x r) dm is that of r_c in the mass of direction a
+    after, last = np.array([1, 2, 0]), np.array([2, 0, 1])
+    weight = masses[after] + masses[last]
+    moment = cross[after, last] - cross[last, after]
+    centre = np.divide(moment, weight, out=np.full(3, np.nan), where=weight != 0)
+    inertia = gram[3:, 3:].copy()
+    for missing in np.flatnonzero(masses == 0):
+        others = np.delete(np.arange(3), missing)
+        inertia[np.ix_(others, others)] = np.nan
+    return RigidBody(masses, centre, inertia)
+
+
+def rigid_body_quantities(model) -> RigidBody:
+    """Mass, centre of mass and inertia about it, from M and the nodes. Collective. Raises InputError without mass."""
     centre = np.zeros(3)
     for _ in range(2):
+        found = rigid_body_of(_rigid_gram(model, centre))
+        if found.masses.min() < 0 or found.mass == 0:
+            listed = ", ".join(f"{mass:g}" for mass in found.masses)
+            raise InputError(
+                f"{model.name}: the translational masses in x, y, z are {listed} kg, expected none negative and not "
+                "all zero; check the mass matrix and the order of its rows"
+            )
+        centre = centre + np.nan_to_num(found.centre)
+    return RigidBody(found.masses, np.where(np.isnan(found.centre), np.nan, centre), found.inertia)
+
+
+def _rigid_gram(model, centre):
+    """R^T M R (6, 6) of the rigid motions about `centre`. Collective."""
+    with ExitStack() as stack:
         motions = rigid_motions(model, centre)
-        product = create_block(model.M, 6)
-        apply(model.M, motions, product)
-        gram = inner(motions, product)
-        motions.destroy()
-        product.destroy()
-        mass = np.trace(gram[:3, :3]) / 3
-        if mass <= 0:
-            raise InputError(f"{model.name}: the translational mass is {mass:g} kg, expected a positive one")
-        # S^T M R = m skew(c)^T
-        coupling = gram[:3, 3:]
-        offset = np.array([coupling[1, 2] - coupling[2, 1], coupling[2, 0] - coupling[0, 2],
-                           coupling[0, 1] - coupling[1, 0]]) / (2 * mass)  # fmt: skip
-        centre = centre + offset
-    return mass, centre, gram[3:, 3:]
+        stack.callback(motions.destroy)
+        momentum = create_block(model.M, 6)
+        stack.callback(momentum.destroy)
+        apply(model.M, motions, momentum)
+        return inner(motions, momentum)
 
 
 class RigidBodyModes:
@@ -68,9 +123,9 @@ class RigidBodyModes:
     def __init__(self, model):
         self._first, self._k = model.first_row, model.K
         self.R = self.MR = None
-        _, centre, _ = rigid_body_quantities(model)
         with Owned(model.comm) as owned:
-            motions = owned.owns(rigid_motions(model, centre))
+            # where the centre is not known along an axis, any point of the axis will do
+            motions = owned.owns(rigid_motions(model, np.nan_to_num(rigid_body_quantities(model).centre)))
             self.defect, free = decided(model.comm, _force_free, *_forces(model, motions))
             multiply(motions, free)
             self.count = free.shape[1]
@@ -127,20 +182,42 @@ class RigidBodyModes:
 
 
 def _forces(model, motions):
-    """Gram matrix (6, 6) of K R / (||K|| ||R||), and the norms (6,) of the motions R."""
+    """Gram matrices (6, 6) of the forces K R / (||K|| ||R||) and of R / ||R||, and the norms (6,) of the motions R.
+
+    The norm of a rotation that moves no node is infinite: it is no motion.
+    """
     with Owned(model.comm) as owned:
         product = owned.owns(create_block(model.K, 6))
         apply(model.K, motions, product)
-        sizes = np.maximum(column_norms(motions), 1e-300)
+        sizes = column_norms(motions)
+        far = model.comm.allreduce(float(np.abs(model.dofs.position).max(initial=0.0)), op=MPI.MAX)
+        sizes[sizes <= ROUND_OFF * sizes[:3].max() * far] = np.inf
+        scale = np.outer(sizes, sizes)
         norm = model.K.norm(PETSc.NormType.INFINITY)
-        return inner(product, product) / np.outer(sizes, sizes) / norm**2, sizes
+        return inner(product, product) / scale / norm**2, inner(motions, motions) / scale, sizes
 
 
-def _force_free(gram, sizes):
+def _force_free(forces, overlaps, sizes):
     """||K R|| / (||K|| ||R||) of the worst motion, and the combinations (6, count) that K does not resist."""
-    values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+    # orthonormal combinations; a turn about the line on which all nodes are is none, in whatever direction it lies
+    values, vectors = np.linalg.eigh(overlaps)
+    moving = vectors[:, values > ROUND_OFF] / np.sqrt(values[values > ROUND_OFF])
+    values, vectors = np.linalg.eigh(moving.T @ forces @ moving)
     free = np.sqrt(np.abs(values)) < FORCE_FREE
-    return float(np.sqrt(np.maximum(np.diag(gram), 0.0)).max()), (vectors / sizes[:, None])[:, free]
+    return float(np.sqrt(np.abs(np.diag(forces)).max())), (moving @ vectors / sizes[:, None])[:, free]
+
+
+def doubts_of_nodes(model) -> list[str]:
+    """Sentences where the nodes seem not to belong to the rows, or the masses in x, y and z differ. Collective."""
+    misfit, masses = misfit_of_nodes(model), rigid_body_quantities(model).masses
+    found = [misfit] if misfit else []
+    there = masses[masses > 0]
+    if there.size and np.ptp(there) > SAME_MASS * there.max():
+        found.append(
+            f"{model.name}: the masses in x, y and z are {masses[0]:.6g}, {masses[1]:.6g} and {masses[2]:.6g} kg, expected "
+            "the same: nodes or directions are not those of the rows, or the mass matrix is not one of a body"
+        )
+    return found
 
 
 def misfit_of_nodes(model) -> str | None:
@@ -153,14 +230,12 @@ def misfit_of_nodes(model) -> str | None:
         motions = owned.owns(rigid_motions(model, _middle(model)))
         product = owned.owns(create_block(model.K, 6))
         apply(model.K, motions, product)
-        gram, _ = _forces(model, motions)
-        force = np.sqrt(np.maximum(np.diag(gram), 0.0))
+        force = np.sqrt(np.abs(np.diag(_forces(model, motions)[0])))
         with local_rows(motions) as moved, local_rows(product) as forces:
             reach = np.max(model.comm.allgather(np.abs(moved.real).max(axis=0, initial=0.0)), axis=0)
             norm = model.K.norm(PETSc.NormType.INFINITY)
             resisted = (np.abs(forces.real) > FORCE_FREE * norm * np.maximum(reach, 1e-300)).any(axis=1)
         share = model.comm.allreduce(int(resisted.sum())) / model.size
-    # a rotation of a line or a point about itself moves nothing
     translation, rotation = force[:3].max(), force[3:].max()
     found = f"||K R|| / (||K|| ||R||) = {max(translation, rotation):.1e} for rigid-body motions R of the nodes"
     if translation < FORCE_FREE <= rotation:

@@ -14,6 +14,7 @@ multipliers are the derivatives of unknown impulses, which the integrator can co
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..parallel.failures import ComputationError, InputError
 from .floating_frame import FloatingFrame
@@ -21,15 +22,8 @@ from .node_shapes import NodeShape
 
 
 def rotation(p: np.ndarray) -> np.ndarray:
-    """A (3, 3) from body to inertial axes of a quaternion (w, x, y, z) of any length."""
-    w, x, y, z = p / np.linalg.norm(p)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    """A (3, 3) from body to inertial axes of a quaternion (w, x, y, z) of any length; (k, 3, 3) of (k, 4)."""
+    return Rotation.from_quat(p[..., [1, 2, 3, 0]]).as_matrix()  # SciPy puts the scalar last
 
 
 def quaternion_rate(p: np.ndarray, omega: np.ndarray) -> np.ndarray:
@@ -65,12 +59,12 @@ class PointConstraint:
 class FlexibleBody:
     """Equations of motion of a body with reduced K, D (m, m), under gravity (3,), forces and point constraints."""
 
-    def __init__(self, frame: FloatingFrame, K, D, gravity=(0.0, 0.0, 0.0), forces=(), constraints=()):
-        self.frame, self.K, self.D = frame, np.asarray(K), np.asarray(D)
+    def __init__(self, floating_frame: FloatingFrame, K, D, gravity=(0.0, 0.0, 0.0), forces=(), constraints=()):
+        self.floating_frame, self.K, self.D = floating_frame, np.asarray(K), np.asarray(D)
         self.gravity, self.forces, self.constraints = np.asarray(gravity, dtype=float), forces, constraints
-        self.size = len(frame.Ct)
+        self.size, self.mass = len(floating_frame.Ct), floating_frame.mass
         self.multipliers = sum(len(item.directions) for item in constraints)
-        self._dJ, self._J2, self._Cr1 = frame.dJ, frame.J2, frame.Cr1
+        self._dJ, self._J2, self._Cr1 = floating_frame.dJ, floating_frame.J2, floating_frame.Cr1
 
     # The state y: r, p, q | v, w, u | impulses of the constraints | work of the forces, dissipated energy
     def split(self, y):
@@ -81,29 +75,29 @@ class FlexibleBody:
 
     def local(self, shape: NodeShape, q):
         """Position (3,) of a node in the body frame."""
-        return shape.position - self.frame.origin + shape.phi @ q
+        return shape.position - self.floating_frame.origin + shape.phi @ q
 
     def first_moment(self, q):
         """Mass times centre of mass (3,) in the body frame."""
-        return self.frame.mc + self.frame.Ct.T @ q
+        return self.floating_frame.mc + self.floating_frame.Ct.T @ q
 
     def inertia(self, q):
         """J(q) (3, 3)."""
         quadratic = np.tensordot(q, np.tensordot(q, self._J2, axes=(0, 0)), axes=(0, 0))
-        return self.frame.J + np.tensordot(q, self._dJ, axes=(0, 0)) + quadratic
+        return self.floating_frame.J + np.tensordot(q, self._dJ, axes=(0, 0)) + quadratic
 
     def mass_matrix(self, q):
         """M(q) (6 + m, 6 + m), (13)."""
-        frame, m = self.frame, self.size
+        body, m = self.floating_frame, self.size
         mc = self.first_moment(q)
-        Cr = frame.Cr + np.tensordot(self._Cr1, q, axes=(1, 0))
+        Cr = body.Cr + np.tensordot(self._Cr1, q, axes=(1, 0))
         M = np.zeros((6 + m, 6 + m))
-        M[:3, :3] = frame.mass * np.eye(3)
+        M[:3, :3] = self.mass * np.eye(3)
         M[3:6, :3] = np.cross(mc, np.eye(3)).T  # skew(mc)
         M[:3, 3:6] = M[3:6, :3].T
         M[3:6, 3:6] = self.inertia(q)
-        M[6:, :3], M[6:, 3:6], M[6:, 6:] = frame.Ct, Cr, frame.Me
-        M[:3, 6:], M[3:6, 6:] = frame.Ct.T, Cr.T
+        M[6:, :3], M[6:, 3:6], M[6:, 6:] = body.Ct, Cr, body.Me
+        M[:3, 6:], M[3:6, 6:] = body.Ct.T, Cr.T
         return M
 
     def inertia_forces(self, q, z, M):
@@ -111,19 +105,19 @@ class FlexibleBody:
         v, w, u = z[:3], z[3:6], z[6:]
         P = M @ z
         slope = self._dJ + 2 * np.tensordot(self._J2, q, axes=(1, 0))  # dJ/dq_k (m, 3, 3)
-        flow = self.frame.Ct.T @ u
-        turn = self._Cr1 @ w  # [i, k]: (integral of Phi_k x Phi_i) . w
+        flow = self.floating_frame.Ct.T @ u
+        gyroscopic = self._Cr1 @ w  # [i, k]: (integral of Phi_k x Phi_i) . w
         h = np.zeros_like(z)
         h[:3] = np.cross(w, flow) + np.cross(w, P[:3])
         h[3:6] = np.cross(flow, v) + np.tensordot(u, slope, axes=(0, 0)) @ w + np.cross(w, P[3:6]) + np.cross(v, P[:3])
-        h[6:] = turn @ u - (self.frame.Ct @ np.cross(v, w) + 0.5 * slope @ w @ w + turn.T @ u)
+        h[6:] = gyroscopic @ u - (self.floating_frame.Ct @ np.cross(v, w) + 0.5 * slope @ w @ w + gyroscopic.T @ u)
         return h
 
     def applied(self, t, A, q):
         """Generalised forces of gravity and of the forces at nodes (6 + m,), and of the latter alone."""
-        frame = self.frame
+        body = self.floating_frame
         g = A.T @ self.gravity
-        gravity = np.concatenate([frame.mass * g, np.cross(self.first_moment(q), g), frame.Ct @ g])
+        gravity = np.concatenate([self.mass * g, np.cross(self.first_moment(q), g), body.Ct @ g])
         own = np.zeros_like(gravity)
         for force in self.forces:
             f = A.T @ force.value(t)
@@ -175,9 +169,10 @@ class FlexibleBody:
         )
 
     def jacobians(self, t, y, yp):
-        """dF/dy and dF/dy' for the Newton steps: exact but for terms of the size of the elastic deflections.
+        """dF/dy and dF/dy' for the Newton steps, which need no exact ones.
 
-        The columns of the quaternion and of v and w are differences; those of q and u hold stiffness and damping.
+        The columns of the quaternion and of v and w are differences; those of q and u hold stiffness and damping, which
+        outweigh the inertia forces there.
         """
         _, p, q, _, _, _ = self.split(y)
         m, c, n = self.size, self.multipliers, len(y)
@@ -279,5 +274,5 @@ class FlexibleBody:
     def energies(self, r, p, q, z):
         """Kinetic, elastic and gravity energy in J."""
         kinetic = 0.5 * z @ self.mass_matrix(q) @ z
-        moment = self.frame.mass * r + rotation(p) @ self.first_moment(q)
+        moment = self.mass * r + rotation(p) @ self.first_moment(q)
         return kinetic, 0.5 * q @ self.K @ q, -self.gravity @ moment

@@ -8,19 +8,23 @@ finite-element model, and its origin unless another is given. With Phi_k the dis
     N[k]_ab = integral of R_a Phi_kb dm,  S[a, b]_kl = integral of Phi_ka Phi_lb dm
 
 N and S are bilinear in the scalar mass matrix of one direction, which is exact where M couples no two directions and is
-the same for all three (solid elements). Nodes with rotations get the mean of the three directions, which is an
-approximation; so is `lumped`, the row sums of M.
+the same for all of them (solid elements). Nodes with rotations get the mean of the directions, which is an
+approximation; so is `lumped`, the row sums of M. Directions in which no node can move have no part in this: a planar
+body has no mass in z, and NaN for what M does not contain (see model.rigid_body_modes.RigidBody).
 """
 
+from __future__ import annotations
+
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..linalg.blocks import apply, create_block, inner, local_rows
 from ..model.dofs import require_dofs
-from ..model.rigid_body_modes import rigid_motions
+from ..model.rigid_body_modes import SAME_MASS, rigid_body_of, rigid_motions
 from ..parallel.exchange import exchange
-from ..parallel.petsc import PETSc
+from ..parallel.petsc import MPI, PETSc
 from ..reduction.projection import WIDTH, project
 
 
@@ -28,11 +32,12 @@ from ..reduction.projection import WIDTH, project
 class FloatingFrame:
     """Quantities of a body with m elastic coordinates q, SI units.
 
-    mass; mc (3,): first moment; J (3, 3): inertia about the origin; Ct (m, 3), Cr (m, 3); N (m, 3, 3); S (3, 3, m, m);
-    Me (m, m) = V^T M V; `origin` (3,) of the body frame; `integrals`: "consistent", "mean of directions", "lumped".
+    masses (3,) in x, y, z, and mass, their largest; mc (3,): first moment; J (3, 3): inertia about the origin;
+    Ct (m, 3), Cr (m, 3); N (m, 3, 3); S (3, 3, m, m); Me (m, m) = V^T M V; `origin` (3,) of the body frame;
+    `integrals`: "consistent", "mean of directions", "lumped".
     """
 
-    mass: float
+    masses: np.ndarray
     mc: np.ndarray
     J: np.ndarray
     Ct: np.ndarray
@@ -42,6 +47,11 @@ class FloatingFrame:
     Me: np.ndarray
     origin: np.ndarray
     integrals: str = "consistent"
+
+    @property
+    def mass(self) -> float:
+        """The largest of the masses in kg: dofs that are left out or held take mass away from a direction."""
+        return float(self.masses.max())
 
     @property
     def Cr1(self) -> np.ndarray:
@@ -91,8 +101,8 @@ class FloatingFrame:
 
     def arrays(self) -> dict:
         """Everything by name, as it is stored in result.h5."""
-        own = ("mass", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
-        derived = ("Cr1", "dJ", "Gr", "Ge", "Oe", "Oe1")
+        own = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
+        derived = ("mass", "Cr1", "dJ", "Gr", "Ge", "Oe", "Oe1")
         return {name: np.asarray(getattr(self, name)) for name in own + derived}
 
 
@@ -107,74 +117,86 @@ def _quadratic(field):
 def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False, Me=None) -> FloatingFrame:
     """The quantities of a SecondOrderModel with the basis `columns` (a block (n, m)). Collective.
 
-    `Me`: V^T M V (m, m) where it is known already.
-
-    Raises InputError without node coordinates.
+    `Me`: V^T M V (m, m) where it is known already. Raises InputError without node coordinates.
     """
     dofs = require_dofs(model, "a floating frame")
     origin = np.asarray(origin, dtype=float)
+    with ExitStack() as stack:
+        motions, momentum = rigid_motions(model, origin), create_block(model.M, 6)
+        stack.callback(motions.destroy)
+        stack.callback(momentum.destroy)
+        apply(model.M, motions, momentum)
+        gram, coupling = inner(motions, momentum), inner(momentum, columns)
+    rigid = model.comm.bcast(rigid_body_of(gram))
+    rotations = model.comm.allreduce(bool((dofs.direction > 2).any()), op=MPI.LOR)
+    bases = np.flatnonzero(rigid.masses > 0) if rotations else _heaviest(rigid.masses)
+    with ExitStack() as stack:
+        mass = model.M
+        if lumped:
+            mass = _lumped(model)
+            stack.callback(mass.destroy)
+        N, S = _integrals(model, columns, origin, mass, bases)
+    Me = project(model.M, columns) if Me is None else Me
+    kind = "lumped" if lumped else "mean of directions" if rotations else "consistent"
+    first_moment = rigid.masses.max() * rigid.centre
+    result = FloatingFrame(
+        rigid.masses, first_moment, rigid.inertia, coupling[:3].T.copy(), coupling[3:].T.copy(), N, S, Me, origin, kind
+    )
+    return model.comm.bcast(result)
+
+
+def _heaviest(masses):
+    """The first direction with all the mass: no node is missing in it."""
+    return np.flatnonzero(masses >= (1 - SAME_MASS) * masses.max())[:1] if masses.max() > 0 else []
+
+
+def _integrals(model, columns, origin, mass, bases):
+    """N (m, 3, 3) and S (3, 3, m, m), the mean of those by the mass matrices of the directions `bases`. Collective."""
     first, last = columns.getActiveColumns()
     count = last - first
-    motions, momentum = rigid_motions(model, origin), create_block(model.M, 6)
-    apply(model.M, motions, momentum)
-    rigid, coupling = inner(motions, momentum), inner(momentum, columns)
-    motions.destroy()
-    momentum.destroy()
-    cross = rigid[:3, 3:]
-    mc = np.array([cross[1, 2] - cross[2, 1], cross[2, 0] - cross[0, 2], cross[0, 1] - cross[1, 0]]) / 2
-
-    rotations = model.comm.allreduce(int((dofs.direction > 2).any()), op=max)
-    bases = (0, 1, 2) if rotations else (0,)
-    mass = _lumped(model) if lumped else model.M
+    parts = [slice(low, min(low + WIDTH, count)) for low in range(0, count, WIDTH)]
     N, S = np.zeros((count, 3, 3)), np.zeros((3, 3, count, count))
     for base in bases:
-        mine = dofs.direction == base
-        points = (dofs.position - origin)[mine]
-        parts = [slice(low, min(low + WIDTH, count)) for low in range(0, count, WIDTH)]
-        transfers = [_transfer(model, d, base) for d in range(3)]
-        # the rows of one direction only: a third of the work
-        fields = [np.empty((len(points), count)) for _ in range(3)]
-        for field, transfer in zip(fields, transfers, strict=True):
-            for part in parts:
-                field[:, part] = _rows(columns, part, transfer, mine)
-        for b in range(3):
-            for part in parts:
-                load = _rows(columns, part, transfers[b], mine, mass)
-                N[part, :, b] += load.T @ points / len(bases)
-                for a in range(b + 1):
-                    S[a, b, :, part] += fields[a].T @ load / len(bases)
-        for item in transfers:
-            item.destroy()
+        mine = model.dofs.direction == base
+        points = (model.dofs.position - origin)[mine]
+        with ExitStack() as stack:
+            transfers = []
+            for d in range(3):
+                transfers.append(_transfer(model, d, base))
+                stack.callback(transfers[-1].destroy)
+            # the rows of one direction only: a third of the work
+            fields = [np.empty((len(points), count)) for _ in range(3)]
+            for field, transfer in zip(fields, transfers, strict=True):
+                for part in parts:
+                    field[:, part] = _rows(columns, part, transfer, mine)
+            for b in range(3):
+                for part in parts:
+                    load = _rows(columns, part, transfers[b], mine, mass)
+                    N[part, :, b] += load.T @ points / len(bases)
+                    for a in range(b + 1):
+                        S[a, b, :, part] += fields[a].T @ load / len(bases)
     N, S = model.comm.allreduce(N), model.comm.allreduce(S)
     for a, b in ((0, 1), (0, 2), (1, 2)):
         S[b, a] = S[a, b].T
-    if lumped:
-        mass.destroy()
-    Me = project(model.M, columns) if Me is None else Me
-    kind = "lumped" if lumped else "mean of directions" if rotations else "consistent"
-    result = FloatingFrame(
-        float(np.trace(rigid[:3, :3]) / 3), mc, rigid[3:, 3:], coupling[:3].T.copy(), coupling[3:].T.copy(), N, S, Me,
-        origin, kind,
-    )  # fmt: skip
-    return model.comm.bcast(result)
+    return N, S
 
 
 def _rows(columns, part, transfer, mine, mass=None):
     """The local rows `mine` of transfer V, or of mass transfer V, for some columns of V."""
     first, last = columns.getActiveColumns()
-    columns.setActiveColumns(first + part.start, first + part.stop)
-    block = create_block(transfer, part.stop - part.start)
-    apply(transfer, columns, block)
-    columns.setActiveColumns(first, last)
-    if mass is not None:
-        load = create_block(mass, part.stop - part.start)
-        apply(mass, block, load)
-        block.destroy()
-        block = load
-    with local_rows(block) as rows:
-        result = rows.real[mine]
-    block.destroy()
-    return result
+    with ExitStack() as stack:
+        block = create_block(transfer, part.stop - part.start)
+        stack.callback(block.destroy)
+        stack.callback(columns.setActiveColumns, first, last)
+        columns.setActiveColumns(first + part.start, first + part.stop)
+        apply(transfer, columns, block)
+        if mass is not None:
+            load = create_block(mass, part.stop - part.start)
+            stack.callback(load.destroy)
+            apply(mass, block, load)
+            block = load
+        with local_rows(block) as rows:
+            return rows.real[mine]
 
 
 def _transfer(model, source, target):
@@ -185,12 +207,12 @@ def _transfer(model, source, target):
         mine = dofs.direction == source
         wanted, given = rows[mine], rows[mine]
     else:
-        # rows of a node meet on the rank of its number
+        # rows of a node meet on a rank that its number chooses
         parts = []
         for direction in (target, source):
             mine = dofs.direction == direction
             node = dofs.node[mine]
-            parts.append(exchange(comm, (node % comm.size).astype(int), [node, rows[mine]]))
+            parts.append(exchange(comm, _meeting_rank(node, comm.size), [node, rows[mine]]))
         (node_t, row_t), (node_s, row_s) = parts
         _, at_t, at_s = np.intersect1d(node_t, node_s, return_indices=True)
         owner = np.searchsorted(model.row_starts, row_t[at_t], side="right") - 1
@@ -203,18 +225,24 @@ def _transfer(model, source, target):
     return PETSc.Mat().createAIJ(((model.local_rows, model.size),) * 2, csr=csr, comm=model.K.comm)
 
 
+def _meeting_rank(node, ranks):
+    """Ranks (nodes,) that share node numbers evenly, also those that go up in tens (Fibonacci hashing)."""
+    mixed = node.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    return ((mixed >> np.uint64(40)) % np.uint64(ranks)).astype(np.int64)
+
+
 def _lumped(model):
     """A diagonal matrix with the row sums of M for unit translations."""
-    motions, momentum = rigid_motions(model), create_block(model.M, 6)
-    apply(model.M, motions, momentum)
-    with local_rows(momentum) as rows:
-        values = np.zeros(model.local_rows)
-        moved = model.dofs.direction < 3
-        values[moved] = rows.real[moved, model.dofs.direction[moved]]
-    motions.destroy()
-    momentum.destroy()
+    with ExitStack() as stack:
+        motions, momentum = rigid_motions(model), create_block(model.M, 6)
+        stack.callback(motions.destroy)
+        stack.callback(momentum.destroy)
+        apply(model.M, motions, momentum)
+        values, moved = np.zeros(model.local_rows), model.dofs.direction < 3
+        with local_rows(momentum) as rows:
+            values[moved] = rows.real[moved, model.dofs.direction[moved]]
     indptr = np.arange(model.local_rows + 1, dtype=PETSc.IntType)
-    indices = (indptr[:-1] + model.first_row).astype(PETSc.IntType)
+    indices = np.arange(model.first_row, model.first_row + model.local_rows, dtype=PETSc.IntType)
     return PETSc.Mat().createAIJ(
         ((model.local_rows, model.size),) * 2, csr=(indptr, indices, values), comm=model.K.comm
     )

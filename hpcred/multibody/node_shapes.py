@@ -8,8 +8,6 @@ from ..linalg.blocks import local_rows
 from ..model.dofs import require_dofs, target_of
 from ..parallel.failures import InputError
 
-CHUNK = 2**22  # rows of a result file looked through at a time
-
 
 @dataclass
 class NodeShape:
@@ -32,31 +30,7 @@ def node_shapes(model, columns, nodes) -> list[NodeShape]:
     with local_rows(columns) as rows:
         part = dofs.node[found], dofs.direction[found], dofs.position[found], rows.real[found].copy()
     parts = model.comm.allgather(part)
-    return _assemble(nodes, *(np.concatenate(items) for items in zip(*parts, strict=True)), model.name)
-
-
-def shapes_in_file(file, nodes, name) -> list[NodeShape]:
-    """The shapes of nodes from an open result file: those kept for the interface, others from the basis."""
-    kept = {}
-    if "interface" in file:
-        group = file["interface"]
-        for i, node in enumerate(group["node"][...]):
-            kept[int(node)] = NodeShape(
-                int(node), group["position"][i], group["phi"][i], group["psi"][i], bool(group["rotates"][i])
-            )
-    missing = [node for node in nodes if node not in kept]
-    if missing:
-        if "basis/V" not in file or "dofs" not in file:
-            raise InputError(f"{name}: node {missing[0]} is no interface node, and the file was written without basis")
-        columns, dofs = file["basis/V"], file["dofs"]
-        rows = []
-        for low in range(0, columns.shape[1], CHUNK):
-            rows.append(low + np.flatnonzero(np.isin(dofs["node"][low : low + CHUNK], missing)))
-        rows = np.concatenate(rows)
-        parts = [dofs[key][rows] for key in ("node", "direction", "position")] if len(rows) else [np.zeros(0)] * 3
-        basis = np.array([columns[:, row] for row in rows]).reshape(len(rows), columns.shape[0])
-        kept |= {shape.node: shape for shape in _assemble(missing, *parts, basis, name)}
-    return [kept[node] for node in nodes]
+    return shapes_of_rows(nodes, *(np.concatenate(items) for items in zip(*parts, strict=True)), model.name)
 
 
 def interface_nodes(model) -> list[int]:
@@ -65,7 +39,11 @@ def interface_nodes(model) -> list[int]:
     return sorted({target[0] for target in targets if isinstance(target, tuple)})
 
 
-def _assemble(nodes, labels, directions, positions, rows, name):
+def shapes_of_rows(nodes, labels, directions, positions, rows, name) -> list[NodeShape]:
+    """The shapes of nodes from rows of the basis (k, m), with their labels (k,), directions (k,), positions (k, 3).
+
+    Raises InputError for a node that has no row.
+    """
     shapes = []
     for node in nodes:
         mine = np.flatnonzero(labels == node)

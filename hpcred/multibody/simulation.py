@@ -1,20 +1,24 @@
-"""Time simulation of one flexible body: sim.toml and result.h5 enter, motion, forces and energies over time leave."""
+"""Time simulation of one flexible body: a Body and a Simulation enter, motion, forces and energies over time leave."""
 
-from dataclasses import asdict, dataclass, fields, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from ..formats.hdf5 import atomic_output, check_writable, writing
-from ..formats.toml_file import as_kind, as_table, check_known, read_table, tuples
-from ..parallel.failures import ComputationError, InputError, agreed
-from ..reduction.record import versions
-from ..workflows.export import check_elastic, read_body, remarks
+from ..parallel.failures import ComputationError, InputError
+from .body import Body, check_moving, remarks
 from .equations_of_motion import FlexibleBody, Force, PointConstraint, rotation
 
 Vector = tuple[float, float, float]
 AXES = ("x", "y", "z")
 ZERO = (0.0, 0.0, 0.0)
+
+
+def _require_finite(where, **values):
+    """Raise InputError for NaN and Inf, which TOML can write."""
+    for key, value in values.items():
+        if not np.isfinite(np.asarray(value, dtype=float)).all():
+            raise InputError(f"{where}{key}: found NaN or Inf among {value}, expected finite numbers")
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,9 @@ class ConstantForce:
     node: int
     value: Vector
     kind = "constant"
+
+    def __post_init__(self):
+        _require_finite("force.", value=self.value)
 
     def __call__(self, t):
         return np.asarray(self.value)
@@ -43,6 +50,7 @@ class SineForce:
     kind = "sine"
 
     def __post_init__(self):
+        _require_finite("force.", amplitude=self.amplitude, frequency=self.frequency, phase=self.phase)
         if self.frequency <= 0:
             raise InputError(f"force.frequency: found {self.frequency:g}, expected a positive frequency in Hz")
 
@@ -63,6 +71,7 @@ class TableForce:
     kind = "table"
 
     def __post_init__(self):
+        _require_finite("force.", times=self.times, values=self.values)
         if len(self.times) != len(self.values) or not self.times:
             raise InputError(
                 f"force.values: found {len(self.values)} forces for {len(self.times)} times, expected as many"
@@ -86,25 +95,24 @@ class Joint:
     at: Vector | None = None
 
     def __post_init__(self):
+        _require_finite("constraint.", at=self.at or ())
         if not self.directions or any(name not in AXES for name in self.directions):
             raise InputError(f"constraint.directions: found {list(self.directions)}, expected some of x, y, z")
         if len(set(self.directions)) < len(self.directions):
             raise InputError(f"constraint.directions: found {list(self.directions)}, expected each once")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Simulation:
-    """One simulation; SI units, inertial axes. File names are relative to the folder of the file.
+    """One simulation; SI units, inertial axes.
 
-    body: result.h5. output: an HDF5 file; .csv and .png are written beside it. end: last time; steps: output
-    intervals. start: "given" by position, rotation (vector, rad), velocity, angular_velocity of the body frame and
-    the elastic coordinates, or "static": the rest position under gravity and the forces at t = 0. observe: nodes
-    whose displacements are written beside those of forces and constraints. The tolerances are those of the integrator.
+    end: last time; steps: output intervals. start: "given" by position, rotation (vector, rad), velocity,
+    angular_velocity of the body frame and the elastic coordinates, or "static": the rest position under gravity and the
+    forces at t = 0. observe: nodes whose displacements are found beside those of forces and constraints. The tolerances
+    are those of the integrator.
     """
 
-    body: str
     end: float
-    output: str = "simulation.h5"
     steps: int = 500
     gravity: Vector = ZERO
     start: str = "given"
@@ -122,11 +130,12 @@ class Simulation:
 
     def __post_init__(self):
         for key in ("end", "steps", "relative_tolerance", "absolute_tolerance"):
-            if getattr(self, key) <= 0:
-                raise InputError(f"{key}: found {getattr(self, key):g}, expected more than 0")
+            if not 0 < getattr(self, key) < np.inf:
+                raise InputError(f"{key}: found {getattr(self, key):g}, expected a finite number of more than 0")
+        moving = ("velocity", "angular_velocity", "elastic", "elastic_velocity")
+        _require_finite("", **{key: getattr(self, key) for key in ("gravity", "position", "rotation", *moving)})
         if self.start not in ("given", "static"):
             raise InputError(f"start: found '{self.start}', expected 'given' or 'static'")
-        moving = ("velocity", "angular_velocity", "elastic", "elastic_velocity")
         if self.start == "static" and any(any(getattr(self, key)) for key in moving):
             raise InputError(f"start: 'static' is a state of rest; leave out {', '.join(moving)}")
 
@@ -134,27 +143,6 @@ class Simulation:
     def nodes(self) -> list[int]:
         """All nodes that are observed, loaded or held."""
         return sorted({*self.observe, *(item.node for item in (*self.force, *self.constraint))})
-
-
-def read_simulation(path, overrides=()) -> Simulation:
-    """Read and check a file of a simulation; `overrides` as for read_job. Raises InputError."""
-    path, given = Path(path), tuples(read_table(path, overrides))
-    try:
-        check_known(given, [field.name for field in fields(Simulation)], "")
-        for key in ("force", "constraint"):
-            if not isinstance(given.get(key, ()), tuple):
-                raise InputError(f"{key}: expected tables [[{key}]]")
-        forces = (ConstantForce, SineForce, TableForce)
-        own = {
-            "force": tuple(as_kind(forces, item, f"force[{i}]") for i, item in enumerate(given.pop("force", ()))),
-            "constraint": tuple(
-                as_table(Joint, item, f"constraint[{i}]") for i, item in enumerate(given.pop("constraint", ()))
-            ),
-        }
-        setup = replace(as_table(Simulation, given, ""), **own)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-    return replace(setup, body=str(path.parent / setup.body), output=str(path.parent / setup.output))
 
 
 @dataclass
@@ -188,26 +176,29 @@ class Motion:
     factorisations: int
 
 
-def simulate(body, setup: Simulation, progress=None) -> Motion:
+def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     """Simulate a Body whose `nodes` hold those of the setup, as an index-2 system by Radau IIA of order 5.
 
-    On one rank. Raises InputError (dependent constraints, free rigid motion in a static start), ComputationError.
+    On one rank. Raises InputError (dependent constraints, free rigid motion in a static start, structural damping, no
+    mass in a direction, rigid-body motions in the basis, an unknown node) or ComputationError.
     """
-    check_elastic(body)
-    if body.rom.loss_factor:
-        raise InputError(f"{setup.body}: structural damping has no meaning in time; reduce with another damping law")
+    check_moving(body, "a simulation")
     shapes = {shape.node: shape for shape in body.nodes}
-    size = body.rom.size
+    for node in setup.nodes:
+        if node not in shapes:
+            known = ", ".join(map(str, shapes))
+            raise InputError(f"node {node} is none of the nodes of the body, {known}; name it when the body is made")
+    size = body.reduced.size
     for key in ("elastic", "elastic_velocity"):
         if len(getattr(setup, key)) not in (0, size):
             raise InputError(f"{key}: found {len(getattr(setup, key))} numbers, expected {size}")
     system = FlexibleBody(
-        body.frame, body.rom.K, body.rom.D, setup.gravity,
+        body.floating_frame, body.reduced.K, body.reduced.D, setup.gravity,
         [Force(shapes[item.node], item) for item in setup.force],
         [PointConstraint(shapes[item.node], np.eye(3)[[AXES.index(name) for name in item.directions]], item.at)
          for item in setup.constraint],
     )  # fmt: skip
-    r, p = np.array(setup.position), _quaternion(np.array(setup.rotation))
+    r, p = np.array(setup.position), np.roll(Rotation.from_rotvec(setup.rotation).as_quat(), 1)  # scalar first
     A = rotation(p)
     q, u = (np.array(getattr(setup, key) or np.zeros(size)) for key in ("elastic", "elastic_velocity"))
     z = np.concatenate([A.T @ setup.velocity, A.T @ setup.angular_velocity, u])
@@ -226,18 +217,12 @@ def simulate(body, setup: Simulation, progress=None) -> Motion:
     return _motion(system, setup, shapes, origin, t, states, rates, notes, factorisations)
 
 
-def _quaternion(vector):
-    """Scalar first, of a rotation vector in rad."""
-    angle = np.linalg.norm(vector)
-    axis = vector / angle if angle else vector
-    return np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * axis])
-
-
 def _integrate(system, setup, y0, yp0, progress):
     try:
         from scipy_dae.integrate import solve_dae
     except ImportError as error:
         raise InputError("a simulation needs scipy_dae: pip install 'hpcred[simulate]'") from error
+
     shown = -1
 
     def residual(t, y, yp):
@@ -269,10 +254,10 @@ def _motion(system, setup, shapes, origin, t, states, rates, notes, factorisatio
     r, p, q, z, _, energy = (part.T for part in system.split(states))
     multipliers = system.split(rates)[4].T
     p = p / np.linalg.norm(p, axis=1)[:, None]
-    turns = [rotation(item) for item in p]
+    axes = rotation(p)
     nodes = list(shapes)
     positions = np.array(
-        [[r[i] + A @ system.local(shapes[node], q[i]) for node in nodes] for i, A in enumerate(turns)]
+        [[r[i] + A @ system.local(shapes[node], q[i]) for node in nodes] for i, A in enumerate(axes)]
     ).reshape(len(t), len(nodes), 3)
     parts = np.array([system.energies(r[i], p[i], q[i], z[i]) for i in range(len(t))])
     energies = dict(zip(("kinetic", "elastic", "gravity"), parts.T, strict=True))
@@ -280,94 +265,10 @@ def _motion(system, setup, shapes, origin, t, states, rates, notes, factorisatio
     defect = parts.sum(axis=1) - parts[0].sum() - energy[:, 0] + energy[:, 1]
     scale = max(np.abs(parts - parts[0] * [0, 0, 1]).max(), np.abs(energy).max(), np.finfo(float).tiny)
     place = system.places(r[0], p[0], q[0])
-    drift = max(np.abs(system.drift(r[i], A, q[i], place)).max(initial=0.0) for i, A in enumerate(turns))
+    drift = max(np.abs(system.drift(r[i], A, q[i], place)).max(initial=0.0) for i, A in enumerate(axes))
     names = [f"{item.node}:{name}" for item in setup.constraint for name in item.directions]
     start = np.array([origin[node] for node in nodes]).reshape(len(nodes), 3)
     return Motion(
         t, r, p, z[:, :3], z[:, 3:6], q, z[:, 6:], nodes, positions, positions - start, names, multipliers,
         energies, float(drift), float(np.abs(defect).max() / scale), notes, factorisations,
     )  # fmt: skip
-
-
-def run_simulation(path, overrides, comm, progress) -> dict:
-    """Simulate as a file says; rank 0 computes and writes HDF5, CSV and PNG. Returns a summary. Collective."""
-    with agreed(comm):
-        setup = read_simulation(path, overrides)
-    output = Path(setup.output)
-    motion = None
-    check_writable(output, comm)
-    with agreed(comm):
-        if comm.rank == 0:
-            with progress.stage("simulate", setup.body):
-                body = read_body(setup.body, setup.nodes)
-                motion = simulate(body, setup, progress)
-    motion = comm.bcast(motion)
-    written = [output, output.with_suffix(".csv"), output.with_suffix(".png")]
-    with progress.stage("write", str(output)):
-        with writing(output, comm) as file:
-            file.attribute("format", "hpcred-simulation")
-            for name, value in _arrays(motion).items():
-                file.small(name, value)
-            file.small("provenance", {"versions": versions(), "setup": asdict(setup), **_figures(motion),
-                                      "run": progress.summary()})  # fmt: skip
-        for target, write in zip(written[1:], (_write_csv, _draw), strict=True):
-            with atomic_output(target, comm) as temporary, agreed(comm):
-                if comm.rank == 0:
-                    write(motion, temporary)
-    return {"output": [str(name) for name in written], **_figures(motion)}
-
-
-def _figures(motion):
-    return {
-        "constraint_drift_m": motion.drift,
-        "energy_defect": motion.balance,
-        "factorisations": motion.factorisations,
-        "largest_displacement_m": {
-            str(node): float(np.linalg.norm(motion.node_displacement[:, i], axis=-1).max())
-            for i, node in enumerate(motion.nodes)
-        },
-        "notes": motion.notes,
-    }
-
-
-def _arrays(motion) -> dict:
-    """Everything by its place in the HDF5 file."""
-    names = ("t", "position", "quaternion", "velocity", "angular_velocity", "elastic", "elastic_velocity")
-    return {
-        **{name: getattr(motion, name) for name in names},
-        "nodes/number": np.array(motion.nodes, dtype=int),
-        "nodes/position": motion.node_position,
-        "nodes/displacement": motion.node_displacement,
-        "constraints/name": motion.constraint_names,
-        "constraints/force": motion.constraint_force,
-        **{f"energy/{name}": value for name, value in motion.energies.items()},
-    }
-
-
-def _write_csv(motion, path):
-    """One line an output time; SI units."""
-    columns = {"t": motion.t}
-    columns |= {f"position_{a}": motion.position[:, i] for i, a in enumerate(AXES)}
-    columns |= {f"quaternion_{a}": motion.quaternion[:, i] for i, a in enumerate("wxyz")}
-    columns |= {f"q{k + 1}": motion.elastic[:, k] for k in range(motion.elastic.shape[1])}
-    for j, node in enumerate(motion.nodes):
-        columns |= {f"displacement_{node}_{a}": motion.node_displacement[:, j, i] for i, a in enumerate(AXES)}
-    columns |= {
-        f"constraint_force_{name.replace(':', '_')}": motion.constraint_force[:, i]
-        for i, name in enumerate(motion.constraint_names)
-    }
-    columns |= {f"energy_{name}": value for name, value in motion.energies.items()}
-    np.savetxt(path, np.array(list(columns.values())).T, "%.10e", ",", header=",".join(columns), comments="")
-
-
-def _draw(motion, path):
-    """Displacements, constraint forces and energies over time."""
-    from ..report.figures import time_figure
-
-    panels = [("displacement (m)", [
-        (f"node {node} {a}", motion.node_displacement[:, j, i]) for j, node in enumerate(motion.nodes)
-        for i, a in enumerate(AXES) if np.ptp(motion.node_displacement[:, j, i]) > 1e-9
-    ])]  # fmt: skip
-    panels.append(("constraint force (N)", list(zip(motion.constraint_names, motion.constraint_force.T, strict=True))))
-    panels.append(("energy (J)", list(motion.energies.items())))
-    time_figure(path, motion.t, [panel for panel in panels if panel[1]])

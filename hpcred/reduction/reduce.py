@@ -11,7 +11,7 @@ from ..linalg.blocks import apply, copy_of, create_block
 from ..linalg.factorisation import Factoring
 from ..model.damping import ModalDamping, NoDamping, Structural
 from ..model.frames import Buckens, NoFrame, apply_frame
-from ..model.rigid_body_modes import misfit_of_nodes
+from ..model.rigid_body_modes import doubts_of_nodes
 from ..model.second_order_model import SYMMETRIC_TO
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
@@ -101,10 +101,10 @@ def _check_model(model):
 
 def _warnings(model, frame) -> tuple[str, ...]:
     """What is doubtful of the model; refused where the frame depends on it."""
-    misfit = misfit_of_nodes(model) if model.dofs is not None else None
-    if misfit and isinstance(frame, Buckens):
-        raise InputError(misfit)
-    return (misfit,) if misfit else ()
+    doubts = tuple(doubts_of_nodes(model)) if model.dofs is not None else ()
+    if doubts and isinstance(frame, Buckens):
+        raise InputError(doubts[0])
+    return doubts
 
 
 def _check_size(framed, basis) -> int:

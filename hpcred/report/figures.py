@@ -1,12 +1,20 @@
 """Figures; rank 0 only. Matplotlib is imported when the first one is drawn."""
 
+from importlib.util import find_spec
+
 import numpy as np
 
+from ..multibody.simulation import AXES
 from ..parallel.failures import InputError
 
 INK = "#333333"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")  # told apart with any colour vision (Okabe and Ito)
 DASHES = ("-", "--", "-.", ":")
+
+
+def has_matplotlib() -> bool:
+    """Whether figures can be drawn."""
+    return find_spec("matplotlib") is not None
 
 
 def pyplot():
@@ -59,6 +67,17 @@ def cut_figure(stem, t, curves, title):
         axes.grid(True, color="#dddddd", linewidth=0.6)
     cut.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=9, frameon=False)
     save(figure, stem)
+
+
+def motion_figure(path, motion):
+    """Displacements, constraint forces and energies of a Motion over time, as PNG."""
+    panels = [("displacement (m)", [
+        (f"node {node} {a}", motion.node_displacement[:, j, i]) for j, node in enumerate(motion.nodes)
+        for i, a in enumerate(AXES) if np.ptp(motion.node_displacement[:, j, i]) > 1e-9
+    ])]  # fmt: skip
+    panels.append(("constraint force (N)", list(zip(motion.constraint_names, motion.constraint_force.T, strict=True))))
+    panels.append(("energy (J)", list(motion.energies.items())))
+    time_figure(path, motion.t, [panel for panel in panels if panel[1]])
 
 
 def time_figure(path, t, panels):

@@ -7,7 +7,7 @@ from hpcred import Buckens, Rayleigh
 def test_one_factor_at_a_time(comm):
     """A mixture of real and complex points frees the factor of the one before the other is made."""
     from hpcred.model.frames import apply_frame
-    from hpcred.parallel.stages import Progress
+    from hpcred.parallel.progress import Progress
     from hpcred.reduction.context import Context
 
     with package.linkage(comm) as model:

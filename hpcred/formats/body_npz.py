@@ -1,0 +1,34 @@
+"""Arrays of a Body by name, and the .npz file that holds them.
+
+M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, loss_factor (eta of structural damping: K stands for
+(1 + i eta) K in frequency responses), input_names, output_names; the quantities of FloatingFrame by their names there;
+nodes (k), positions (k, 3) in the body frame, phi and psi (k, 3, m). SI units. Nothing that affects numbers is missing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..multibody.body import Body, maker, remarks
+
+
+def arrays_of(body: Body) -> dict:
+    """Everything by its name in the file."""
+    reduced, count = body.reduced, body.reduced.size
+    names = ("M", "D", "K", "B", "C", "frequencies", "loss_factor", "input_names", "output_names")
+    arrays = {name: np.array(getattr(reduced, name)) for name in names}
+    arrays |= body.floating_frame.arrays()
+    return arrays | {
+        "nodes": np.array([shape.node for shape in body.nodes], dtype=float),
+        "positions": np.array([s.position - body.floating_frame.origin for s in body.nodes]).reshape(-1, 3),
+        "phi": np.array([shape.phi for shape in body.nodes]).reshape(-1, 3, count),
+        "psi": np.array([shape.psi for shape in body.nodes]).reshape(-1, 3, count),
+        "comment": np.array("; ".join([maker(body), *remarks(body)])),
+    }
+
+
+def write_npz(path, body: Body) -> list[str]:
+    """Write all arrays of a body; call it on one rank. Returns remarks on what is approximated."""
+    with open(path, "wb") as file:
+        np.savez(file, **arrays_of(body))
+    return remarks(body)

@@ -1,0 +1,110 @@
+"""A body for multibody programs: a reduced model and its basis enter; the model, its floating frame and nodes leave."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.dofs import target_of
+from ..model.rigid_body_modes import SAME_MASS
+from ..parallel.failures import InputError
+from ..reduction.reduced_model import ReducedModel
+from .equations_of_motion import FlexibleBody
+from .floating_frame import FloatingFrame, floating_frame
+from .node_shapes import NodeShape, interface_nodes, node_shapes
+
+
+@dataclass
+class Body:
+    """What a multibody program needs of a flexible body: plain arrays, the same on all ranks."""
+
+    reduced: ReducedModel
+    floating_frame: FloatingFrame
+    nodes: list[NodeShape]
+
+
+def body_of(model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lumped=False) -> Body:
+    """The Body of a SecondOrderModel and of what `reduce` made of it, before its basis is closed. Collective.
+
+    `nodes`: numbers of the interface nodes, by default those of the inputs and outputs. `origin` (3,) of the body frame
+    in m; `lumped`: see floating_frame. Raises InputError without node coordinates, without a basis, after a two-sided
+    projection, and for a node that does not exist.
+    """
+    if reduced.columns is None:
+        raise InputError(f"{model.name}: the basis of the reduced model is closed; take its body before close()")
+    if reduced.left_columns is not None:
+        raise InputError(
+            f"{model.name}: a two-sided projection has no floating frame of reference, which needs the mass matrix of "
+            "the displacements V; reduce with projection = 'one_sided'"
+        )
+    nodes = interface_nodes(model) if nodes is None else list(nodes)
+    return Body(
+        reduced,
+        floating_frame(model, reduced.columns, origin, lumped, reduced.M),
+        node_shapes(model, reduced.columns, nodes),
+    )
+
+
+def check_moving(body: Body, where: str):
+    """Raise InputError unless the body can move in time as `where` (such as "a SID file") takes it.
+
+    It needs a damping that exists in time, mass and inertia in all directions, and no rigid-body motion in its basis.
+    """
+    loss_factor, masses = body.reduced.loss_factor, body.floating_frame.masses
+    if loss_factor:
+        raise InputError(
+            f"damping: structural damping (loss factor {loss_factor:g}) has no meaning in time and no place in "
+            f"{where}; reduce with damping of kind 'modal' and ratio = {loss_factor / 2:g}, half the loss factor, "
+            "which is the same at resonance"
+        )
+    missing = [name for name, mass in zip("xyz", masses, strict=True) if mass <= 0]
+    if missing:
+        raise InputError(
+            f"the body has no mass in {' and '.join(missing)}, where no node can move, so its inertia is not known; "
+            f"{where} needs all three directions: give the model its dofs in {' and '.join(missing)}, or take the "
+            "arrays by format 'npz'"
+        )
+    check_elastic(body)
+
+
+def check_elastic(body: Body):
+    """Raise InputError if the reduced body can move as a rigid one: the floating frame does that already."""
+    reduced = body.reduced
+    M = FlexibleBody(body.floating_frame, reduced.K, reduced.D).mass_matrix(np.zeros(reduced.size))
+    rest = M[6:, 6:] - M[6:, :6] @ np.linalg.pinv(M[:6, :6], rcond=1e-12) @ M[:6, 6:]
+    if np.linalg.eigvalsh(rest).min() < 1e-9 * np.linalg.eigvalsh(body.floating_frame.Me).max():
+        raise InputError(
+            f"the reduced body contains rigid-body motions (lowest pseudo-frequency {reduced.frequencies.min():.3g} "
+            "Hz), which the floating frame has already; reduce with frame 'buckens' and modes from number 7, or hold "
+            "the body"
+        )
+
+
+def remarks(body: Body) -> list[str]:
+    """What was approximated or is not there, one sentence each."""
+    found, masses = [], body.floating_frame.masses
+    if masses.min() < (1 - SAME_MASS) * masses.max():
+        listed = ", ".join(f"{mass:.6g}" for mass in masses)
+        found.append(f"the masses in x, y, z are {listed} kg, because not all nodes move in all directions")
+    if body.floating_frame.integrals != "consistent":
+        found.append(f"integrals quadratic in the shapes: {body.floating_frame.integrals}, an approximation")
+    still = [str(shape.node) for shape in body.nodes if not shape.rotates]
+    if still:
+        found.append(f"no rotational dofs at nodes {', '.join(still)}: psi is zero there")
+    return found
+
+
+def inputs_without_node(body: Body) -> list[str]:
+    """Remarks on inputs and outputs that a format which knows only nodes cannot hold."""
+    found = []
+    for kind, names in (("inputs", body.reduced.input_names), ("outputs", body.reduced.output_names)):
+        lost = [name for name in names if not isinstance(target_of(name), tuple)]
+        if lost:
+            found.append(f"{kind} that belong to no node are left out: {', '.join(lost)}")
+    return found
+
+
+def maker(body: Body) -> str:
+    """Program and version that made the reduced body."""
+    return f"hpcred {body.reduced.provenance['versions']['hpcred']}"

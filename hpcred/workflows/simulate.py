@@ -1,0 +1,65 @@
+"""sim.toml enters, with the result.h5 that it names; simulation.h5, a .csv and a picture leave."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..formats.hdf5 import atomic_output, check_writable
+from ..formats.simulation_file import read_simulation, setup_as_dict, write_motion, write_motion_csv
+from ..multibody.simulation import simulate
+from ..parallel.failures import agreed
+from ..parallel.petsc import MPI
+from ..parallel.progress import Progress
+from ..reduction.record import versions
+from ..report.figures import has_matplotlib, motion_figure
+from .export import read_result
+
+
+def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
+    """Simulate a reduced body in time as a file says. Collective. Raises InputError, ComputationError.
+
+    `overrides`: texts "key.path=value" that replace keys of the file. Rank 0 computes. Returns a summary: the files
+    written, the largest errors and displacements, and notes on what was changed or approximated.
+    """
+    comm = comm or MPI.COMM_WORLD
+    progress = progress or Progress(comm, show=False)
+    with agreed(comm):
+        setup = read_simulation(path, overrides)
+    output = Path(setup.output)
+    check_writable(output, comm)
+    motion = None
+    with agreed(comm):
+        if comm.rank == 0:
+            with progress.stage("simulate", setup.body):
+                body = read_result(setup.body, MPI.COMM_SELF).body(setup.nodes)
+                motion = simulate(body, setup, progress)
+    motion = comm.bcast(motion)
+    files = [(output.with_suffix(".csv"), write_motion_csv)]
+    notes = list(motion.notes)
+    if comm.bcast(has_matplotlib()):
+        files.append((output.with_suffix(".png"), motion_figure))
+    else:
+        notes.append("no picture was drawn, which needs matplotlib: pip install 'hpcred[plots]'")
+    report = {"output": [str(output), *(str(name) for name, _ in files)], **_figures(motion), "notes": notes}
+    with progress.stage("write", str(output)):
+        record = {"versions": versions(), "setup": setup_as_dict(setup), **report, "run": progress.summary()}
+        write_motion(output, motion, record, comm)
+        for target, write in files:
+            with atomic_output(target, comm) as temporary, agreed(comm):
+                if comm.rank == 0:
+                    write(temporary, motion)
+    return report
+
+
+def _figures(motion):
+    return {
+        "constraint_drift_m": motion.drift,
+        "energy_defect": motion.balance,
+        "factorisations": motion.factorisations,
+        "largest_displacement_m": {
+            str(node): float(np.linalg.norm(motion.node_displacement[:, i], axis=-1).max())
+            for i, node in enumerate(motion.nodes)
+        },
+    }

@@ -1,0 +1,90 @@
+"""Bodies: what body_of puts together, and which bodies cannot move in time."""
+
+import numpy as np
+import pytest
+from helpers import block_from, gather
+
+import hpcred
+from hpcred import Buckens, Krylov, Modes
+from hpcred.model.damping import Structural
+from hpcred.multibody.body import body_of, check_elastic, check_moving, inputs_without_node, remarks
+from hpcred.multibody.floating_frame import floating_frame
+from hpcred.parallel.failures import InputError
+
+
+@pytest.mark.mpi
+def test_a_body_has_the_nodes_of_inputs_and_outputs(comm):
+    with hpcred.linkage(comm) as model:
+        model.set_inputs([(20, "z"), 1])
+        model.set_outputs([(7, "x")])
+        with hpcred.reduce(model, [Modes(index=(7, 8))], Buckens()) as rom:
+            body = body_of(model, rom, origin=(0.1, 0.0, 0.0))
+            rows = gather(rom.columns)
+    assert [shape.node for shape in body.nodes] == [7, 20]
+    assert (body.nodes[1].phi == rows[114:117]).all()
+    assert body.floating_frame.origin.tolist() == [0.1, 0.0, 0.0] and body.reduced is rom
+    assert inputs_without_node(body) == ["inputs that belong to no node are left out: dof 1"]
+    with pytest.raises(InputError, match="the basis of the reduced model is closed"):
+        body_of(model, rom)
+
+
+def test_a_two_sided_projection_gives_no_body():
+    with hpcred.linkage() as model:
+        model.set_outputs([(7, "z")])
+        rom = hpcred.reduce(
+            model, [Krylov(frequency=10.0)], hpcred.Tangent(node=1), projection="two_sided", allow_unstable=True
+        )
+        with rom, pytest.raises(InputError, match="two-sided projection has no floating frame"):
+            body_of(model, rom)
+
+
+def test_structural_damping_is_refused_in_time():
+    with (
+        hpcred.linkage() as model,
+        hpcred.reduce(model, [Modes(index=(7, 8))], Buckens(), Structural(0.03)) as rom,
+    ):
+        body = body_of(model, rom)
+    says = r"loss factor 0.03\) has no meaning in time and no place in a simulation; .* 'modal' and ratio = 0.015"
+    with pytest.raises(InputError, match=says):
+        check_moving(body, "a simulation")
+
+
+@pytest.mark.parametrize("directions, says", [((0, 1), "no mass in z"), ((2,), "no mass in x and y")])
+def test_a_body_without_a_direction_is_refused_in_time(directions, says):
+    """A chain of solids of which only some dofs are there."""
+    body = chain_body(directions)
+    with pytest.raises(InputError, match=f"the body has {says}"):
+        check_moving(body, "a SID file")
+    assert any("the masses in x, y, z are" in line for line in remarks(body))
+
+
+def chain_body(directions, left_out=()):
+    """Three nodes of 2 kg with some of the directions, one spring between neighbours and one to the ground."""
+    names = [(node, d) for node in (1, 2, 3) for d in directions if (node, d) not in left_out]
+    node, direction = (np.array(item) for item in zip(*names, strict=True))
+    K = 1e4 * np.array([[(d == e) * (2.5 * (a == b) - (abs(a - b) == 1)) for b, e in names] for a, d in names])
+    dofs = hpcred.Dofs(node, direction.astype(np.int8), node[:, None] * [1.0, 0.5, 0.2])
+    with hpcred.SecondOrderModel.from_scipy(K, 2 * np.eye(len(K)), dofs=dofs) as model:
+        model.set_inputs([1])
+        with hpcred.reduce(model, [Modes(index=(1, 2))]) as rom:
+            return body_of(model, rom, [1])
+
+
+def test_masses_that_differ_are_said():
+    assert not [line for line in remarks(chain_body((0, 1, 2))) if "masses" in line]
+    (line,) = [line for line in remarks(chain_body((0, 1, 2), [(1, 2)])) if "masses" in line]
+    assert "the masses in x, y, z are 6, 6, 4 kg" in line
+
+
+def test_rigid_body_modes_are_not_elastic():
+    with hpcred.linkage() as model:
+        with hpcred.reduce(model, [Modes(index=(7,))], Buckens()) as rom:
+            body = body_of(model, rom, [20])
+        position, direction = model.dofs.position, model.dofs.direction
+        # a translation along x and a turn about it
+        along = [(1.0, -x[2], x[1], 1.0, 0, 0)[d] for x, d in zip(position, direction, strict=True)]
+        columns = block_from(model.M, np.array(along)[:, None])
+        body.floating_frame = floating_frame(model, columns)
+        columns.destroy()
+    with pytest.raises(InputError, match="rigid-body motions"):
+        check_elastic(body)

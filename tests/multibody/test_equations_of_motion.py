@@ -1,0 +1,67 @@
+"""The equations of motion against derivatives of their energy and of the rotation."""
+
+import numpy as np
+import pytest
+
+import hpcred
+from hpcred import Buckens, Modes, Rayleigh
+from hpcred.multibody.body import body_of
+from hpcred.multibody.equations_of_motion import FlexibleBody, Force, PointConstraint, quaternion_rate, rotation
+
+
+@pytest.fixture(scope="module")
+def system():
+    with (
+        hpcred.linkage() as model,
+        hpcred.reduce(model, [Modes(index=tuple(range(7, 12)))], Buckens(), Rayleigh(2.0, 1e-5)) as rom,
+    ):
+        body = body_of(model, rom, [1, 20])
+    return FlexibleBody(
+        body.floating_frame, rom.K, rom.D, (0.0, 0.0, -9.81), [Force(body.nodes[1], lambda t: np.array([1.0, t, 2.0]))],
+        [PointConstraint(body.nodes[0], np.eye(3)[:2])],
+    )  # fmt: skip
+
+
+def test_rotation_by_hand_and_its_rate():
+    quarter = np.array([np.cos(np.pi / 4), 0.0, 0.0, np.sin(np.pi / 4)])
+    assert rotation(3 * quarter) == pytest.approx(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]))
+    p, w, h = np.array([0.5, -0.1, 0.7, 0.3]), np.array([0.3, -1.2, 0.8]), 1e-6
+    p /= np.linalg.norm(p)
+    slope = (rotation(p + h * quaternion_rate(p, w)) - rotation(p - h * quaternion_rate(p, w))) / (2 * h)
+    skew = np.cross(w, np.eye(3)).T  # omega in body axes: A' = A skew(w)
+    assert slope == pytest.approx(rotation(p) @ skew, abs=1e-8)
+    assert rotation(np.array([p, quarter]))[1] == pytest.approx(rotation(quarter))
+
+
+def test_inertia_forces_take_no_power(system):
+    """T' of a motion with z' = 0 is z . h, and that is z^T M' z / 2."""
+    generator = np.random.default_rng(3)
+    q, z = 1e-2 * generator.normal(size=system.size), generator.normal(size=6 + system.size)
+    h, u = 1e-4, z[6:]
+    rate = (system.mass_matrix(q + h * u) - system.mass_matrix(q - h * u)) / (2 * h)
+    forces = system.inertia_forces(q, z, system.mass_matrix(q))
+    size = np.abs(forces * z).sum()
+    assert abs(z @ forces - 0.5 * z @ rate @ z) < 1e-9 * size and abs(z @ rate @ z) > 1e-6 * size
+
+
+def test_jacobians_for_newton_steps(system):
+    """Against central differences of the residual in random directions; of q, only the stiffness is there."""
+    generator = np.random.default_rng(4)
+    p = np.array([0.9, 0.1, -0.2, 0.3])
+    p /= np.linalg.norm(p)
+    z = np.concatenate([generator.normal(size=6), 1e-3 * generator.normal(size=system.size)])
+    y, yp, change = system.start(generator.normal(size=3), p, 1e-6 * generator.normal(size=system.size), z)
+    assert change > 0 and np.abs(system.residual(0.0, y, yp)).max() < 1e-8 * np.abs(yp).max()
+    dy, dyp = system.jacobians(0.0, y, yp)
+    m = system.size
+    parts = {3: 1e-12, 7: 1e-4, 7 + m: 1e-2, 13 + m: 1e-4}  # r, p, q, (v, w)
+    for first, (last, tolerance) in zip((0, *parts), parts.items(), strict=False):
+        part = slice(first, last)
+        step = np.zeros(len(y))
+        step[part] = 1e-6 * generator.normal(size=len(step[part]))
+        exact = system.residual(0.0, y + step, yp) - system.residual(0.0, y - step, yp)
+        rows = slice(0, len(y) - 2)  # the powers are integrals that nothing depends on
+        assert np.abs(2 * dy @ step - exact)[rows].max() <= tolerance * max(np.abs(exact[rows]).max(), 1e-12)
+    step = 1e-6 * generator.normal(size=len(y))
+    exact = system.residual(0.0, y, yp + step) - system.residual(0.0, y, yp - step)
+    assert 2 * dyp @ step == pytest.approx(exact, abs=1e-6 * np.abs(step).max() * np.abs(dyp).max())
