@@ -4,7 +4,7 @@ from contextlib import closing
 
 import numpy as np
 
-from ..linalg.factorisation import Factorisation, Factoring, SingularMatrix
+from ..linalg.factorisation import Factoring, Factorisation, SingularMatrix
 from ..linalg.solvers import ShiftedSolver
 from ..model.rigid_body_modes import RigidBodyModes, doubts_of_nodes, rigid_body_quantities
 from ..parallel.failures import ComputationError

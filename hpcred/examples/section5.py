@@ -72,29 +72,26 @@ MIMO = Setting(2, 4, "MIMO: Buckens frame, seven inputs and outputs", Buckens(),
 def compare(model, setting: Setting, numbers=None, progress=None, keep=None):
     """Reduce the linkage for the rows (all, or those with `numbers`), and compare with its full response. Collective.
 
-    Returns a list of dicts with row, size, Q, eps_max and eps (frequencies). `keep(row, rom)` is called with each
-    reduced model before it is freed.
+    Returns a list of dicts with row, size, Q, eps_max and eps (frequencies). `keep(row, reduced, loaded)` is called
+    with each reduced model before it is freed, and the model with the inputs of the setting.
     """
-    model.set_inputs(setting.inputs)
-    full = frequency_response(model, FREQUENCIES, setting.frame, DAMPING)
     results = []
-    for row in setting.rows:
-        if numbers is not None and row.number not in numbers:
-            continue
-        with reduce(model, row.basis, setting.frame, DAMPING, ROUND_OFF, progress=progress) as rom:
-            errors = relative_error(full, frequency_response(rom, FREQUENCIES))
-            if keep is not None:
-                keep(row, rom)
-            results.append(
-                {
-                    "row": row,
-                    "size": rom.size,
-                    "Q": error_integral(FREQUENCIES, errors),
-                    "eps_max": float(errors.max()),
-                    "eps": errors,
-                }
-            )
+    with model.with_inputs(setting.inputs) as loaded:
+        full = frequency_response(loaded, FREQUENCIES, setting.frame, DAMPING)
+        for row in setting.rows:
+            if numbers is not None and row.number not in numbers:
+                continue
+            with _reduced(loaded, row, setting, progress) as reduced:
+                errors = relative_error(full, frequency_response(reduced, FREQUENCIES))
+                if keep is not None:
+                    keep(row, reduced, loaded)
+                found = {"Q": error_integral(FREQUENCIES, errors), "eps_max": float(errors.max()), "eps": errors}
+                results.append({"row": row, "size": reduced.size, **found})
     return results
+
+
+def _reduced(model, row, setting, progress=None):
+    return reduce(model, row.basis, setting.frame, DAMPING, deflation_tolerance=ROUND_OFF, progress=progress)
 
 
 SIMULATION = Simulation(
@@ -111,12 +108,12 @@ def time_response(model, progress=None):
     The ranks share the simulations. Returns (Row, Motion) pairs, the reference first. Collective.
     """
     comm, rows = model.comm, (REFERENCE, *MIMO.rows)
-    model.set_inputs(MIMO.inputs)
     motions = {}
     bodies = []
-    for row in rows:
-        with reduce(model, row.basis, MIMO.frame, DAMPING, ROUND_OFF) as rom:
-            bodies.append(body_of(model, rom, SIMULATION.nodes))
+    with model.with_inputs(MIMO.inputs) as loaded:
+        for row in rows:
+            with _reduced(loaded, row, MIMO) as reduced:
+                bodies.append(body_of(loaded, reduced, SIMULATION.nodes))
     with agreed(comm):
         for k in range(comm.rank, len(rows), comm.size):
             motions[k] = simulate(bodies[k], SIMULATION, progress)

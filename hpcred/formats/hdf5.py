@@ -153,7 +153,8 @@ def reading(path, kind: str, version: int | None = None):
             raise InputError(f"{path}: found an HDF5 file of format '{found}', expected '{kind}'")
         number = int(file.attrs.get("version", 0))
         if version is not None and number != version:
-            what = "a newer hpcred wrote it: update this one" if number > version else "an older hpcred wrote it: make it again"
+            newer, older = "a newer hpcred wrote it: update this one", "an older hpcred wrote it: make it again"
+            what = newer if number > version else older
             raise InputError(f"{path}: found version {number} of the format '{kind}', expected {version}; {what}")
         yield file
 

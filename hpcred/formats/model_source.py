@@ -156,11 +156,10 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None) -> Sec
     B = read_columns(comm, starts, size, inputs) if inputs else None
     Ct = read_columns(comm, starts, size, outputs, transposed=True) if outputs else None
     dofs = _dofs(comm, parts, size, starts, name) if parts.nodes is not None else None
-    model = SecondOrderModel.from_csr(
-        comm, size, indptr, indices, values, B, Ct, dofs, column_names(inputs, B), column_names(outputs, Ct), name
-    )
-    model.elements = parts.elements
-    return model
+    return SecondOrderModel.from_csr(
+        comm, size, indptr, indices, values, B, Ct, dofs, column_names(inputs, B), column_names(outputs, Ct), name,
+        parts.elements,
+    )  # fmt: skip
 
 
 def _number_rows(comm, parts):

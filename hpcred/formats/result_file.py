@@ -94,8 +94,8 @@ class Result:
 class Shapes:
     """Shapes of the columns of a basis at the nodes, read from an open file one by one.
 
-    `nodes` (k,) their numbers, `points` (k, 3) in m, `cells` by kind as indices of points, `names` and `frequencies` (m,)
-    of the columns: the stored basis is the diagonalised one (54), so that they are the pseudo-modes.
+    `nodes` (k,) their numbers, `points` (k, 3) in m, `cells` by kind as indices of points, `names` and `frequencies`
+    (m,) of the columns: the stored basis is the diagonalised one (54), so that they are the pseudo-modes.
     """
 
     def __init__(self, file, name):

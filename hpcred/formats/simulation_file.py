@@ -12,15 +12,15 @@ The .csv has one line a time: t, position, quaternion, elastic coordinates, disp
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from ..multibody.simulation import AXES, ConstantForce, Joint, Motion, Simulation, SineForce, TableForce
+from ..multibody.simulation import AXES, Motion, Simulation
 from ..parallel.failures import InputError
 from .hdf5 import writing
-from .toml_file import as_kind, as_table, check_known, read_table, tuples
+from .toml_file import CONFIG, parse, read_table
 
 FORMAT = "hpcred-simulation"
 VERSION = 1
@@ -36,23 +36,14 @@ class SimulationJob(Simulation):
     body: str
     output: str = "simulation.h5"
 
+    __pydantic_config__ = CONFIG
+
 
 def read_simulation(path, overrides=()) -> SimulationJob:
     """Read and check a file of a simulation; `overrides` as for read_job. Raises InputError."""
-    path, given = Path(path), tuples(read_table(path, overrides))
+    path, table = Path(path), read_table(path, overrides)
     try:
-        check_known(given, [field.name for field in fields(SimulationJob)], "")
-        for key in ("force", "constraint"):
-            if not isinstance(given.get(key, ()), tuple):
-                raise InputError(f"{key}: expected tables [[{key}]]")
-        forces = (ConstantForce, SineForce, TableForce)
-        own = {
-            "force": tuple(as_kind(forces, item, f"force[{i}]") for i, item in enumerate(given.pop("force", ()))),
-            "constraint": tuple(
-                as_table(Joint, item, f"constraint[{i}]") for i, item in enumerate(given.pop("constraint", ()))
-            ),
-        }
-        setup = replace(as_table(SimulationJob, given, ""), **own)
+        setup = parse(SimulationJob, table)
         if Path(setup.output).suffix in (".csv", ".png"):
             raise InputError(f"output: found '{setup.output}', expected an HDF5 file such as simulation.h5")
         if Path(setup.output) == Path(setup.body):
@@ -70,11 +61,6 @@ def write_motion(path, motion: Motion, provenance: dict, comm):
         for name, value in _arrays(motion).items():
             file.small(name, value)
         file.small("provenance", provenance)
-
-
-def setup_as_dict(setup: SimulationJob) -> dict:
-    """The settings as plain types, with the kind of each force."""
-    return asdict(setup) | {"force": [{"kind": force.kind, **asdict(force)} for force in setup.force]}
 
 
 def _arrays(motion) -> dict:

@@ -1,4 +1,4 @@
-"""A TOML file enters, checked frozen dataclasses leave; every refusal names the key, what was found and what was expected."""
+"""A TOML file enters, checked frozen dataclasses leave; every refusal names the key, what was found and expected."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ else:
     import tomli as tomllib
 
 CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)  # of the outermost dataclass, which hands it to those inside
+UNKNOWN = "unexpected_keyword_argument"
 WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or false"}
 
 
@@ -47,7 +48,7 @@ def parse(kind, table: dict):
         return TypeAdapter(kind).validate_json(text, strict=True)
     except ValidationError as error:
         # of several mistakes the deepest: of the kinds of value that a key takes, the one that was meant
-        details = max(error.errors(), key=lambda item: (len(item["loc"]), item["type"] == "unexpected_keyword_argument"))
+        details = max(error.errors(), key=lambda item: (len(item["loc"]), item["type"] == UNKNOWN))
         raise InputError(_sentence(kind, table, details)) from error
 
 
@@ -63,7 +64,7 @@ def _sentence(kind, table, details) -> str:
     if details["type"] == "value_error":
         return str(details["ctx"]["error"])
     where, kind, found, names = _place(kind, table, details["loc"])
-    if details["type"] == "unexpected_keyword_argument":
+    if details["type"] == UNKNOWN:
         return f"{where}: unknown key{_near(details['loc'][-1], names)}; known are {', '.join(names)}"
     if details["type"].startswith("union_tag"):
         kinds = {_kind_of(item): item for item in get_args(kind)}
@@ -81,7 +82,7 @@ def _sentence(kind, table, details) -> str:
 def _place(kind, found, steps):
     """The key at which the steps of pydantic end, its type, its value, and the keys beside it.
 
-    Inside of a list of numbers or texts it is the key of the list; pydantic's words for the kinds of a value are no keys.
+    Inside of a list of numbers or texts it is the key of the list; pydantic's words for kinds of values are no keys.
     """
     where, names = "", []
     for step in steps:

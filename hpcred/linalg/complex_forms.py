@@ -1,4 +1,4 @@
-"""Complex A(s) = s^2 M + s D + (1 + i eta) K as a matrix of the PETSc build at hand; complex columns are pairs of real ones.
+"""Complex A(s) = s^2 M + s D + (1 + i eta) K as a matrix of the PETSc build at hand; complex columns are real pairs.
 
 A complex build has A(s) as it is (complex symmetric LDL^T, no conjugation). A real build takes the symmetric
 real form of twice the size,
@@ -45,7 +45,8 @@ class RealForm:
 
     def __init__(self, model):
         self.model = model
-        indptr, columns = (part.astype(np.int64) for part in model.K.getValuesCSR()[:2])  # 2 x 32 bits are too few
+        # twice the entries of a rank may be more than 32 bits count
+        indptr, columns = (part.astype(np.int64) for part in model.K.getValuesCSR()[:2])
         rows, size = model.local_rows, model.size
         starts = model.row_starts
         widths = np.append(starts[1:], size) - starts

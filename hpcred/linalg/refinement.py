@@ -1,4 +1,4 @@
-"""Iterative refinement: a load, a solution and a way to solve enter; the solution leaves improved, with its residual."""
+"""Iterative refinement: a load, a solution and a way to solve enter; a better solution leaves, with its residual."""
 
 from math import inf
 

@@ -1,4 +1,4 @@
-"""Solves with A(s) = s^2 M + s D + K: one matrix and one symbolic analysis for all s, blocks of columns, residuals checked.
+"""Solves with A(s) = s^2 M + s D + K for blocks: one matrix and one symbolic analysis for all s, residuals checked.
 
 ShiftedSolver has real coefficients of M and D, ComplexSolver complex ones; both refine and record in the same way.
 """

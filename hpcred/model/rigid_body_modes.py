@@ -214,8 +214,8 @@ def doubts_of_nodes(model) -> list[str]:
     there = masses[masses > 0]
     if there.size and np.ptp(there) > SAME_MASS * there.max():
         found.append(
-            f"{model.name}: the masses in x, y and z are {masses[0]:.6g}, {masses[1]:.6g} and {masses[2]:.6g} kg, expected "
-            "the same: nodes or directions are not those of the rows, or the mass matrix is not one of a body"
+            f"{model.name}: the masses in x, y and z are {masses[0]:.6g}, {masses[1]:.6g} and {masses[2]:.6g} kg, "
+            "expected the same: nodes or directions are not those of the rows, or the mass matrix is not one of a body"
         )
     return found
 

@@ -167,7 +167,7 @@ class SecondOrderModel:
         return self._with(D=D)
 
     def as_dual(self):
-        """The model of the transposed transfer function: M^T, D^T, K^T (M and K are symmetric), C^T for B. Collective."""
+        """The model of the transposed transfer function: D^T for D (M and K are symmetric), C^T for B. Collective."""
         changed = {"B": None if self.Ct is None else copy(self.Ct), "Ct": None, "input_names": self.output_names}
         if self.D is not None and not self.symmetric:
             changed["D"] = PETSc.Mat()

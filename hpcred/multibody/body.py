@@ -107,4 +107,4 @@ def inputs_without_node(body: Body) -> list[str]:
 
 def maker(body: Body) -> str:
     """Program and version that made the reduced body."""
-    return f"hpcred {body.reduced.provenance['versions']['hpcred']}"
+    return f"hpcred {body.reduced.record.versions['hpcred']}"

@@ -1,8 +1,12 @@
 """Time simulation of one flexible body: a Body and a Simulation enter, motion, forces and energies over time leave."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from ..parallel.failures import ComputationError, InputError
@@ -27,7 +31,7 @@ class ConstantForce:
 
     node: int
     value: Vector
-    kind = "constant"
+    kind: Literal["constant"] = field(default="constant", kw_only=True, repr=False)
 
     def __post_init__(self):
         _require_finite("force.", value=self.value)
@@ -47,7 +51,7 @@ class SineForce:
     amplitude: Vector
     frequency: float
     phase: float = 0.0
-    kind = "sine"
+    kind: Literal["sine"] = field(default="sine", kw_only=True, repr=False)
 
     def __post_init__(self):
         _require_finite("force.", amplitude=self.amplitude, frequency=self.frequency, phase=self.phase)
@@ -68,7 +72,7 @@ class TableForce:
     node: int
     times: tuple[float, ...]
     values: tuple[Vector, ...]
-    kind = "table"
+    kind: Literal["table"] = field(default="table", kw_only=True, repr=False)
 
     def __post_init__(self):
         _require_finite("force.", times=self.times, values=self.values)
@@ -84,6 +88,9 @@ class TableForce:
 
     def longest_step(self):
         return min(np.diff(self.times), default=np.inf)
+
+
+AnyForce = Annotated[ConstantForce | SineForce | TableForce, Field(discriminator="kind")]
 
 
 @dataclass(frozen=True)
@@ -125,8 +132,8 @@ class Simulation:
     observe: tuple[int, ...] = ()
     relative_tolerance: float = 1e-5
     absolute_tolerance: float = 1e-8
-    force: tuple = ()
-    constraint: tuple = ()
+    force: tuple[AnyForce, ...] = ()
+    constraint: tuple[Joint, ...] = ()
 
     def __post_init__(self):
         for key in ("end", "steps", "relative_tolerance", "absolute_tolerance"):

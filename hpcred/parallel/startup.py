@@ -107,6 +107,21 @@ def _choose(builds, preferred):
     return builds[_insisted or (preferred if preferred in builds else next(iter(builds)))]
 
 
+def started() -> bool:
+    """Whether PETSc is loaded."""
+    return _scalar is not None
+
+
+def unused_options() -> list[str]:
+    """Names of PETSc options that were given and that nothing has asked for."""
+    if not started():
+        return []
+    from petsc4py import PETSc
+
+    options = PETSc.Options()
+    return [name for name in options.getAll() if not options.used(name)]
+
+
 def check_low_rank():
     """Raise InputError where block low rank factors of the MUMPS that is loaded would end in a crash."""
     if ordering == 3:

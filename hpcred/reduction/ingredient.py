@@ -1,4 +1,4 @@
-"""What an ingredient of a basis owes: its columns, its checks, its blocks. A new method is a new module with one of these."""
+"""What an ingredient of a basis owes: its columns, its checks, its blocks. A new method is a new module with one."""
 
 from __future__ import annotations
 

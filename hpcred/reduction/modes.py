@@ -150,8 +150,8 @@ def _lowest(run, count):
 def _polish(run, block, count):
     """One step of inverse iteration of all modes at once, refined, and the Rayleigh-Ritz values and vectors.
 
-    What follows modes in a basis is the small rest that they leave, and shares their round-off. The columns of the block
-    span the modes; there may be more of them, dependent ones.
+    What follows modes in a basis is the small rest that they leave, and shares their round-off. The columns of the
+    block span the modes; there may be more of them, dependent ones.
     """
     with Owned(run.model.comm) as owned:
         load = owned.owns(run.times_mass(block))

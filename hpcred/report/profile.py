@@ -22,7 +22,7 @@ def start_profile():
 
 def show_profile(comm, progress):
     """One row an event and stage, in the order of time. Collective."""
-    progress.summary()
+    progress.timing()
     rows, total = [], sum(progress.seconds.values())
     # groups of ranks may have come through different stages
     for stage in sorted(set().union(*comm.allgather(set(progress.seconds)))):
@@ -31,8 +31,8 @@ def show_profile(comm, progress):
             info = PETSc.Log.Event(event).getPerfInfo(number)
             seconds = max(comm.allgather(info["time"]))
             if info["count"] and seconds > 1e-3 * total:
-                rows.append([stage, words, event, int(info["count"]), seconds, 100 * seconds / total])
-    rows.sort(key=lambda row: -row[4])
-    show_table(comm, "PETSc events by stage", ["stage", "", "event", "calls", "seconds", "% of all"], rows)
-    seconds = sorted(progress.seconds.items(), key=lambda item: -item[1])
-    show_table(comm, "Stages", ["stage", "seconds", "% of all"], [[n, s, 100 * s / total] for n, s in seconds if s > 0])
+                rows.append({"stage": stage, "": words, "event": event, "calls": int(info["count"]), "seconds": seconds,
+                             "% of all": 100 * seconds / total})  # fmt: skip
+    show_table("PETSc events by stage", sorted(rows, key=lambda row: -row["seconds"]))
+    stages = sorted(progress.seconds.items(), key=lambda item: -item[1])
+    show_table("Stages", [{"stage": n, "seconds": s, "% of all": 100 * s / total} for n, s in stages if s > 0])

@@ -1,4 +1,6 @@
-"""Tables and JSON for people and scripts; rank 0 only."""
+"""Tables and JSON for people and scripts: what a workflow gave enters; text of rank 0, or a file, leaves."""
+
+from __future__ import annotations
 
 import json
 import shutil
@@ -10,18 +12,20 @@ from rich.table import Table
 
 from ..formats.hdf5 import atomic_output
 from ..parallel.failures import agreed
+from ..parallel.petsc import MPI
+from ..parallel.progress import Timing
 
 
-def show_table(comm, title, columns, rows):
-    """Print a table on rank 0; numbers are right-aligned."""
-    if comm.rank:
+def show_table(title, rows: list[dict], comm=MPI.COMM_WORLD):
+    """Print rows, dicts with the same keys, as a table on rank 0; numbers are right-aligned."""
+    if comm.rank or not rows:
         return
     table = Table(box=box.SIMPLE_HEAD, header_style="")
-    for i, column in enumerate(columns):
-        numeric = all(isinstance(row[i], (int, float)) for row in rows)
+    for column in rows[0]:
+        numeric = all(isinstance(row[column], (int, float)) for row in rows)
         table.add_column(column, justify="right" if numeric else "left", overflow="fold")
     for row in rows:
-        table.add_row(*(f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row))
+        table.add_row(*(f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row.values()))
     if title:
         print(title)
     # launchers of MPI programs offer a terminal of no particular width
@@ -29,7 +33,17 @@ def show_table(comm, title, columns, rows):
     Console(file=sys.stdout, width=width, highlight=False).print(table)
 
 
-def write_json(comm, path, data):
+def in_words(value) -> str:
+    """A number, text, list or dict of a report in a line."""
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {in_words(item)}" for key, item in value.items())
+    if isinstance(value, list):
+        nested = bool(value) and isinstance(value[0], list)
+        return ("; " if nested else ", ").join(in_words(item) for item in value)
+    return f"{value:.6g}" if isinstance(value, float) else "not known" if value is None else str(value)
+
+
+def write_json(path, data, comm=MPI.COMM_WORLD):
     """Write data as JSON on rank 0, whole or not at all. Collective. Raises InputError."""
     if path is None:
         return
@@ -38,19 +52,18 @@ def write_json(comm, path, data):
             temporary.write_text(json.dumps(data, indent=1) + "\n")
 
 
-def show_timings(comm, run, factorisations=()):
+def show_timing(timing: Timing, factorisations=(), comm=MPI.COMM_WORLD):
     """Where the time of a run went, the share of MUMPS in it, and its memory."""
     if comm.rank:
         return
-    total = run["elapsed"]
-    parts = sorted(run["seconds"].items(), key=lambda item: -item[1])
+    parts = sorted(timing.seconds.items(), key=lambda item: -item[1])
+    total = timing.elapsed
     listed = ", ".join(f"{name} {value:.2f} s ({100 * value / total:.0f} %)" for name, value in parts if value > 0)
-    memory = max(run["memory_mb_per_rank"])
-    print(f"time {total:.2f} s: {listed}; at most {memory:.0f} MB a rank")
+    print(f"time {total:.2f} s: {listed}; at most {max(timing.memory_mb_per_rank):.0f} MB a rank")
     if factorisations:
         keys = ("analysis_seconds", "factor_seconds", "solve_seconds")
-        mumps = [sum(item[key] for item in factorisations) for key in keys]
-        used = max(item["memory_mb_used_max_rank"] for item in factorisations)
+        mumps = [sum(getattr(item, key) for item in factorisations) for key in keys]
+        used = max(item.memory_mb_used_max_rank for item in factorisations)
         print(
             f"MUMPS {sum(mumps):.2f} s of it ({100 * sum(mumps) / total:.0f} %): analysis {mumps[0]:.2f} s, "
             f"factorisations {mumps[1]:.2f} s, solves {mumps[2]:.2f} s; {used} MB a rank"

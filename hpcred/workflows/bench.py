@@ -35,7 +35,8 @@ def bench(cells=(40, 16, 16), *, folder=None, comm=None, progress: Progress | No
             raise InputError(f"--folder: found '{folder}', expected a folder that exists")
     place = tempfile.TemporaryDirectory(prefix="hpcred-", dir=folder) if comm.rank == 0 else None
     try:
-        return comm.bcast(_measure(cells, Path(comm.bcast(place.name if place else None)), comm, progress))
+        report = comm.bcast(_measure(cells, Path(comm.bcast(place.name if place else None)), comm, progress))
+        return report | {"hints": _hints(report)}
     finally:
         if place is not None:
             place.cleanup()
@@ -71,7 +72,7 @@ def _measure(cells, folder, comm, progress):
         return report | _products(model, comm, progress) | _files(model, folder, comm, progress)
 
 
-def hints(report) -> list[str]:
+def _hints(report) -> list[str]:
     """What would make this machine faster."""
     found = []
     if report["ordering"] not in NESTED:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from ..examples.linkage import linkage
-from ..examples.section5 import SISO, compare
+from ..examples.section5 import SISO, compare, table
 from ..formats.result_file import write_result
 from ..parallel import startup
 from ..parallel.progress import Progress
 
 
 def run_demo(output="result.h5", *, comm=None, progress: Progress | None = None) -> list[dict]:
-    """Reduce the linkage in three ways and write the first model to `output`; returns the results of compare.
+    """Reduce the linkage in three ways and write the first model to `output`; returns rows of the paper's Table 1.
 
     Collective.
     """
@@ -18,8 +18,9 @@ def run_demo(output="result.h5", *, comm=None, progress: Progress | None = None)
     progress = progress or Progress(comm, show=False)
     with linkage(comm) as model:
 
-        def keep(row, reduced):
+        def keep(row, reduced, loaded):
             if row.number == 1:
-                write_result(output, reduced, model)
+                write_result(output, reduced, loaded)
 
-        return compare(model, SISO, numbers=(1, 3, 4), progress=progress, keep=keep)
+        columns, rows = table(compare(model, SISO, numbers=(1, 3, 4), progress=progress, keep=keep))
+    return [dict(zip(columns, row, strict=True)) for row in rows]

@@ -74,7 +74,7 @@ def _grid(frequencies, band, points):
         raise InputError(f"points: found {points}, expected at least 2 frequencies over the band")
     grid = np.sort(np.asarray(frequencies, dtype=float)) if len(frequencies) else np.linspace(*band, points)
     if not np.isfinite(grid).all() or grid.min() < 0:
-        raise InputError(f"frequencies: found {grid[0]:g} to {grid[-1]:g} Hz, expected finite ones that are not negative")
+        raise InputError(f"frequencies: found {grid[0]:g} to {grid[-1]:g} Hz, expected finite ones, none negative")
     return grid
 
 

@@ -1,5 +1,7 @@
 """Section 5 in one command: Tables 1 and 2 beside the paper's figures, Figures 3 to 5, and the numbers as data."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np
@@ -7,13 +9,21 @@ import numpy as np
 from ..examples.linkage import linkage
 from ..examples.section5 import FREQUENCIES, MIMO, SISO, compare, deviations, lateral, table, time_response
 from ..formats.hdf5 import check_writable, writing
+from ..parallel import startup
 from ..parallel.failures import InputError, agreed
+from ..parallel.progress import Progress
 from ..report.figures import cut_figure, error_figure
-from ..report.tables import show_table, show_timings, write_json
+from ..report.tables import write_json
 
 
-def reproduce(folder, comm, progress, json=None):
-    """Compute and write everything into `folder`, which is created. Collective. Raises InputError."""
+def reproduce(folder="paper", *, comm=None, progress: Progress | None = None) -> dict:
+    """Compute and write everything into `folder`, which is created. Collective. Raises InputError.
+
+    Returns the tables as lists of dicts: table_1, table_2 and figure_5, as in section5.json.
+    """
+    startup.start(preferred="complex")
+    comm = comm or startup.start_mpi()
+    progress = progress or Progress(comm, show=False)
     folder = Path(folder)
     with agreed(comm):
         if comm.rank == 0:
@@ -28,7 +38,6 @@ def reproduce(folder, comm, progress, json=None):
             with progress.stage(f"table {setting.table}"):
                 results[setting] = compare(model, setting)
             columns, rows = table(results[setting])
-            show_table(comm, f"Table {setting.table}. {setting.title}", columns, rows)
             data[f"table_{setting.table}"] = [dict(zip(columns, row, strict=True)) for row in rows]
         with progress.stage("figure 5"):
             motions = time_response(model, progress)
@@ -38,8 +47,6 @@ def reproduce(folder, comm, progress, json=None):
         [row.number, row.method, motion.elastic.shape[1], deviation, motion.drift, motion.balance]
         for (row, motion), deviation in zip(motions, [0.0, *moved], strict=True)
     ]
-    largest = float(np.abs(lateral(motions[0][1])).max())
-    show_table(comm, f"Figure 5. u_y of node 20, up to {largest:.3g} m, against all elastic modes", columns, rows[1:])
     data["figure_5"] = [dict(zip(columns, row, strict=True)) for row in rows]
     with progress.stage("figures"), agreed(comm):
         if comm.rank == 0:
@@ -65,7 +72,4 @@ def reproduce(folder, comm, progress, json=None):
         file.small("figure_5/methods", [row.method for row, _ in motions])
         file.small("figure_5/u_y", np.array([lateral(motion) for _, motion in motions]))
     write_json(comm, folder / "section5.json", data)
-    write_json(comm, json, data)
-    print(f"figures 3 to 5 (png, svg), section5.h5 and section5.json written to {folder}")
-    show_timings(comm, progress.summary())
     return data

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..formats.hdf5 import check_writable
 from ..formats.job_file import Job, read_job
 from ..formats.model_file import read_model
-from ..formats.model_source import column_names, read_columns, read_source
+from ..formats.model_source import column_names, load_source, read_columns
 from ..formats.result_file import write_result
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
@@ -69,7 +69,7 @@ def _plain(job) -> dict:
 
 def model_of_job(job: Job, comm):
     """The model of a job with its inputs and outputs. Collective. Raises InputError."""
-    model = read_model(job.model, comm) if isinstance(job.model, str) else read_source(
+    model = read_model(job.model, comm) if isinstance(job.model, str) else load_source(
         job.model, comm, Path(job.model.K).name)  # fmt: skip
     for key in ("input", "output"):
         model = with_targets(model, key, getattr(job, key + "s"))

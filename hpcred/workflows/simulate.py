@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 from ..formats.hdf5 import atomic_output, check_writable
-from ..formats.simulation_file import read_simulation, setup_as_dict, write_motion, write_motion_csv
+from ..formats.result_file import read_result
+from ..formats.simulation_file import read_simulation, write_motion, write_motion_csv
 from ..multibody.simulation import simulate
+from ..parallel import startup
 from ..parallel.failures import agreed
 from ..parallel.petsc import MPI
 from ..parallel.progress import Progress
 from ..reduction.record import versions
 from ..report.figures import has_matplotlib, motion_figure
-from .export import read_result
 
 
 def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
@@ -23,7 +25,7 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     `overrides`: texts "key.path=value" that replace keys of the file. Rank 0 computes. Returns a summary: the files
     written, the largest errors and displacements, and notes on what was changed or approximated.
     """
-    comm = comm or MPI.COMM_WORLD
+    comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
     with agreed(comm):
         setup = read_simulation(path, overrides)
@@ -44,7 +46,7 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
         notes.append("no picture was drawn, which needs matplotlib: pip install 'hpcred[plots]'")
     report = {"output": [str(output), *(str(name) for name, _ in files)], **_figures(motion), "notes": notes}
     with progress.stage("write", str(output)):
-        record = {"versions": versions(), "setup": setup_as_dict(setup), **report, "run": progress.summary()}
+        record = {"versions": versions(), "setup": asdict(setup), **report, "timing": asdict(progress.timing())}
         write_motion(output, motion, record, comm)
         for target, write in files:
             with atomic_output(target, comm) as temporary, agreed(comm):

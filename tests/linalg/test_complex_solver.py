@@ -6,7 +6,7 @@ from helpers import dense_model, gather
 
 import hpcred
 from hpcred.linalg.blocks import as_pairs, create_block, from_dense
-from hpcred.linalg.complex_solver import DampedSolver
+from hpcred.linalg.solvers import ComplexSolver
 from hpcred.model.frames import apply_frame
 from hpcred.parallel.petsc import is_complex
 
@@ -27,7 +27,7 @@ def test_complex_shift_in_every_build(model):
     expected = np.linalg.solve(K + s * (20.0 * M + 1e-5 * K) + s * s * M, B.astype(complex))
     solution = create_block(model.K, 6)
     for form in ("real",) + (("native",) if is_complex() else ()):
-        solver = DampedSolver(framed.model, form=form)
+        solver = ComplexSolver(framed.model, form=form)
         solver.factor(s)
         solver.solve(as_pairs(from_dense(model.B), model.K), solution)
         found = gather(solution)[:, 0::2] + 1j * gather(solution)[:, 1::2]

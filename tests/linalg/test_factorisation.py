@@ -11,7 +11,7 @@ import hpcred
 import hpcred as package
 from hpcred import Krylov, Modes
 from hpcred.linalg.blocks import create_block, from_dense
-from hpcred.linalg.factorisation import SolverOptions
+from hpcred.linalg.factorisation import Factoring
 from hpcred.linalg.solvers import ShiftedSolver
 from hpcred.parallel import startup as runtime
 from hpcred.parallel.failures import ComputationError, InputError
@@ -41,11 +41,11 @@ def test_a_workspace_that_is_too_small_is_enlarged(comm):
         for frequency in (0.0, 500.0):
             solver.factor(-((2 * np.pi * frequency) ** 2))
             solver.solve(loads, solution)
-            assert solver.records[-1]["residual"] < 1e-9
+            assert solver.records[-1].residual < 1e-9
         options.delValue("mat_mumps_icntl_14")
         options.delValue("mat_mumps_icntl_23")
         if comm.size == 1:
-            assert solver.records[0]["workspace_retries"] > 0
+            assert solver.records[0].workspace_retries > 0
         solver.close()
 
 
@@ -54,13 +54,13 @@ def test_factors_on_disk_are_the_same(comm, folder):
     with package.solid((8, 6, 6), inputs=3, comm=comm) as model:
         basis = [Krylov(frequency=100.0, order=1), Krylov(frequency=2000.0)]
         found = []
-        for options in (None, SolverOptions(out_of_core=str(folder))):
-            with package.reduce(model, basis, options=options) as rom:
+        for options in (None, Factoring(out_of_core=str(folder))):
+            with package.reduce(model, basis, factoring=options) as rom:
                 found.append(package.frequency_response(rom, FREQUENCIES))
         comm.Barrier()
         assert not os.listdir(folder)  # MUMPS has removed its files
         if comm.size == 1:  # where they were, while the solver was there
-            solver = ShiftedSolver(model, options=SolverOptions(out_of_core=str(folder)))
+            solver = ShiftedSolver(model, factoring=Factoring(out_of_core=str(folder)))
             solver.factor(-1e4)
             assert os.listdir(folder)
             solver.close()
@@ -111,10 +111,10 @@ def test_a_factor_that_does_not_fit_is_refused_before_it_is_made(comm, monkeypat
 )
 def test_options_that_make_no_sense(options, says):
     with pytest.raises(InputError, match=says):
-        replace(SolverOptions(), **options)
+        replace(Factoring(), **options)
 
 
 def test_low_rank_with_scotch_is_refused(monkeypatch):
     monkeypatch.setattr(runtime, "ordering", 3)
     with pytest.raises(InputError, match="HPCRED_SCOTCH=0"):
-        SolverOptions(low_rank=1e-8)
+        Factoring(low_rank=1e-8)

@@ -58,7 +58,7 @@ def test_a_shift_on_an_eigenvalue_is_refused(model):
         solver.factor(-value)
     solver.factor(-value * (1 + 1e-6))  # the solver is of use after a failure
     solver.solve(loads, solution)
-    assert solver.records[-1]["residual"] < 1e-6
+    assert solver.records[-1].residual < 1e-6
     solver.close()
 
 

@@ -39,10 +39,10 @@ def test_groups_give_the_same_model(comm, groups):
         shared, many = responses(model, basis, damping, groups=wanted)
     assert np.abs(shared - alone).max() < 1e-8 * np.abs(alone).max()
     assert one.size == many.size
-    where = [[item["where"] for item in rom.provenance["ingredients"]] for rom in (one, many)]
+    where = [[item["where"] for item in rom.record.ingredients] for rom in (one, many)]
     assert where[0] == where[1]
     if groups == "all":
-        factors = [len(rom.provenance["factorisations"]) for rom in (one, many)]
+        factors = [len(rom.record.factorisations) for rom in (one, many)]
         assert factors[0] <= factors[1] <= factors[0] + 1  # the modes have one of their own
     with pytest.raises(InputError, match=f"groups: found {comm.size + 1}, expected 1 to {comm.size}"):
         package.reduce(model_of(comm), basis, groups=comm.size + 1)

@@ -53,6 +53,6 @@ def test_dominant_modes_are_those_that_the_loads_excite(comm):
             expected = rom.frequencies[np.sort(np.argsort(-share)[:3])]
         with hpcred.reduce(bar, [Modes(count=20, dominant=3)]) as rom:
             assert np.allclose(rom.frequencies, expected, rtol=1e-8)
-            assert len(rom.provenance["ingredients"][0]["dominance"]) == 3
+            assert len(rom.record.ingredients[0].dominance) == 3
             longitudinal = 1 / (4 * 1.2) * np.sqrt(2.1e11 / 7850)
             assert abs(rom.frequencies[0] / longitudinal - 1) < 0.02

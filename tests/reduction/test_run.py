@@ -8,15 +8,15 @@ def test_one_factor_at_a_time(comm):
     """A mixture of real and complex points frees the factor of the one before the other is made."""
     from hpcred.model.frames import apply_frame
     from hpcred.parallel.progress import Progress
-    from hpcred.reduction.context import Context
+    from hpcred.reduction.run import Run
 
     with package.linkage(comm) as model:
         framed = apply_frame(model, Buckens(), Rayleigh(2.0, 1e-5))
-        context = Context(framed, Progress(comm, show=False), 1e-12)
+        context = Run(framed, Progress(comm, show=False), 1e-12)
         context.solver.factor(-1e4)
-        assert context.solver._factored is not None
+        assert context.solver.factored is not None
         solver = context._solver
-        context.damped_solver.factor(100j)
-        assert solver._factored is None and context._damped_solver._factored is not None
+        context.complex_solver.factor(100j)
+        assert solver.factored is None and context._complex_solver.factored is not None
         context.close()
         framed.close()

@@ -64,9 +64,9 @@ def test_an_unstable_two_sided_model_is_refused(solid):
     set_columns(solid, "output", C.T)
     basis = [Krylov(700.0, 1), Krylov(0.0)]
     with hpcred.reduce(solid, basis, projection="two_sided", allow_unstable=True) as rom:
-        unstable = rom.provenance["unstable_poles"]
+        unstable = rom.record.unstable_poles
     assert unstable
     with pytest.raises(hpcred.InputError, match="is unstable, with .* take projection = 'one_sided'"):
         hpcred.reduce(solid, basis, projection="two_sided")
     with hpcred.reduce(solid, basis, damping=Rayleigh(1.0, 1e-7)) as rom:
-        assert not rom.provenance["unstable_poles"]
+        assert not rom.record.unstable_poles

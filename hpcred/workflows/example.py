@@ -1,0 +1,18 @@
+"""A model to try things on is made and written as model.h5."""
+
+from __future__ import annotations
+
+from ..examples.linkage import linkage
+from ..examples.solid import solid
+from ..formats.hdf5 import check_writable
+from ..formats.model_file import write_model
+from ..parallel import startup
+
+
+def write_example(name, output="model.h5", *, comm=None, **keywords) -> dict:
+    """Write the example `name`, "linkage" or "solid", made with its own keywords. Collective. Raises InputError."""
+    comm = comm or startup.start_mpi()
+    check_writable(output, comm)
+    with {"linkage": linkage, "solid": solid}[name](comm=comm, **keywords) as model:
+        write_model(output, model)
+        return {"output": str(output), "size": model.size, "inputs": list(model.input_names)}
