@@ -100,7 +100,7 @@ def test_block_of_abaqus(comm, folder, name):
         assert report["mass_kg"] == pytest.approx(11600)
         assert report["rigid_body_modes"] == 6
         assert np.allclose(report["centre_of_mass_m"], [2, 0.5, 0.5])
-        model.set_inputs([(1, "x"), (20, "y")])
+        model = model.with_inputs([(1, "x"), (20, "y")])
         for basis in ([Modes(count=4)], [Modes(band=(0.0, 1027.0))]):
             with hpcred.reduce(model, basis, Buckens()) as rom:
                 assert np.allclose(rom.frequencies[:4], BLOCKS[name], atol=6e-4)
@@ -108,8 +108,8 @@ def test_block_of_abaqus(comm, folder, name):
 
 def test_model_file_keeps_everything(comm, folder):
     with hpcred.linkage(comm) as model:
-        model.set_inputs([(20, "z"), (1, "rx")])
-        model.set_outputs([(5, "y")])
+        model = model.with_inputs([(20, "z"), (1, "rx")])
+        model = model.with_outputs([(5, "y")])
         K, M, B = to_dense(model.K), to_dense(model.M), columns_of(model.B)
         hpcred.write_model(folder / "a.h5", model)
     with hpcred.read_model(folder / "a.h5", comm) as model:
@@ -167,7 +167,7 @@ def test_nodes_in_any_order_and_dofs_with_gaps(comm, folder):
         node, direction, position = (np.concatenate(part) for part in zip(*labels, strict=True))
         assert list(zip(node, direction + 1, strict=True)) == rows
         assert np.array_equal(position, [nodes[n] for n, _ in rows])
-        model.set_inputs([(30, "z")])
+        model = model.with_inputs([(30, "z")])
         assert columns_of(model.B)[:, 0].tolist() == [0, 1, 0, 0, 0, 0, 0, 0]
         with pytest.raises(hpcred.InputError, match="no dof in direction y; it has x, z"):
-            model.set_inputs([(30, "y")])
+            model = model.with_inputs([(30, "y")])

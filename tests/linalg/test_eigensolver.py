@@ -8,7 +8,7 @@ from hpcred.linalg.eigensolver import symmetric_eigenpairs
 pytestmark = pytest.mark.mpi
 
 
-def test_small_eigenproblem_against_lapack():
+def test_small_eigenproblem_against_lapack(comm):
     random = np.random.default_rng(3)
     matrix = random.standard_normal((12, 12))
     matrix += matrix.T
