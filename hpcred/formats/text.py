@@ -21,6 +21,7 @@ except ImportError:
     fast_matrix_market = None
 
 PIECE = 2**21  # bytes of text parsed at a time: what is copied on the way stays in the cache
+BLOCK = 2**16  # bytes looked at in one step of numpy: four times as fast as the whole piece
 COMMENT = re.compile(rb"(?m)^[ \t]*(?:%|#|\*\*).*$")
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 LARGEST_WHOLE = 2**53  # up to here a float is exact
@@ -246,10 +247,12 @@ def _plain_triples(text):
     if not text.endswith(b"\n"):
         text += b"\n"
     bytes_ = np.frombuffer(text, np.uint8)
-    lines = np.count_nonzero(bytes_ == ord("\n"))
-    blank = bytes_ <= ord(" ")
-    fields = np.count_nonzero(blank[:-1] > blank[1:]) + (not blank[0])
-    if fields != 3 * lines:
+    lines, ends = 0, 0
+    for low in range(0, len(bytes_), BLOCK):
+        blank = bytes_[low : low + BLOCK + 1] <= ord(" ")
+        lines += np.count_nonzero(bytes_[low : low + BLOCK] == ord("\n"))
+        ends += np.count_nonzero(blank[:-1] < blank[1:])
+    if ends != 3 * lines:
         return None
     head = b"%%%%MatrixMarket matrix coordinate complex general\n%d %d %d\n" % (MANY, MANY, lines)
     try:

@@ -55,3 +55,26 @@ def test_every_format_gives_the_same_matrix(matrix, folder, comm, name):
 def test_petsc_reads_what_we_read(matrix, folder, comm):
     mat = PETSc.Mat().load(PETSc.Viewer().createBinary(str(folder / "petsc.bin"), "r", comm=comm))
     assert np.array_equal(to_dense(mat), matrix)
+
+
+def test_packed_binary_files_and_strangers_are_refused(matrix, folder, comm):
+    for content, says in (
+        (gzip.compress(b"PK\x03\x04"), "found a gzip file of SciPy .npz; unpack it first"),
+        (b"hello\n", "found a file that begins with b'hello\\\\n', expected Matrix Market"),
+        (b"", "found a file that begins with b''"),
+        (gzip.compress(b"1 1 1.0\n")[:-9], "found a damaged gzip file"),
+    ):
+        with pytest.raises(InputError, match=says):
+            read_entries(write(folder / "K.mtx", content, comm), comm)
+    with pytest.raises(InputError, match="no such file"):
+        read_entries(folder / "none.mtx", comm)
+
+
+def test_the_first_bytes_tell_the_format_never_the_suffix(matrix, folder, comm):
+    names = {"symmetric.mtx": 0, "petsc.bin": 1, "csr.npz": 2, "coordinates.mtx": 3}
+    for name, place in names.items():
+        start = (folder / name).read_bytes()[:4096]
+        assert next(k for k, item in enumerate(FORMATS) if item.module.begins(start)) == place
+        other = write(folder / "any.gz", (folder / name).read_bytes(), comm)
+        assert np.array_equal(assembled(other, comm), matrix)
+        comm.Barrier()

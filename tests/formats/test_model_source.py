@@ -1,12 +1,14 @@
 """Files of other programs become a model."""
 
+import gzip
+
 import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse
 from conftest import DATA
 from foreign import gathered, write
-from helpers import columns_of, to_dense
+from helpers import columns_of
 
 import hpcred
 from hpcred import Buckens, Modes
@@ -56,3 +58,34 @@ def test_nodes_in_any_order_and_dofs_with_gaps(comm, folder):
         assert columns_of(model.B)[:, 0].tolist() == [0, 1, 0, 0, 0, 0, 0, 0]
         with pytest.raises(hpcred.InputError, match="no dof in direction y; it has x, z"):
             model.set_inputs([(30, "y")])
+
+
+def test_an_export_is_told_by_its_first_bytes(comm, folder):
+    with load_export(DATA / "blockC3D8.inp", comm) as model:
+        assert model.size == 528 and comm.allreduce(len(model.elements["hexahedron"])) == 90
+    with pytest.raises(hpcred.InputError, match="expected an Abaqus input file with its matrices beside it"):
+        load_export(write(folder / "a.inp", "1 2 3\n", comm), comm)
+
+
+def test_rows_without_coordinates_are_refused(comm, folder):
+    K = write(folder / "K.mtx", "".join(f"{k} {k} 1.0\n" for k in range(1, 7)), comm)
+    nodes = write(folder / "nodes.txt", "1 0 0 0\n2 1 0 0\n", comm)
+    dofs = write(folder / "dofs.txt", "1 1\n1 2\n1 3\n2 1\n2 2\n3 3\n", comm)
+    with pytest.raises(hpcred.InputError, match="the node 3, which has rows, has no coordinates"):
+        load_source(Source(str(K), str(K), nodes=str(nodes), dofs=str(dofs)), comm)
+    dofs = write(folder / "dofs.txt", "1 1\n1 2\n", comm)
+    with pytest.raises(hpcred.InputError, match="found 2 lines, expected one for each of the 6 rows"):
+        load_source(Source(str(K), str(K), nodes=str(nodes), dofs=str(dofs)), comm)
+    nodes = write(folder / "nodes.txt", "1 0 0 0\n2 1 0 0\n3 0 0 0\n4 0 0 0\n", comm)
+    with pytest.raises(hpcred.InputError, match="found 4 nodes for 6 rows"):
+        load_source(Source(str(K), str(K), nodes=str(nodes)), comm)
+
+
+def test_a_packed_node_table_keeps_its_order(comm, folder, monkeypatch):
+    monkeypatch.setattr("hpcred.formats.text.PIECE", 16)
+    K = write(folder / "K.mtx", "".join(f"{k} {k} 1.0\n" for k in range(1, 121)), comm)
+    lines = "".join(f"{n} {n} 0 0\n" for n in range(40, 0, -1))
+    nodes = write(folder / "nodes.txt.gz", gzip.compress(lines.encode()), comm)
+    with load_source(Source(str(K), str(K), nodes=str(nodes)), comm) as model:
+        node, position = gathered(comm, model.dofs.node, model.dofs.position)
+    assert np.array_equal(node, np.repeat(np.arange(40, 0, -1), 3)) and np.array_equal(position[:, 0], node)
