@@ -233,7 +233,7 @@ def _block(section, placement, group):
         system = section.parameters.get("system", "r").lower()
         if unknown or system not in ("r", "c"):
             raise section.refusal(
-                f"found *Node with {f'the parameter {unknown[0]}' if unknown else f'system={system.upper()}'}, expected "
+                f"found *Node with {'the parameter ' + unknown[0] if unknown else 'system=' + system.upper()}, expected "
                 "rectangular (system=R) or cylindrical (system=C) coordinates"
             )
     return Block(section, path, start, stop, placement, group)

@@ -6,8 +6,8 @@ import scipy.io
 
 import hpcred
 from hpcred import Buckens, Modes, Rayleigh, Structural
-from hpcred.formats.matlab import write_matlab
 from hpcred.formats.body_npz import write_npz
+from hpcred.formats.matlab import write_matlab
 from hpcred.multibody.body import body_of
 
 
@@ -16,8 +16,8 @@ from hpcred.multibody.body import body_of
 def test_arrays_give_the_transfer_function(tmp_path, damping, write, read):
     """H(s) from the file alone, with D, outputs and loss factor, is that of the reduced model."""
     with hpcred.linkage() as model:
-        model.set_inputs([(20, "z"), (1, "x")])
-        model.set_outputs([(7, "y")])
+        model = model.with_inputs([(20, "z"), (1, "x")])
+        model = model.with_outputs([(7, "y")])
         with hpcred.reduce(model, [Modes(index=tuple(range(7, 13)))], Buckens(), damping) as rom:
             body = body_of(model, rom)
     write(tmp_path / "body", body)

@@ -11,8 +11,8 @@ pytestmark = pytest.mark.mpi
 
 def test_model_file_keeps_everything(comm, folder):
     with hpcred.linkage(comm) as model:
-        model.set_inputs([(20, "z"), (1, "rx")])
-        model.set_outputs([(5, "y")])
+        model = model.with_inputs([(20, "z"), (1, "rx")])
+        model = model.with_outputs([(5, "y")])
         K, M, B = to_dense(model.K), to_dense(model.M), columns_of(model.B)
         hpcred.write_model(folder / "a.h5", model)
     with hpcred.read_model(folder / "a.h5", comm) as model:

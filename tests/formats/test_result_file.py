@@ -18,8 +18,8 @@ def test_result_file_keeps_everything(comm, folder):
         read = hpcred.read_result(folder / "r.h5", comm)
         for key in ("M", "D", "K", "B", "C", "frequencies"):
             assert np.array_equal(getattr(read, key), getattr(rom, key))
-        assert read.provenance["ranks"] == comm.size
-        assert read.provenance["factorisations"][0]["residual"] < 1e-9
+        assert read.record["ranks"] == comm.size
+        assert read.record["factorisations"][0]["residual"] < 1e-9
         with h5py.File(folder / "r.h5", "r") as file:
             assert np.array_equal(file["basis/V"][...], V.T)
         hpcred.write_result(folder / "small.h5", rom, basis=False, comm=comm)

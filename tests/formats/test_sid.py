@@ -16,7 +16,7 @@ from hpcred.parallel.failures import InputError
 
 def body_with(damping, inputs=((20, "z"),)):
     with hpcred.linkage() as model:
-        model.set_inputs(inputs)
+        model = model.with_inputs(inputs)
         with hpcred.reduce(model, [Modes(index=tuple(range(7, 13)))], Buckens(), damping) as rom:
             return body_of(model, rom, [1, 7, 20])
 
