@@ -232,8 +232,9 @@ def _block(section, placement, group):
         unknown = sorted(set(section.parameters) - TOLERATED)
         system = section.parameters.get("system", "r").lower()
         if unknown or system not in ("r", "c"):
+            found = f"the parameter {unknown[0]}" if unknown else f"system={system.upper()}"
             raise section.refusal(
-                f"found *Node with {'the parameter ' + unknown[0] if unknown else 'system=' + system.upper()}, expected "
+                f"found *Node with {found}, expected "
                 "rectangular (system=R) or cylindrical (system=C) coordinates"
             )
     return Block(section, path, start, stop, placement, group)
