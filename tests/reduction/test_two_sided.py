@@ -70,3 +70,17 @@ def test_an_unstable_two_sided_model_is_refused(solid):
         hpcred.reduce(solid, basis, projection="two_sided")
     with hpcred.reduce(solid, basis, damping=Rayleigh(1.0, 1e-7)) as rom:
         assert not rom.record.unstable_poles
+
+
+def test_an_unsymmetric_damping_matrix_that_is_left_out_does_no_harm(solid):
+    """The two-sided model is that of the body without D."""
+    model, K, M, D, B = damped(solid, unsymmetric=True)
+    C = np.zeros((3, len(K)))
+    C[0, 50] = C[1, 20] = C[2, 8] = 1.0
+    s = 2j * np.pi * 700.0
+    expected = C @ np.linalg.solve(s * s * M + K, B + 0j)
+    with model, with_columns(model, "output", C.T) as both:
+        settings = {"projection": "two_sided", "allow_unstable": True}
+        with hpcred.reduce(both, [Krylov(700.0, 1)], None, None, **settings) as rom:
+            assert close(expected, rom.transfer_function(s)) < 1e-9
+            assert all(record.kind == "LDL^T" for record in rom.record.factorisations)
