@@ -37,7 +37,7 @@ def reduce(folder, basis, ranks=2, options=()):
     (folder / "job.toml").write_text('model = "model.h5"\noutput = "result.h5"\n' + basis)
     hpcred("reduce", "job.toml", "--json", "ours.json", *options, ranks=ranks, folder=folder)
     record = json.loads((folder / "ours.json").read_text())
-    run, factors = record["run"], record["factorisations"]
+    run, factors = record["timing"], record["factorisations"]
     mumps = sum(f["analysis_seconds"] + f["factor_seconds"] + f["solve_seconds"] for f in factors)
     return {
         "seconds": run["elapsed"],
@@ -47,7 +47,7 @@ def reduce(folder, basis, ranks=2, options=()):
         "memory_mb": sum(run["memory_mb_per_rank"]),
         "dofs": record["size"],
         "size": record["reduced_size"],
-        "ordering": record["ordering"],
+        "ordering": factors[-1]["ordering"],
         "factor_gflops": sum(f["flops"] for f in factors) / sum(f["factor_seconds"] for f in factors) / 1e9,
         "frequencies": record["frequencies_hz"],
         "response": responses(folder / "result.h5"),

@@ -47,7 +47,9 @@ def test_second_order_moments_match(solid, point, unsymmetric):
     model, K, M, D, B = damped(solid, unsymmetric)
     ingredient = SecondOrderKrylov(**point)
     count = (ingredient.order + 1) * (1 if unsymmetric else 2)
-    with model, hpcred.reduce(model, [ingredient], damping=GivenDamping()) as rom:
+    # light damping makes imaginary parts that are small beside the real ones
+    keep_all = hpcred.reduce(model, [ingredient], damping=GivenDamping(), deflation_tolerance=1e-13)
+    with model, keep_all as rom:
         assert rom.size == ingredient.columns(3, 0)
         for s in (ingredient.point, ingredient.point.conjugate()):
             full = second_order_moments(K, M, D, B, B.T, s, count)
