@@ -17,7 +17,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with package.linkage() as model:
         package.write_model("model.h5", model)
-    Path("job.toml").write_text('model = "model.h5"\n')
+    Path("job.toml").write_text('model = "model.h5"\n[[basis]]\nkind = "modes"\ncount = 2\n')
     return tmp_path
 
 
