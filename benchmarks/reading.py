@@ -13,7 +13,7 @@ import json, sys, time
 import hpcred
 hpcred.start("real")
 from hpcred.parallel.petsc import MPI
-from hpcred.formats.matrix_files import read_entries
+from hpcred.formats.matrix_formats import read_entries
 from hpcred.formats.model_file import read_model
 from hpcred.parallel.stages import memory_mb
 comm = MPI.COMM_WORLD

@@ -89,8 +89,7 @@ def bar(comm, length, elements, **rod):
     values = {"K": K[first:last].ravel(), "M": M[first:last].ravel()}
     dofs = Dofs(mine // 6 + 1, (mine % 6).astype(np.int8), nodes[mine // 6])
     model = SecondOrderModel.from_csr(comm, size, indptr, np.tile(np.arange(size), last - first), values, dofs=dofs)
-    model.set_inputs([(1, "x")])
-    return model
+    return model.with_inputs([(1, "x")])
 
 
 def refused(capsys, *arguments):

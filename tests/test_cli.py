@@ -61,10 +61,10 @@ def test_an_unsymmetric_matrix_is_refused(tmp_path, monkeypatch, capsys, key):
 @pytest.mark.parametrize(
     "text, says",
     [
-        ("1 1 2.0\n1 x 3.0\n", "found the line '1 x 3.0', expected 3 numbers a line"),
+        ("1 1 2.0\n1 x 3.0\n", "K.mtx, line 2: found '1 x 3.0', expected 3 numbers a line"),
         ("%%MatrixMarket matrix coordinate complex general\n1 1 1\n1 1 1.0 0.0\n", "expected a real Matrix Market"),
         ("%%MatrixMarket matrix coordinate real general\n2 2 2\n1 1 1.0\n", "found 1 entries, the header says 2"),
-        ("%%MatrixMarket matrix coordinate real general\n2 2 1\n3 1 1.0\n", "outside of the 2 x 2"),
+        ("%%MatrixMarket matrix coordinate real general\n2 2 1\n3 1 1.0\n", "K.mtx, line 3: found '3 1 1.0'"),
         ("hello\n", "found a file that begins with"),
     ],
 )

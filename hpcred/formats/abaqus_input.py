@@ -232,8 +232,9 @@ def _block(section, placement, group):
         unknown = sorted(set(section.parameters) - TOLERATED)
         system = section.parameters.get("system", "r").lower()
         if unknown or system not in ("r", "c"):
+            found = f"the parameter {unknown[0]}" if unknown else f"system={system.upper()}"
             raise section.refusal(
-                f"found *Node with {f'the parameter {unknown[0]}' if unknown else f'system={system}'}, expected "
+                f"found *Node with {found}, expected "
                 "rectangular (system=R) or cylindrical (system=C) coordinates"
             )
     return Block(section, path, start, stop, placement, group)
@@ -279,8 +280,8 @@ def _nodes(path, comm, blocks):
             names = " and ".join(groups[group[k]] for k in (mixed[0] - 1, mixed[0]))
             raise InputError(
                 f"{path}: found the node {label[mixed[0]]} in {names}; rows of the matrices cannot be told apart, "
-                "since Abaqus numbers the nodes of an assembly anew. Write the input file without assemblies, "
-                "or give tables of nodes and dofs in the numbers that Abaqus uses"
+                "since Abaqus numbers the nodes of an assembly anew; write the input file without parts and "
+                "assemblies, or give tables of nodes and dofs in the numbers that Abaqus uses"
             )
         moved = again[(position[again] != position[again - 1]).any(axis=1)]
         if moved.size:

@@ -1,6 +1,7 @@
 """The table of matrix formats: a file enters, entries leave, some on each rank; its first bytes tell the format.
 
-A new format of single matrices is one module beside this one and one line in FORMATS. The module has two functions:
+A new format of single matrices is one module beside this one and one line in FORMATS, of which the first that fits is
+taken. The module has two functions:
 
     begins(start: bytes) -> bool
         whether a file that starts so (its first 4096 bytes, unpacked) is of the format. Never by the suffix.

@@ -86,8 +86,8 @@ def _header(path):
             or words[3] not in ("real", "integer") or words[4] not in SYMMETRIES
         ):  # fmt: skip
             raise InputError(
-                f"{path}, line 1: found '{line[:80]}', expected the header '%%MatrixMarket matrix coordinate real "
-                f"general' of a real Matrix Market matrix (coordinate or array, {', '.join(SYMMETRIES)})"
+                f"{path}, line 1: found '{line[:80]}', expected a real Matrix Market header: '%%MatrixMarket "
+                f"matrix', coordinate or array, real or integer, {SYMMETRIES[0]}, {SYMMETRIES[1]} or {SYMMETRIES[2]}"
             )
         number, text = 2, file.readline()
         while text.lstrip()[:1] == b"%" or (text and not text.strip()):

@@ -59,6 +59,7 @@ class Parts:
     `matrices`: K, M and perhaps D, all with numbered or all with labelled rows. `files`: where each came from, for
     messages. `nodes`, `elements` (node numbers (elements, nodes) by kind): where known. `row_labels`: labels
     (see entries.label_of) and the rows (from 0) that have them, where rows are numbered and a file names them.
+    `removed`: labels of dofs that the program holds, which have no row. `warnings`: sentences for the user.
     """
 
     matrices: dict[str, Entries | LabelledEntries]
@@ -66,6 +67,8 @@ class Parts:
     nodes: Nodes | None = None
     elements: dict[str, np.ndarray] = field(default_factory=dict)
     row_labels: tuple[np.ndarray, np.ndarray] | None = None
+    removed: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    warnings: list[str] = field(default_factory=list)
 
 
 def abaqus_source(path) -> Source:

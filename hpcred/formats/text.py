@@ -21,12 +21,14 @@ except ImportError:
     fast_matrix_market = None
 
 PIECE = 2**21  # bytes of text parsed at a time: what is copied on the way stays in the cache
+BLOCK = 2**16  # bytes looked at in one step of numpy: four times as fast as the whole piece
 COMMENT = re.compile(rb"(?m)^[ \t]*(?:%|#|\*\*).*$")
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 LARGEST_WHOLE = 2**53  # up to here a float is exact
 LARGEST_LABEL = 2**31 - 1
-# fast_matrix_market stops at the end of the first number of a field and leaves the rest of the line: 1.5+02 is 1.5 to
-# it. So each line gets this as an imaginary part, which is found again only where the value was read to its end.
+# fast_matrix_market stops at the end of a number and leaves the rest of the line: 1.5+02 is 1.5 to it. So each line
+# gets this as an imaginary part, which is found again only where the value was read to its end. It also takes "2 1.0"
+# for row 2, column 1 and the value .0, so that fields are counted.
 MARK, MARKED = b" 7e-99\n", 7e-99
 MANY = 2**62  # more rows than there will be
 
@@ -244,7 +246,14 @@ def _plain_triples(text):
     """Rows, columns and values, or None where there are comments, blank lines, D exponents or anything wrong."""
     if not text.endswith(b"\n"):
         text += b"\n"
-    lines = np.count_nonzero(np.frombuffer(text, np.uint8) == ord("\n"))
+    bytes_ = np.frombuffer(text, np.uint8)
+    lines, ends = 0, 0
+    for low in range(0, len(bytes_), BLOCK):
+        blank = bytes_[low : low + BLOCK + 1] <= ord(" ")
+        lines += np.count_nonzero(bytes_[low : low + BLOCK] == ord("\n"))
+        ends += np.count_nonzero(blank[:-1] < blank[1:])
+    if ends != 3 * lines:
+        return None
     head = b"%%%%MatrixMarket matrix coordinate complex general\n%d %d %d\n" % (MANY, MANY, lines)
     try:
         (values, (rows, columns)), _ = fast_matrix_market.read_coo(

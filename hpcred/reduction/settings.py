@@ -19,7 +19,7 @@ class Reduction:
     matrices, or "auto": as many as points, ranks and memory allow.
     """
 
-    deflation_tolerance: float = 1e-9
+    deflation_tolerance: float = 1e-11
     drop_above: float | None = None
     projection: str = "one_sided"
     allow_unstable: bool = False

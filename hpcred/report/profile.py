@@ -9,7 +9,7 @@ EVENTS = {
     "MatMatSolve": "solves, several columns", "MatSolve": "solves, one column",
     "MatMatMultSym": "sparse times block, set-up", "MatMatMultNum": "sparse times block",
     "MatMult": "sparse times vector",
-    "BVDot": "inner products", "BVMult": "sums of columns", "BVMultInPlace": "turned bases", "BVCopy": "copies",
+    "BVDot": "inner products", "BVMult": "sums of columns", "BVMultInPlace": "bases times factors", "BVCopy": "copies",
     "MatAXPY": "sums of matrices", "MatCopy": "copies of matrices", "MatAssemblyEnd": "assembly",
     "EPSSolve": "eigensolver",
 }  # fmt: skip

@@ -19,9 +19,9 @@ from hpcred.examples import linkage as example
 pytestmark = pytest.mark.mpi
 
 
-def set_columns(model, key, array):
+def with_columns(model, key, array):
     mine = slice(model.first_row, model.first_row + model.local_rows)
-    getattr(model, f"set_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
+    return getattr(model, f"with_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
 
 
 def test_structural_damping(solid):
@@ -51,7 +51,7 @@ def test_elastic_response_of_a_free_body_with_a_damper_to_ground(comm):
         rows = np.arange(120)
         dofs = hpcred.Dofs(rows // 6 + 1, (rows % 6).astype(np.int8), example.positions()[rows // 6])
         with hpcred.SecondOrderModel.from_scipy(K, M, D, comm, dofs=dofs) as damped_body:
-            set_columns(damped_body, "input", B)
+            damped_body = with_columns(damped_body, "input", B)
             full = hpcred.frequency_response(damped_body, [60.0], Buckens(), GivenDamping())
             assert close(expected, full[0]) < 1e-8
             basis = [Modes(count=3), SecondOrderKrylov(60.0, order=1)]
@@ -63,7 +63,7 @@ def test_elastic_response_of_a_free_body_with_a_damper_to_ground(comm):
 def test_groups_of_ranks_share_the_frequencies(comm, frame):
     frequencies = [5.0, 60.0, 110.0, 250.0, 290.0]
     with hpcred.linkage(comm, inputs=(example.LOAD, (3, "ry"))) as model:
-        model.set_outputs([(4, "x"), (17, "rz"), (20, "z")])
+        model = model.with_outputs([(4, "x"), (17, "rz"), (20, "z")])
         one, each = (
             hpcred.frequency_response(model, frequencies, frame, example.DAMPING, groups=groups)
             for groups in (1, comm.size)

@@ -1,5 +1,7 @@
 """What info says of a model: inertia counts, mass, centre of mass."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,3 +37,12 @@ def test_mass_and_inertia_of_a_block(comm):
     # the consistent mass matrix integrates trilinear fields exactly
     expected = mass / 12 * np.array([0.2**2 + 0.1**2, 0.4**2 + 0.1**2, 0.4**2 + 0.2**2])
     assert np.allclose(np.diag(report["inertia_kg_m2"]), expected)
+
+
+@pytest.mark.skipif(is_complex(), reason="inertia needs a real build")
+def test_rigid_body_modes_are_counted_without_nodes(comm):
+    """They are none of the elastic modes."""
+    with hpcred.linkage(comm) as model, replace(model.shared(), dofs=None) as bare:
+        report = hpcred.inspect(bare, [300.0])
+    assert report["modes_at_zero"] == 6
+    assert report["elastic_modes_below_hz"] == [[300.0, 7]]

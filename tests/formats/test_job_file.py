@@ -117,12 +117,47 @@ def test_inputs_as_files_and_matrices_in_the_job(tmp_path, monkeypatch):
     Path("a.toml").write_text(job.format('"B.mtx"', "a.h5"))
     Path("b.toml").write_text(job.format("[4, 1]", "b.h5"))
     assert run(["reduce", "a.toml"]) == 0 and run(["reduce", "b.toml"]) == 0
-    a, b = (package.read_result(f"{name}.h5") for name in "ab")
+    a, b = (package.read_result(f"{name}.h5").reduced for name in "ab")
     assert np.allclose(a.transfer_function(0.3j), b.transfer_function(0.3j), rtol=1e-12)
-    assert a.input_names == ["B.mtx:1", "B.mtx:2"] and b.input_names == ["dof 4", "dof 1"]
+    assert a.input_names == ("B.mtx:1", "B.mtx:2") and b.input_names == ("dof 4", "dof 1")
 
 
 def test_an_output_matrix_of_another_size_is_refused(folder, capsys):
     scipy.io.mmwrite("C.mtx", np.eye(3, 119))
     replaced("[frame]", 'outputs = "C.mtx"\n[frame]')
     assert "C.mtx: found 3 x 119, expected 120 columns" in refused(capsys, "reduce", "job.toml")
+
+
+def test_folders_in_a_job_are_relative_to_it(tmp_path, monkeypatch):
+    (tmp_path / "jobs/factors").mkdir(parents=True)
+    (tmp_path / "jobs/job.toml").write_text(JOB.replace("[frame]", 'out_of_core = "factors"\n[frame]'))
+    monkeypatch.chdir(tmp_path)
+    job = package.read_job("jobs/job.toml")
+    assert Path(job.factoring.out_of_core).resolve() == (tmp_path / "jobs/factors").resolve()
+    assert Path(job.model) == Path("jobs/model.h5")
+
+
+@pytest.mark.parametrize(
+    "basis, damping, scalar",
+    [
+        ('kind = "krylov"\nfrequency = 100.0', "", "real"),
+        ('kind = "krylov"\nfrequency = 100.0\ndecay = 3.0', "", "complex"),
+        ('kind = "second_order_krylov"\nfrequency = 100.0', "", "real"),
+        ('kind = "second_order_krylov"\nfrequency = 100.0', '[damping]\nkind = "given"\n', "complex"),
+        ('kind = "second_order_krylov"\ndecay = 100.0', '[damping]\nkind = "given"\n', "real"),
+    ],
+)
+def test_the_build_that_fits_is_known_from_the_job(folder, basis, damping, scalar):
+    Path("job.toml").write_text(JOB.replace('kind = "krylov"\nfrequency = 100.0', basis) + damping)
+    assert package.read_job("job.toml").preferred_scalar == scalar
+
+
+def test_the_build_that_fits_is_taken(hpcred, tmp_path):
+    from hpcred.parallel import startup
+
+    if len(startup.debian_builds()) < 2 or not startup.can_choose():
+        pytest.skip("only one PETSc build on this machine")
+    assert hpcred("example", "linkage").returncode == 0
+    (tmp_path / "job.toml").write_text(JOB.replace("order = 1", "decay = 3.0"))
+    run_ = hpcred("reduce", "job.toml")
+    assert run_.returncode == 0 and "complex PETSc" in run_.stdout, run_.stderr

@@ -98,8 +98,8 @@ def test_a_factor_that_does_not_fit_is_refused_before_it_is_made(comm, monkeypat
         need, have = solver.estimate()
         solver.factor(-1e4)
         record = solver.records[-1]
-        assert need == pytest.approx(record["memory_mb_estimated_total"], rel=0.1)
-        assert need > 0.9 * record["memory_mb_used_total"] > 0
+        assert need == pytest.approx(record.memory_mb_estimated_total, rel=0.1)
+        assert need > 0.9 * record.memory_mb_used_total > 0
         assert have > 100 * comm.size
         solver.close()
 

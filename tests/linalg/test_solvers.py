@@ -33,7 +33,7 @@ def test_every_shift_is_solved_with_its_own_factor_and_one_analysis(model):
         expected = np.linalg.solve(K + shift * M, B)
         assert np.allclose(gather(solution), expected, rtol=0, atol=1e-9 * np.abs(expected).max())
     assert solver.analyses == 1
-    assert max(record["residual"] for record in solver.records) < 1e-9
+    assert max(record.residual for record in solver.records) < 1e-9
     solver.close()
 
 

@@ -15,8 +15,8 @@ from hpcred.parallel.failures import InputError
 @pytest.mark.mpi
 def test_a_body_has_the_nodes_of_inputs_and_outputs(comm):
     with hpcred.linkage(comm) as model:
-        model.set_inputs([(20, "z"), 1])
-        model.set_outputs([(7, "x")])
+        model = model.with_inputs([(20, "z"), 1])
+        model = model.with_outputs([(7, "x")])
         with hpcred.reduce(model, [Modes(index=(7, 8))], Buckens()) as rom:
             body = body_of(model, rom, origin=(0.1, 0.0, 0.0))
             rows = gather(rom.columns)
@@ -30,7 +30,7 @@ def test_a_body_has_the_nodes_of_inputs_and_outputs(comm):
 
 def test_a_two_sided_projection_gives_no_body():
     with hpcred.linkage() as model:
-        model.set_outputs([(7, "z")])
+        model = model.with_outputs([(7, "z")])
         rom = hpcred.reduce(
             model, [Krylov(frequency=10.0)], hpcred.Tangent(node=1), projection="two_sided", allow_unstable=True
         )
@@ -65,7 +65,7 @@ def chain_body(directions, left_out=()):
     K = 1e4 * np.array([[(d == e) * (2.5 * (a == b) - (abs(a - b) == 1)) for b, e in names] for a, d in names])
     dofs = hpcred.Dofs(node, direction.astype(np.int8), node[:, None] * [1.0, 0.5, 0.2])
     with hpcred.SecondOrderModel.from_scipy(K, 2 * np.eye(len(K)), dofs=dofs) as model:
-        model.set_inputs([1])
+        model = model.with_inputs([1])
         with hpcred.reduce(model, [Modes(index=(1, 2))]) as rom:
             return body_of(model, rom, [1])
 

@@ -75,7 +75,7 @@ def test_small_vibrations_agree_with_the_frequency_response():
     held = [(1, "x"), (1, "y"), (1, "z"), (7, "x"), (7, "z"), (14, "z")]
     with hpcred.linkage() as model:
         expected = hpcred.frequency_response(model, [frequency], Chord(nodes=(1, 7, 14), axes="yxz"), damping)[0, 0, 0]
-        model.set_inputs([*held, (20, "z")])
+        model = model.with_inputs([*held, (20, "z")])
         body = reduced_body(model, [Krylov(frequency=10.0, order=1)], [1, 7, 14, 20], damping)
     setup = Simulation(
         end=1.0, force=(SineForce(20, (0.0, 0.0, force), frequency),), steps=1000,

@@ -4,6 +4,9 @@ import time
 
 import pytest
 
+from hpcred.parallel.decisions import decided
+from hpcred.parallel.failures import InputError, Owned, agreed
+
 PROGRAM = """
 import hpcred, time
 from hpcred.parallel.petsc import MPI
@@ -32,3 +35,105 @@ def test_an_error_of_all_ranks_is_told_once(hpcred):
     assert run.stderr.count("missing.toml: no such file") == 1
     assert "Traceback" not in run.stderr
     assert time.monotonic() - start < 20
+
+
+FAULTS = {
+    "in agreed, alone": """
+with agreed(comm):
+    if comm.rank == 1:
+        raise {error}
+""",
+    "among collective calls": """
+with hpcred.linkage() as model:
+    basis = Basis(model.M)
+    block = from_dense(model.B)
+    if comm.rank == 1:
+        def fault(*_):
+            raise {error}
+        basis._append = fault
+    with Owned(comm) as owned:
+        owned.owns(basis)
+        owned.owns(block)
+        for _ in range(3):
+            basis.extend(block)
+            comm.allreduce(1.0)
+""",
+    "while a file is written": """
+with writing("out.h5", comm) as file:
+    file.attribute("format", "x")
+    if comm.rank == 1:
+        raise {error}
+    file.rows("data", np.ones(5))
+""",
+    "in a group of ranks": """
+with hpcred.linkage() as model:
+    solve = ShiftedSolver.solve
+    def fault(self, *arguments):
+        if comm.rank == comm.size - 1:
+            raise {error}
+        return solve(self, *arguments)
+    ShiftedSolver.solve = fault
+    hpcred.reduce(model, [hpcred.Krylov(50.0, 3), hpcred.Krylov(150.0, 3)], hpcred.Buckens(), groups=2)
+""",
+}
+HEAD = """
+import numpy as np
+import hpcred
+from hpcred.formats.hdf5 import writing
+from hpcred.linalg.basis import Basis
+from hpcred.linalg.blocks import from_dense
+from hpcred.linalg.solvers import ShiftedSolver
+from hpcred.parallel.failures import Owned, agreed
+from hpcred.parallel.petsc import MPI
+comm = MPI.COMM_WORLD
+"""
+
+
+@pytest.mark.parametrize("error", ["MemoryError('only here')", "KeyboardInterrupt('only here')"])
+@pytest.mark.parametrize("place", FAULTS)
+def test_a_fault_of_one_rank_ends_all_in_seconds(hpcred, tmp_path, place, error):
+    (tmp_path / "program.py").write_text(HEAD + FAULTS[place].format(error=error))
+    start = time.monotonic()
+    run = hpcred(program=("program.py",), ranks=3, timeout=60)
+    assert run.returncode != 0
+    assert time.monotonic() - start < 30
+    assert not list(tmp_path.glob("*.tmp-*")) and not (tmp_path / "out.h5").exists()
+
+
+@pytest.mark.mpi(ranks=(2, 3))
+def test_an_error_of_one_rank_is_raised_on_all(comm):
+    with pytest.raises(InputError, match="rank 1 says no"), agreed(comm):
+        if comm.rank == 1:
+            raise InputError("rank 1 says no")
+    assert comm.allreduce(1) == comm.size
+
+
+@pytest.mark.mpi(ranks=(2, 3))
+def test_an_error_that_cannot_be_sent_is_told_all_the_same(comm):
+    class Local(Exception):
+        pass
+
+    with pytest.raises(Exception, match="not to be sent"), agreed(comm):
+        if comm.rank == 1:
+            raise Local("not to be sent")
+
+
+@pytest.mark.mpi
+def test_decisions_are_those_of_rank_0(comm):
+    assert decided(comm, lambda: comm.rank) == 0
+    with pytest.raises(ZeroDivisionError):
+        decided(comm, lambda: 1 // comm.rank)
+
+
+@pytest.mark.mpi
+def test_owned_things_are_closed_after_a_common_error(comm):
+    closed = []
+
+    class Thing:
+        def close(self):
+            closed.append(1)
+
+    with pytest.raises(InputError), Owned(comm) as owned:
+        owned.owns(Thing())
+        raise InputError("on all ranks")
+    assert closed == [1]

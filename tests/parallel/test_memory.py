@@ -27,6 +27,6 @@ def test_a_control_group_limits_memory(monkeypatch, tmp_path):
     (group / "memory.stat").write_text(f"anon 1\ninactive_file {100 * 2**20}\n")
     monkeypatch.setattr(memory, "GROUPS", tmp_path)
     monkeypatch.setattr(memory, "_groups_of_process", lambda: ["0::/job"])
-    assert memory._cgroup() == pytest.approx(700)
+    assert memory._control_groups() == pytest.approx([700])
     (group / "memory.max").write_text("max")
-    assert memory._cgroup() is None
+    assert memory._control_groups() == []

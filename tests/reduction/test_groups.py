@@ -39,7 +39,7 @@ def test_groups_give_the_same_model(comm, groups):
         shared, many = responses(model, basis, damping, groups=wanted)
     assert np.abs(shared - alone).max() < 1e-8 * np.abs(alone).max()
     assert one.size == many.size
-    where = [[item["where"] for item in rom.record.ingredients] for rom in (one, many)]
+    where = [[item.where for item in rom.record.ingredients] for rom in (one, many)]
     assert where[0] == where[1]
     if groups == "all":
         factors = [len(rom.record.factorisations) for rom in (one, many)]
@@ -65,7 +65,7 @@ def test_a_refusal_in_one_group_ends_all(hpcred, tmp_path):
 @pytest.mark.mpi
 def test_groups_of_a_two_sided_projection(comm):
     with package.solid((6, 3, 3), inputs=2, comm=comm) as model:
-        model.set_outputs([(96, "z"), (40, "y")])
+        model = model.with_outputs([(96, "z"), (40, "y")])
         basis = [Krylov(frequency=500.0), Krylov(frequency=3000.0)]
         results = [
             package.reduce(model, basis, projection="two_sided", allow_unstable=True, groups=groups)

@@ -47,7 +47,7 @@ def test_dominant_modes_are_those_that_the_loads_excite(comm):
     """A force along x on a bar: stretching modes matter, bending modes do not."""
     with hpcred.solid((12, 2, 2), (1.2, 0.2, 0.2), inputs=1, comm=comm) as bar:
         center = [node + 1 for node in range(12 * 9) if node % 9 == 4][-1]  # the middle of the end face
-        bar.set_inputs([(center, "x")])
+        bar = bar.with_inputs([(center, "x")])
         with hpcred.reduce(bar, [Modes(count=20)]) as rom:
             share = np.abs(rom.B[:, 0]) ** 2 / rom.frequencies**2
             expected = rom.frequencies[np.sort(np.argsort(-share)[:3])]

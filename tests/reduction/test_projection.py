@@ -35,7 +35,7 @@ def test_damping_that_is_given_is_projected(linkage):
     rows = np.arange(120)
     dofs = hpcred.Dofs(rows // 6 + 1, (rows % 6).astype(np.int8), example.positions()[rows // 6])
     with hpcred.SecondOrderModel.from_scipy(K, M, damper, linkage.comm, dofs=dofs) as model:
-        model.set_inputs([(20, "z")])
+        model = model.with_inputs([(20, "z")])
         with hpcred.reduce(model, [Modes(count=110)], example.FRAME, GivenDamping()) as rom:
             V = gather(rom.columns)
             assert np.abs(rom.D - V.T @ damper @ V).max() < 1e-9 * np.abs(rom.D).max()
@@ -46,7 +46,7 @@ def test_damping_that_is_given_is_projected(linkage):
 
 def test_outputs_other_than_inputs(solid):
     K, M, B = dense_model(solid)
-    solid.set_outputs([(30, "y"), (45, "x")])
+    solid = solid.with_outputs([(30, "y"), (45, "x")])
     with hpcred.reduce(solid, [Krylov(500.0, 1)]) as rom:
         C = np.zeros((2, len(K)))
         C[0, 3 * 29 + 1] = C[1, 3 * 44] = 1.0

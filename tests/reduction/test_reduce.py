@@ -10,10 +10,10 @@ pytestmark = pytest.mark.mpi
 
 
 def test_dependent_inputs_and_repeated_points_are_dropped_and_counted(solid):
-    solid.set_inputs([(45, "x"), (45, "z"), (45, "x"), (48, "y")])
+    solid = solid.with_inputs([(45, "x"), (45, "z"), (45, "x"), (48, "y")])
     with hpcred.reduce(solid, [Krylov(400.0, 1), Krylov(400.0, 1), StaticCorrection()]) as rom:
         assert rom.size == 9
-        kept = [(item["columns"], item["kept"]) for item in rom.record.ingredients]
+        kept = [(item.columns, item.kept) for item in rom.record.ingredients]
         assert kept == [(4, 3), (3, 3), (3, 3), (3, 0), (3, 0), (3, 3)]
 
 

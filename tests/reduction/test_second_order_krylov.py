@@ -30,13 +30,13 @@ def damped(solid, unsymmetric=False):
         D[5, 40] += 2e3
         D[40, 5] -= 2e3
     model = hpcred.SecondOrderModel.from_scipy(K, M, D, solid.comm)
-    set_columns(model, "input", B)
+    model = with_columns(model, "input", B)
     return model, K, M, D, B
 
 
-def set_columns(model, key, array):
+def with_columns(model, key, array):
     mine = slice(model.first_row, model.first_row + model.local_rows)
-    getattr(model, f"set_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
+    return getattr(model, f"with_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
 
 
 @pytest.mark.mpi

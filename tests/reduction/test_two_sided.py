@@ -25,13 +25,13 @@ def damped(solid, unsymmetric=False):
         D[5, 40] += 2e3
         D[40, 5] -= 2e3
     model = hpcred.SecondOrderModel.from_scipy(K, M, D, solid.comm)
-    set_columns(model, "input", B)
+    model = with_columns(model, "input", B)
     return model, K, M, D, B
 
 
-def set_columns(model, key, array):
+def with_columns(model, key, array):
     mine = slice(model.first_row, model.first_row + model.local_rows)
-    getattr(model, f"set_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
+    return getattr(model, f"with_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
 
 
 @pytest.mark.parametrize("unsymmetric", [False, True])
@@ -40,7 +40,7 @@ def test_two_sided_projection_matches_twice_the_moments(solid, unsymmetric):
     C = np.zeros((3, len(K)))
     C[0, 50] = C[1, 20] = C[2, 8] = 1.0
     with model:
-        set_columns(model, "output", C.T)
+        model = with_columns(model, "output", C.T)
         for point, two_sided in (({"frequency": 700.0, "order": 1}, True), ({"decay": 2000.0, "order": 1}, False)):
             ingredient = SecondOrderKrylov(**point)
             projection = "two_sided" if two_sided else "one_sided"
@@ -60,8 +60,8 @@ def test_two_sided_projection_matches_twice_the_moments(solid, unsymmetric):
 def test_an_unstable_two_sided_model_is_refused(solid):
     C = np.zeros((2, solid.size))
     C[0, 50] = C[1, 20] = 1.0
-    set_columns(solid, "input", dense_model(solid)[2][:, :2])
-    set_columns(solid, "output", C.T)
+    solid = with_columns(solid, "input", dense_model(solid)[2][:, :2])
+    solid = with_columns(solid, "output", C.T)
     basis = [Krylov(700.0, 1), Krylov(0.0)]
     with hpcred.reduce(solid, basis, projection="two_sided", allow_unstable=True) as rom:
         unstable = rom.record.unstable_poles
@@ -70,3 +70,17 @@ def test_an_unstable_two_sided_model_is_refused(solid):
         hpcred.reduce(solid, basis, projection="two_sided")
     with hpcred.reduce(solid, basis, damping=Rayleigh(1.0, 1e-7)) as rom:
         assert not rom.record.unstable_poles
+
+
+def test_an_unsymmetric_damping_matrix_that_is_left_out_does_no_harm(solid):
+    """The two-sided model is that of the body without D."""
+    model, K, M, D, B = damped(solid, unsymmetric=True)
+    C = np.zeros((3, len(K)))
+    C[0, 50] = C[1, 20] = C[2, 8] = 1.0
+    s = 2j * np.pi * 700.0
+    expected = C @ np.linalg.solve(s * s * M + K, B + 0j)
+    with model, with_columns(model, "output", C.T) as both:
+        settings = {"projection": "two_sided", "allow_unstable": True}
+        with hpcred.reduce(both, [Krylov(700.0, 1)], None, None, **settings) as rom:
+            assert close(expected, rom.transfer_function(s)) < 1e-9
+            assert all(record.kind == "LDL^T" for record in rom.record.factorisations)

@@ -6,10 +6,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import scipy.io
 from conftest import DATA
 
 import hpcred as package
 from hpcred.cli import run
+from hpcred.examples.beam import Rod
 
 JOB = """
 model = "model.h5"
@@ -95,3 +97,49 @@ def test_a_two_sided_job_with_second_order_krylov(folder):
     assert errors["eps"][1] < 1e-8 and errors["eps_max"] < 1e-2
     with h5py.File("result.h5") as file:
         assert file["basis/W"].shape == file["basis/V"].shape
+
+
+def test_another_model_or_other_inputs_are_noticed(folder, capsys):
+    """Names and sizes are the same; the matrices, or the columns of the file of inputs, are not."""
+    assert run(["reduce", "job.toml"]) == 0
+    with package.linkage(rod=Rod(diameter=0.0221)) as model:
+        package.write_model("other.h5", model)
+    capsys.readouterr()
+    assert run(["evaluate", "result.h5", "--full", "other.h5", "--points", "3"]) == 2
+    assert "its matrix M differ from what result.h5 was reduced from" in capsys.readouterr().err
+    columns = np.zeros((120, 1))
+    columns[116] = 1.0
+    scipy.io.mmwrite("B.mtx", columns)
+    assert run(["reduce", "job.toml", "--set", 'inputs="B.mtx"']) == 0
+    assert run(["evaluate", "result.h5", "--full", "model.h5", "--points", "3"]) == 0
+    columns[116], columns[117] = 0.0, 1.0
+    scipy.io.mmwrite("B.mtx", columns)
+    capsys.readouterr()
+    assert run(["evaluate", "result.h5", "--full", "model.h5", "--points", "3"]) == 2
+    assert "its inputs differ from what result.h5 was reduced from" in capsys.readouterr().err
+
+
+def test_a_file_of_inputs_is_found_from_another_folder(folder, monkeypatch):
+    scipy.io.mmwrite("B.mtx", np.eye(120)[:, [116]])
+    assert run(["reduce", "job.toml", "--set", 'inputs="B.mtx"']) == 0
+    (folder / "elsewhere").mkdir()
+    monkeypatch.chdir(folder / "elsewhere")
+    assert run(["evaluate", "../result.h5", "--full", "../model.h5", "--points", "3"]) == 0
+
+
+@pytest.mark.parametrize("points", ["0", "1", "-3"])
+def test_a_grid_needs_two_points(folder, capsys, points):
+    assert run(["reduce", "job.toml"]) == 0
+    capsys.readouterr()
+    assert run(["evaluate", "result.h5", "--points", points]) == 2
+    assert "expected at least 2 frequencies" in capsys.readouterr().err
+
+
+def test_what_the_factors_of_a_reduction_were_told_reaches_the_full_response(folder):
+    """A model that fits only out of core can be evaluated."""
+    (folder / "factors").mkdir()
+    assert run(["reduce", "job.toml", "--set", 'out_of_core="factors"']) == 0
+    record = package.read_result("result.h5").reduced.record
+    assert record.job["out_of_core"] == str(folder / "factors")
+    (folder / "factors").rmdir()
+    assert run(["evaluate", "result.h5", "--full", "model.h5", "--points", "3"]) == 2  # the folder is asked for

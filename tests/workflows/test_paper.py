@@ -33,4 +33,4 @@ def test_section_5_in_one_command(hpcred, tmp_path):
         assert np.abs(u_y[1:] - u_y[0]).max(axis=1) == pytest.approx(deviation)
         f, eps = file["frequencies"][...], file["table_2/eps"][...]
         assert eps.shape == (4, len(f))
-        assert scipy.integrate.trapezoid(eps, f) == pytest.approx(q["table_2"])
+        assert scipy.integrate.trapezoid(eps, f, axis=1) == pytest.approx(q["table_2"])

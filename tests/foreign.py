@@ -1,0 +1,26 @@
+"""What the tests of the readers share: files written once for all ranks, and matrices gathered from all ranks."""
+
+import numpy as np
+
+from hpcred.formats.matrix_formats import read_entries
+
+
+def write(path, content, comm):
+    """Write a text or bytes on rank 0; all ranks may read it afterwards."""
+    if comm.rank == 0:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode("latin-1"))
+    comm.Barrier()
+    return path
+
+
+def assembled(path, comm):
+    """A file as dense matrix on all ranks."""
+    entries = read_entries(path, comm)
+    local = np.zeros(entries.shape)
+    np.add.at(local, (entries.rows, entries.columns), entries.values)
+    return comm.allreduce(local)
+
+
+def gathered(comm, *arrays):
+    """Arrays of all ranks end to end."""
+    return [np.concatenate(parts) for parts in zip(*comm.allgather(arrays), strict=True)]

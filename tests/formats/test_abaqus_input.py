@@ -1,0 +1,160 @@
+"""Abaqus input files: nodes at their places, and refusals of what would put them elsewhere."""
+
+import numpy as np
+import pytest
+from foreign import gathered, write
+
+from hpcred import InputError
+from hpcred.formats.abaqus_input import read
+
+pytestmark = pytest.mark.mpi
+
+
+def nodes_of(path, comm):
+    nodes, _ = read(path, comm)
+    label, position, place = gathered(comm, nodes.label, nodes.position, nodes.place)
+    assert np.array_equal(place, np.arange(len(label))) and (np.diff(label) > 0).all()
+    return dict(zip(label.tolist(), position.tolist(), strict=True))
+
+
+ASSEMBLY = """*Heading
+ a text, not data
+*Part, name=Rod
+*Node
+1, 1., 0., 0.
+2, 2., 0., 0.
+*Element, type=B31
+1, 1, 2
+*End Part
+*Part, name=unused
+*Node
+1, 7., 7., 7.
+*End Part
+*Part, name=tip
+*Node, nset=all
+11, 1., 0., 0.
+*End Part
+*Assembly, name=A
+*Instance, name=r-1, part=rod
+10., 0., 0.
+*End Instance
+** the translation first, then a quarter turn about the axis from (1, 1, 0) along z
+*Instance, name=t-1, part=TIP
+0., 1., 5.
+1., 1., 0., 1., 1., 3., 90.
+*Node
+12, 1., 2., 0.
+*End Instance
+*End Assembly
+"""
+
+
+def test_instances_are_placed(comm, folder, monkeypatch):
+    for size in (2**21, 16):
+        monkeypatch.setattr("hpcred.formats.text.PIECE", size)
+        found = nodes_of(write(folder / "a.inp", ASSEMBLY, comm), comm)
+        expected = {1: (11, 0, 0), 2: (12, 0, 0), 11: (1, 1, 5), 12: (-1, 1, 5)}
+        assert set(found) == set(expected)
+        for label, place in expected.items():
+            assert np.allclose(found[label], place, atol=1e-14)
+
+
+def test_a_rotation_keeps_its_axis_and_lengths(comm, folder):
+    """Against the matrix exponential of the axis."""
+    expm = pytest.importorskip("scipy.linalg").expm
+    a, b, angle = np.array([1.0, -2.0, 0.5]), np.array([2.0, 0.0, 3.0]), 37.0
+    points = {1: a, 2: b, 3: np.array([4.0, 5.0, 6.0])}
+    lines = "".join(f"{n}, {p[0]!r}, {p[1]!r}, {p[2]!r}\n".replace("np.float64", "").replace("(", "").replace(")", "")
+                    for n, p in points.items())  # fmt: skip
+    text = f"*Part, name=p\n*Node\n{lines}*End Part\n*Assembly\n*Instance, name=i, part=p\n\n0,0,0\n"
+    text += ",".join(str(x) for x in (*a.tolist(), *b.tolist(), angle)) + "\n*End Instance\n*End Assembly\n"
+    x, y, z = (b - a) / np.linalg.norm(b - a) * np.deg2rad(angle)
+    turn = expm(np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]))
+    for label, place in nodes_of(write(folder / "a.inp", text, comm), comm).items():
+        assert np.allclose(place, a + turn @ (points[label] - a), atol=1e-13)
+
+
+def test_equal_numbers_in_two_instances_are_refused(comm, folder):
+    text = ASSEMBLY.replace("*End Assembly", "*Instance, name=r-2, part=rod\n*End Instance\n*End Assembly")
+    path = write(folder / "a.inp", text, comm)
+    with pytest.raises(InputError, match="found the node 1 in instance r-1 and instance r-2; .* without parts"):
+        read(path, comm)
+    path = write(folder / "b.inp", ASSEMBLY.replace("*End Assembly", "*Node\n2, 0., 0., 0.\n*End Assembly"), comm)
+    with pytest.raises(InputError, match="found the node 2 in .*the assembly"):
+        read(path, comm)
+
+
+def test_includes_are_followed(comm, folder):
+    (folder / "sub").mkdir(exist_ok=True)
+    write(folder / "a.inp", "*Heading\n*INCLUDE, INPUT=sub/b.inp\n*Node\n1, 1.\n", comm)
+    write(folder / "sub" / "b.inp", '*Node\n2, 2.\n*Include,\n input="c.inp"\n** end\n', comm)
+    write(folder / "sub" / "c.inp", "** only nodes\n*NODE, input=d.txt\n", comm)
+    write(folder / "sub" / "d.txt", "** data\r\n3, 3., 4.\r\n", comm)
+    assert nodes_of(folder / "a.inp", comm) == {1: [1, 0, 0], 2: [2, 0, 0], 3: [3, 4, 0]}
+
+
+@pytest.mark.parametrize(
+    "lines, expected",
+    [
+        ("1, 2.", (2, 0, 0)), ("1, 2., 3.", (2, 3, 0)), ("1, 2., , 4.", (2, 0, 4)), ("1,,,4.", (0, 0, 4)),
+        ("1, 2., 3., 1.5D+01,", (2, 3, 15)), ("1, 1., 2., 3.\n1, 1., 2., 3.", (1, 2, 3)),
+    ],
+)  # fmt: skip
+def test_coordinates_left_out_are_zero(comm, folder, lines, expected):
+    assert nodes_of(write(folder / "a.inp", f"*Node\n{lines}\n", comm), comm) == {1: list(expected)}
+
+
+def test_cylindrical_nodes(comm, folder):
+    found = nodes_of(write(folder / "a.inp", "*NODE, SYSTEM=C\n1, 2., 90., 3.\n*System\n*Node\n2, 1.\n", comm), comm)
+    assert np.allclose(found[1], [0, 2, 3]) and found[2] == [1, 0, 0]
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        ("*Node\n1, 1., 2., 3.\n2, 1., 2., 3., 4.\n", r"line 3: found '2, 1., 2., 3., 4.', expected .*2 to 4 numbers"),
+        ("*Node\n1, 1., 2., 3.\n2\n", "line 3: found '2', expected .*2 to 4 numbers"),
+        ("*Node\n1.5, 1., 2., 3.\n", "line 2: found '1.5, 1., 2., 3.', expected the node number as a whole number"),
+        ("*Node\n0, 1., 2., 3.\n", "expected the node number as a whole number of 1 to 2147483647"),
+        ("*Node\n-1, 1., 2., 3.\n", "expected the node number as a whole number"),
+        ("*Node\n3000000000, 1., 2., 3.\n", "expected the node number as a whole number of 1 to 2147483647"),
+        ("*Node\n1, 1., nan, 3.\n", "line 2: .* expected finite node coordinates"),
+        ("*Node\n1, 1_0., 2., 3.\n", "line 2: found '1, 1_0., 2., 3.'"),
+        ("*Node\n1, <x>, 2., 3.\n", "line 2: found '1, <x>, 2., 3.'"),
+        ("*Node\n1, 1., 2., 3.\n1, 1., 2., 4.\n", r"found the node 1 at \[1.0, 2.0, 3.0\] and \[1.0, 2.0, 4.0\]"),
+        ("*Node\n1, 1.\n*Ngen\n1, 9, 1\n", r"line 3: found \*Ngen, which makes or moves nodes"),
+        ("*Node\n1, 1.\n*NFILL\n1, 9, 1\n", r"line 3: found \*Nfill"),
+        ("*Node\n1, 1.\n*Ncopy, change number=1\n", r"found \*Ncopy"),
+        ("*Node, system=S\n1, 1.\n", r"line 1: found \*Node with system=S"),
+        ("*Node, write=no\n1, 1.\n", r"line 1: found \*Node with the parameter write"),
+        ("*System\n1., 0., 0.\n*Node\n1, 1.\n", r"line 1: found \*System with a system of its own"),
+        ("*Node\n1, 1.\n*Transform, nset=a\n0.,1.,0.,1.,0.,0.\n", r"line 3: found \*Transform"),
+        ("*Heading\n*Include, input=none.inp\n", r"line 2: found \*Include of .*none.inp, which is no file"),
+        ("*Heading\n*Include, input=a.inp\n", r"line 2: found \*Include of .*a.inp, which includes itself"),
+        ("*Heading\n*Include\n", r"line 2: found \*Include without a file"),
+        ("*Node, input=none.txt\n", "line 1: found input=.*none.txt, which is no file"),
+        ("*Heading\n text\n", "found no nodes"),
+        ("*Part, name=p\n*Node\n1, 1.\n*End Part\n", r"found a \*Part but no \*Instance"),
+        ("*Part, name=p\n*Node\n1, 1.\n*End Part\n*Assembly\n*Instance, name=i, part=q\n", "an .Instance of 'q'"),
+        (ASSEMBLY.replace("1., 1., 0., 1., 1., 3., 90.", "1., 1., 0., 1., 1., 0., 90."), "about two equal points"),
+        (ASSEMBLY.replace("10., 0., 0.", "10., x, 0."), "found the data line '10., x, 0.', expected 3 numbers"),
+        (ASSEMBLY.replace("10., 0., 0.", "10., 0., 0., 0."), "found the data line '10., 0., 0., 0.', expected 3"),
+        ("*Node\n1, 1.\n*Element, type=B31\n1, 1\n", "line 4: found '1, 1', expected 3 numbers an element"),
+        ("*Node\n1, 1.\n*Element, type=B31\n1, 1, 2, 3\n2, 1\n", "expected 3 numbers an element"),
+        ("*Node\n1, 1.\n*Element, type=B31\n1, 1, -2\n", "line 4: .* expected the number of an element or node"),
+    ],
+)
+def test_what_would_put_nodes_elsewhere_is_refused(comm, folder, text, says):
+    path = write(folder / "a.inp", text, comm)
+    with pytest.raises(InputError, match=says):
+        read(path, comm)
+
+
+def test_elements_of_several_lines(comm, folder, monkeypatch):
+    monkeypatch.setattr("hpcred.formats.text.PIECE", 10)
+    numbers = np.arange(1, 21)
+    element = ", ".join(map(str, numbers[:15])) + ",\n " + ", ".join(map(str, numbers[15:]))
+    text = "*Node\n1, 1.\n*Element, type=C3D20R, elset=all\n" + "".join(f"{k}, {element}\n" for k in range(1, 8))
+    _, elements = read(write(folder / "a.inp", text + "*Element, type=XYZ\n1, 2\n*Step\n", comm), comm)
+    (found,) = gathered(comm, elements["hexahedron20"])
+    assert np.array_equal(found, np.tile(numbers, (7, 1))) and set(elements) == {"hexahedron20"}

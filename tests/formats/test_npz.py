@@ -1,0 +1,57 @@
+"""Files of scipy.sparse.save_npz: damaged ones are refused."""
+
+import io
+
+import numpy as np
+import pytest
+from foreign import assembled, write
+
+from hpcred import InputError
+
+pytestmark = pytest.mark.mpi
+
+
+def archive(**changes):
+    """A 3 x 3 matrix as CSR; `changes` of its arrays, None to leave one out."""
+    arrays = {
+        "format": np.array(b"csr"), "shape": np.array([3, 3]), "data": np.array([1.0, 2.0, 3.0, 4.0]),
+        "indptr": np.array([0, 1, 3, 4]), "indices": np.array([0, 0, 1, 2]),
+    }  # fmt: skip
+    arrays.update(changes)
+    file = io.BytesIO()
+    np.savez_compressed(file, **{key: value for key, value in arrays.items() if value is not None})
+    return file.getvalue()
+
+
+def test_an_archive(comm, folder):
+    path = write(folder / "K.npz", archive(), comm)
+    assert np.array_equal(assembled(path, comm), [[1, 0, 0], [2, 3, 0], [0, 0, 4]])
+    path = write(folder / "T.npz", archive(format=np.array("csc")), comm)
+    assert np.array_equal(assembled(path, comm), [[1, 2, 0], [0, 3, 0], [0, 0, 4]])
+
+
+@pytest.mark.parametrize(
+    "content, says",
+    [
+        (archive(indices=np.array([0, 0, 1, 3])), r"found the column 3 \(from 0\), expected less than 3"),
+        (archive(indices=np.array([0, 0, -1, 2])), r"found the column -1 \(from 0\)"),
+        (archive(indices=np.array([0, 0, 1])), "found 3 numbers in the array 'indices', expected 4"),
+        (archive(indices=np.array([0.0, 0.0, 1.0, 2.0])), "expected one row of whole numbers"),
+        (archive(indptr=np.array([0, 1, 4])), "found 3 numbers in the array 'indptr', expected 4"),
+        (archive(indptr=np.array([0, 3, 1, 4])), "'indptr' that does not ascend from 0"),
+        (archive(indptr=np.array([0, 1, 3, 3])), "'indptr' that does not ascend from 0"),
+        (archive(indptr=np.array([1, 1, 3, 4])), "'indptr' that does not ascend from 0"),
+        (archive(data=np.array([1.0, 2.0])), "found 4 numbers in the array 'indices', expected 2"),
+        (archive(data=np.ones((2, 2))), "expected one row of real numbers"),
+        (archive(data=np.ones(4, complex)), "expected one row of real numbers"),
+        (archive(data=None), "expected those of scipy.sparse.save_npz"),
+        (archive(indptr=None), "found no array 'indptr'"),
+        (archive(format=np.array("bsr")), "found a sparse matrix of format 'bsr'"),
+        (archive(shape=np.array([3, 3, 3])), "found 3 items in the array 'shape'"),
+        (archive(shape=np.array([9])), r"found the shape \(9,\)"),
+        (archive()[:-30], "found a damaged zip archive"),
+    ],
+)
+def test_archives_that_do_not_add_up_are_refused(comm, folder, content, says):
+    with pytest.raises(InputError, match=says):
+        assembled(write(folder / "K.npz", content, comm), comm)

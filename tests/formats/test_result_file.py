@@ -1,0 +1,27 @@
+"""Result files keep what they are given."""
+
+import h5py
+import numpy as np
+import pytest
+from helpers import gather
+
+import hpcred
+from hpcred import Buckens, Krylov
+
+pytestmark = pytest.mark.mpi
+
+
+def test_result_file_keeps_everything(comm, folder):
+    with hpcred.linkage(comm) as model, hpcred.reduce(model, [Krylov(50.0, 2)], Buckens()) as rom:
+        hpcred.write_result(folder / "r.h5", rom, model.dofs, comm=comm)
+        V = gather(rom.columns)
+        read = hpcred.read_result(folder / "r.h5", comm)
+        for key in ("M", "D", "K", "B", "C", "frequencies"):
+            assert np.array_equal(getattr(read, key), getattr(rom, key))
+        assert read.record["ranks"] == comm.size
+        assert read.record["factorisations"][0]["residual"] < 1e-9
+        with h5py.File(folder / "r.h5", "r") as file:
+            assert np.array_equal(file["basis/V"][...], V.T)
+        hpcred.write_result(folder / "small.h5", rom, basis=False, comm=comm)
+        with h5py.File(folder / "small.h5", "r") as file:
+            assert "basis" not in file

@@ -1,0 +1,71 @@
+"""sim.toml: what it says is what arrives, and what is wrong is refused before anything is computed."""
+
+import pytest
+
+from hpcred import Joint, SineForce, TableForce
+from hpcred.formats.simulation_file import read_simulation
+from hpcred.parallel.failures import InputError
+
+SIM = """
+body = "result.h5"
+end = 0.05
+steps = 20
+observe = [10]
+[[force]]
+kind = "sine"
+node = 20
+amplitude = [0.0, 0.0, -10.0]
+frequency = 5.0
+[[force]]
+kind = "table"
+node = 1
+times = [0.0, 0.01]
+values = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+[[constraint]]
+node = 1
+[[constraint]]
+node = 7
+directions = ["x", "z"]
+[[constraint]]
+node = 14
+directions = ["z"]
+"""
+
+
+@pytest.fixture
+def path(tmp_path):
+    (tmp_path / "sim.toml").write_text(SIM)
+    return tmp_path / "sim.toml"
+
+
+def test_settings_arrive(path):
+    setup = read_simulation(path, ["velocity=[0.0, 0.0, 1.0]", "force.0.frequency=7.0"])
+    assert setup.body == str(path.parent / "result.h5") and setup.output == str(path.parent / "simulation.h5")
+    assert setup.velocity == (0.0, 0.0, 1.0) and setup.end == 0.05 and setup.nodes == [1, 7, 10, 14, 20]
+    assert setup.force[0] == SineForce(20, (0.0, 0.0, -10.0), 7.0) and isinstance(setup.force[1], TableForce)
+    assert setup.constraint == (Joint(1), Joint(7, ("x", "z")), Joint(14, ("z",)))
+
+
+@pytest.mark.parametrize(
+    "change, says",
+    [
+        ("ende=1.0", r"ende: unknown key \(did you mean 'end'\?\)"),
+        ("end=-1.0", "end: found -1, expected a finite number of more than 0"),
+        ("end=soon", "end: found 'soon', expected a number"),
+        ("start=rest", "start: found 'rest', expected 'given' or 'static'"),
+        ("force.0.kind=cosine", r"force\[0\].kind: found 'cosine', expected one of constant, sine, table"),
+        ("force.0.frequency=0.0", "force.frequency: found 0, expected a positive frequency"),
+        ("force.1.times=[0.0]", "found 2 forces for 1 times"),
+        ("force.1.times=[1.0, 0.0]", "expected ascending times"),
+        ("constraint.1.directions=['x', 'q']", r"constraint.directions: found \['x', 'q'\]"),
+        ("gravity=[0.0, 1.0]", r"gravity: found \[0.0, 1.0\], expected \[a number, a number, a number\]"),
+        ("gravity=[0.0, 0.0, nan]", "gravity: found NaN or Inf"),
+        ("force.0.amplitude=[0.0, 0.0, inf]", "force.amplitude: found NaN or Inf"),
+        ("end=inf", "end: found inf, expected a finite number of more than 0"),
+        ("output=result.h5", "which is the body; choose another name"),
+        ("output=motion.csv", "expected an HDF5 file such as simulation.h5"),
+    ],
+)  # fmt: skip
+def test_settings_are_refused(path, change, says):
+    with pytest.raises(InputError, match=says):
+        read_simulation(path, [change])

@@ -1,0 +1,59 @@
+"""Rigid-body modes, and nodes that do not belong to the rows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import columns_of, dense_model  # noqa: F401
+
+import hpcred
+from hpcred.model.rigid_body_modes import doubts_of_nodes, misfit_of_nodes
+
+pytestmark = pytest.mark.mpi
+
+
+@pytest.fixture
+def free(comm):
+    with hpcred.solid((4, 3, 3), inputs=3, clamped=False, comm=comm) as model:
+        yield model
+
+
+def relabelled(model, **labels):
+    """The model with other labels on the rows of this rank."""
+    return replace(model.shared(), dofs=replace(model.dofs, **labels))
+
+
+def test_nodes_in_the_order_of_the_rows_fit(free, solid, linkage):
+    for model in (free, solid, linkage):
+        assert doubts_of_nodes(model) == []
+
+
+def test_coordinates_of_other_rows_are_noticed(free):
+    with relabelled(free, position=free.dofs.position[:, [1, 0, 2]] + 0.0) as mixed:
+        assert "not those of the rows" in misfit_of_nodes(mixed)
+        with pytest.raises(hpcred.InputError, match="not those of the rows"):
+            hpcred.reduce(mixed, [hpcred.Krylov(100.0)], hpcred.Buckens())
+
+
+def test_directions_of_other_rows_are_noticed(free):
+    """All rows of x first, then y, then z, where the rows go node by node."""
+    row = np.arange(free.first_row, free.first_row + free.local_rows)
+    direction = (row // (free.size // 3)).astype(np.int8)
+    with relabelled(free, direction=direction) as mixed:
+        assert "rows" in misfit_of_nodes(mixed)
+
+
+def test_a_doubt_is_kept_in_the_record_where_the_frame_does_not_need_the_nodes(solid):
+    with relabelled(solid, position=solid.dofs.position[::-1].copy()) as mixed:
+        with hpcred.reduce(mixed, [hpcred.Krylov(100.0)]) as reduced:
+            assert len(reduced.record.warnings) == 1
+
+
+def test_masses_that_differ_are_noticed(comm):
+    """Two nodes with three directions whose masses differ from x to y."""
+    K = np.kron(np.array([[1.0, -1.0], [-1.0, 1.0]]), np.diag([1.0, 0.0, 0.0])) + 1e-3 * np.eye(6)
+    M = np.diag([1.0, 2.0, 1.0, 1.0, 2.0, 1.0])
+    rows = np.arange(6)
+    dofs = hpcred.Dofs(rows // 3 + 1, (rows % 3).astype(np.int8), np.repeat([[0.0, 0, 0], [1.0, 0, 0]], 3, axis=0))
+    with hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, dofs=dofs) as model:
+        assert any("masses in x, y and z are 2, 4 and 2 kg" in doubt for doubt in doubts_of_nodes(model))

@@ -1,0 +1,100 @@
+"""Mass, centre, inertia and rigid-body modes of bodies whose nodes do not all move in all directions."""
+
+import numpy as np
+import pytest
+
+import hpcred
+from hpcred.linalg.blocks import apply, create_block, inner
+from hpcred.model.dofs import Dofs
+from hpcred.model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
+from hpcred.parallel.failures import InputError
+
+PLACES = np.array([[0.0, 0.0, 5.0], [1.0, 0.5, 5.0], [0.0, 2.0, 5.0]])
+
+
+def truss(comm, directions, mass=3.0, places=PLACES, left_out=()):
+    """Point masses joined by rods, with some of the directions; `left_out`: (node, direction) pairs that are held."""
+    count = len(places)
+    K = np.zeros((3 * count, 3 * count))
+    for a in range(count):
+        for b in range(a):
+            along = (places[a] - places[b]) * [d in directions for d in range(3)]
+            pull = np.zeros(3 * count)
+            pull[3 * a : 3 * a + 3], pull[3 * b : 3 * b + 3] = along, -along
+            K += 1e5 * np.outer(pull, pull)
+    kept = [i for i in range(3 * count) if i % 3 in directions and (i // 3 + 1, i % 3) not in left_out]
+    node, direction = np.array(kept) // 3 + 1, (np.array(kept) % 3).astype(np.int8)
+    dofs = Dofs(node, direction, places[node - 1])
+    M = mass * np.eye(len(kept))
+    return hpcred.SecondOrderModel.from_scipy(K[np.ix_(kept, kept)], M, comm=comm, dofs=dofs, name="truss")
+
+
+@pytest.mark.mpi
+def test_two_nodes_of_3_kg_in_a_plane_are_6_kg(comm):
+    with truss(comm, (0, 1), places=PLACES[:2]) as model:
+        body = rigid_body_quantities(model)
+    assert body.mass == 6.0 and body.masses.tolist() == [6.0, 6.0, 0.0]
+    assert not body.complete and body.uniform
+    assert body.centre == pytest.approx([0.5, 0.25, 5.0])
+    assert body.inertia[2, 2] == pytest.approx(3 * 2 * (0.5**2 + 0.25**2))
+    assert np.isnan(body.inertia[:2, :2]).all() and np.abs(body.inertia[2, :2]).max() < 1e-12
+
+
+@pytest.mark.mpi
+def test_three_directions_give_the_inertia_of_points(comm):
+    with truss(comm, (0, 1, 2)) as model:
+        body = rigid_body_quantities(model)
+    arms = PLACES - PLACES.mean(axis=0)
+    assert body.complete and body.uniform and body.mass == pytest.approx(9.0)
+    assert body.centre == pytest.approx(PLACES.mean(axis=0))
+    assert body.inertia == pytest.approx(3 * sum((a @ a) * np.eye(3) - np.outer(a, a) for a in arms), abs=1e-12)
+
+
+@pytest.mark.mpi
+def test_held_dofs_take_mass_from_a_direction_only(comm):
+    """The third node held in x: the mass of the body is still 9 kg, and the difference is there to be seen."""
+    with truss(comm, (0, 1), left_out=[(3, 0)]) as model:
+        body = rigid_body_quantities(model)
+        report = hpcred.inspect(model)
+    assert body.masses.tolist() == [6.0, 9.0, 0.0] and body.mass == 9.0 and not body.uniform
+    assert body.centre[0] == pytest.approx(1 / 3)  # seen by the masses in y, of all nodes
+    assert report["mass_kg"] == 9.0 and report["masses_in_x_y_z_kg"] == [6.0, 9.0, 0.0]
+    assert report["inertia_kg_m2"][0][0] is None and report["inertia_kg_m2"][2][2] > 0
+
+
+@pytest.mark.mpi
+def test_one_direction_alone_has_no_centre_along_it(comm):
+    with truss(comm, (2,)) as model:
+        body = rigid_body_quantities(model)
+    assert body.centre[:2] == pytest.approx(PLACES[:, :2].mean(axis=0)) and np.isnan(body.centre[2])
+    x, y = (PLACES - PLACES.mean(axis=0))[:, :2].T
+    assert body.inertia[0, 1] == pytest.approx(-3 * (x * y).sum())  # all that motion along z says of the inertia
+    assert np.isnan(body.inertia).sum() == 7
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "directions, places, count",
+    [((0, 1), PLACES, 3), ((0, 1, 2), PLACES, 6), ((0, 1, 2), PLACES[0] + np.outer([0, 1, 3], [1.0, 2.0, -1.0]), 5)],
+)
+def test_rigid_body_modes_are_those_that_move_a_dof(comm, directions, places, count):
+    """Three in a plane, six in space, five of points on a line, whose turn about it moves nothing."""
+    with truss(comm, directions, places=places) as model:
+        rigid = RigidBodyModes(model)
+        assert rigid.count == count and rigid.defect < 1e-12
+        force = create_block(model.K, count)
+        apply(model.K, rigid.R, force)
+        assert np.abs(inner(force, force)).max() < (1e-8 * model.K.norm()) ** 2
+        assert inner(rigid.R, rigid.MR) == pytest.approx(np.eye(count), abs=1e-12)
+        force.destroy()
+        rigid.close()
+
+
+def test_a_body_without_mass_is_refused():
+    unit = np.eye(3)
+    dofs = Dofs(np.array([1, 1, 1]), np.arange(3, dtype=np.int8), np.zeros((3, 3)))
+    with (
+        hpcred.SecondOrderModel.from_scipy(unit, 0 * unit, dofs=dofs, name="ghost") as model,
+        pytest.raises(InputError, match="ghost: the translational masses in x, y, z are 0, 0, 0 kg"),
+    ):
+        rigid_body_quantities(model)

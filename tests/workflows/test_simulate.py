@@ -1,0 +1,134 @@
+"""sim.toml to files, on any number of ranks."""
+
+import json
+import re
+
+import h5py
+import numpy as np
+import pytest
+
+import hpcred as package
+from hpcred.cli import run
+from hpcred.parallel.failures import InputError
+from hpcred.workflows.simulate import simulate_file
+
+JOB = """
+model = "model.h5"
+output = "result.h5"
+inputs = [[20, "z"], [1, "x"]]
+[frame]
+kind = "buckens"
+[damping]
+kind = "rayleigh"
+alpha = 2.0
+beta = 1e-5
+[[basis]]
+kind = "modes"
+index = [7, 8, 9, 10, 11, 12]
+"""
+SIM = """
+body = "result.h5"
+end = 0.05
+steps = 20
+observe = [10]
+[[force]]
+kind = "sine"
+node = 20
+amplitude = [0.0, 0.0, -10.0]
+frequency = 5.0
+[[force]]
+kind = "table"
+node = 1
+times = [0.0, 0.01]
+values = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+[[constraint]]
+node = 1
+[[constraint]]
+node = 7
+directions = ["x", "z"]
+[[constraint]]
+node = 14
+directions = ["z"]
+"""
+
+
+def names(folder, comm):
+    """What is in a folder while no rank writes."""
+    comm.Barrier()
+    found = sorted(folder.iterdir())
+    comm.Barrier()
+    return found
+
+
+@pytest.fixture
+def made(folder, comm):
+    """A function that reduces the linkage by a job in the folder that all ranks share; returns a good sim.toml."""
+    with package.linkage(comm) as model:
+        package.write_model(folder / "model.h5", model)
+
+    def make(job=JOB):
+        if comm.rank == 0:
+            (folder / "job.toml").write_text(job)
+            (folder / "sim.toml").write_text(SIM)
+        comm.Barrier()
+        assert run(["reduce", str(folder / "job.toml")]) == 0
+        return folder / "sim.toml"
+
+    return make
+
+
+@pytest.mark.mpi
+def test_files_of_a_simulation(made):
+    path = made()
+    report = simulate_file(path, overrides=["velocity=[0.0, 0.0, 1.0]"])
+    assert report["output"] == [str(path.with_name(f"simulation.{suffix}")) for suffix in ("h5", "csv", "png")]
+    assert any("the initial velocities did not fit the constraints" in line for line in report["notes"])
+    assert report["constraint_drift_m"] < 1e-8 and report["energy_defect"] < 1e-4
+    table = np.genfromtxt(path.with_name("simulation.csv"), delimiter=",", names=True)
+    with h5py.File(path.with_name("simulation.h5")) as file:
+        assert file.attrs["format"] == "hpcred-simulation" and file.attrs["version"] == 1
+        assert file["nodes/number"][...].tolist() == [1, 7, 10, 14, 20]
+        moved = file["nodes/displacement"][...]
+        assert moved.shape == (21, 5, 3)
+        assert report["largest_displacement_m"]["20"] == pytest.approx(np.linalg.norm(moved[:, 4], axis=1).max())
+        assert file["constraints/name"][...].tolist() == [b"1:x", b"1:y", b"1:z", b"7:x", b"7:z", b"14:z"]
+        assert table["t"] == pytest.approx(np.linspace(0, 0.05, 21))
+        assert table["displacement_20_z"] == pytest.approx(moved[:, 4, 2], abs=1e-10)
+        assert table["constraint_force_7_z"] == pytest.approx(file["constraints/force"][:, 4], rel=1e-6, abs=1e-6)
+        assert table["energy_work"] == pytest.approx(file["energy/work"][...], abs=1e-9)
+        record = json.loads(file["provenance"][()])
+        assert record["setup"]["velocity"] == [0.0, 0.0, 1.0] and "hpcred" in record["versions"]
+        assert [force["kind"] for force in record["setup"]["force"]] == ["sine", "table"]
+    assert path.with_name("simulation.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.mpi
+def test_simulations_are_refused_on_all_ranks(made, comm):
+    path = made()
+    before = names(path.parent, comm)
+    for change, says in (
+        ("force.0.node=99", "result.h5: node 99 does not exist"),
+        ("body=model.h5", "found an HDF5 file of format 'hpcred-model', expected 'hpcred-result'"),
+        ("output=nowhere/out.h5", "nowhere does not exist"),
+        ("ende=1.0", "sim.toml: ende: unknown key"),
+        ("start=static", "they leave 1 rigid motions free"),
+    ):
+        overrides = [change, "constraint.2.directions=['x']"] if "static" in change else [change]
+        with pytest.raises(InputError, match=re.escape(says)):
+            simulate_file(path, overrides=overrides)
+    assert names(path.parent, comm) == before
+
+
+def test_structural_damping_has_no_motion(made):
+    head, tail = JOB.split('kind = "rayleigh"\nalpha = 2.0\nbeta = 1e-5\n')
+    path = made(head + 'kind = "structural"\nloss_factor = 0.02\n' + tail)
+    with pytest.raises(InputError, match=r"loss factor 0.02.*no place in a simulation.*ratio = 0.01"):
+        simulate_file(path)
+
+
+def test_without_matplotlib_the_numbers_are_written(made, monkeypatch):
+    path = made()
+    monkeypatch.setattr("hpcred.workflows.simulate.has_matplotlib", lambda: False)
+    report = simulate_file(path)
+    assert len(report["output"]) == 2 and "no picture was drawn" in report["notes"][-1]
+    assert path.with_name("simulation.csv").exists() and not path.with_name("simulation.png").exists()
