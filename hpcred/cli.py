@@ -71,8 +71,6 @@ def run(arguments: list[str]) -> int:
             raise
         if _Session.profile and startup.started():
             show_profile(comm, _Session.progress)
-        for name in startup.unused_options():
-            print(f"hpcred: warning: nothing used the PETSc option -{name}", file=sys.stderr)
         sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except (Exception, KeyboardInterrupt) as error:

@@ -53,7 +53,7 @@ def folder(comm):
 def hpcred(tmp_path):
     """Run the command line in a fresh folder on some ranks: hpcred("reduce", "job.toml", ranks=2)."""
 
-    def run(*arguments, ranks=1, timeout=120, program=("-m", "hpcred"), **environment):
+    def run(*arguments, ranks=1, timeout=300, program=("-m", "hpcred"), **environment):
         launcher = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
         return subprocess.run(
             [*launcher, sys.executable, *program, *map(str, arguments)],

@@ -13,6 +13,7 @@ the items on the ranks that it was given.
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -37,6 +38,11 @@ def world():
     from mpi4py import MPI
 
     return MPI.COMM_WORLD
+
+
+def pytest_configure():
+    if not INNER:
+        signal.signal(signal.SIGTERM, lambda *_: pytest.exit("terminated", 143))  # ends the job as well
 
 
 # collection
@@ -170,9 +176,9 @@ class Session:
 
     def _stop(self):
         """End a job that has not come to its end by itself: mpiexec ends its ranks."""
-        for signal in (self.process.terminate, self.process.kill):
+        for end in (self.process.terminate, self.process.kill):
             if self.process.poll() is None:
-                signal()
+                end()
                 with suppress(subprocess.TimeoutExpired):
                     self.process.wait(10)
 

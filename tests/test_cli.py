@@ -17,7 +17,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with package.linkage() as model:
         package.write_model("model.h5", model)
-    Path("job.toml").write_text('model = "model.h5"\n')
+    Path("job.toml").write_text('model = "model.h5"\n[[basis]]\nkind = "modes"\ncount = 2\n')
     return tmp_path
 
 
@@ -81,7 +81,7 @@ def test_damaged_files_are_refused(tmp_path, monkeypatch, capsys, text, says):
         (["reduce"], "Missing argument"),
         (["reduce", "job.toml", "--set", "basis.7.order=1"], "no place 'basis.7.order'"),
         (["convert", "model2.h5"], "no matrices"),
-        (["convert", "block.inp", "model2.h5"], "found no matrix K beside it"),
+        (["convert", "block.inp", "model2.h5"], "block.inp: no such file"),
         (["info", "model.h5", "--below", "1,x"], "expected numbers separated by commas"),
         (["evaluate", "model.h5"], "format 'hpcred-model', expected 'hpcred-result'"),
         (["evaluate", "model.h5", "--band", "3,1"], "--band: found '3,1'"),

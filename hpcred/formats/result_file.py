@@ -133,7 +133,7 @@ def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=
     `reduced` must not be closed); `origin` (3,) of the body frame in m and `lumped`: see multibody.floating_frame.
     `basis`: whether V is written.
     """
-    comm = model.comm if model is not None else MPI.COMM_WORLD
+    comm = model.comm if model is not None else reduced.columns.comm.tompi4py() if reduced.columns else MPI.COMM_WORLD
     body = None
     if model is not None and model.dofs is not None and reduced.columns is not None and reduced.left_columns is None:
         body = body_of(model, reduced, origin=origin, lumped=lumped)

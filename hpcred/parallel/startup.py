@@ -80,10 +80,12 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
         start_mpi()
         import petsc4py
 
-        petsc4py.init(["hpcred", *_petsc_args])
+        # at the end PETSc names the options that nothing used
+        options = ["hpcred", *_petsc_args, *(["-options_left"] if _petsc_args else [])]
+        petsc4py.init(options)
         import slepc4py
 
-        slepc4py.init(["hpcred", *_petsc_args])
+        slepc4py.init(options)
         from petsc4py import PETSc
 
         _scalar = "complex" if PETSc.ScalarType().dtype.kind == "c" else "real"
@@ -112,21 +114,32 @@ def started() -> bool:
     return _scalar is not None
 
 
-def unused_options() -> list[str]:
-    """Names of PETSc options that were given and that nothing has asked for."""
-    if not started():
-        return []
+def check_low_rank():
+    """Raise InputError where block low rank factors of the MUMPS that is loaded would end in a crash.
+
+    The rows of a front are grouped by METIS, or by Scotch where MUMPS was built without METIS; MUMPS before 5.6 hands
+    Scotch a graph that was not initialised.
+    """
+    if _mumps("mumps_scotch_") is None or _mumps("mumps_metis_kway_") is not None:
+        return
+    version = ctypes.create_string_buffer(32)
+    _mumps("mumps_set_version_")(version, ctypes.c_size_t(len(version)))
+    version = version.raw.decode().strip(" \0")
+    if [int(number) for number in re.findall(r"\d+", version)] < [5, 6]:
+        plain = "set HPCRED_SCOTCH=0 in the environment, or " if ordering == 3 else ""
+        raise InputError(
+            f"low_rank: MUMPS {version} with Scotch crashes there; {plain}take MUMPS 5.6 or later, or one with METIS"
+        )
+
+
+def _mumps(name):
+    """A function of the MUMPS that is loaded, or None; looked up where the loader does, global libraries first."""
     from petsc4py import PETSc
 
-    options = PETSc.Options()
-    return [name for name in options.getAll() if not options.used(name)]
-
-
-def check_low_rank():
-    """Raise InputError where block low rank factors of the MUMPS that is loaded would end in a crash."""
-    if ordering == 3:
-        # MUMPS 5.5 hands Scotch a graph that was not initialised when it groups the rows of a front
-        raise InputError("low_rank: MUMPS with Scotch may crash there; set HPCRED_SCOTCH=0 in the environment")
+    for library in (ctypes.CDLL(None), ctypes.CDLL(PETSc.__file__)):
+        if hasattr(library, name):
+            return getattr(library, name)
+    return None
 
 
 def _load_scotch():

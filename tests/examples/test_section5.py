@@ -24,7 +24,7 @@ def test_table_1(linkage):
         ([Modes(count=13), StaticCorrection()], 8.7e-2, 9.1e-2),
         ([Modes(count=14)], 8.2, 8.6),
     ):
-        with hpcred.reduce(linkage, basis, example.FRAME, example.DAMPING, tolerance=1e-13) as rom:
+        with hpcred.reduce(linkage, basis, example.FRAME, example.DAMPING, deflation_tolerance=1e-13) as rom:
             assert rom.size == 14
             errors = hpcred.relative_error(full, hpcred.frequency_response(rom, frequencies))
             assert low <= hpcred.error_integral(frequencies, errors) <= high

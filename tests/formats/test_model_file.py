@@ -19,6 +19,6 @@ def test_model_file_keeps_everything(comm, folder):
         for mat, expected in ((model.K, K), (model.M, M)):
             assert np.array_equal(to_dense(mat), expected)
         assert np.array_equal(columns_of(model.B), B)
-        assert model.input_names == ["20:z", "1:rx"] and model.output_names == ["5:y"]
+        assert model.input_names == ("20:z", "1:rx") and model.output_names == ("5:y",)
         assert columns_of(model.Ct)[25 + 0, 0] == 1.0 or columns_of(model.Ct).sum() == 1.0
         assert (model.dofs.node == (np.arange(120) // 6 + 1)[model.first_row :][: model.local_rows]).all()

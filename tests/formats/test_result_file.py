@@ -13,15 +13,16 @@ pytestmark = pytest.mark.mpi
 
 def test_result_file_keeps_everything(comm, folder):
     with hpcred.linkage(comm) as model, hpcred.reduce(model, [Krylov(50.0, 2)], Buckens()) as rom:
-        hpcred.write_result(folder / "r.h5", rom, model.dofs, comm=comm)
+        hpcred.write_result(folder / "r.h5", rom, model)
         V = gather(rom.columns)
-        read = hpcred.read_result(folder / "r.h5", comm)
+        read = hpcred.read_result(folder / "r.h5", comm).reduced
+        assert read.record == rom.record
         for key in ("M", "D", "K", "B", "C", "frequencies"):
             assert np.array_equal(getattr(read, key), getattr(rom, key))
-        assert read.record["ranks"] == comm.size
-        assert read.record["factorisations"][0]["residual"] < 1e-9
+        assert read.record.ranks == comm.size
+        assert read.record.factorisations[0].residual < 1e-9
         with h5py.File(folder / "r.h5", "r") as file:
             assert np.array_equal(file["basis/V"][...], V.T)
-        hpcred.write_result(folder / "small.h5", rom, basis=False, comm=comm)
+        hpcred.write_result(folder / "small.h5", rom, basis=False)
         with h5py.File(folder / "small.h5", "r") as file:
             assert "basis" not in file

@@ -140,13 +140,10 @@ def test_nodes_without_rotations_are_said(folder):
 
 @pytest.mark.mpi
 def test_a_reduction_in_python_can_be_exported(folder, comm):
-    """By body_of and write_result, without a job."""
+    """By write_result, without a job."""
     with (
         package.linkage(comm) as model,
         package.reduce(model, [Modes(index=(7, 8))], Buckens()) as rom,
     ):
-        body = body_of(model, rom)
-        package.write_result(
-            folder / "result.h5", rom, model.dofs, comm=comm, body=(body.floating_frame, body.nodes)
-        )
+        package.write_result(folder / "result.h5", rom, model)
     assert export_result(folder / "result.h5", "npz")["nodes"] == [20]

@@ -9,7 +9,7 @@ import scipy.integrate
 
 
 def test_section_5_in_one_command(hpcred, tmp_path):
-    run = hpcred("paper", "-o", "out", "--json", "all.json", ranks=2, timeout=200)
+    run = hpcred("paper", "-o", "out", "--json", "all.json", ranks=2, timeout=900)
     assert run.returncode == 0, run.stderr
     for figure in (3, 4, 5):
         assert (tmp_path / f"out/figure_{figure}.png").stat().st_size > 20_000
