@@ -13,7 +13,7 @@ from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
 from ..model.dofs import target_of
 from ..parallel import startup
-from ..parallel.failures import InputError, Owned
+from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
 from ..reduction.record import signature_of
@@ -91,10 +91,11 @@ def model_of_record(path, record, result, comm):
     model = read_model(path, comm)
     for key, names in (("input", record.inputs), ("output", record.outputs)):
         model = _as_recorded(model, key, names, record, path)
-    with Owned(comm) as owned:
-        owned.owns(model)
+    try:
         _check_same(signature_of(model), record, path, result)
-        owned.pop_all()
+    except InputError:
+        model.close()  # a refusal of all ranks
+        raise
     return model
 
 

@@ -1,5 +1,6 @@
 """A result file in every other format, on any number of ranks, and what each says of what it cannot hold."""
 
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,6 @@ import scipy.io
 import hpcred as package
 from hpcred import Buckens, Modes, read_sid
 from hpcred.cli import run
-from hpcred.multibody.body import body_of
 from hpcred.parallel.failures import InputError
 from hpcred.workflows.export import EXPORTS, export_result
 
@@ -105,8 +105,7 @@ def test_exports_are_refused_on_all_ranks(made, comm):
 
 
 def test_a_body_without_coordinates_is_no_body(made, folder):
-    with package.linkage() as model:
-        model.dofs = None
+    with package.linkage() as labelled, replace(labelled.shared(), dofs=None) as model:
         package.write_model(folder / "plain.h5", model)
     result = made(
         JOB.replace("model.h5", "plain.h5").replace('[frame]\nkind = "buckens"\n', "")
