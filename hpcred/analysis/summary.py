@@ -10,7 +10,7 @@ from ..model.rigid_body_modes import RigidBodyModes, doubts_of_nodes, rigid_body
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import is_complex
 
-ZERO = 1e-14  # eigenvalue relative to trace(K) / trace(M) that counts as zero
+ZERO = 1e-12  # eigenvalue relative to trace(K) / trace(M) that counts as zero
 
 
 def inspect(model, frequencies=(), band_top=None, *, factoring: Factoring | None = None, progress=None) -> dict:

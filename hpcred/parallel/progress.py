@@ -61,6 +61,10 @@ class Progress:
             self._charge()
             self._open.pop()
 
+    def elapsed(self) -> float:
+        """Seconds since the start, on this rank."""
+        return time.perf_counter() - self._start
+
     def say(self, text: str):
         """One line of rank 0, with elapsed time and memory."""
         elapsed = time.perf_counter() - self._start

@@ -17,6 +17,7 @@ from ..model.frames import Frame
 from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ..parallel.progress import Timing
+from .adaptive import Accuracy
 from .krylov import Krylov, StaticCorrection
 from .modes import Modes
 from .run import IngredientRecord
@@ -32,7 +33,7 @@ class Record:
     Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs by
     name, and `signature` (see signature_of), by which it is known again. Of the reduction: frame, damping, basis and
     settings; what each ingredient brought; every factorisation; max |V^T M V - I|; unstable poles (re, im) in rad/s;
-    warnings; where the time went. `job`: the job file with its overrides, file names absolute.
+    warnings; where the time went; of an automatic one its accuracy. `job`: the job file with its overrides, file names absolute.
     """
 
     date: str
@@ -63,6 +64,7 @@ class Record:
     unstable_poles: tuple[tuple[float, float], ...]
     warnings: tuple[str, ...]
     timing: Timing
+    accuracy: Accuracy | None = None
     job: dict[str, Any] | None = None
 
     @property

@@ -16,6 +16,7 @@ from ..model.second_order_model import SYMMETRIC_TO
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
+from .adaptive import Accuracy, Adaptive, Search
 from .groups import blocks_in_groups, number_of_groups
 from .projection import diagonalise, project, project_columns
 from .record import make_record
@@ -26,15 +27,21 @@ from .settings import Reduction
 from .two_sided import biorthogonal
 
 ORTHONORMAL_TO = 1e-12
+KEPT_BY_SEARCH = 1e-13  # deflation tolerance of a search: what round-off brings is compressed away at its end
+ROOM = 64  # columns that a search is expected to need
 
 
 def reduce(
-    model, basis, frame=None, damping=None, *, settings: Reduction | None = None, factoring: Factoring | None = None,
+    model, basis=(), frame=None, damping=None, *, tolerance: float | None = None, band=None,
+    adaptive: Adaptive | None = None, settings: Reduction | None = None, factoring: Factoring | None = None,
     progress: Progress | None = None, **keywords,
 ) -> ReducedModel:  # fmt: skip
     """Reduce a SecondOrderModel by projection onto the span of the ingredients. Collective.
 
-    `basis`: list of Modes, Krylov, SecondOrderKrylov, StaticCorrection; each extends what the ones before it gave.
+    `tolerance` and `band` (Hz), or an Adaptive with more to say: expansion points, orders and size are chosen so that
+    eps(f) <= tolerance over the band, and the record says how large the error is and how that is known. `basis`: list
+    of Modes, Krylov, SecondOrderKrylov, StaticCorrection; each extends what the ones before it gave. With a tolerance
+    they come first, and may be left out.
     `frame`: Tangent, Chord, Buckens or None; `damping`: Rayleigh, Caughey, GivenDamping, ModalDamping, Structural
     or None. Other keywords are those of Reduction, such as drop_above=2000.0, and replace those of `settings`.
 
@@ -42,10 +49,16 @@ def reduce(
     Raises InputError or ComputationError, the same on all ranks; `model` is not changed.
     """
     settings = replace(settings or Reduction(), **keywords)
+    if tolerance is not None:
+        if band is None:
+            raise InputError("tolerance: a reduction to a tolerance needs the band in Hz")
+        adaptive = Adaptive(tolerance=tolerance, band=tuple(band))
     progress = progress or Progress(model.comm, show=False)
     frame, damping = frame or NoFrame(), damping or NoDamping()
     _check_model(model)
     two_sided = settings.projection == "two_sided" and model.Ct is not None
+    if two_sided and adaptive is not None:
+        raise InputError("projection: a reduction to a tolerance is one-sided, which keeps stability; leave it out")
     if two_sided and (settings.drop_above is not None or isinstance(damping, ModalDamping)):
         raise InputError(
             "projection: 'two_sided' leaves no diagonal model, which drop_above and modal damping need; "
@@ -55,12 +68,12 @@ def reduce(
     with Owned(model.comm) as owned:
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
-        tolerance = settings.deflation_tolerance
-        runs = [owned.owns(Run(framed, progress, tolerance, factoring or Factoring()))]
+        tolerance = settings.deflation_tolerance if adaptive is None else KEPT_BY_SEARCH
+        runs = [owned.owns(Run(framed, progress, tolerance, factoring or Factoring(), inertia=adaptive is not None))]
         if two_sided:
             runs.append(owned.owns(runs[0].dual()))
         rigid = framed.rigid.R if framed.rigid is not None else None
-        columns = _check_size(framed, basis)
+        columns = _check_size(framed, basis, adaptive)
         bases = [owned.owns(Basis(framed.model.M, rigid, tolerance, room=columns)) for _ in runs]
         groups = number_of_groups(settings.groups, runs[0], basis)
         ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}
@@ -70,6 +83,7 @@ def reduce(
                     ready[i, r].join(vectors, run)
                 else:
                     ingredient.extend(vectors, run)
+        accuracy = _to_tolerance(bases[0], runs[0], adaptive) if adaptive is not None else None
         for run in runs:
             run.release()
         if not all(vectors.size for vectors in bases):
@@ -82,7 +96,7 @@ def reduce(
         reduced.record = make_record(
             model, framed, runs, progress, frame=frame, damping=damping, basis=tuple(basis), groups=groups,
             projection="two_sided" if two_sided else "one_sided", deflation_tolerance=tolerance,
-            drop_above=settings.drop_above, orthonormality_defect=defect, warnings=warnings,
+            drop_above=settings.drop_above, orthonormality_defect=defect, warnings=warnings, accuracy=accuracy,
             unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         )  # fmt: skip
         return reduced
@@ -107,10 +121,20 @@ def _warnings(model, frame) -> tuple[str, ...]:
     return doubts
 
 
-def _check_size(framed, basis) -> int:
+def _to_tolerance(vectors, run, adaptive) -> Accuracy:
+    """Extend the basis until the tolerance is proven, and compress it."""
+    with Owned(run.model.comm) as owned:
+        search = owned.owns(Search(vectors, run, adaptive))
+        factor, accuracy = search.compress(search.search())
+    run.note("compressed", vectors.size, factor.shape[1])
+    vectors.multiply(factor)
+    return accuracy
+
+
+def _check_size(framed, basis, adaptive) -> int:
     """Refuse a basis that cannot fit before anything is factored; returns how many vectors are asked for."""
-    if not basis:
-        raise InputError("basis: the list of ingredients is empty")
+    if not basis and adaptive is None:
+        raise InputError("basis: the list of ingredients is empty, and no tolerance is asked for")
     model, rigid = framed.model, framed.rigid.count if framed.rigid is not None else 0
     for item in basis:
         item.check(model.size, rigid)
@@ -120,7 +144,7 @@ def _check_size(framed, basis) -> int:
             f"basis: {columns} vectors asked for, but {model.name} has only {model.size - rigid} elastic "
             "coordinates in this frame; ask for fewer modes, points or lower orders"
         )
-    return max(columns, 1)
+    return max(columns, 1) if adaptive is None else columns + min(ROOM, adaptive.columns)
 
 
 def _project(model, framed, vectors, run, drop_above):

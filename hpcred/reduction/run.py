@@ -45,6 +45,7 @@ class Run:
     tolerance: float
     factoring: Factoring = Factoring()
     ingredients: list[IngredientRecord] = field(default_factory=list)
+    inertia: bool = False  # whether the solver counts negative pivots on any number of ranks
     _solver: ShiftedSolver | None = None
     _complex_solver: ComplexSolver | None = None
     _loads: object = None
@@ -62,7 +63,7 @@ class Run:
         if self._shared is not None:
             return self._shared.solver
         if self._solver is None:
-            self._solver = ShiftedSolver(self.model, self.rigid, factoring=self.factoring)
+            self._solver = ShiftedSolver(self.model, self.rigid, inertia=self.inertia, factoring=self.factoring)
         if self._complex_solver is not None:
             self._complex_solver.release()
         return self._solver

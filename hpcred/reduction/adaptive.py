@@ -1,0 +1,629 @@
+"""The automatic reduction: a tolerance and a band enter; points, orders and size are chosen, and the error is proven.
+
+One point carries a long chain of blocks. The error is seen from a basis that is some blocks richer: the difference of
+the two models, r^T A_Q^-1 r, is exact in the richer one (see pseudo_modal). Each new point first checks the model that
+was made before it, since its own blocks give the exact value there, and then extends the basis; the last lies at the
+end of the band, where the negative pivots of K - omega^2 M count the modes below it. Last, the basis is compressed to
+the few combinations that the tolerance asks for. (Panzer & Wolf, 2014; Bonin, Fassbender, Soppa & Zaeh, 2016; Lecomte
+et al., AIAA J. 41, 2003, for the count of modes.)
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..linalg.basis import Basis
+from ..linalg.blocks import (
+    add_product,
+    apply,
+    copy_of,
+    create_block,
+    from_dense,
+    inner,
+    local_rows,
+    multiply,
+    random_block,
+)
+from ..linalg.factorisation import SingularMatrix
+from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
+from ..parallel.decisions import decided
+from ..parallel.failures import ComputationError, InputError, Owned
+from ..parallel.petsc import is_complex
+from .compression import columns, compressed
+from .error_estimate import estimate, finer, grid, largest, missing, next_point, off_poles, unsettled
+from .projections import Projections
+from .pseudo_modal import Law, coefficients, difference, nested, norms, relative, response, restricted, solve
+from .run import Run
+
+MARGIN = 0.1  # of the tolerance that the big basis is made for; the rest is for the compression
+BLOCK = 16  # columns of a block that is made from residuals
+HELD_BACK = 3  # columns at least that the estimate sees the model from
+UNIFORM = 200  # frequencies of the estimate, beside those around resonances
+CHAIN = 128  # columns of a point at most, and
+AHEAD = 32  # as many more when the estimate promises to arrive with them
+RESIDUALS = 40  # frequencies at which residuals are taken
+HIDDEN = 60  # random columns at most, to find modes that no load moves
+POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adaptive:
+    """Reduction to an accuracy: eps(f) = ||H - Hr||_F / ||H||_F <= `tolerance` over `band` (Hz).
+
+    At most `factorisations`, `columns` of the big basis, `size` coordinates of the result and `seconds`; where one of
+    them ends the search the model is "not reached". `points` (Hz) are taken first, before the search chooses. The
+    response of an undamped model is measured with the loss factor 2 `zeta0`.
+    """
+
+    tolerance: float
+    band: tuple[float, float]
+    factorisations: int = 14
+    columns: int = 600
+    size: int | None = None
+    seconds: float | None = None
+    zeta0: float = 1e-3
+    points: tuple[float, ...] = ()
+
+    def __post_init__(self):
+        if not 0 < self.tolerance < 1:
+            raise InputError(f"tolerance: found {self.tolerance:g}, expected a relative error such as 1e-4")
+        if not 0 <= self.band[0] < self.band[1] < np.inf:
+            raise InputError(f"band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
+        for key in ("factorisations", "columns", "size", "seconds", "zeta0"):
+            if getattr(self, key) is not None and not 0 < getattr(self, key) < np.inf:
+                raise InputError(f"adaptive.{key}: found {getattr(self, key)}, expected more than 0")
+        if self.factorisations < 2:
+            raise InputError(f"adaptive.factorisations: found {self.factorisations}, expected at least 2")
+        if self.zeta0 >= 1:
+            raise InputError(f"adaptive.zeta0: found {self.zeta0:g}, expected a damping ratio below 1")
+        for point in self.points:
+            if not 0 <= point <= 1.5 * self.band[1]:
+                raise InputError(f"adaptive.points: found {point:g} Hz, expected points in or close to the band")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """An expansion point (Hz) of the search: columns that it brought, seconds of its factor, modes below it (by the
+    negative pivots, None in a complex build), and the estimate over the band after it."""
+
+    frequency: float
+    columns: int
+    factor_seconds: float
+    modes_below: int | None
+    estimate: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proof:
+    """At a new point (Hz): the error that the estimate had `said` there of the model before, the `exact` one, and the
+    estimated rest (`own`) of the value that is called exact."""
+
+    frequency: float
+    said: float
+    exact: float
+    own: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accuracy:
+    """How large the error of an automatic reduction is, and how that is known.
+
+    `largest`: the estimated eps over the band, at `worst` (Hz), `mean` its mean Q / (upper - lower), `noise` the
+    round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in words.
+    `measured`: with which damping. `modes`: counted by inertia below the highest point, those of the big model, and how
+    many were missing. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against exact. `points`: in order.
+    """
+
+    tolerance: float
+    band: tuple[float, float]
+    reached: bool
+    stopped: str
+    largest: float
+    worst: float
+    mean: float
+    noise: float
+    measured: str
+    big_size: int
+    highest: float
+    missing_modes: int
+    points: tuple[Point, ...]
+    proofs: tuple[Proof, ...]
+    frequencies: tuple[float, ...]
+    eps: tuple[float, ...]
+
+    @property
+    def sentence(self) -> str:
+        """What a user reads first."""
+        low, high = self.band
+        proven = max(self.proofs, key=lambda item: item.frequency, default=None)
+        by = f", proven {proven.exact:.1e} at {proven.frequency:g} Hz of the big model" if proven else ""
+        claim = (
+            f"eps <= {self.tolerance:g} over {low:g} to {high:g} Hz" if self.reached
+            else f"NOT REACHED: eps <= {self.largest + self.noise:.1e} instead of {self.tolerance:g} over {low:g} to "
+            f"{high:g} Hz, {self.stopped}"
+        )  # fmt: skip
+        return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}"
+
+
+def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
+    """How the response of a model with a damping law is measured: its proportional part, whether a given D comes on
+    top, and that in words."""
+    if isinstance(damping, GivenDamping):
+        return Law(), True, "measured with the damping matrix of the model"
+    if isinstance(damping, Structural) and damping.loss_factor:
+        return Law(eta=damping.loss_factor), False, f"measured with the loss factor {damping.loss_factor:g}"
+    series = ()
+    if isinstance(damping, Rayleigh):
+        series = damping.alpha, damping.beta
+    elif isinstance(damping, Caughey):
+        series = damping.coefficients
+    if any(series) and not any(series[2:]):
+        return Law(*(*series, 0.0)[:2]), False, "measured with the damping of the model"
+    ratio = zeta0
+    if any(series):
+        omega = 2 * np.pi * np.linspace(max(band[0], 1e-3 * band[1]), band[1], UNIFORM)
+        ratio = max(float((sum(a * omega ** (2 * k - 1) for k, a in enumerate(series)) / 2).min()), 1e-6)
+    elif isinstance(damping, ModalDamping):
+        ratio = max(float(damping.at(np.linspace(*band, UNIFORM)).min()), 1e-6)
+    kind = "the smallest damping ratio of the series" if any(series) else "the smallest modal ratio"
+    why = "undamped" if ratio == zeta0 and not isinstance(damping, ModalDamping) else kind
+    return Law(eta=2 * ratio), False, f"measured with the loss factor {2 * ratio:g} ({why})"
+
+
+class Search:
+    """The state of one automatic reduction; see run(). Its methods are collective, and what depends on small arrays is
+    decided once for all ranks. Call close()."""
+
+    def __init__(self, basis: Basis, run: Run, adaptive: Adaptive):
+        self.basis, self.run, self.settings = basis, run, adaptive
+        self.law, self.damped, self.measured = law_of(run.framed.damping, adaptive.zeta0, adaptive.band)
+        self.loads, self.ports = _loads(run)
+        self.projections = Projections(run, basis, self.loads, self.law, self.damped)
+        self.goal = MARGIN * adaptive.tolerance
+        self.points: list[Point] = []
+        self.proofs: list[Proof] = []
+        self.starts: list[int] = []  # first columns of the blocks
+        # columns of the model that the next point checks, and of the one that it was seen from
+        self.before: tuple[int, int] | None = None
+        self.noise, self.lack = 0.0, 0
+        inputs = self.loads.getActiveColumns()[1]
+        self._by_mass = not self.damped and inputs <= BLOCK
+        self._width = min(4 * inputs if self.damped else inputs, BLOCK)
+        self._random = 0
+
+    def close(self):
+        self.loads.destroy()
+
+    # the loop
+
+    def search(self) -> str:
+        """Extend the basis until the tolerance is proven; returns why it ended, "" if it is reached. Collective."""
+        low, high = self.settings.band
+        waiting = list(self.settings.points)
+        f = waiting.pop(0) if waiting else float(np.sqrt((low**2 + high**2) / 2))
+        closing = False
+        while True:
+            found = self._expand(f, closing)
+            good = closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
+            if good and self.lack > 0:
+                good = self._find_hidden(found["hold"])
+            if good:
+                return ""
+            closing = found["est"] <= 3 * self._floor()
+            self.before = found["hold"], self.basis.size
+            if reason := self._exhausted():
+                return reason
+            taken = [point.frequency for point in self.points]
+            if closing and max(taken) < 0.9 * high:
+                f = high
+            elif waiting:
+                f = waiting.pop(0)
+            else:
+                f = decided(self.run.model.comm, self._next, taken)
+                if f is None:
+                    return "since no place for another point is left"
+
+    def _floor(self):
+        """What can be asked for: the goal, or round-off."""
+        return max(self.goal, self.noise)
+
+    def _exhausted(self) -> str:
+        settings = self.settings
+        if len(self.points) >= settings.factorisations:
+            return f"after {settings.factorisations} factorisations"
+        if self.basis.size >= settings.columns:
+            return f"with {settings.columns} columns"
+        elapsed = self.run.progress.elapsed()
+        if settings.seconds is not None and decided(self.run.model.comm, lambda: elapsed > settings.seconds):
+            return f"after {settings.seconds:g} s"
+        return ""
+
+    def _next(self, taken):
+        model = self.projections.model()
+        inner_model = self.projections.model(self.before[0])
+        S = grid([model], self.law, self.settings.band, UNIFORM)
+        curve, _ = estimate(inner_model, model, nested(inner_model, model), self.law, S, self.ports)
+        return next_point(S, curve, taken, model, self.settings.band)
+
+    # one point
+
+    def _expand(self, f, closing):
+        """Factor at a point and add blocks until the estimate over the band is small. Returns what was judged last."""
+        run, progress = self.run, self.run.progress
+        f, count, seconds = self._factor(f)
+        before, history, last, judged = self.basis.size, [], None, {"est": np.inf, "exact": np.inf, "hold": 0}
+        order = -1
+        while True:
+            order += 1
+            start = self.basis.size
+            with Owned(run.model.comm) as owned:
+                load = owned.owns(self._next_load(order, last, f))
+                block = owned.owns(create_block(run.model.K, load.getActiveColumns()[1]))
+                with progress.stage("solve"):
+                    run.solver.solve(load, block)
+                new = self.projections.extend(block)
+                if not new:  # the loads and their chain are exhausted: what do random columns reveal?
+                    new = self._extend_by_random()
+            last = (start, self.basis.size)
+            if new:
+                self.starts.append(start)
+            limit = CHAIN + 2 * self.loads.getActiveColumns()[1]
+            added = self.basis.size - before
+            with progress.stage("estimate"):
+                judged = decided(run.model.comm, self._judge, f, order, new, added, limit, closing, history)
+            history = judged.pop("history")
+            self.noise = judged["noise"]
+            progress.say(
+                f"{f:.6g} Hz, block {order}: {self.basis.size} columns"
+                + (f", estimated error {judged['est']:.1e}" if np.isfinite(judged["est"]) else "")
+            )
+            if judged["stop"]:
+                break
+        name = f"adaptive {f:.6g} Hz, {order + 1} blocks"
+        run.note(name, self.basis.size - before, self.basis.size - before)
+        self.points.append(Point(frequency=f, columns=self.basis.size - before, factor_seconds=seconds,
+                                 modes_below=count, estimate=float(judged["est"])))  # fmt: skip
+        counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
+        self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), counts))
+        if self.before is not None:
+            self.proofs.append(Proof(frequency=f, **{key: float(judged[key]) for key in ("said", "exact", "own")}))
+        return judged
+
+    def _factor(self, f):
+        """Factor K - omega^2 M, off the poles; the point, the modes below it and the seconds."""
+        run = self.run
+        if self.basis.size:
+            moved = decided(run.model.comm, lambda: off_poles(f, self.projections.model(), self.settings.band))
+            f = moved or f
+        for trial in (f, f * (1 + POLE_GAP), f * (1 - POLE_GAP), f * (1 + 3 * POLE_GAP)):
+            with suppress(SingularMatrix), run.progress.stage("factor", f"{trial:.6g} Hz"):
+                run.solver.factor(-((2 * np.pi * trial) ** 2))
+                count = None
+                if not is_complex():
+                    count = run.solver.negative_pivots - (run.rigid.count if run.rigid is not None and trial else 0)
+                return float(trial), count, float(run.solver.records[-1].factor_seconds)
+        raise ComputationError(f"no point near {f:g} Hz could be factored: is it among many eigenfrequencies?")
+
+    def _next_load(self, order, last, f):
+        """The loads of a block, which the caller destroys: L, then M times the block before, or residuals."""
+        run = self.run
+        if not self._by_mass and self.basis.size and (order or self.before is not None):
+            return self._residual_block(f)
+        if order == 0 or last[0] == last[1]:
+            return copy_of(self.loads, run.model.K)
+        return run.times_mass(self.basis.columns_between(*last))
+
+    def _extend_by_random(self):
+        run = self.run
+        self._random += 1
+        with Owned(run.model.comm) as owned:
+            x = owned.owns(random_block(run.model.K, 2, seed=self._random))
+            load = owned.owns(run.times_mass(x))
+            run.solver.solve(load, x)
+            return self.projections.extend(x)
+
+    def _judge(self, f, order, new, added, limit, closing, history):
+        """What the basis is worth after a block, and whether the point is done; on one rank."""
+        history = list(history)
+        outer = self.projections.model()
+        m = len(outer.squares)
+        hold = next((start for start in reversed(self.starts) if m - start >= HELD_BACK), 0)
+        result = {"est": np.inf, "noise": self.noise, "own": np.inf, "exact": np.inf, "said": np.inf, "hold": hold,
+                  "history": history, "stop": False}  # fmt: skip
+        if hold == 0 and new:
+            return result
+        if not new:  # nothing new at all: the basis is complete
+            result["hold"] = hold = m
+        inner_model = self.projections.model(hold)
+        U = nested(inner_model, outer)
+        band, law, ports = self.settings.band, self.law, self.ports
+        if order >= 1:
+            S = grid([outer], law, band, UNIFORM // 4, [0.0])
+            rough = estimate(inner_model, outer, U, law, S, ports)[0].max()
+            if rough > 10 * self._floor() and added + new <= limit and new and m < self.settings.columns:
+                history.append(rough)
+                return result | {"est": rough}
+        S = grid([outer], law, band, UNIFORM)
+        curve, noise = estimate(inner_model, outer, U, law, S, ports)
+        est, noise = float(curve.max()), float(noise.max())
+        goal = max(self.goal, noise)
+        result |= {"est": est, "noise": noise}
+        if self.before is not None:
+            result |= self._check(f, inner_model, outer)
+        history.append(est)
+        if order < 1 and new:
+            return result
+        done = est <= goal and (
+            not closing or result["own"] <= max(result["exact"] / 10, self.goal / 100, noise)
+        )
+        ahead = _columns_ahead(history, goal, new)
+        promising = ahead <= AHEAD
+        full = added + (0 if promising else new) > limit + (AHEAD if promising else 0) or m >= self.settings.columns
+        return result | {"stop": bool(not new or done or full)}
+
+    def _check(self, f, inner_model, outer):
+        """The model of before at a new point: what was said of it, the exact error, the rest of what is called so."""
+        at, law, ports = np.array([f]), self.law, self.ports
+        old, seen_from = (self.projections.model(size) for size in self.before)
+
+        def error(one, other):
+            E = difference(one, other, nested(one, other), law, at, ports)
+            return relative(E, response(other, law, at, ports))[0]
+
+        return {"exact": error(old, outer), "said": error(old, seen_from), "own": error(inner_model, outer)}
+
+    # modes that no load moves
+
+    def _find_hidden(self, hold) -> bool:
+        """Add random columns and A^-1 M x of pseudo-modes x that still move until no mode is missing; whether the model
+        stays what it was. Collective."""
+        run, size, used = self.run, self.basis.size, 0
+        counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
+        top = max(f for f, _ in counts)
+        moving = None
+        while used < HIDDEN:
+            before = self.basis.size
+            if moving is None:
+                used += self._extend_by_random()
+            else:
+                with Owned(run.model.comm) as owned:
+                    x = owned.owns(create_block(run.model.K, moving.shape[1]))
+                    add_product(x, self.basis.columns, moving, beta=0.0)
+                    load = owned.owns(run.times_mass(x))
+                    run.solver.solve(load, x)
+                    used += self.projections.extend(x)
+            if self.basis.size == before:
+                break
+            moving, lack = decided(run.model.comm, self._moving, before, top, counts)
+            if moving is None and lack <= 0:
+                break
+        self.lack, change = decided(run.model.comm, self._change, size, counts)
+        run.note("modes that no load moves", used, self.basis.size - size)
+        return change <= 3 * self._floor()
+
+    def _moving(self, before, top, counts):
+        model, old = self.projections.model(), self.projections.model(before)
+        which = unsettled(model, old, top)
+        return model.vectors[:, which] if len(which) else None, missing(model, counts)
+
+    def _change(self, size, counts):
+        model, old = self.projections.model(), self.projections.model(size)
+        S = grid([model], self.law, self.settings.band, UNIFORM)
+        E = difference(old, model, nested(old, model), self.law, S, self.ports)
+        return missing(model, counts), float(relative(E, response(model, self.law, S, self.ports)).max())
+
+    # blocks made from residuals
+
+    def _residual_block(self, f):
+        """Leading directions of the residuals R(s_k) / |H|^(1/2) over the band (randomised, with one power step).
+
+        For many inputs, or a given D, whose chain at one point would be blind to the rest of the band.
+        """
+        run, comm = self.run, self.run.model.comm
+        matrices = [run.model.M, run.model.K, *([run.model.D] if self.damped else [])]
+        scale = _row_scale(run.model)
+        state = {}  # of rank 0: the coefficients of the residuals
+
+        def sample():
+            state["L"], state["parts"] = self._residual_coefficients(f)
+            omega = np.random.default_rng(self.basis.size).standard_normal((state["L"].shape[1], 2 * self._width))
+            return _times_all(state, omega)
+
+        def power(products):
+            return _times_all(state, _transposed_times(state, products))
+
+        def directions(products):
+            left = np.linalg.svd(_transposed_times(state, products).T, full_matrices=False)[0]
+            return left[:, : self._width]
+
+        def combine(factors):
+            """The rows of the residuals times a factor, scaled."""
+            block = create_block(run.model.K, factors[0].shape[1])
+            add_product(block, self.loads, factors[0], beta=0.0)
+            for mat, factor in zip(matrices, factors[1:], strict=True):
+                with Owned(comm) as owned:
+                    part, product = (owned.owns(create_block(mat, factor.shape[1])) for _ in range(2))
+                    add_product(part, self.basis.columns, factor, beta=0.0)
+                    apply(mat, part, product)
+                    add_product(block, product, np.eye(factor.shape[1]), alpha=-1.0)
+            if run.rigid is not None:
+                run.rigid.equilibrate(block)
+            with local_rows(block) as rows:
+                rows *= scale[:, None]
+            _orthonormalise(block, comm)
+            return block
+
+        def products_with(block):
+            """L^T S Y and V^T A^T S Y for M, K, D."""
+            with Owned(comm) as owned:
+                scaled = owned.owns(copy_of(block, run.model.K))
+                with local_rows(scaled) as rows:
+                    rows *= scale[:, None]
+                found = [inner(self.loads, scaled)]
+                for mat in matrices:
+                    product = owned.owns(create_block(mat, scaled.getActiveColumns()[1]))
+                    if mat is run.model.D and not run.model.symmetric:
+                        _apply_transposed(mat, scaled, product)
+                    else:
+                        apply(mat, scaled, product)
+                    found.append(inner(self.basis.columns, product))
+                return found
+
+        with run.progress.stage("residuals"):
+            first = combine(decided(comm, sample))
+            with Owned(comm) as owned:
+                owned.owns(first)
+                block = combine(decided(comm, power, products_with(first)))
+            turn = decided(comm, directions, products_with(block))
+            multiply(block, turn)
+            block.setActiveColumns(0, turn.shape[1])
+            with local_rows(block) as rows:
+                rows /= scale[:, None]
+        return block
+
+    def _residual_coefficients(self, f):
+        """Coefficients of w R = w L - M V c_M - K V c_K - D V c_D, Re beside Im: c_L (l, N); c_M, c_K, c_D (m, N)."""
+        model = self.projections.model()
+        S = np.unique(np.append(np.linspace(*self.settings.band, RESIDUALS), f))
+        H = norms(response(model, self.law, S, self.ports))
+        weights = (1 / np.sqrt(np.where(H > 0, H, H.max(initial=1.0) or 1.0)))[:, None, None]
+        states = solve(model, self.law, S, model.L) * weights
+        a, b, s = coefficients(self.law, S)
+        loads = columns(np.eye(model.L.shape[1], dtype=complex) * weights)
+        factors = (b, a, s) if self.damped else (b, a)
+        return loads, [model.vectors @ columns(factor[:, None, None] * states) for factor in factors]
+
+    # the end
+
+    def compress(self, reason) -> tuple[np.ndarray, Accuracy]:
+        """The columns U (m, k) of the basis that the tolerance asks for, and what is known of them. Collective."""
+        with self.run.progress.stage("compress"):
+            return decided(self.run.model.comm, self._compress, reason)
+
+    def _compress(self, reason):
+        settings, law, ports, band = self.settings, self.law, self.ports, self.settings.band
+        outer = self.projections.model()
+        hold = next((start for start in reversed(self.starts) if len(outer.squares) - start >= HELD_BACK), 0)
+        seen = self.projections.model(hold) if hold else None
+        S = grid([outer], law, band, UNIFORM)
+        est, noise = np.inf, self.noise
+        if seen is not None:
+            curve, roundoff = estimate(seen, outer, nested(seen, outer), law, S, ports)
+            est, noise = float(curve.max()), float(roundoff.max())
+        eps = settings.tolerance
+        goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
+        for _ in range(6):
+            U = compressed(outer, law, S, ports, goal)
+            if settings.size is not None and U.shape[1] > settings.size:
+                reason = reason or f"with {settings.size} coordinates"
+                U = compressed(outer, law, S, ports, 0.0, most=settings.size)
+            inner_model, embedding = restricted(outer, U, law)
+            fine = finer(grid([outer, inner_model], law, band, UNIFORM), 4)
+            fine, curve = largest(inner_model, outer, embedding, law, fine, ports)
+            if curve.max() <= 1.02 * goal or settings.size == U.shape[1]:
+                break
+            S = np.unique(np.concatenate([S, fine[curve > 0.8 * goal]]))
+        H = response(outer, law, fine, ports)
+        E = difference(inner_model, outer, embedding, law, fine, ports)
+        roundoff = H - response(inner_model, law, fine, ports) - E
+        noise = max(noise, float(relative(roundoff, H).max()))
+        claim = float(curve.max()) + (est if reason else min(est, 3 * self._floor()))
+        reached = not reason and claim + noise <= eps
+        if not reason and not reached:
+            reason = f"limited to {claim + noise:.1e} by round-off"
+        return outer.vectors @ embedding, Accuracy(
+            tolerance=eps, band=band, reached=reached, stopped=reason or "reached", largest=claim,
+            worst=float(fine[curve.argmax()]), noise=noise, measured=self.measured, big_size=len(outer.squares),
+            mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(fine)).sum() / (band[1] - band[0])),
+            highest=float(inner_model.frequencies.max()), missing_modes=max(self.lack, 0), points=tuple(self.points),
+            proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
+        )  # fmt: skip
+
+
+def _columns_ahead(history, goal, width):
+    """Columns until the estimate is below the goal at the rate of the last block."""
+    if len(history) < 2 or history[-1] >= history[-2] or history[-1] <= 0:
+        return np.inf
+    return width * max(0.0, np.log(history[-1] / goal) / np.log(history[-2] / history[-1]))
+
+
+def _loads(run):
+    """L, the independent columns of [B, C^T] as a block, and (Lb (l, p), Lc (l, r)) with B = L Lb, C^T = L Lc."""
+    model = run.model
+    with Owned(model.comm) as owned:
+        both = [owned.owns(from_dense(mat)) for mat in (model.B, model.Ct) if mat is not None]
+        widths = [block.getActiveColumns()[1] for block in both]
+        L = create_block(model.K, sum(widths))
+        with local_rows(L) as target:
+            for place, block in zip(np.cumsum([0, *widths]), both, strict=False):
+                with local_rows(block) as source:
+                    target[:, place : place + source.shape[1]] = source
+    if run.rigid is not None:
+        run.rigid.equilibrate(L)
+    kept, factor = decided(model.comm, _independent_columns, inner(L, L))
+    if not len(kept):
+        L.destroy()
+        raise InputError(f"{model.name}: no input loads the elastic dofs of the model; the response is zero")
+    multiply(L, np.eye(sum(widths))[:, kept])
+    L.setActiveColumns(0, len(kept))
+    Lb = factor[:, : widths[0]]
+    return L, (Lb, Lb if model.Ct is None else factor[:, widths[0] :])
+
+
+def _independent_columns(gram):
+    """Which columns are independent, by Cholesky with pivoting, and all columns in terms of them."""
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 1e-12 * size.max(initial=0.0))
+    unit = gram * np.outer(scale, scale)
+    rest, kept = unit.copy(), []
+    while len(kept) < len(unit) and np.diag(rest).max() > 1e-13:
+        k = int(np.diag(rest).argmax())
+        kept.append(k)
+        rest = rest - np.outer(rest[:, k], rest[k]) / rest[k, k]
+        rest[k], rest[:, k] = 0.0, 0.0
+    kept = np.array(sorted(kept), dtype=int)
+    if not len(kept):
+        return kept, np.zeros((0, len(gram)))
+    factor = np.linalg.solve(unit[np.ix_(kept, kept)], unit[kept]) * np.outer(1 / size[kept], size)
+    factor[:, kept] = np.eye(len(kept))
+    return kept, factor
+
+
+def _row_scale(model):
+    """1 / sqrt(diag K) of the rows of this rank."""
+    diagonal = model.K.getDiagonal()
+    values = np.abs(diagonal.getArray().real)
+    diagonal.destroy()
+    typical = model.mean_diagonal_of_k
+    return 1 / np.sqrt(np.where(values > 1e-12 * typical, values, typical))
+
+
+def _orthonormalise(block, comm):
+    """block <- its orthonormal directions, the weakest of them to round-off left out."""
+    for _ in range(2):
+        values, vectors = decided(comm, np.linalg.eigh, inner(block, block))
+        kept = values > 1e-14 * values.max()
+        multiply(block, vectors[:, kept] / np.sqrt(values[kept]))
+        block.setActiveColumns(0, int(kept.sum()))
+
+
+def _apply_transposed(mat, block, result):
+    transposed = mat.copy()
+    mat.transpose(transposed)
+    apply(transposed, block, result)
+    transposed.destroy()
+
+
+def _times_all(state, factor):
+    return [state["L"] @ factor, *(part @ factor for part in state["parts"])]
+
+
+def _transposed_times(state, products):
+    """R^T Y (N, k) from L^T Y and V^T A^T Y."""
+    found = state["L"].T @ products[0]
+    for part, product in zip(state["parts"], products[1:], strict=True):
+        found = found - part.T @ product
+    return found

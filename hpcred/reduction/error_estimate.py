@@ -1,0 +1,116 @@
+"""The error of a model seen from a richer one: two nested models enter; eps(f), its noise, the next point leave."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .pseudo_modal import Law, PseudoModal, difference, relative, response
+
+CLUSTER = np.array([-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0])  # places around a resonance, in units of its damping ratio
+
+
+def estimate(inner: PseudoModal, outer: PseudoModal, embedding: np.ndarray, law: Law, frequencies, ports):
+    """Relative error (S,) of `inner` seen from `outer`, and the noise (S,): what plain subtraction differs by."""
+    E = difference(inner, outer, embedding, law, frequencies, ports)
+    H = response(outer, law, frequencies, ports)
+    noise = H - response(inner, law, frequencies, ports) - E
+    return relative(E, H), relative(noise, H)
+
+
+def ratios(model: PseudoModal, law: Law) -> np.ndarray:
+    """Damping ratios (m,) of the pseudo-modes, 0 at squares <= 0."""
+    omega = np.sqrt(np.maximum(model.squares, 0.0))
+    inverse = np.divide(1.0, omega, out=np.zeros_like(omega), where=omega > 0)
+    given = 0.0 if model.D is None else np.abs(np.diag(model.D))
+    return (law.eta + (law.alpha + given) * inverse + law.beta * omega) / 2
+
+
+def grid(models, law: Law, band, uniform=200, around=CLUSTER) -> np.ndarray:
+    """S: `uniform` points over the band (Hz) and 7 around every pseudo-frequency of the models, one set a cluster.
+
+    `around`: where, in damping ratios.
+    """
+    low, high = band
+    points = [np.linspace(low, high, uniform)]
+    for model in models:
+        f, width = model.frequencies, np.clip(ratios(model, law), 1e-5, 0.1)
+        near = np.flatnonzero((f > low * 0.9) & (f < high * 1.1))
+        last = -np.inf
+        for j in near:  # in ascending order
+            if f[j] - last > 0.3 * width[j] * f[j]:
+                last = f[j]
+                points.append(f[j] * (1 + width[j] * np.asarray(around)))
+    points = np.unique(np.concatenate(points))
+    points = points[(points >= low) & (points <= high)]
+    return points[np.diff(points, prepend=-1.0) > 1e-9 * high]
+
+
+def finer(frequencies: np.ndarray, times=4) -> np.ndarray:
+    """The grid with every interval split into `times` parts."""
+    steps = np.arange(times) / times
+    inside = (frequencies[:-1, None] + np.diff(frequencies)[:, None] * steps).ravel()
+    return np.append(inside, frequencies[-1])
+
+
+def around_peaks(frequencies: np.ndarray, curve: np.ndarray, above: float, parts=4) -> np.ndarray:
+    """New frequencies in the two intervals beside every local maximum of the curve (S,) that exceeds `above`."""
+    padded = np.concatenate([[-np.inf], curve, [-np.inf]])
+    peak = np.flatnonzero((curve >= padded[:-2]) & (curve >= padded[2:]) & (curve > above))
+    beside = np.unique(np.concatenate([peak - 1, peak]))
+    beside = beside[(beside >= 0) & (beside < len(frequencies) - 1)]
+    steps = np.arange(1, parts) / parts
+    return (frequencies[beside, None] + np.diff(frequencies)[beside, None] * steps).ravel()
+
+
+def largest(inner: PseudoModal, outer: PseudoModal, embedding, law: Law, frequencies, ports, rounds=3):
+    """Grid and relative error of `inner` seen from `outer` on it, refined `rounds` times around the highest maxima."""
+    curve = relative(
+        difference(inner, outer, embedding, law, frequencies, ports), response(outer, law, frequencies, ports)
+    )
+    for _ in range(rounds):
+        more = around_peaks(frequencies, curve, curve.max() / 3)
+        if not more.size:
+            break
+        found = relative(difference(inner, outer, embedding, law, more, ports), response(outer, law, more, ports))
+        frequencies, curve = np.append(frequencies, more), np.append(curve, found)
+        order = np.argsort(frequencies)
+        frequencies, curve = frequencies[order], curve[order]
+    return frequencies, curve
+
+
+def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | None:
+    """The frequency of the largest estimate, 0.02 of the band from other points and 2e-3 f from pseudo-frequencies."""
+    apart = 0.02 * (band[1] - band[0])
+    free = np.ones(len(frequencies), dtype=bool)
+    for f in taken:
+        free &= np.abs(frequencies - f) >= apart
+    order = np.argsort(-np.where(free, curve, -np.inf))
+    for k in order[: free.sum()]:
+        if (f := off_poles(frequencies[k], model, band)) is not None:
+            return f
+    return None
+
+
+def off_poles(f: float, model: PseudoModal, band, gap=2e-3) -> float | None:
+    """f, or the nearest frequency of the band that is `gap` f away from all pseudo-frequencies."""
+    poles = model.frequencies
+    tries = f * (1 + gap * np.array([0, 1, -1, 2, -2, 3, -3, 5, -5, 8, -8]))
+    for trial in tries:
+        if band[0] <= trial <= band[1] and trial > 0 and (np.abs(poles - trial) >= 0.999 * gap * trial).all():
+            return float(trial)
+    return None
+
+
+def missing(model: PseudoModal, counts) -> int:
+    """Modes below the points that inertia counts and the model has not; `counts`: (f, number of modes below f)."""
+    poles = model.frequencies
+    return max((count - int((poles < f).sum()) for f, count in counts), default=0)
+
+
+def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:
+    """Up to `most` pseudo-modes (indices) below `top` Hz whose frequency was not there before, to `still`; largest first."""
+    f, old = model.frequencies, before.frequencies
+    f = f[f < top]
+    moved = np.abs(f[:, None] - old).min(axis=1, initial=np.inf) / np.maximum(f, 1e-300)
+    order = np.argsort(-moved, kind="stable")
+    return order[moved[order] > still][:most]

@@ -1,0 +1,199 @@
+"""Projected models in pseudo-modal coordinates: small matrices enter; responses and differences of nested models leave.
+
+Everything is dense numpy, deterministic and local. For V^T M V = I and the columns L of [B, C^T]:
+
+    A(s) = a K + b M + s D,   a = 1 + i eta + s beta,   b = s^2 + s alpha,   s = 2 pi i f          (41, 40)
+    H(s) = C A(s)^-1 B = Lc^T (L^T A(s)^-1 L) Lb,       B = L Lb,   C^T = L Lc
+    H - H_V = R^T A^-1 R,   R = L - A V y_V,   y_V = A_V^-1 V^T L          (exact for symmetric A, W = V)
+
+In a richer basis Q the difference H_Q - H_V is r^T A_Q^-1 r with r = L_Q - A_Q U y_V, V = Q U, without cancellation.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
+CHUNK = 2**22  # complex numbers of states held at a time
+
+
+class Law(NamedTuple):
+    """Proportional damping: D = alpha M + beta K and (1 + i eta) K."""
+
+    alpha: float = 0.0
+    beta: float = 0.0
+    eta: float = 0.0
+
+
+class PseudoModal(NamedTuple):
+    """A projected model in its pseudo-modal coordinates, V^T M V = I, V^T K V = diag(squares).
+
+    `squares` (m,): omega^2; `L` (m, l): the projected loads and measurements; `D` (m, m): a given damping matrix,
+    projected, or None; `vectors` (m, m): from these coordinates to those of the basis; `inverse`: the poles, with D.
+    """
+
+    squares: np.ndarray
+    L: np.ndarray
+    D: np.ndarray | None
+    vectors: np.ndarray
+    inverse: Poles | None = None
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Pseudo-frequencies (m,) in Hz (52)."""
+        return np.sqrt(np.maximum(self.squares, 0.0)) / (2 * np.pi)
+
+
+def diagonalised(K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, law: Law = Law()) -> PseudoModal:
+    """The model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) in pseudo-modal coordinates (53, 54)."""
+    squares, vectors = np.linalg.eigh((K + K.T) / 2)
+    if D is None:
+        return PseudoModal(squares, vectors.T @ L, None, vectors)
+    model = PseudoModal(squares, vectors.T @ L, vectors.T @ D @ vectors, vectors)
+    try:
+        return model._replace(inverse=poles(model, law))
+    except np.linalg.LinAlgError:
+        return model
+
+
+def restricted(model: PseudoModal, U: np.ndarray, law: Law) -> tuple[PseudoModal, np.ndarray]:
+    """The model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated."""
+    K = U.T @ (model.squares[:, None] * U)
+    inner = diagonalised(K, U.T @ model.L, None if model.D is None else U.T @ model.D @ U, law)
+    return inner, U @ inner.vectors
+
+
+def nested(inner: PseudoModal, outer: PseudoModal) -> np.ndarray:
+    """The embedding (m, k) of a model whose basis is the first k columns of the basis of `outer`."""
+    return outer.vectors[: len(inner.vectors)].T @ inner.vectors
+
+
+def coefficients(law: Law, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """a, b, s (S,) of A(s) = a K + b M + s D at frequencies (S,) in Hz."""
+    s = 2j * np.pi * np.asarray(frequencies)
+    return 1 + 1j * law.eta + s * law.beta, s * s + s * law.alpha, s
+
+
+def _diagonal(model, law, frequencies):
+    """a omega^2 + b (S, m): A(s) without D."""
+    a, b, _ = coefficients(law, frequencies)
+    return a[:, None] * model.squares + b[:, None]
+
+
+class Poles(NamedTuple):
+    """A(s)^-1 = right diag(1 / (s - poles)) left for a model with a given D: poles (2m,), right (m, 2m), left (2m, m)."""
+
+    poles: np.ndarray
+    right: np.ndarray
+    left: np.ndarray
+
+
+def poles(model: PseudoModal, law: Law) -> Poles:
+    """The eigenvectors of the first-order form with the state (y, s y)."""
+    m = len(model.squares)
+    D = model.D + np.diag(law.alpha + law.beta * model.squares)
+    below = np.diag(-(1 + 1j * law.eta) * model.squares) if law.eta else np.diag(-model.squares)
+    matrix = np.block([[np.zeros((m, m)), np.eye(m)], [below, -D]])
+    values, vectors = np.linalg.eig(matrix)
+    return Poles(values, vectors[:m], np.linalg.inv(vectors)[:, m:])
+
+
+def solve(model: PseudoModal, law: Law, frequencies, right: np.ndarray, transposed=False, accuracy=1e-14) -> np.ndarray:
+    """A(s)^-1 right (S, m, l), or A(s)^-T right; `right` (m, l) or (S, m, l).
+
+    With a given D by its poles and at most two steps of refinement until the residual is below `accuracy`; where it stays
+    above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination.
+    """
+    if model.D is None:
+        return right / _diagonal(model, law, frequencies)[:, :, None]
+    right = np.broadcast_to(right, (len(frequencies), *right.shape[-2:]))
+    inverse = model.inverse
+    states, wrong = np.zeros(right.shape, dtype=complex), np.arange(len(frequencies))
+    if inverse is not None:
+        if transposed:
+            inverse = Poles(inverse.poles, inverse.left.T, inverse.right.T)
+        factor = 1 / (coefficients(law, frequencies)[2][:, None, None] - inverse.poles[:, None])
+        size = norms(np.abs(right))
+        rest = right
+        for step in range(3):
+            states += _times(inverse.right, factor * _times(inverse.left, rest))
+            rest = right - multiply(model, law, frequencies, states, transposed)
+            scale = size + norms(_diagonal(model, law, frequencies)[:, :, None] * states)
+            if (norms(rest) <= accuracy * scale).all():
+                break
+        wrong = np.flatnonzero(~(norms(rest) <= 1e3 * accuracy * scale))
+    for part in np.array_split(wrong, 1 + len(wrong) * len(model.squares) ** 2 // CHUNK) if len(wrong) else ():
+        matrices = coefficients(law, frequencies[part])[2][:, None, None] * (model.D.T if transposed else model.D)
+        index = np.arange(len(model.squares))
+        matrices[:, index, index] += _diagonal(model, law, frequencies[part])
+        states[part] = np.linalg.solve(matrices, right[part])
+    return states
+
+
+def multiply(model: PseudoModal, law: Law, frequencies: np.ndarray, states: np.ndarray, transposed=False) -> np.ndarray:
+    """A(s) states (S, m, l), or A(s)^T states."""
+    result = _diagonal(model, law, frequencies)[:, :, None] * states
+    if model.D is not None:
+        s = coefficients(law, frequencies)[2]
+        result += s[:, None, None] * _times(model.D.T if transposed else model.D, states)
+    return result
+
+
+def chunks(model: PseudoModal, frequencies: np.ndarray):
+    """Parts of the frequencies whose states (and matrices, with a given D) fit."""
+    m, l = model.L.shape
+    width = l if model.D is None else l + m
+    return np.array_split(frequencies, max(1, -(-len(frequencies) * m * width // CHUNK)))
+
+
+def response(model: PseudoModal, law: Law, frequencies: np.ndarray, ports) -> np.ndarray:
+    """H (S, r, p); `ports` = (Lb (l, p), Lc (l, r))."""
+    Lb, Lc = ports
+    left, right = (model.L @ Lc).T, model.L @ Lb
+    return np.concatenate([left @ solve(model, law, part, right) for part in chunks(model, frequencies)])
+
+
+def difference(inner: PseudoModal, outer: PseudoModal, embedding: np.ndarray, law: Law, frequencies, ports) -> np.ndarray:
+    """E = r^T A_Q^-1 r (S, r, p), equal to H_Q - H_V without its cancellation; V = Q embedding."""
+    Lb, Lc = ports
+    same = Lb is Lc and is_symmetric(outer.D)
+    found = []
+    for part in chunks(outer, frequencies):
+        right = _residual(inner, outer, embedding, law, part, Lb)
+        left = right if same else _residual(inner, outer, embedding, law, part, Lc, transposed=True)
+        found.append(left.transpose(0, 2, 1) @ solve(outer, law, part, right, accuracy=ROUGH))
+    return np.concatenate(found)
+
+
+def _residual(inner, outer, embedding, law, frequencies, port, transposed=False):
+    """r = L_Q - A_Q U y_V (S, m, p) for the columns L port."""
+    states = _times(embedding, solve(inner, law, frequencies, inner.L @ port, transposed, ROUGH))
+    return outer.L @ port - multiply(outer, law, frequencies, states, transposed)
+
+
+def _times(matrix, states):
+    """matrix (m, k) states (S, k, l), as one product."""
+    count, size, width = states.shape
+    flat = np.ascontiguousarray(states.transpose(1, 0, 2)).reshape(size, count * width)
+    if np.isrealobj(matrix) and np.iscomplexobj(flat):
+        flat = (np.ascontiguousarray(matrix) @ flat.view(float)).view(complex)
+    else:
+        flat = matrix @ flat
+    return flat.reshape(len(matrix), count, width).transpose(1, 0, 2)
+
+
+def is_symmetric(D):
+    return D is None or np.abs(D - D.T).max(initial=0.0) <= 1e-10 * np.abs(D).max(initial=0.0)
+
+
+def norms(blocks: np.ndarray) -> np.ndarray:
+    """Frobenius norms (S,) of blocks (S, r, p)."""
+    return np.linalg.norm(blocks, axis=(1, 2))
+
+
+def relative(blocks: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """||E||_F / ||H||_F (S,) (55, 56); 0 where both vanish."""
+    size, scale = norms(blocks), norms(reference)
+    return np.divide(size, scale, out=np.where(size > 0, np.inf, 0.0), where=scale > 0)
