@@ -108,7 +108,7 @@ def missing(model: PseudoModal, counts) -> int:
 
 
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:
-    """Up to `most` pseudo-modes (indices) below `top` Hz whose frequency was not there before, to `still`; largest first."""
+    """Up to `most` pseudo-modes (indices) below `top` Hz whose frequency was not there before, to `still`."""
     f, old = model.frequencies, before.frequencies
     f = f[f < top]
     moved = np.abs(f[:, None] - old).min(axis=1, initial=np.inf) / np.maximum(f, 1e-300)
