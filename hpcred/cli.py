@@ -126,9 +126,9 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
     if context.invoked_subcommand is None:
         progress, output = _progress(), "result.h5"
         rows = hpcred.run_demo(output, progress=progress)
-        show_table("Stabilisation linkage, Table 1 of the paper: force at node 20, chord frame, 0 to 300 Hz", rows)
+        show_table("Stabilisation linkage, force at node 20, chord frame, 0 to 300 Hz; rows 1 to 4: Table 1 of the paper", rows)
         write_json(json, rows)
-        print(f"model of row 1 written to {output}")
+        print(f"model of row 0 written to {output}")
         show_timing(progress.timing())
 
 
@@ -217,7 +217,7 @@ def reduce(
     if accuracy is not None:
         show_table("Expansion points", [
             {"f (Hz)": item.frequency, "columns": item.columns, "modes below": in_words(item.modes_below),
-             "estimate after it": item.estimate, "seconds": item.factor_seconds} for item in accuracy.points
+             "estimate after it": in_words(item.estimate), "seconds": item.factor_seconds} for item in accuracy.points
         ])  # fmt: skip
         show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
         print(f"{accuracy.measured}; {accuracy.missing_modes} modes missing; round-off {accuracy.noise:.0e}; "

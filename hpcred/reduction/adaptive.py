@@ -11,7 +11,7 @@ et al., AIAA J. 41, 2003, for the count of modes.)
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -31,10 +31,12 @@ from ..linalg.blocks import (
 from ..linalg.factorisation import SingularMatrix
 from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
 from ..parallel.decisions import decided
-from ..parallel.failures import ComputationError, InputError, Owned
+from ..parallel.failures import ComputationError, InputError, Owned, agreed
 from ..parallel.petsc import is_complex
 from .compression import columns, compressed
 from .error_estimate import estimate, finer, grid, largest, missing, next_point, off_poles, unsettled
+from .groups import Group, bring
+from .point_blocks import PointBlocks
 from .projections import Projections
 from .pseudo_modal import Law, coefficients, difference, nested, norms, relative, response, restricted, solve
 from .run import Run
@@ -97,13 +99,13 @@ class Adaptive(Limits):
 @dataclass(frozen=True, kw_only=True)
 class Point:
     """An expansion point (Hz) of the search: columns that it brought, seconds of its factor, modes below it (by the
-    negative pivots, None in a complex build), and the estimate over the band after it."""
+    negative pivots, None in a complex build), and the estimate over the band after it, None where there was none."""
 
     frequency: float
     columns: int
     factor_seconds: float
     modes_below: int | None
-    estimate: float
+    estimate: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,7 +199,7 @@ class Search:
     """The state of one automatic reduction; see run(). Its methods are collective, and what depends on small arrays is
     decided once for all ranks. Call close()."""
 
-    def __init__(self, basis: Basis, run: Run, adaptive: Adaptive):
+    def __init__(self, basis: Basis, run: Run, adaptive: Adaptive, groups: int = 1):
         self.basis, self.run, self.settings = basis, run, adaptive
         self.law, self.damped, self.measured = law_of(run.framed.damping, adaptive.zeta0, adaptive.band)
         self.loads, self.ports = _loads(run)
@@ -206,8 +208,8 @@ class Search:
         self.points: list[Point] = []
         self.proofs: list[Proof] = []
         self.starts: list[int] = []  # first columns of the blocks
-        # columns of the model that the next point checks, and of the one that it was seen from
-        self.before: tuple[int, int] | None = None
+        # columns (how many, or which) of the model that the next point checks, and of the one that it was seen from
+        self.before: tuple | None = None
         self.noise, self.lack, self.closing = 0.0, 0, False
         low, high = adaptive.band
         self.waiting = [*adaptive.points] or [float(np.sqrt((low**2 + high**2) / 2))]  # points to take before searching
@@ -215,6 +217,10 @@ class Search:
         self._by_mass = not self.damped and inputs <= BLOCK
         self._width = min(4 * inputs if self.damped else inputs, BLOCK)
         self._random = 0
+        # blocks made from residuals need the whole basis, which a group does not have
+        self.groups = groups if self._by_mass else 1
+        if self.groups > 1 and not adaptive.points:
+            self.waiting = [low + (i + 0.5) * (high - low) / (self.groups - 1) for i in range(self.groups - 1)] + [high]
 
     def close(self):
         self.loads.destroy()
@@ -232,7 +238,11 @@ class Search:
         while True:
             if not self.waiting:
                 return "since no place for another point is left"
-            found = self._expand(self.waiting.pop(0), self.closing)
+            if self.groups > 1:
+                points, self.waiting = self.waiting[: self.groups], self.waiting[self.groups :]
+                found = self._expand_in_groups(points)
+            else:
+                found = self._expand(self.waiting.pop(0), self.closing)
             good = self.closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
             if good and self.lack > 0:
                 good = self._find_hidden()
@@ -246,8 +256,7 @@ class Search:
             if self.closing and max(taken) < 0.9 * high:
                 self.waiting.insert(0, high)
             elif not self.waiting:
-                f = decided(self.run.model.comm, self._next, taken)
-                self.waiting += [f] if f is not None else []
+                self.waiting = decided(self.run.model.comm, self._next, taken)
             if checkpoint is not None:
                 checkpoint.save(self._state(), self.basis.columns)
 
@@ -295,7 +304,11 @@ class Search:
         inner_model = self.projections.model(self.before[0])
         S = grid([model], self.law, self.settings.band, UNIFORM)
         curve, _ = estimate(inner_model, model, nested(inner_model, model), self.law, S, self.ports)
-        return next_point(S, curve, taken, model, self.settings.band)
+        chosen = []
+        for _ in range(self.groups):
+            f = next_point(S, curve, [*taken, *chosen], model, self.settings.band)
+            chosen += [f] if f is not None else []
+        return chosen
 
     # one point
 
@@ -334,7 +347,7 @@ class Search:
         name = f"adaptive {f:.6g} Hz, {order + 1} blocks"
         run.note(name, self.basis.size - before, self.basis.size - before)
         self.points.append(Point(frequency=f, columns=self.basis.size - before, factor_seconds=seconds,
-                                 modes_below=count, estimate=float(judged["est"])))  # fmt: skip
+                                 modes_below=count, estimate=_finite(judged["est"])))  # fmt: skip
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), counts))
         if self.before is not None:
@@ -416,13 +429,101 @@ class Search:
     def _check(self, f, inner_model, outer):
         """The model of before at a new point: what was said of it, the exact error, the rest of what is called so."""
         at, law, ports = np.array([f]), self.law, self.ports
-        old, seen_from = (self.projections.model(size) for size in self.before)
+        old, seen_from = (self.projections.model(columns) for columns in self.before)
+        which, among = (np.arange(item) if np.ndim(item) == 0 else np.array(item) for item in self.before)
 
-        def error(one, other):
-            E = difference(one, other, nested(one, other), law, at, ports)
+        def error(one, other, columns=None):
+            E = difference(one, other, nested(one, other, columns), law, at, ports)
             return relative(E, response(other, law, at, ports))[0]
 
-        return {"exact": error(old, outer), "said": error(old, seen_from), "own": error(inner_model, outer)}
+        return {"exact": error(old, outer, which), "said": error(old, seen_from, np.searchsorted(among, which)),
+                "own": error(inner_model, outer)}  # fmt: skip
+
+    # several points at once
+
+    def _expand_in_groups(self, points):
+        """Have each group of ranks factor a point and make its chain; returns what was judged of all of them.
+
+        A group judges its chain over its part of the band. The estimate holds back the last block of every group. The
+        last point of the first round proves the model of the others.
+        """
+        run, comm = self.run, self.run.model.comm
+        width = (self.settings.band[1] - self.settings.band[0]) / len(points)
+        with Owned(comm) as owned:
+            group = owned.owns(Group(run.framed, self.groups))
+            own = owned.owns(run.on_group(group.framed))
+            made = None
+            with agreed(comm), Owned(group.comm):
+                if group.number < len(points):
+                    made = self._chain(own, points[group.number], width)
+            arrived, facts = [], comm.allgather(made[1] if made and group.leads else None)
+            for number in range(len(points)):
+                mine = made[0] if made and group.number == number else None
+                with run.progress.stage("merge"):
+                    arrived.append(bring(run.model, group, mine))
+            for found in comm.allgather((own.factorisations, own.analyses, []) if group.leads else ([], 0, [])):
+                run.add(*found)
+        found = [item for item in facts if item is not None]
+        first, whose = self.basis.size, []  # the group of every new column
+        for part in ("first", "last"):
+            for number, blocks in enumerate(arrived):
+                chosen = blocks.parts[:-1] if part == "first" else blocks.parts[-1:]
+                for _, _, start, stop in chosen:
+                    self.starts.append(self.basis.size)
+                    new = self.projections.extend(blocks.between(start, stop))
+                    whose += [(number, part)] * new
+        for blocks in arrived:
+            blocks.close()
+        new = first + np.arange(len(whose))
+        lasts = new[[part == "last" for _, part in whose]]
+        hold = int(lasts.min(initial=self.basis.size))
+        if self.before is None and len(points) > 1:
+            others = [number < len(points) - 1 for number, _ in whose]
+            seen = [*range(first), *new[others].tolist()]
+            held = set(lasts.tolist())
+            self.before = [k for k in seen if k not in held], seen
+            self.closing = bool(decided(comm, self._estimate_between, *self.before) <= 3 * self._floor())
+        for f, (count, seconds, columns) in zip(points, found, strict=True):
+            self.points.append(Point(frequency=f, columns=columns, factor_seconds=seconds, modes_below=count))
+        counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
+        judged = decided(comm, self._judge_round, points, hold)
+        self.noise, self.lack = judged["noise"], decided(comm, lambda: missing(self.projections.model(), counts))
+        self.points[-1] = replace(self.points[-1], estimate=judged["est"])
+        self.proofs += judged.pop("proofs")
+        run.note(f"adaptive {', '.join(f'{f:.6g}' for f in points)} Hz", sum(item[2] for item in found), len(whose))
+        run.progress.say(f"{self.basis.size} columns, estimated error {judged['est']:.1e}")
+        return judged
+
+    def _chain(self, run, f, width):
+        """The blocks of a point on the ranks of a group, and (modes below it, seconds of the factor, columns)."""
+        low, high = self.settings.band
+        part = max(low, f - width), min(high, f + width)
+        rigid = run.rigid.R if run.rigid is not None else None
+        vectors = Basis(run.model.M, rigid, run.tolerance, room=CHAIN)
+        with Owned(run.model.comm) as owned:
+            search = owned.owns(Search(vectors, run, replace(self.settings, band=part, points=(f,))))
+            search._expand(f, False)
+        blocks = PointBlocks(vectors)
+        for start, stop in zip(search.starts, [*search.starts[1:], vectors.size], strict=True):
+            blocks.parts.append((f"{f:.6g} Hz", stop - start, start, stop))
+        (point,) = search.points
+        return blocks, (point.modes_below, point.factor_seconds, vectors.size)
+
+    def _estimate_between(self, inner_columns, outer_columns) -> float:
+        one, other = self.projections.model(inner_columns), self.projections.model(outer_columns)
+        embedding = nested(one, other, np.searchsorted(outer_columns, inner_columns))
+        S = grid([other], self.law, self.settings.band, UNIFORM)
+        return float(estimate(one, other, embedding, self.law, S, self.ports)[0].max())
+
+    def _judge_round(self, points, hold):
+        outer, inner_model = self.projections.model(), self.projections.model(hold)
+        S = grid([outer], self.law, self.settings.band, UNIFORM)
+        curve, noise = estimate(inner_model, outer, nested(inner_model, outer), self.law, S, self.ports)
+        checked = points[-1:] if np.ndim(self.before[0]) else points
+        proofs = [Proof(frequency=f, **{key: float(value) for key, value in
+                                        self._check(f, inner_model, outer).items()}) for f in checked]  # fmt: skip
+        return {"est": float(curve.max()), "noise": float(noise.max()), "hold": hold, "proofs": proofs,
+                "exact": max(proof.exact for proof in proofs)}  # fmt: skip
 
     # modes that no load moves
 
@@ -590,6 +691,10 @@ class Search:
             highest=float(inner_model.frequencies.max()), missing_modes=max(self.lack, 0), points=tuple(self.points),
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
         )  # fmt: skip
+
+
+def _finite(value):
+    return float(value) if np.isfinite(value) else None
 
 
 def _columns_ahead(history, goal, width):

@@ -18,6 +18,7 @@ from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
 from .adaptive import Accuracy, Adaptive, Checkpoint, Search
 from .groups import blocks_in_groups, number_of_groups
+from .ingredient import PointIngredient
 from .projection import diagonalise, project, project_columns
 from .record import make_record
 from .reduced_damping import reduced_damping
@@ -76,7 +77,8 @@ def reduce(
         rigid = framed.rigid.R if framed.rigid is not None else None
         columns = _check_size(framed, basis, adaptive)
         bases = [owned.owns(Basis(framed.model.M, rigid, tolerance, room=columns)) for _ in runs]
-        groups = number_of_groups(settings.groups, runs[0], basis)
+        points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
+        groups = number_of_groups(settings.groups, runs[0], points)
         ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}
         for i, ingredient in enumerate(basis):
             for r, (vectors, run) in enumerate(zip(bases, runs, strict=True)):
@@ -84,7 +86,7 @@ def reduce(
                     ready[i, r].join(vectors, run)
                 else:
                     ingredient.extend(vectors, run)
-        accuracy = _to_tolerance(bases[0], runs[0], adaptive, checkpoint) if adaptive is not None else None
+        accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, checkpoint) if adaptive is not None else None
         for run in runs:
             run.release()
         if not all(vectors.size for vectors in bases):
@@ -122,10 +124,10 @@ def _warnings(model, frame) -> tuple[str, ...]:
     return doubts
 
 
-def _to_tolerance(vectors, run, adaptive, checkpoint) -> Accuracy:
+def _to_tolerance(vectors, run, adaptive, groups, checkpoint) -> Accuracy:
     """Extend the basis until the tolerance is proven, and compress it."""
     with Owned(run.model.comm) as owned:
-        search = owned.owns(Search(vectors, run, adaptive))
+        search = owned.owns(Search(vectors, run, adaptive, groups))
         factor, accuracy = search.compress(search.search(checkpoint))
     run.note("compressed", vectors.size, factor.shape[1])
     vectors.multiply(factor)
