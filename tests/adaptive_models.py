@@ -121,7 +121,7 @@ def membrane(n=12):
 
 
 def random_case(seed, most=120):
-    """A random model and a tolerance: chains with random ties or dense ones, all damping with a matrix, C = B^T or not."""
+    """A random model and a tolerance: chains with ties or dense matrices, some damped, some with C other than B^T."""
     rng = np.random.default_rng(1000 + seed)
     n = int(rng.integers(20, most))
     if seed % 4 < 2:
