@@ -45,6 +45,9 @@ from .parallel.failures import ComputationError as ComputationError
 from .parallel.failures import InputError as InputError
 from .parallel.progress import Progress as Progress
 from .parallel.startup import start as start
+from .reduction.adaptive import Accuracy as Accuracy
+from .reduction.adaptive import Adaptive as Adaptive
+from .reduction.adaptive import Limits as Limits
 from .reduction.ingredient import Ingredient as Ingredient
 from .reduction.krylov import Krylov as Krylov
 from .reduction.krylov import StaticCorrection as StaticCorrection

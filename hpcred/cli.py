@@ -196,19 +196,32 @@ def reduce(
     groups: Annotated[str | None, typer.Option(help="Groups of ranks for different points: a number or auto.")] = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
+    restart: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Keep the state after each point there, and go on from it.")
+    ] = None,
     json: JsonFile = None,
 ):
     """Reduce a model as a job file says."""
     folder = out_of_core and os.path.abspath(out_of_core)  # of the command line, not of the job file
     given = {"groups": groups, "out_of_core": folder, "low_rank": low_rank}
     overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
-    found = hpcred.reduce_job(job, overrides=overrides, progress=_progress())
-    record = found.record
+    found = hpcred.reduce_job(job, overrides=overrides, restart=restart, progress=_progress())
+    record, accuracy = found.record, found.record.accuracy
+    if accuracy is not None:
+        print(f"{accuracy.sentence}, {len(accuracy.points)} factorisations, {found.size} coordinates")
     show_table(
         f"{found.output}: {found.size} coordinates for {record.size} dofs",
         [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept}
          for item in record.ingredients],
     )  # fmt: skip
+    if accuracy is not None:
+        show_table("Expansion points", [
+            {"f (Hz)": item.frequency, "columns": item.columns, "modes below": in_words(item.modes_below),
+             "estimate after it": item.estimate, "seconds": item.factor_seconds} for item in accuracy.points
+        ])  # fmt: skip
+        show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
+        print(f"{accuracy.measured}; {accuracy.missing_modes} modes missing; round-off {accuracy.noise:.0e}; "
+              f"{accuracy.big_size} columns before the compression")  # fmt: skip
     residual = max((item.residual for item in record.factorisations), default=0.0)
     print(
         f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "
@@ -220,6 +233,7 @@ def reduce(
     show_timing(record.timing, record.factorisations)
     write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
                       "frequencies_hz": found.frequencies})  # fmt: skip
+    return int(accuracy is not None and not accuracy.reached)
 
 
 @app.command()

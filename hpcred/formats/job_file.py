@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from typing import Literal
 
 from ..linalg.factorisation import Factoring
 from ..model.damping import Damping, NoDamping
 from ..model.frames import Frame, NoFrame
 from ..parallel.failures import InputError
+from ..reduction.adaptive import Adaptive, Limits
 from ..reduction.record import AnyIngredient
 from ..reduction.settings import Reduction
 from .model_source import Source
@@ -23,9 +25,11 @@ class Job:
     """One reduction: settings and files. Relative file names in a job file are relative to its folder.
 
     `model`: model.h5, or matrix files. `inputs` and `outputs`: a matrix file, or dofs as numbers from 1 or
-    [node, direction]; without them those of the model are taken. `band`: Hz. `write_basis`: whether V goes into the
-    result. `body_origin` (m) and `lumped_integrals`: see multibody.floating_frame. deflation_tolerance, drop_above,
-    projection, allow_unstable, groups: see reduction.settings.Reduction. out_of_core, low_rank, memory_mb: see
+    [node, direction]; without them those of the model are taken. `band`: Hz. `tolerance`: eps that points, orders and
+    size are chosen for, over the band, within the limits `adaptive` (see reduction.adaptive.Limits); `unreached`: where
+    it is not reached the model is written under a name that says so ("mark"), as `output` ("write"), or not ("refuse").
+    `write_basis`: whether V goes into the result. `body_origin` (m) and `lumped_integrals`: see multibody.floating_frame.
+    deflation_tolerance, drop_above, projection, allow_unstable, groups: see reduction.settings.Reduction. out_of_core, low_rank, memory_mb: see
     linalg.factorisation.Factoring.
     """
 
@@ -33,6 +37,9 @@ class Job:
     basis: tuple[AnyIngredient, ...] = ()
     output: str = "result.h5"
     band: tuple[float, float] | None = None
+    tolerance: float | None = None
+    adaptive: Limits = Limits()
+    unreached: Literal["mark", "write", "refuse"] = "mark"
     inputs: Targets | None = None
     outputs: Targets | None = None
     frame: Frame = NoFrame()
@@ -52,16 +59,25 @@ class Job:
     __pydantic_config__ = CONFIG
 
     def __post_init__(self):
-        if not self.basis:
-            raise InputError("basis: expected at least one [[basis]] table")
+        if not self.basis and self.tolerance is None:
+            raise InputError("basis: expected at least one [[basis]] table, or a tolerance with a band")
+        if self.tolerance is not None and self.band is None:
+            raise InputError("band: missing; a tolerance is over a band, [lower, upper] in Hz")
         if self.band is not None and not 0 <= self.band[0] < self.band[1]:
             raise InputError(f"band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
-        self.settings  # noqa: B018  (refused early)
+        self.settings, self.search  # noqa: B018  (refused early)
 
     @property
     def settings(self) -> Reduction:
         """How to reduce."""
         return self._part(Reduction)
+
+    @property
+    def search(self) -> Adaptive | None:
+        """What an automatic reduction is to reach, None without a tolerance."""
+        if self.tolerance is None:
+            return None
+        return Adaptive(tolerance=self.tolerance, band=self.band, **asdict(self.adaptive))
 
     @property
     def factoring(self) -> Factoring:

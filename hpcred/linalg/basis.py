@@ -120,6 +120,12 @@ class Basis:
                 raise ComputationError("a block of basis vectors could not be orthonormalised: is M positive definite?")
         return Extension(self.size - start, float(smallest), float(largest))
 
+    def restore(self, block: SLEPc.BV):
+        """Take over the columns of a basis that was written; raises ComputationError unless they are M-orthonormal."""
+        self._append(block)
+        if self.defect() > 1e-10:
+            raise ComputationError(f"the columns of an earlier run are not orthonormal (defect {self.defect():.1e})")
+
     def defect(self) -> float:
         """max |V^H M V - I|, rigid-body modes included."""
         return self.gram()[1]

@@ -80,8 +80,8 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
         start_mpi()
         import petsc4py
 
-        # at the end PETSc names the options that nothing used
-        options = ["hpcred", *_petsc_args, *(["-options_left"] if _petsc_args else [])]
+        # at the end PETSc names the options that nothing used; signals are for Python
+        options = ["hpcred", *_petsc_args, "-no_signal_handler", *(["-options_left"] if _petsc_args else [])]
         petsc4py.init(options)
         import slepc4py
 

@@ -11,7 +11,8 @@ et al., AIAA J. 41, 2003, for the count of modes.)
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -50,16 +51,14 @@ POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 
 
 @dataclass(frozen=True, kw_only=True)
-class Adaptive:
-    """Reduction to an accuracy: eps(f) = ||H - Hr||_F / ||H||_F <= `tolerance` over `band` (Hz).
+class Limits:
+    """What an automatic reduction may take.
 
     At most `factorisations`, `columns` of the big basis, `size` coordinates of the result and `seconds`; where one of
-    them ends the search the model is "not reached". `points` (Hz) are taken first, before the search chooses. The
+    them ends the search the tolerance is not reached. `points` (Hz) are taken first, before the search chooses. The
     response of an undamped model is measured with the loss factor 2 `zeta0`.
     """
 
-    tolerance: float
-    band: tuple[float, float]
     factorisations: int = 14
     columns: int = 600
     size: int | None = None
@@ -68,10 +67,6 @@ class Adaptive:
     points: tuple[float, ...] = ()
 
     def __post_init__(self):
-        if not 0 < self.tolerance < 1:
-            raise InputError(f"tolerance: found {self.tolerance:g}, expected a relative error such as 1e-4")
-        if not 0 <= self.band[0] < self.band[1] < np.inf:
-            raise InputError(f"band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
         for key in ("factorisations", "columns", "size", "seconds", "zeta0"):
             if getattr(self, key) is not None and not 0 < getattr(self, key) < np.inf:
                 raise InputError(f"adaptive.{key}: found {getattr(self, key)}, expected more than 0")
@@ -80,8 +75,23 @@ class Adaptive:
         if self.zeta0 >= 1:
             raise InputError(f"adaptive.zeta0: found {self.zeta0:g}, expected a damping ratio below 1")
         for point in self.points:
-            if not 0 <= point <= 1.5 * self.band[1]:
-                raise InputError(f"adaptive.points: found {point:g} Hz, expected points in or close to the band")
+            if not 0 <= point < np.inf:
+                raise InputError(f"adaptive.points: found {point:g} Hz, expected finite frequencies, none negative")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adaptive(Limits):
+    """Reduction to an accuracy: eps(f) = ||H - Hr||_F / ||H||_F <= `tolerance` over `band` (Hz), within Limits."""
+
+    tolerance: float
+    band: tuple[float, float]
+
+    def __post_init__(self):
+        super().__post_init__()
+        if not 0 < self.tolerance < 1:
+            raise InputError(f"tolerance: found {self.tolerance:g}, expected a relative error such as 1e-4")
+        if not 0 <= self.band[0] < self.band[1] < np.inf:
+            raise InputError(f"band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,6 +183,16 @@ def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
     return Law(eta=2 * ratio), False, f"measured with the loss factor {2 * ratio:g} ({why})"
 
 
+class Checkpoint(Protocol):
+    """Where a search keeps its state, to go on after an interruption. Both methods are collective."""
+
+    def load(self, model):
+        """The state and the basis in the rows of `model`, a block that the caller destroys; None without a state."""
+
+    def save(self, state: dict, columns):
+        """Keep the state (plain types) and the columns of the basis."""
+
+
 class Search:
     """The state of one automatic reduction; see run(). Its methods are collective, and what depends on small arrays is
     decided once for all ranks. Call close()."""
@@ -188,12 +208,14 @@ class Search:
         self.starts: list[int] = []  # first columns of the blocks
         # columns of the model that the next point checks, and of the one that it was seen from
         self.before: tuple[int, int] | None = None
-        self.noise, self.lack = 0.0, 0
+        self.noise, self.lack, self.closing = 0.0, 0, False
         self.rest = np.inf  # the estimated error of the basis without its newest columns, over the band
         # an LU of an unsymmetric model and a complex one have no signs of pivots
         self._counts = not is_complex() and run.model.symmetric
         if not self._counts:
             self.measured += "; modes cannot be counted here, a second proof stands for that"
+        low, high = adaptive.band
+        self.waiting = [*adaptive.points] or [float(np.sqrt((low**2 + high**2) / 2))]  # points to take before searching
         inputs = self.loads.getActiveColumns()[1]
         self._by_mass = not self.damped and inputs <= BLOCK
         self._width = min(4 * inputs if self.damped else inputs, BLOCK)
@@ -204,22 +226,26 @@ class Search:
 
     # the loop
 
-    def search(self) -> str:
-        """Extend the basis until the tolerance is proven; returns why it ended, "" if it is reached. Collective."""
+    def search(self, checkpoint=None) -> str:
+        """Extend the basis until the tolerance is proven; returns why it ended, "" if it is reached. Collective.
+
+        `checkpoint` (see Checkpoint): goes on from what it has, and is given the state after each point.
+        """
         low, high = self.settings.band
-        waiting = list(self.settings.points)
-        f = waiting.pop(0) if waiting else float(np.sqrt((low**2 + high**2) / 2))
-        closing = False
+        if checkpoint is not None:
+            self._resume(checkpoint)
         while True:
-            found = self._expand(f, closing)
-            good = closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
+            if not self.waiting:
+                return "since no place for another point is left"
+            found = self._expand(self.waiting.pop(0), self.closing)
+            good = self.closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
             if good and self.lack > 0:
-                good = self._find_hidden(found["hold"])
+                good = self._find_hidden()
             taken = [point.frequency for point in self.points]
             again = good and not self._counts and not any(proof.frequency <= (low + high) / 2 for proof in self.proofs)
             if good and not again:
                 return ""
-            closing = found["est"] <= 3 * self._floor()
+            self.closing = bool(found["est"] <= 3 * self._floor())
             self.before = found["hold"], self.basis.size
             if reason := self._exhausted():
                 return reason
@@ -227,14 +253,38 @@ class Search:
                 f = decided(self.run.model.comm, self._next, taken, (low, (low + high) / 2))
                 if f is None:
                     return ""
-            elif closing and max(taken) < 0.9 * high:
-                f = high
-            elif waiting:
-                f = waiting.pop(0)
-            else:
-                f = decided(self.run.model.comm, self._next, taken, self.settings.band)
-                if f is None:
-                    return "since no place for another point is left"
+                self.waiting.insert(0, f)
+            elif self.closing and max(taken) < 0.9 * high:
+                self.waiting.insert(0, high)
+            elif not self.waiting:
+                f = decided(self.run.model.comm, self._next, taken)
+                self.waiting += [f] if f is not None else []
+            if checkpoint is not None:
+                checkpoint.save(self._state(), self.basis.columns)
+
+    STATE = ("starts", "before", "noise", "rest", "lack", "closing", "waiting", "_random")
+
+    def _state(self) -> dict:
+        """What the search knows beside the basis, as plain types."""
+        return {
+            **{key: getattr(self, key) for key in self.STATE}, "points": [asdict(item) for item in self.points],
+            "proofs": [asdict(item) for item in self.proofs],
+        }  # fmt: skip
+
+    def _resume(self, checkpoint):
+        found = checkpoint.load(self.run.model)
+        if found is None:
+            return
+        state, columns_before = found
+        with Owned(self.run.model.comm) as owned:
+            self.basis.restore(owned.owns(columns_before))
+        self.projections = Projections(self.run, self.basis, self.loads, self.law, self.damped)
+        for key in self.STATE:
+            setattr(self, key, state[key])
+        self.before = tuple(self.before)
+        self.points = [Point(**item) for item in state["points"]]
+        self.proofs = [Proof(**item) for item in state["proofs"]]
+        self.run.note("columns of an earlier run", self.basis.size, self.basis.size)
 
     def _floor(self):
         """What can be asked for: the goal, or round-off."""
@@ -251,7 +301,8 @@ class Search:
             return f"after {settings.seconds:g} s"
         return ""
 
-    def _next(self, taken, band):
+    def _next(self, taken, band=None):
+        band = band or self.settings.band
         model = self.projections.model()
         inner_model = self.projections.model(self.before[0])
         S = grid([model], self.law, band, UNIFORM)
@@ -387,7 +438,7 @@ class Search:
 
     # modes that no load moves
 
-    def _find_hidden(self, hold) -> bool:
+    def _find_hidden(self) -> bool:
         """Add random columns and A^-1 M x of pseudo-modes x that still move until no mode is missing; whether the model
         stays what it was. Collective."""
         run, size, used = self.run, self.basis.size, 0

@@ -133,10 +133,12 @@ def missing(model: PseudoModal, counts) -> int:
 
 
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:
-    """Up to `most` pseudo-modes (indices) below `top` Hz whose frequency was not there before, to `still`;
-    largest change first."""
+    """Up to `most` pseudo-modes (indices) below `top` Hz whose frequency was not there before, to `still`.
+
+    Largest change first; rigid-body modes and others far below the top are judged by their absolute change.
+    """
     f, old = model.frequencies, before.frequencies
     f = f[f < top]
-    moved = np.abs(f[:, None] - old).min(axis=1, initial=np.inf) / np.maximum(f, 1e-300)
+    moved = np.abs(f[:, None] - old).min(axis=1, initial=np.inf) / np.maximum(f, 0.01 * top)
     order = np.argsort(-moved, kind="stable")
     return order[moved[order] > still][:most]

@@ -15,8 +15,8 @@ from .run import Run
 class Projections:
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective.
 
-    `K` (m, m) = V^T K V, `L` (m, l) = V^T L for a block L of loads, `D` (m, m) = V^T D V, or None unless `damped`: small
-    arrays, the same on all ranks. Models of the leading columns of the basis are parts of them.
+    `K` (m, m) = V^T K V, `L` (m, l) = V^T L for a block L of loads, `D` (m, m) = V^T D V, or None unless `damped`:
+    small arrays, the same on all ranks. Models of the leading columns of the basis are parts of them.
     """
 
     def __init__(self, run: Run, basis: Basis, loads, law: Law, damped: bool):

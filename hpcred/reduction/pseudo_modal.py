@@ -27,6 +27,9 @@ class Law(NamedTuple):
     eta: float = 0.0
 
 
+UNDAMPED = Law()
+
+
 class PseudoModal(NamedTuple):
     """A projected model in its pseudo-modal coordinates, V^T M V = I, V^T K V = diag(squares).
 
@@ -46,7 +49,7 @@ class PseudoModal(NamedTuple):
         return np.sqrt(np.maximum(self.squares, 0.0)) / (2 * np.pi)
 
 
-def diagonalised(K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, law: Law = Law()) -> PseudoModal:
+def diagonalised(K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, law: Law = UNDAMPED) -> PseudoModal:
     """The model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) in pseudo-modal coordinates (53, 54)."""
     squares, vectors = np.linalg.eigh((K + K.T) / 2)
     if D is None:
@@ -83,7 +86,7 @@ def _diagonal(model, law, frequencies):
 
 
 class Poles(NamedTuple):
-    """A(s)^-1 = right diag(1 / (s - poles)) left for a model with a given D: poles (2m,), right (m, 2m), left (2m, m)."""
+    """A(s)^-1 = right diag(1 / (s - poles)) left with a given D: poles (2m,), right (m, 2m), left (2m, m)."""
 
     poles: np.ndarray
     right: np.ndarray
@@ -103,8 +106,8 @@ def poles(model: PseudoModal, law: Law) -> Poles:
 def solve(model: PseudoModal, law: Law, frequencies, right: np.ndarray, transposed=False, accuracy=1e-14) -> np.ndarray:
     """A(s)^-1 right (S, m, l), or A(s)^-T right; `right` (m, l) or (S, m, l).
 
-    With a given D by its poles and at most two steps of refinement until the residual is below `accuracy`; where it stays
-    above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination.
+    With a given D by its poles and at most two steps of refinement until the residual is below `accuracy`; where it
+    stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination.
     """
     if model.D is None:
         return right / _diagonal(model, law, frequencies)[:, :, None]
@@ -117,7 +120,7 @@ def solve(model: PseudoModal, law: Law, frequencies, right: np.ndarray, transpos
         factor = 1 / (coefficients(law, frequencies)[2][:, None, None] - inverse.poles[:, None])
         size = norms(np.abs(right))
         rest = right
-        for step in range(3):
+        for _ in range(3):
             states += _times(inverse.right, factor * _times(inverse.left, rest))
             rest = right - multiply(model, law, frequencies, states, transposed)
             scale = size + norms(_diagonal(model, law, frequencies)[:, :, None] * states)
@@ -155,7 +158,7 @@ def response(model: PseudoModal, law: Law, frequencies: np.ndarray, ports) -> np
     return np.concatenate([left @ solve(model, law, part, right) for part in chunks(model, frequencies)])
 
 
-def difference(inner: PseudoModal, outer: PseudoModal, embedding: np.ndarray, law: Law, frequencies, ports) -> np.ndarray:
+def difference(inner: PseudoModal, outer: PseudoModal, embedding, law: Law, frequencies, ports) -> np.ndarray:
     """E = r^T A_Q^-1 r (S, r, p), equal to H_Q - H_V without its cancellation; V = Q embedding."""
     Lb, Lc = ports
     same = Lb is Lc and is_symmetric(outer.D)

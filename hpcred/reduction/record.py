@@ -33,7 +33,8 @@ class Record:
     Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs by
     name, and `signature` (see signature_of), by which it is known again. Of the reduction: frame, damping, basis and
     settings; what each ingredient brought; every factorisation; max |V^T M V - I|; unstable poles (re, im) in rad/s;
-    warnings; where the time went; of an automatic one its accuracy. `job`: the job file with its overrides, file names absolute.
+    warnings; where the time went; of an automatic one its accuracy. `job`: the job file with its overrides, file
+    names absolute.
     """
 
     date: str

@@ -16,7 +16,7 @@ from ..model.second_order_model import SYMMETRIC_TO
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
-from .adaptive import Accuracy, Adaptive, Search
+from .adaptive import Accuracy, Adaptive, Checkpoint, Search
 from .groups import blocks_in_groups, number_of_groups
 from .projection import diagonalise, project, project_columns
 from .record import make_record
@@ -33,15 +33,16 @@ ROOM = 64  # columns that a search is expected to need
 
 def reduce(
     model, basis=(), frame=None, damping=None, *, tolerance: float | None = None, band=None,
-    adaptive: Adaptive | None = None, settings: Reduction | None = None, factoring: Factoring | None = None,
-    progress: Progress | None = None, **keywords,
+    adaptive: Adaptive | None = None, checkpoint: Checkpoint | None = None, settings: Reduction | None = None,
+    factoring: Factoring | None = None, progress: Progress | None = None, **keywords,
 ) -> ReducedModel:  # fmt: skip
     """Reduce a SecondOrderModel by projection onto the span of the ingredients. Collective.
 
     `tolerance` and `band` (Hz), or an Adaptive with more to say: expansion points, orders and size are chosen so that
     eps(f) <= tolerance over the band, and the record says how large the error is and how that is known. `basis`: list
     of Modes, Krylov, SecondOrderKrylov, StaticCorrection; each extends what the ones before it gave. With a tolerance
-    they come first, and may be left out.
+    they come first, and may be left out. `checkpoint`: where the search keeps its state, to go on after an
+    interruption (formats.restart_file has one on a file).
     `frame`: Tangent, Chord, Buckens or None; `damping`: Rayleigh, Caughey, GivenDamping, ModalDamping, Structural
     or None. Other keywords are those of Reduction, such as drop_above=2000.0, and replace those of `settings`.
 
@@ -83,7 +84,7 @@ def reduce(
                     ready[i, r].join(vectors, run)
                 else:
                     ingredient.extend(vectors, run)
-        accuracy = _to_tolerance(bases[0], runs[0], adaptive) if adaptive is not None else None
+        accuracy = _to_tolerance(bases[0], runs[0], adaptive, checkpoint) if adaptive is not None else None
         for run in runs:
             run.release()
         if not all(vectors.size for vectors in bases):
@@ -121,11 +122,11 @@ def _warnings(model, frame) -> tuple[str, ...]:
     return doubts
 
 
-def _to_tolerance(vectors, run, adaptive) -> Accuracy:
+def _to_tolerance(vectors, run, adaptive, checkpoint) -> Accuracy:
     """Extend the basis until the tolerance is proven, and compress it."""
     with Owned(run.model.comm) as owned:
         search = owned.owns(Search(vectors, run, adaptive))
-        factor, accuracy = search.compress(search.search())
+        factor, accuracy = search.compress(search.search(checkpoint))
     run.note("compressed", vectors.size, factor.shape[1])
     vectors.multiply(factor)
     return accuracy

@@ -9,9 +9,10 @@ from ..formats.hdf5 import check_writable
 from ..formats.job_file import Job, read_job
 from ..formats.model_file import read_model
 from ..formats.model_source import column_names, load_source, read_columns
+from ..formats.restart_file import RestartFile
 from ..formats.result_file import write_result
 from ..parallel import startup
-from ..parallel.failures import InputError, agreed
+from ..parallel.failures import ComputationError, InputError, agreed
 from ..parallel.progress import Progress
 from ..reduction.record import Record
 from ..reduction.reduce import reduce
@@ -27,9 +28,13 @@ class Reduced:
     frequencies: tuple[float, ...]
 
 
-def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Progress | None = None) -> Reduced:
+def reduce_job(
+    job: str | Path | Job, *, overrides=(), restart=None, comm=None, progress: Progress | None = None
+) -> Reduced:
     """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.
 
+    `restart`: a file in which an automatic reduction keeps its state after each point, and goes on from what is there.
+    Where a tolerance was not reached, the model is written under a name that says so, unless the job wants otherwise.
     Takes the PETSc build that fits the job, where PETSc is not loaded yet. Collective. Raises InputError or
     ComputationError.
     """
@@ -43,17 +48,30 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
     progress = progress or Progress(comm, show=False)
     with progress.stage("read", str(job.model)):
         model = model_of_job(job, comm)
+    checkpoint = RestartFile(restart, comm, job) if restart is not None and job.search is not None else None
     with model, reduce(
-        model, job.basis, job.frame, job.damping, settings=job.settings, factoring=job.factoring, progress=progress
-    ) as reduced:
+        model, job.basis, job.frame, job.damping, adaptive=job.search, checkpoint=checkpoint, settings=job.settings,
+        factoring=job.factoring, progress=progress,
+    ) as reduced:  # fmt: skip
+        output = _name_of(job, reduced.record.accuracy)
         record = replace(reduced.record, job=_plain(job), timing=progress.timing())
         reduced.record = record
-        with progress.stage("write", job.output):
+        with progress.stage("write", output):
             write_result(
-                job.output, reduced, model, basis=job.write_basis, origin=job.body_origin, lumped=job.lumped_integrals
+                output, reduced, model, basis=job.write_basis, origin=job.body_origin, lumped=job.lumped_integrals
             )
         record = replace(record, timing=progress.timing())
-        return Reduced(job.output, record, reduced.size, tuple(reduced.frequencies.tolist()))
+        return Reduced(output, record, reduced.size, tuple(reduced.frequencies.tolist()))
+
+
+def _name_of(job, accuracy) -> str:
+    """Where the result goes: a model that is not what was asked for has a name that says so. Raises ComputationError."""
+    if accuracy is None or accuracy.reached or job.unreached == "write":
+        return job.output
+    if job.unreached == "refuse":
+        raise ComputationError(f"tolerance: {accuracy.sentence}")
+    path = Path(job.output)
+    return str(path.with_name(f"{path.stem}.not-reached{path.suffix}"))
 
 
 def _plain(job) -> dict:
