@@ -32,9 +32,9 @@ from ..linalg.factorisation import SingularMatrix
 from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
-from ..parallel.petsc import is_complex
+from ..parallel.petsc import PETSc, is_complex
 from .compression import columns, compressed
-from .error_estimate import estimate, finer, grid, largest, missing, next_point, off_poles, unsettled
+from .error_estimate import estimate, finer, grid, largest, missing, next_point, off_poles, resolved, unsettled
 from .groups import Group, bring
 from .point_blocks import PointBlocks
 from .projections import Projections
@@ -99,7 +99,7 @@ class Adaptive(Limits):
 @dataclass(frozen=True, kw_only=True)
 class Point:
     """An expansion point (Hz) of the search: columns that it brought, seconds of its factor, modes below it (by the
-    negative pivots, None in a complex build), and the estimate over the band after it, None where there was none."""
+    negative pivots, None where the factor has none), and the estimate over the band after it, None without one."""
 
     frequency: float
     columns: int
@@ -211,6 +211,11 @@ class Search:
         # columns (how many, or which) of the model that the next point checks, and of the one that it was seen from
         self.before: tuple | None = None
         self.noise, self.lack, self.closing = 0.0, 0, False
+        self.rest = np.inf  # the estimated error of the basis without its newest columns, over the band
+        # an LU of an unsymmetric model and a complex one have no signs of pivots
+        self._counts = not is_complex() and run.model.symmetric
+        if not self._counts:
+            self.measured += "; modes cannot be counted here, a second proof stands for that"
         low, high = adaptive.band
         self.waiting = [*adaptive.points] or [float(np.sqrt((low**2 + high**2) / 2))]  # points to take before searching
         inputs = self.loads.getActiveColumns()[1]
@@ -232,7 +237,7 @@ class Search:
 
         `checkpoint` (see Checkpoint): goes on from what it has, and is given the state after each point.
         """
-        high = self.settings.band[1]
+        low, high = self.settings.band
         if checkpoint is not None:
             self._resume(checkpoint)
         while True:
@@ -246,21 +251,27 @@ class Search:
             good = self.closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
             if good and self.lack > 0:
                 good = self._find_hidden()
-            if good:
+            taken = [point.frequency for point in self.points]
+            again = good and not self._counts and not any(proof.frequency <= (low + high) / 2 for proof in self.proofs)
+            if good and not again:
                 return ""
             self.closing = bool(found["est"] <= 3 * self._floor())
             self.before = found["hold"], self.basis.size
             if reason := self._exhausted():
                 return reason
-            taken = [point.frequency for point in self.points]
-            if self.closing and max(taken) < 0.9 * high:
+            if again:
+                second = decided(self.run.model.comm, self._next, taken, (low, (low + high) / 2))
+                if not second:
+                    return ""
+                self.waiting = second[:1] + self.waiting
+            elif self.closing and max(taken) < 0.9 * high:
                 self.waiting.insert(0, high)
             elif not self.waiting:
                 self.waiting = decided(self.run.model.comm, self._next, taken)
             if checkpoint is not None:
                 checkpoint.save(self._state(), self.basis.columns)
 
-    STATE = ("starts", "before", "noise", "lack", "closing", "waiting", "_random")
+    STATE = ("starts", "before", "noise", "rest", "lack", "closing", "waiting", "_random")
 
     def _state(self) -> dict:
         """What the search knows beside the basis, as plain types."""
@@ -299,14 +310,15 @@ class Search:
             return f"after {settings.seconds:g} s"
         return ""
 
-    def _next(self, taken):
+    def _next(self, taken, band=None):
+        band = band or self.settings.band
         model = self.projections.model()
         inner_model = self.projections.model(self.before[0])
-        S = grid([model], self.law, self.settings.band, UNIFORM)
+        S = grid([model], self.law, band, UNIFORM)
         curve, _ = estimate(inner_model, model, nested(inner_model, model), self.law, S, self.ports)
         chosen = []
         for _ in range(self.groups):
-            f = next_point(S, curve, [*taken, *chosen], model, self.settings.band)
+            f = next_point(S, curve, [*taken, *chosen], model, band)
             chosen += [f] if f is not None else []
         return chosen
 
@@ -337,7 +349,7 @@ class Search:
             with progress.stage("estimate"):
                 judged = decided(run.model.comm, self._judge, f, order, new, added, limit, closing, history)
             history = judged.pop("history")
-            self.noise = judged["noise"]
+            self.noise, self.rest = judged["noise"], judged["est"]
             progress.say(
                 f"{f:.6g} Hz, block {order}: {self.basis.size} columns"
                 + (f", estimated error {judged['est']:.1e}" if np.isfinite(judged["est"]) else "")
@@ -364,7 +376,7 @@ class Search:
             with suppress(SingularMatrix), run.progress.stage("factor", f"{trial:.6g} Hz"):
                 run.solver.factor(-((2 * np.pi * trial) ** 2))
                 count = None
-                if not is_complex():
+                if self._counts:
                     count = run.solver.negative_pivots - (run.rigid.count if run.rigid is not None and trial else 0)
                 return float(trial), count, float(run.solver.records[-1].factor_seconds)
         raise ComputationError(f"no point near {f:g} Hz could be factored: is it among many eigenfrequencies?")
@@ -483,8 +495,8 @@ class Search:
             held = set(lasts.tolist())
             self.before = [k for k in seen if k not in held], seen
             self.closing = bool(decided(comm, self._estimate_between, *self.before) <= 3 * self._floor())
-        for f, (count, seconds, columns) in zip(points, found, strict=True):
-            self.points.append(Point(frequency=f, columns=columns, factor_seconds=seconds, modes_below=count))
+        for f, (count, seconds, brought) in zip(points, found, strict=True):
+            self.points.append(Point(frequency=f, columns=brought, factor_seconds=seconds, modes_below=count))
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         judged = decided(comm, self._judge_round, points, hold)
         self.noise, self.lack = judged["noise"], decided(comm, lambda: missing(self.projections.model(), counts))
@@ -547,6 +559,7 @@ class Search:
                     used += self.projections.extend(x)
             if self.basis.size == before:
                 break
+            self.starts.append(before)
             moving, lack = decided(run.model.comm, self._moving, before, top, counts)
             if moving is None and lack <= 0:
                 break
@@ -656,23 +669,20 @@ class Search:
     def _compress(self, reason):
         settings, law, ports, band = self.settings, self.law, self.ports, self.settings.band
         outer = self.projections.model()
-        hold = next((start for start in reversed(self.starts) if len(outer.squares) - start >= HELD_BACK), 0)
-        seen = self.projections.model(hold) if hold else None
         S = grid([outer], law, band, UNIFORM)
-        est, noise = np.inf, self.noise
-        if seen is not None:
-            curve, roundoff = estimate(seen, outer, nested(seen, outer), law, S, ports)
-            est, noise = float(curve.max()), float(roundoff.max())
+        est, noise = self.rest, self.noise
         eps = settings.tolerance
         goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
-        for _ in range(6):
-            U = compressed(outer, law, S, ports, goal)
+        for trial in range(6):
+            U = compressed(outer, law, S, ports, goal) if trial < 5 else np.eye(len(outer.squares))
             if settings.size is not None and U.shape[1] > settings.size:
                 reason = reason or f"with {settings.size} coordinates"
                 U = compressed(outer, law, S, ports, 0.0, most=settings.size)
             inner_model, embedding = restricted(outer, U, law)
             fine = finer(grid([outer, inner_model], law, band, UNIFORM), 4)
             fine, curve = largest(inner_model, outer, embedding, law, fine, ports)
+            if curve.max() <= 1.02 * goal:
+                fine, curve = resolved(inner_model, outer, embedding, law, fine, curve, ports, 3 * noise)
             if curve.max() <= 1.02 * goal or settings.size == U.shape[1]:
                 break
             S = np.unique(np.concatenate([S, fine[curve > 0.8 * goal]]))
@@ -715,22 +725,28 @@ def _loads(run):
             for place, block in zip(np.cumsum([0, *widths]), both, strict=False):
                 with local_rows(block) as source:
                     target[:, place : place + source.shape[1]] = source
+    before = np.sqrt(np.diag(inner(L, L)))
     if run.rigid is not None:
         run.rigid.equilibrate(L)
-    kept, factor = decided(model.comm, _independent_columns, inner(L, L))
-    if not len(kept):
-        L.destroy()
-        raise InputError(f"{model.name}: no input loads the elastic dofs of the model; the response is zero")
+    kept, factor = decided(model.comm, _independent_columns, inner(L, L), before)
+    for columns_of, what in ((factor[:, : widths[0]], "input loads"), (factor[:, -widths[-1] :], "output measures")):
+        if not columns_of.any():
+            L.destroy()
+            raise InputError(f"{model.name}: no {what} the elastic dofs of the model; the response is zero")
     multiply(L, np.eye(sum(widths))[:, kept])
     L.setActiveColumns(0, len(kept))
     Lb = factor[:, : widths[0]]
     return L, (Lb, Lb if model.Ct is None else factor[:, widths[0] :])
 
 
-def _independent_columns(gram):
-    """Which columns are independent, by Cholesky with pivoting, and all columns in terms of them."""
+def _independent_columns(gram, before):
+    """Which columns are independent, by Cholesky with pivoting, and all columns in terms of them.
+
+    `before`: their norms before the rigid-body part was taken out, against which what is left may be round-off. Columns
+    may have any units.
+    """
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))
-    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 1e-12 * size.max(initial=0.0))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 1e-12 * before)
     unit = gram * np.outer(scale, scale)
     rest, kept = unit.copy(), []
     while len(kept) < len(unit) and np.diag(rest).max() > 1e-13:
@@ -765,7 +781,7 @@ def _orthonormalise(block, comm):
 
 
 def _apply_transposed(mat, block, result):
-    transposed = mat.copy()
+    transposed = PETSc.Mat()
     mat.transpose(transposed)
     apply(transposed, block, result)
     transposed.destroy()

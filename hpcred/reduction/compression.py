@@ -17,7 +17,8 @@ def snapshots(model: PseudoModal, law: Law, frequencies, ports) -> np.ndarray:
     """States A^-1 L Lb and A^-T L Lc over |H|^(1/2), (S, m, p + r); with C = B^T and symmetric A only the first."""
     Lb, Lc = ports
     right = solve(model, law, frequencies, model.L @ Lb)
-    scale = norms(response(model, law, frequencies, ports)) ** -0.5
+    size = norms(response(model, law, frequencies, ports))
+    scale = np.where(size > 0, size, size.max(initial=0.0) or 1.0) ** -0.5
     right *= scale[:, None, None]
     if Lb is Lc and is_symmetric(model.D):
         return right

@@ -64,18 +64,43 @@ def around_peaks(frequencies: np.ndarray, curve: np.ndarray, above: float, parts
 
 def largest(inner: PseudoModal, outer: PseudoModal, embedding, law: Law, frequencies, ports, rounds=3):
     """Grid and relative error of `inner` seen from `outer` on it, refined `rounds` times around the highest maxima."""
-    curve = relative(
-        difference(inner, outer, embedding, law, frequencies, ports), response(outer, law, frequencies, ports)
-    )
+    curve = _error(inner, outer, embedding, law, frequencies, ports)
     for _ in range(rounds):
-        more = around_peaks(frequencies, curve, curve.max() / 3)
+        more = around_peaks(frequencies, curve, curve.max() / 10)
         if not more.size:
             break
-        found = relative(difference(inner, outer, embedding, law, more, ports), response(outer, law, more, ports))
-        frequencies, curve = np.append(frequencies, more), np.append(curve, found)
-        order = np.argsort(frequencies)
-        frequencies, curve = frequencies[order], curve[order]
+        frequencies, curve = _merged(frequencies, curve, more, _error(inner, outer, embedding, law, more, ports))
     return frequencies, curve
+
+
+def resolved(inner, outer, embedding, law: Law, frequencies, curve, ports, above: float, step=1.5, rounds=5):
+    """The curve (S,) with more frequencies, so that it can be interpolated: intervals are halved, at most `rounds`
+    times, where it changes by more than the factor `step`, and beside its extrema; all where it is `above`."""
+    for _ in range(rounds):
+        height = np.log(np.maximum(curve, max(above, 1e-300)))
+        change = np.diff(height)
+        extremum = np.flatnonzero(change[:-1] * change[1:] < 0)
+        halved = np.abs(change) > np.log(step)
+        halved[extremum] = halved[extremum + 1] = True
+        halved &= np.diff(frequencies) > 1e-6 * frequencies[1:]
+        if not halved.any():
+            break
+        more = ((frequencies[:-1] + frequencies[1:]) / 2)[halved]
+        frequencies, curve = _merged(frequencies, curve, more, _error(inner, outer, embedding, law, more, ports))
+    return frequencies, curve
+
+
+def _error(inner, outer, embedding, law, frequencies, ports):
+    return relative(
+        difference(inner, outer, embedding, law, frequencies, ports), response(outer, law, frequencies, ports)
+    )
+
+
+def _merged(frequencies, curve, more, found):
+    """Both curves as one, in the order of the frequencies."""
+    frequencies, curve = np.append(frequencies, more), np.append(curve, found)
+    order = np.argsort(frequencies)
+    return frequencies[order], curve[order]
 
 
 def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | None:
@@ -108,9 +133,12 @@ def missing(model: PseudoModal, counts) -> int:
 
 
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:
-    """Up to `most` pseudo-modes (indices) below `top` Hz whose frequency was not there before, to `still`."""
+    """Up to `most` pseudo-modes (indices) below `top` Hz whose frequency was not there before, to `still`.
+
+    Largest change first; rigid-body modes and others far below the top are judged by their absolute change.
+    """
     f, old = model.frequencies, before.frequencies
     f = f[f < top]
-    moved = np.abs(f[:, None] - old).min(axis=1, initial=np.inf) / np.maximum(f, 1e-300)
+    moved = np.abs(f[:, None] - old).min(axis=1, initial=np.inf) / np.maximum(f, 0.01 * top)
     order = np.argsort(-moved, kind="stable")
     return order[moved[order] > still][:most]
