@@ -126,7 +126,7 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
     if context.invoked_subcommand is None:
         progress, output = _progress(), "result.h5"
         rows = hpcred.run_demo(output, progress=progress)
-        show_table("Stabilisation linkage, force at node 20, chord frame, 0 to 300 Hz; from row 1: Table 1 of the paper", rows)
+        show_table("Stabilisation linkage, force at node 20, chord frame, 0 to 300 Hz, and the paper's Table 1", rows)
         write_json(json, rows)
         print(f"model of row 0 written to {output}")
         show_timing(progress.timing())

@@ -12,7 +12,7 @@ from ..parallel.progress import Progress
 
 
 def run_demo(output="result.h5", *, comm=None, progress: Progress | None = None) -> list[dict]:
-    """Reduce the linkage in four ways and write the first model, the automatic one, to `output`; returns rows of a table.
+    """Reduce the linkage in four ways and write the first model, the automatic one, to `output`; returns the table.
 
     Collective.
     """
