@@ -35,8 +35,8 @@ class FullResponse:
     """The frequency response of a full model, and how well it is known.
 
     `response` (F, r, p) complex at `frequencies` (F,) in Hz, r outputs and p inputs by name; `eps` (F,): its relative
-    error as estimated at each of them, round-off included, with the damping of the response. `accuracy`: over the whole band, with the
-    damping that it says, and the proofs. `check`: fresh frequencies against full solves, if asked for.
+    error as estimated at each of them, round-off included, with the damping of the response. `accuracy`: over the whole
+    band, with the damping that it says, and the proofs. `check`: fresh frequencies against full solves, if asked for.
     `factorisations`: of the search. `warnings`: sentences.
     """
 
@@ -85,6 +85,8 @@ def full_response(
     undamped pole, and ComputationError.
     """
     frequencies = _sorted(frequencies)
+    if check < 0:
+        raise InputError(f"check: found {check}, expected 0 or more fresh frequencies")
     if adaptive is None:
         ends = (float(frequencies[0]), float(frequencies[-1]))
         if band is None and ends[0] == ends[1]:

@@ -107,8 +107,8 @@ def check_figure_name(path):
         raise InputError(f"figure {path}: expected a name that ends in {', '.join(FIGURES)}")
 
 
-def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png") -> int:
-    """Magnitude and phase of responses over frequency, and below their relative error; how many curves were drawn.
+def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"):
+    """Magnitude and phase of responses over frequency, and below their relative error.
 
     `curves`: (label, complex (F,)) pairs, of which the largest MOST are drawn; `eps` (F,). `kind`: png, svg or pdf.
     """
@@ -126,7 +126,7 @@ def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"
         phase.plot(np.insert(frequencies, jump, frequencies[jump]), np.insert(angle, jump, np.nan), **style)
     error.semilogy(frequencies, np.maximum(eps, 1e-18), color=INK, linewidth=1.0)
     error.axhline(tolerance, color=COLOURS[1], linewidth=1.0, linestyle="--")
-    error.annotate("tolerance", (0.995, tolerance), xycoords=("axes fraction", "data"), ha="right", va="bottom",
+    error.annotate("tolerance", (0.995, tolerance), xycoords=("axes fraction", "data"), ha="right", va="top",
                    fontsize=8, color=COLOURS[1])  # fmt: skip
     size.set(title=title, ylabel="|H|")
     phase.set(ylabel="phase (degrees)", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
@@ -139,7 +139,6 @@ def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"
                 title_fontsize=8)  # fmt: skip
     figure.savefig(path, dpi=150, format=kind, metadata={"Date": None} if kind == "svg" else None)
     plt.close(figure)
-    return len(largest)
 
 
 def save(figure, stem):

@@ -17,7 +17,7 @@ from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..reduction.record import versions
-from ..report.figures import check_figure_name, pyplot, response_figure
+from ..report.figures import MOST, check_figure_name, pyplot, response_figure
 from .evaluate import frequencies_over
 from .reduce import with_targets
 
@@ -67,24 +67,30 @@ def response_file(
         if output is not None:
             _write(output, found, report, comm, polar)
         if figure is not None:
+            curves = _curves(found)
             with atomic_output(figure, comm) as temporary, agreed(comm):
                 if comm.rank == 0:
-                    curves = Responses(**_arrays(found))
-                    title = f"{loaded.name}: {len(found.frequencies)} frequencies, {len(found.factorisations)} factors"
-                    drawn = response_figure(
-                        temporary, found.frequencies,
-                        [(name, found.response[:, i, j]) for name, i, j in curves.pairs],
-                        found.eps, found.accuracy.tolerance, title, kind=Path(figure).suffix[1:],
-                    )  # fmt: skip
+                    title = f"{report['model']}: {len(chosen)} frequencies, {report['factorisations']} factorisations"
+                    response_figure(temporary, found.frequencies, curves, found.eps, found.accuracy.tolerance, title,
+                                    kind=Path(figure).suffix[1:])  # fmt: skip
             report["figure"] = str(figure)
-            if found.response[0].size > drawn:
-                report["warnings"].append(f"the figure shows the {drawn} largest of {found.response[0].size} pairs")
+            if len(curves) > MOST:
+                report["warnings"].append(f"the figure shows the {MOST} largest of {len(curves)} pairs")
     return report | {"timing": asdict(progress.timing())}
 
 
 def _arrays(found: FullResponse) -> dict:
     keys = ("frequencies", "input_names", "output_names", "response", "eps")
     return {key: getattr(found, key) for key in keys}
+
+
+def _curves(found: FullResponse) -> list:
+    """Name and values of every pair; of a symmetric H only one of the two that are equal."""
+    H, pairs = found.response, Responses(**_arrays(found)).pairs
+    reciprocal = found.input_names == found.output_names and np.allclose(
+        H, H.transpose(0, 2, 1), rtol=1e-6, atol=1e-6 * np.abs(H).max()
+    )
+    return [(name, H[:, i, j]) for name, i, j in pairs if i <= j or not reciprocal]
 
 
 def _write(output, found, report, comm, polar):
