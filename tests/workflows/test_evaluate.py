@@ -221,7 +221,8 @@ def test_the_estimate_from_the_result_alone(automatic, capsys):
     assert report["Q"] == pytest.approx(package.error_integral(np.array(report["frequencies_hz"]),
                                                                np.array(report["eps"])))  # fmt: skip
     some = accuracy.frequencies[40], accuracy.frequencies[400]
-    assert run(["evaluate", "result.h5", "--estimate", "--frequencies", f"{some[0]!r},{some[1]!r}", "--json", "e.json"]) == 0
+    chosen = ["--frequencies", f"{some[0]!r},{some[1]!r}", "--json", "e.json"]
+    assert run(["evaluate", "result.h5", "--estimate", *chosen]) == 0
     rows = json.loads(Path("e.json").read_text())["rows"]
     assert [row["eps"] for row in rows] == pytest.approx([accuracy.eps[40], accuracy.eps[400]], rel=1e-9)
 

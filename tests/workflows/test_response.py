@@ -10,7 +10,17 @@ import scipy.sparse
 from helpers import dense_model, refused, to_dense
 
 import hpcred as package
-from hpcred import Buckens, Caughey, Chord, GivenDamping, InputError, ModalDamping, Rayleigh, SecondOrderModel, Structural
+from hpcred import (
+    Buckens,
+    Caughey,
+    Chord,
+    GivenDamping,
+    InputError,
+    ModalDamping,
+    Rayleigh,
+    SecondOrderModel,
+    Structural,
+)
 from hpcred.analysis.error_check import Check
 from hpcred.cli import _damping, _frame, run
 
@@ -155,7 +165,6 @@ def test_an_undamped_pole_is_refused(solid):
     import scipy.linalg
 
     pole = np.sqrt(scipy.linalg.eigh(to_dense(solid.K), to_dense(solid.M), eigvals_only=True)[0]) / (2 * np.pi)
-    near = package.full_response(solid, [0.0, pole, 2 * pole], tolerance=1e-3, band=(0.0, 2 * pole), damping=Rayleigh(1.0))
-    assert near.reached
-    with pytest.raises(InputError, match="is a pole of the full model"):
+    assert package.full_response(solid, [0.0, pole, 2 * pole], damping=Rayleigh(1.0), tolerance=1e-3).reached
+    with pytest.raises(InputError, match=f"frequency {pole:.6g}.* is a pole of the full model"):
         package.full_response(solid, [0.0, pole, 2 * pole], tolerance=1e-8)
