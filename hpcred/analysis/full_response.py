@@ -27,7 +27,7 @@ from ..reduction.run import Run
 from .error_check import Check, bound_of, fresh_frequencies, measuring_damping
 from .frequency_response import frequency_response
 
-POLE = 1e-12  # relative distance of the square of a frequency from an undamped pole
+POLE = 1e-10  # relative distance of the square of a frequency from an undamped pole, as near as poles are known
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -191,7 +191,11 @@ def _evaluate(search, reason, frequencies, law):
     """Response and estimated error at the frequencies, the accuracy over the band, and both models."""
     outer = search.projections.model()
     hold = next((start for start in reversed(search.starts) if len(outer.squares) - start >= HELD_BACK), 0)
-    models = _Pair(search.projections.model(hold) if hold else None, outer, search.law, search.ports)
+    framed = search.run.framed
+    elastic = framed.model.size - (framed.rigid.count if framed.rigid is not None else 0)
+    complete = len(outer.squares) >= elastic or not (hold or reason)  # no column was left to be held back for
+    seen = outer if complete else search.projections.model(hold) if hold else None
+    models = _Pair(seen, outer, search.law, search.ports)
     if law == Law() and outer.D is None:
         gap = np.abs(frequencies[:, None] ** 2 - outer.frequencies**2).min(axis=1, initial=np.inf)
         poles = frequencies[gap <= POLE * frequencies**2]
