@@ -125,8 +125,10 @@ class Accuracy:
 
     `largest`: the estimated eps over the band, at `worst` (Hz), `mean` its mean Q / (upper - lower), `noise` the
     round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in words.
-    `measured`: with which damping. `modes`: counted by inertia below the highest point, those of the big model, and how
-    many were missing. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against exact. `points`: in order.
+    `measured`: with which damping, in words; `loss_factor`: that of (1 + i eta) K where the response is not measured
+    with the damping of the model, else 0. `modes`: counted by inertia below the highest point, those of the big model,
+    and how many were missing. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against exact. `points`: in
+    order.
     """
 
     tolerance: float
@@ -145,6 +147,7 @@ class Accuracy:
     proofs: tuple[Proof, ...]
     frequencies: tuple[float, ...]
     eps: tuple[float, ...]
+    loss_factor: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -700,6 +703,7 @@ class Search:
             mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(fine)).sum() / (band[1] - band[0])),
             highest=float(inner_model.frequencies.max()), missing_modes=max(self.lack, 0), points=tuple(self.points),
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
+            loss_factor=law.eta,
         )  # fmt: skip
 
 

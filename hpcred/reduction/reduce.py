@@ -57,7 +57,7 @@ def reduce(
         adaptive = Adaptive(tolerance=tolerance, band=tuple(band))
     progress = progress or Progress(model.comm, show=False)
     frame, damping = frame or NoFrame(), damping or NoDamping()
-    _check_model(model)
+    check_model(model)
     two_sided = settings.projection == "two_sided" and model.Ct is not None
     if two_sided and adaptive is not None:
         raise InputError("projection: a reduction to a tolerance is one-sided, which keeps stability; leave it out")
@@ -66,7 +66,7 @@ def reduce(
             "projection: 'two_sided' leaves no diagonal model, which drop_above and modal damping need; "
             "take 'one_sided'"
         )
-    warnings = _warnings(model, frame)
+    warnings = warnings_of(model, frame)
     with Owned(model.comm) as owned:
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
@@ -105,7 +105,8 @@ def reduce(
         return reduced
 
 
-def _check_model(model):
+def check_model(model):
+    """Refuse a model that cannot be reduced: an unsymmetric M or K, no inputs."""
     for key in ("M", "K"):
         if model.symmetry_defects[key] > SYMMETRIC_TO:
             raise InputError(
@@ -116,7 +117,7 @@ def _check_model(model):
         raise InputError(f"{model.name} has no inputs; name them by `inputs`, as dof numbers or [node, direction]")
 
 
-def _warnings(model, frame) -> tuple[str, ...]:
+def warnings_of(model, frame) -> tuple[str, ...]:
     """What is doubtful of the model; refused where the frame depends on it."""
     doubts = tuple(doubts_of_nodes(model)) if model.dofs is not None else ()
     if doubts and isinstance(frame, Buckens):
