@@ -34,7 +34,7 @@ from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
 from ..parallel.petsc import PETSc, is_complex
 from .compression import columns, compressed
-from .error_estimate import estimate, finer, grid, largest, missing, next_point, off_poles, resolved, unsettled
+from .error_estimate import estimate, finer, grid, is_free, largest, missing, next_point, off_poles, resolved, unsettled
 from .groups import Group, bring
 from .point_blocks import PointBlocks
 from .projections import Projections
@@ -252,7 +252,8 @@ class Search:
             else:
                 found = self._expand(self.waiting.pop(0), self.closing)
             good = self.closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
-            if good and self.lack > 0:
+            hidden = good and self.lack > 0
+            if hidden:
                 good = self._find_hidden()
             taken = [point.frequency for point in self.points]
             again = good and not self._counts and not any(proof.frequency <= (low + high) / 2 for proof in self.proofs)
@@ -271,6 +272,8 @@ class Search:
                 self.waiting.insert(0, high)
             elif not self.waiting:
                 self.waiting = decided(self.run.model.comm, self._next, taken)
+            if hidden:  # the next point checks the model that has these modes
+                self.before = self._hold(), self.basis.size
             if checkpoint is not None:
                 checkpoint.save(self._state(), self.basis.columns)
 
@@ -297,6 +300,10 @@ class Search:
         self.points = [Point(**item) for item in state["points"]]
         self.proofs = [Proof(**item) for item in state["proofs"]]
         self.run.note("columns of an earlier run", self.basis.size, self.basis.size)
+
+    def _hold(self):
+        """Where the newest blocks begin that are held back."""
+        return next((start for start in reversed(self.starts) if self.basis.size - start >= HELD_BACK), 0)
 
     def _floor(self):
         """What can be asked for: the goal, or round-off."""
@@ -407,7 +414,7 @@ class Search:
         history = list(history)
         outer = self.projections.model()
         m = len(outer.squares)
-        hold = next((start for start in reversed(self.starts) if m - start >= HELD_BACK), 0)
+        hold = self._hold()
         result = {"est": np.inf, "noise": self.noise, "own": np.inf, "exact": np.inf, "said": np.inf, "hold": hold,
                   "history": history, "stop": False}  # fmt: skip
         if hold == 0 and new:
@@ -426,6 +433,11 @@ class Search:
         S = grid([outer], law, band, UNIFORM)
         curve, noise = estimate(inner_model, outer, U, law, S, ports)
         est, noise = float(curve.max()), float(noise.max())
+        if noise > est and S[0] == 0 and is_free(outer, law, S, ports):
+            raise InputError(
+                f"{self.run.model.name}: the response at 0 Hz is infinite, for the body is free; take frame 'buckens', "
+                "hold the body, or give a band that begins above 0"
+            )
         goal = max(self.goal, noise)
         result |= {"est": est, "noise": noise}
         if self.before is not None:
@@ -664,12 +676,15 @@ class Search:
 
     # the end
 
-    def compress(self, reason) -> tuple[np.ndarray, Accuracy]:
-        """The columns U (m, k) of the basis that the tolerance asks for, and what is known of them. Collective."""
-        with self.run.progress.stage("compress"):
-            return decided(self.run.model.comm, self._compress, reason)
+    def compress(self, reason, drop_above=None) -> tuple[np.ndarray, Accuracy]:
+        """The columns U (m, k) of the basis that the tolerance asks for, and what is known of them. Collective.
 
-    def _compress(self, reason):
+        Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the error counts.
+        """
+        with self.run.progress.stage("compress"):
+            return decided(self.run.model.comm, self._compress, reason, drop_above)
+
+    def _compress(self, reason, drop_above):
         settings, law, ports, band = self.settings, self.law, self.ports, self.settings.band
         outer = self.projections.model()
         S = grid([outer], law, band, UNIFORM)
@@ -689,6 +704,15 @@ class Search:
             if curve.max() <= 1.02 * goal or settings.size == U.shape[1]:
                 break
             S = np.unique(np.concatenate([S, fine[curve > 0.8 * goal]]))
+        if drop_above is not None and inner_model.frequencies[-1] > drop_above:
+            kept = inner_model.frequencies <= drop_above
+            if not kept.any():
+                raise InputError(f"drop_above: no pseudo-frequency lies below {drop_above:g} Hz")
+            inner_model, turn = restricted(inner_model, np.eye(len(kept))[:, kept], law)
+            embedding = embedding @ turn
+            fine, curve = largest(inner_model, outer, embedding, law, fine, ports)
+            if not reason and curve.max() + est + noise > eps:
+                reason = f"without the pseudo-frequencies above {drop_above:g} Hz (drop_above)"
         H = response(outer, law, fine, ports)
         E = difference(inner_model, outer, embedding, law, fine, ports)
         roundoff = H - response(inner_model, law, fine, ports) - E

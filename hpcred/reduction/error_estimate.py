@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .pseudo_modal import Law, PseudoModal, difference, relative, response
+from .pseudo_modal import Law, PseudoModal, difference, norms, relative, response
 
 CLUSTER = np.array([-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0])  # places around a resonance, in units of its damping ratio
 
@@ -130,6 +130,12 @@ def missing(model: PseudoModal, counts) -> int:
     """Modes below the points that inertia counts and the model has not; `counts`: (f, number of modes below f)."""
     poles = model.frequencies
     return max((count - int((poles < f).sum()) for f, count in counts), default=0)
+
+
+def is_free(model: PseudoModal, law: Law, frequencies, ports) -> bool:
+    """Whether the response at the first of the frequencies, 0 Hz, is infinite but for round-off."""
+    size = norms(response(model, law, np.array([0.0, frequencies[-1] / 200]), ports))
+    return bool(model.squares[0] < 1e-12 * model.squares[-1] and not size[0] < 1e6 * size[1])
 
 
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:

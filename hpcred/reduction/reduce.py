@@ -86,7 +86,9 @@ def reduce(
                     ready[i, r].join(vectors, run)
                 else:
                     ingredient.extend(vectors, run)
-        accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, checkpoint) if adaptive is not None else None
+        accuracy = None
+        if adaptive is not None:
+            accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, checkpoint, settings.drop_above)
         for run in runs:
             run.release()
         if not all(vectors.size for vectors in bases):
@@ -125,11 +127,11 @@ def warnings_of(model, frame) -> tuple[str, ...]:
     return doubts
 
 
-def _to_tolerance(vectors, run, adaptive, groups, checkpoint) -> Accuracy:
+def _to_tolerance(vectors, run, adaptive, groups, checkpoint, drop_above) -> Accuracy:
     """Extend the basis until the tolerance is proven, and compress it."""
     with Owned(run.model.comm) as owned:
         search = owned.owns(Search(vectors, run, adaptive, groups))
-        factor, accuracy = search.compress(search.search(checkpoint))
+        factor, accuracy = search.compress(search.search(checkpoint), drop_above)
     run.note("compressed", vectors.size, factor.shape[1])
     vectors.multiply(factor)
     return accuracy
