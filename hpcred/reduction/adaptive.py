@@ -34,7 +34,19 @@ from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import PETSc, is_complex
 from .compression import columns, compressed
-from .error_estimate import estimate, finer, grid, is_free, largest, missing, next_point, off_poles, resolved, unsettled
+from .error_estimate import (
+    estimate,
+    finer,
+    grid,
+    is_free,
+    is_silent,
+    largest,
+    missing,
+    next_point,
+    off_poles,
+    resolved,
+    unsettled,
+)
 from .projections import Projections
 from .pseudo_modal import Law, coefficients, difference, nested, norms, relative, response, restricted, solve
 from .run import Run
@@ -422,6 +434,8 @@ class Search:
                 f"{self.run.model.name}: the response at 0 Hz is infinite, for the body is free; take frame 'buckens', "
                 "hold the body, or give a band that begins above 0"
             )
+        if noise > est and is_silent(outer, law, S, ports):
+            raise InputError(f"{self.run.model.name}: no output measures what the inputs move; the response is zero")
         goal = max(self.goal, noise)
         result |= {"est": est, "noise": noise}
         if self.before is not None:
