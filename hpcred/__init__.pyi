@@ -1,6 +1,10 @@
 from .analysis.error import error_integral as error_integral
 from .analysis.error import relative_error as relative_error
+from .analysis.error_check import Check as Check
+from .analysis.error_check import check_reduced as check_reduced
 from .analysis.frequency_response import frequency_response as frequency_response
+from .analysis.full_response import FullResponse as FullResponse
+from .analysis.full_response import full_response as full_response
 from .analysis.summary import inspect as inspect
 from .examples.linkage import linkage as linkage
 from .examples.solid import solid as solid
@@ -11,6 +15,9 @@ from .formats.model_file import write_model as write_model
 from .formats.model_source import Source as Source
 from .formats.model_source import load_export as load_export
 from .formats.model_source import load_source as load_source
+from .formats.response_file import Responses as Responses
+from .formats.response_file import read_responses as read_responses
+from .formats.response_file import write_responses as write_responses
 from .formats.result_file import Result as Result
 from .formats.result_file import read_result as read_result
 from .formats.result_file import write_result as write_result
@@ -60,10 +67,13 @@ from .reduction.settings import Reduction as Reduction
 from .workflows.bench import bench as bench
 from .workflows.convert import convert as convert
 from .workflows.demo import run_demo as run_demo
+from .workflows.evaluate import check_result as check_result
+from .workflows.evaluate import estimate_of_result as estimate_of_result
 from .workflows.evaluate import evaluate_result as evaluate_result
 from .workflows.example import write_example as write_example
 from .workflows.export import export_result as export_result
 from .workflows.info import inspect_file as inspect_file
 from .workflows.paper import reproduce as reproduce
 from .workflows.reduce import reduce_job as reduce_job
+from .workflows.response import response_file as response_file
 from .workflows.simulate import simulate_file as simulate_file

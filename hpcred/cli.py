@@ -116,6 +116,50 @@ def _targets(text, option):
         raise InputError(f"{option}: found '{text}', expected such as 20:z,1:x or dof numbers 115,1") from error
 
 
+def _band(text):
+    """Two frequencies, or None."""
+    limits = _numbers(text, "--band")
+    if limits and (len(limits) != 2 or not 0 <= limits[0] < limits[1]):
+        raise InputError(f"--band: found '{text}', expected two frequencies in Hz such as 0,300")
+    return tuple(limits) or None
+
+
+def _factoring(out_of_core, low_rank):
+    return hpcred.Factoring(out_of_core=out_of_core, low_rank=low_rank) if out_of_core or low_rank else None
+
+
+def _frame(text):
+    """A reference frame from none, buckens, tangent:7 or chord:1,7,14:yxz."""
+    kind, *parts = text.split(":")
+    try:
+        if kind in ("none", "buckens") and not parts:
+            return hpcred.Buckens() if kind == "buckens" else hpcred.NoFrame()
+        if kind == "tangent" and len(parts) == 1:
+            return hpcred.Tangent(node=int(parts[0]))
+        if kind == "chord" and len(parts) in (1, 2):
+            first, second, third = (int(node) for node in parts[0].split(","))
+            return hpcred.Chord(nodes=(first, second, third), axes=parts[1] if parts[1:] else None)
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+    raise InputError(f"--frame: found '{text}', expected none, buckens, tangent:NODE or chord:N1,N2,N3[:AXES]")
+
+
+def _damping(text):
+    """A damping law from none, given, rayleigh:20,1e-7 or loss:0.02."""
+    kind, colon, rest = text.partition(":")
+    numbers = _numbers(rest, "--damping")
+    if not all(abs(number) < float("inf") for number in numbers):
+        raise InputError(f"--damping: found '{text}', expected finite numbers")
+    if kind in ("none", "given") and not colon:
+        return hpcred.GivenDamping() if kind == "given" else hpcred.NoDamping()
+    if kind == "rayleigh" and len(numbers) == 2:
+        return hpcred.Rayleigh(*numbers)
+    if kind == "loss" and len(numbers) == 1:
+        return hpcred.Structural(*numbers)
+    raise InputError(f"--damping: found '{text}', expected none, given, rayleigh:ALPHA,BETA or loss:FACTOR")
+
+
 @app.callback(invoke_without_command=True)
 def demo(context: typer.Context, version: Annotated[bool, typer.Option("--version")] = False, json: JsonFile = None):
     if version:
@@ -126,9 +170,9 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
     if context.invoked_subcommand is None:
         progress, output = _progress(), "result.h5"
         rows = hpcred.run_demo(output, progress=progress)
-        show_table("Stabilisation linkage, Table 1 of the paper: force at node 20, chord frame, 0 to 300 Hz", rows)
+        show_table("Stabilisation linkage, force at node 20, chord frame, 0 to 300 Hz, and the paper's Table 1", rows)
         write_json(json, rows)
-        print(f"model of row 1 written to {output}")
+        print(f"model of row 0 written to {output}")
         show_timing(progress.timing())
 
 
@@ -217,7 +261,7 @@ def reduce(
     if accuracy is not None:
         show_table("Expansion points", [
             {"f (Hz)": item.frequency, "columns": item.columns, "modes below": in_words(item.modes_below),
-             "estimate after it": item.estimate, "seconds": item.factor_seconds} for item in accuracy.points
+             "estimate after it": in_words(item.estimate), "seconds": item.factor_seconds} for item in accuracy.points
         ])  # fmt: skip
         show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
         print(f"{accuracy.measured}; {accuracy.missing_modes} modes missing; round-off {accuracy.noise:.0e}; "
@@ -243,19 +287,48 @@ def evaluate(
     frequencies: Frequencies = None,
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
     points: Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")] = 61,
-    output: Annotated[str | None, typer.Option("-o", help="Write the responses to this HDF5 file.")] = None,
+    output: Annotated[str | None, typer.Option("-o", help="Write the responses to this .csv or HDF5 file.")] = None,
+    estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
+    check: Annotated[int | None, typer.Option(help="Set said against exact at so many fresh frequencies.")] = None,
+    seed: Annotated[int | None, typer.Option(help="The fresh frequencies of an earlier --check.")] = None,
     groups: Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")] = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
     json: JsonFile = None,
 ):
-    """Frequency response of a reduced model; with --full its error eps(f) (55) and Q (57)."""
-    limits = _numbers(band, "--band")
-    if limits and (len(limits) != 2 or not 0 <= limits[0] < limits[1]):
-        raise InputError(f"--band: found '{band}', expected two frequencies in Hz such as 0,300")
-    factoring = hpcred.Factoring(out_of_core=out_of_core, low_rank=low_rank) if out_of_core or low_rank else None
+    """Frequency response of a reduced model; with --full its error eps(f) (55) and Q (57).
+
+    Of a model that was reduced to a tolerance: --estimate shows the error that is known, largest in each of --points
+    parts of the band; --full MODEL.h5 --check 5 sets it against full solves.
+    """
+    given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check}
+    allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
+    wrong = [option for option, value in given.items() if value is not None and option not in allowed]
+    if wrong or (estimate and check is not None):
+        raise InputError(f"{'--check' if check is not None else '--estimate'}: cannot be combined with "
+                         f"{', '.join(wrong) or '--estimate'}; call evaluate twice")  # fmt: skip
+    if check is not None and full is None:
+        raise InputError("--check: the model file is missing; give it by --full MODEL.h5")
+    if seed is not None and check is None:
+        raise InputError("--seed: belongs to --check")
+    limits = _band(band)
+    factoring = _factoring(out_of_core, low_rank)
+    if estimate:
+        report = hpcred.estimate_of_result(result, frequencies=_numbers(frequencies, "--frequencies"), parts=points)
+        show_table(result, report["rows"])
+        print(f"{report['sentence']}\nQ = {report['Q']:.6g}; {report['measured']}")
+        write_json(json, report)
+        return None
+    if check is not None:
+        report = hpcred.check_result(
+            result, full, check, seed=seed, groups=groups, factoring=factoring, progress=_progress()
+        )
+        show_table(result, report["rows"])
+        print(f"{report['claim']}\n{report['sentence']}; {report['measured']}")
+        write_json(json, report)
+        return 0 if report["passed"] else 1
     report = hpcred.evaluate_result(
-        result, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits or None, points=points,
+        result, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits, points=points,
         output=output, groups=groups, factoring=factoring, progress=_progress(),
     )  # fmt: skip
     columns = {"f (Hz)": "frequencies_hz", "|H| reduced": "reduced_norm", "|H| full": "full_norm", "eps": "eps"}
@@ -264,6 +337,53 @@ def evaluate(
     if full:
         print(f"Q = {report['Q']:.6g}, largest eps = {report['eps_max']:.6g}; {report['arithmetic']}")
     write_json(json, report)
+    return None
+
+
+@app.command()
+def response(
+    model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
+    band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz.")] = None,
+    points: Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")] = 2001,
+    frequencies: Frequencies = None,
+    tolerance: Annotated[float, typer.Option(help="Relative error of the response.")] = 1e-6,
+    frame: Annotated[str, typer.Option(help="none, buckens, tangent:NODE or chord:N1,N2,N3[:AXES].")] = "none",
+    damping: Annotated[str, typer.Option(help="none, given, rayleigh:ALPHA,BETA or loss:FACTOR.")] = "none",
+    inputs: Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")] = None,
+    outputs: Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")] = None,
+    output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="A .csv or HDF5 file.")] = None,
+    polar: Annotated[bool, typer.Option("--polar", help="Magnitude and phase in the .csv.")] = False,
+    figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png, .svg or .pdf.")] = None,
+    check: Annotated[int, typer.Option(help="Factor at so many fresh frequencies, and compare.")] = 0,
+    seed: Annotated[int | None, typer.Option(help="The fresh frequencies of an earlier --check.")] = None,
+    groups: Annotated[int | None, typer.Option(help="Groups of ranks that share those of --check.")] = None,
+    out_of_core: OutOfCore = None,
+    low_rank: LowRank = None,
+    json: JsonFile = None,
+):
+    """Frequency response of the full model at many frequencies, to a tolerance, from a handful of factorisations."""
+    report = hpcred.response_file(
+        model, frequencies=_numbers(frequencies, "--frequencies"), band=_band(band), points=points,
+        tolerance=tolerance, frame=_frame(frame), damping=_damping(damping), inputs=_targets(inputs, "--inputs"),
+        outputs=_targets(outputs, "--outputs"), check=check, seed=seed, groups=groups,
+        factoring=_factoring(out_of_core, low_rank), output=output, polar=polar, figure=figure, progress=_progress(),
+    )  # fmt: skip
+    if not report["reached"]:
+        print("NOT REACHED everywhere:")
+    for line in report["sentences"]:
+        print(line)
+    show_table("Proofs: the model before a point, at the point", report["proofs"])
+    if check:
+        show_table("Fresh frequencies", report["check"]["rows"])
+    print(f"{len(report['frequencies_hz'])} frequencies from {report['factorisations']} factorisations and "
+          f"{report['columns']} columns for {report['size']} dofs")  # fmt: skip
+    for name in (output, figure):
+        if name:
+            print(f"written to {name}")
+    _warn(report["warnings"])
+    show_timing(_Session.progress.timing())
+    write_json(json, report)
+    return 0 if report["reached"] else 1
 
 
 @app.command()

@@ -11,7 +11,7 @@ et al., AIAA J. 41, 2003, for the count of modes.)
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -31,7 +31,7 @@ from ..linalg.blocks import (
 from ..linalg.factorisation import SingularMatrix
 from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
 from ..parallel.decisions import decided
-from ..parallel.failures import ComputationError, InputError, Owned
+from ..parallel.failures import ComputationError, InputError, Owned, agreed
 from ..parallel.petsc import PETSc, is_complex
 from .compression import columns, compressed
 from .error_estimate import (
@@ -47,6 +47,8 @@ from .error_estimate import (
     resolved,
     unsettled,
 )
+from .groups import Group, bring
+from .point_blocks import PointBlocks
 from .projections import Projections
 from .pseudo_modal import Law, coefficients, difference, nested, norms, relative, response, restricted, solve
 from .run import Run
@@ -109,13 +111,13 @@ class Adaptive(Limits):
 @dataclass(frozen=True, kw_only=True)
 class Point:
     """An expansion point (Hz) of the search: columns that it brought, seconds of its factor, modes below it (by the
-    negative pivots, None where the factor has none), and the estimate over the band after it."""
+    negative pivots, None where the factor has none), and the estimate over the band after it, None without one."""
 
     frequency: float
     columns: int
     factor_seconds: float
     modes_below: int | None
-    estimate: float
+    estimate: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,8 +137,10 @@ class Accuracy:
 
     `largest`: the estimated eps over the band, at `worst` (Hz), `mean` its mean Q / (upper - lower), `noise` the
     round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in words.
-    `measured`: with which damping. `modes`: counted by inertia below the highest point, those of the big model, and how
-    many were missing. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against exact. `points`: in order.
+    `measured`: with which damping, in words; `loss_factor`: that of (1 + i eta) K where the response is not measured
+    with the damping of the model, else 0. `modes`: counted by inertia below the highest point, those of the big model,
+    and how many were missing. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against exact. `points`: in
+    order.
     """
 
     tolerance: float
@@ -155,6 +159,7 @@ class Accuracy:
     proofs: tuple[Proof, ...]
     frequencies: tuple[float, ...]
     eps: tuple[float, ...]
+    loss_factor: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -209,7 +214,7 @@ class Search:
     """The state of one automatic reduction; see run(). Its methods are collective, and what depends on small arrays is
     decided once for all ranks. Call close()."""
 
-    def __init__(self, basis: Basis, run: Run, adaptive: Adaptive):
+    def __init__(self, basis: Basis, run: Run, adaptive: Adaptive, groups: int = 1):
         self.basis, self.run, self.settings = basis, run, adaptive
         self.law, self.damped, self.measured = law_of(run.framed.damping, adaptive.zeta0, adaptive.band)
         self.loads, self.ports = _loads(run)
@@ -218,8 +223,8 @@ class Search:
         self.points: list[Point] = []
         self.proofs: list[Proof] = []
         self.starts: list[int] = []  # first columns of the blocks
-        # columns of the model that the next point checks, and of the one that it was seen from
-        self.before: tuple[int, int] | None = None
+        # columns (how many, or which) of the model that the next point checks, and of the one that it was seen from
+        self.before: tuple | None = None
         self.noise, self.lack, self.closing = 0.0, 0, False
         self.rest = np.inf  # the estimated error of the basis without its newest columns, over the band
         # an LU of an unsymmetric model and a complex one have no signs of pivots
@@ -232,6 +237,10 @@ class Search:
         self._by_mass = not self.damped and inputs <= BLOCK
         self._width = min(4 * inputs if self.damped else inputs, BLOCK)
         self._random = 0
+        # blocks made from residuals need the whole basis, which a group does not have
+        self.groups = groups if self._by_mass else 1
+        if self.groups > 1 and not adaptive.points:
+            self.waiting = [low + (i + 0.5) * (high - low) / (self.groups - 1) for i in range(self.groups - 1)] + [high]
 
     def close(self):
         self.loads.destroy()
@@ -249,7 +258,11 @@ class Search:
         while True:
             if not self.waiting:
                 return "since no place for another point is left"
-            found = self._expand(self.waiting.pop(0), self.closing)
+            if self.groups > 1:
+                points, self.waiting = self.waiting[: self.groups], self.waiting[self.groups :]
+                found = self._expand_in_groups(points)
+            else:
+                found = self._expand(self.waiting.pop(0), self.closing)
             good = self.closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
             hidden = good and self.lack > 0
             if hidden:
@@ -263,15 +276,14 @@ class Search:
             if reason := self._exhausted():
                 return reason
             if again:
-                f = decided(self.run.model.comm, self._next, taken, (low, (low + high) / 2))
-                if f is None:
+                second = decided(self.run.model.comm, self._next, taken, (low, (low + high) / 2))
+                if not second:
                     return ""
-                self.waiting.insert(0, f)
+                self.waiting = second[:1] + self.waiting
             elif self.closing and max(taken) < 0.9 * high:
                 self.waiting.insert(0, high)
             elif not self.waiting:
-                f = decided(self.run.model.comm, self._next, taken)
-                self.waiting += [f] if f is not None else []
+                self.waiting = decided(self.run.model.comm, self._next, taken)
             if hidden:  # the next point checks the model that has these modes
                 self.before = self._hold(), self.basis.size
             if checkpoint is not None:
@@ -326,7 +338,11 @@ class Search:
         inner_model = self.projections.model(self.before[0])
         S = grid([model], self.law, band, UNIFORM)
         curve, _ = estimate(inner_model, model, nested(inner_model, model), self.law, S, self.ports)
-        return next_point(S, curve, taken, model, band)
+        chosen = []
+        for _ in range(self.groups):
+            f = next_point(S, curve, [*taken, *chosen], model, band)
+            chosen += [f] if f is not None else []
+        return chosen
 
     # one point
 
@@ -365,7 +381,7 @@ class Search:
         name = f"adaptive {f:.6g} Hz, {order + 1} blocks"
         run.note(name, self.basis.size - before, self.basis.size - before)
         self.points.append(Point(frequency=f, columns=self.basis.size - before, factor_seconds=seconds,
-                                 modes_below=count, estimate=float(judged["est"])))  # fmt: skip
+                                 modes_below=count, estimate=_finite(judged["est"])))  # fmt: skip
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), counts))
         if self.before is not None:
@@ -441,7 +457,7 @@ class Search:
         if self.before is not None:
             result |= self._check(f, inner_model, outer)
         history.append(est)
-        if order < 1 and new:
+        if order < 1 and new and not closing:
             return result
         done = est <= goal and (
             not closing or result["own"] <= max(result["exact"] / 10, self.goal / 100, noise)
@@ -454,13 +470,102 @@ class Search:
     def _check(self, f, inner_model, outer):
         """The model of before at a new point: what was said of it, the exact error, the rest of what is called so."""
         at, law, ports = np.array([f]), self.law, self.ports
-        old, seen_from = (self.projections.model(size) for size in self.before)
+        old, seen_from = (self.projections.model(columns) for columns in self.before)
+        which, among = (np.arange(item) if np.ndim(item) == 0 else np.array(item) for item in self.before)
 
-        def error(one, other):
-            E = difference(one, other, nested(one, other), law, at, ports)
+        def error(one, other, columns=None):
+            E = difference(one, other, nested(one, other, columns), law, at, ports)
             return relative(E, response(other, law, at, ports))[0]
 
-        return {"exact": error(old, outer), "said": error(old, seen_from), "own": error(inner_model, outer)}
+        return {"exact": error(old, outer, which), "said": error(old, seen_from, np.searchsorted(among, which)),
+                "own": error(inner_model, outer)}  # fmt: skip
+
+    # several points at once
+
+    def _expand_in_groups(self, points):
+        """Have each group of ranks factor a point and make its chain; returns what was judged of all of them.
+
+        A group judges its chain over its part of the band. The estimate holds back the last block of every group. The
+        last point of the first round proves the model of the others.
+        """
+        run, comm = self.run, self.run.model.comm
+        width = (self.settings.band[1] - self.settings.band[0]) / len(points)
+        with Owned(comm) as owned:
+            group = owned.owns(Group(run.framed, self.groups))
+            own = owned.owns(run.on_group(group.framed))
+            made = None
+            with agreed(comm), Owned(group.comm):
+                if group.number < len(points):
+                    made = self._chain(own, points[group.number], width)
+            arrived, facts = [], comm.allgather(made[1] if made and group.leads else None)
+            for number in range(len(points)):
+                mine = made[0] if made and group.number == number else None
+                with run.progress.stage("merge"):
+                    arrived.append(bring(run.model, group, mine))
+            for found in comm.allgather((own.factorisations, own.analyses, []) if group.leads else ([], 0, [])):
+                run.add(*found)
+        found = [item for item in facts if item is not None]
+        first, whose = self.basis.size, []  # the group of every new column
+        for part in ("first", "last"):
+            for number, blocks in enumerate(arrived):
+                chosen = blocks.parts[:-1] if part == "first" else blocks.parts[-1:]
+                for _, _, start, stop in chosen:
+                    self.starts.append(self.basis.size)
+                    new = self.projections.extend(blocks.between(start, stop))
+                    whose += [(number, part)] * new
+        for blocks in arrived:
+            blocks.close()
+        new = first + np.arange(len(whose))
+        lasts = new[[part == "last" for _, part in whose]]
+        hold = int(lasts.min(initial=self.basis.size))
+        if self.before is None and len(points) > 1:
+            others = [number < len(points) - 1 for number, _ in whose]
+            seen = [*range(first), *new[others].tolist()]
+            held = set(lasts.tolist())
+            self.before = [k for k in seen if k not in held], seen
+            self.closing = bool(decided(comm, self._estimate_between, *self.before) <= 3 * self._floor())
+        points = [point.frequency for point in found]  # some may have been moved off an eigenfrequency
+        self.points += found
+        counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
+        judged = decided(comm, self._judge_round, points, hold)
+        self.noise, self.rest = judged["noise"], judged["est"]
+        self.lack = decided(comm, lambda: missing(self.projections.model(), counts))
+        self.points[-1] = replace(self.points[-1], estimate=judged["est"])
+        self.proofs += judged.pop("proofs")
+        where = ", ".join(f"{f:.6g}" for f in points)
+        run.note(f"adaptive {where} Hz", sum(point.columns for point in found), len(whose))
+        run.progress.say(f"{self.basis.size} columns, estimated error {judged['est']:.1e}")
+        return judged
+
+    def _chain(self, run, f, width):
+        """The blocks of a point on the ranks of a group, and what is known of the point."""
+        low, high = self.settings.band
+        part = max(low, f - width), min(high, f + width)
+        rigid = run.rigid.R if run.rigid is not None else None
+        vectors = Basis(run.model.M, rigid, run.tolerance, room=CHAIN)
+        with Owned(run.model.comm) as owned:
+            search = owned.owns(Search(vectors, run, replace(self.settings, band=part, points=(f,))))
+            search._expand(f, False)
+        blocks = PointBlocks(vectors)
+        for start, stop in zip(search.starts, [*search.starts[1:], vectors.size], strict=True):
+            blocks.parts.append((f"{f:.6g} Hz", stop - start, start, stop))
+        return blocks, replace(search.points[0], estimate=None)
+
+    def _estimate_between(self, inner_columns, outer_columns) -> float:
+        one, other = self.projections.model(inner_columns), self.projections.model(outer_columns)
+        embedding = nested(one, other, np.searchsorted(outer_columns, inner_columns))
+        S = grid([other], self.law, self.settings.band, UNIFORM)
+        return float(estimate(one, other, embedding, self.law, S, self.ports)[0].max())
+
+    def _judge_round(self, points, hold):
+        outer, inner_model = self.projections.model(), self.projections.model(hold)
+        S = grid([outer], self.law, self.settings.band, UNIFORM)
+        curve, noise = estimate(inner_model, outer, nested(inner_model, outer), self.law, S, self.ports)
+        checked = points[-1:] if np.ndim(self.before[0]) else points
+        proofs = [Proof(frequency=f, **{key: float(value) for key, value in
+                                        self._check(f, inner_model, outer).items()}) for f in checked]  # fmt: skip
+        return {"est": float(curve.max()), "noise": float(noise.max()), "hold": hold, "proofs": proofs,
+                "exact": max(proof.exact for proof in proofs)}  # fmt: skip
 
     # modes that no load moves
 
@@ -637,7 +742,12 @@ class Search:
             mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(fine)).sum() / (band[1] - band[0])),
             highest=float(inner_model.frequencies.max()), missing_modes=max(self.lack, 0), points=tuple(self.points),
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
+            loss_factor=law.eta,
         )  # fmt: skip
+
+
+def _finite(value):
+    return float(value) if np.isfinite(value) else None
 
 
 def _columns_ahead(history, goal, width):

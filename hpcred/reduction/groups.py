@@ -81,12 +81,8 @@ def _copy(model, group, number, groups):
     )  # fmt: skip
 
 
-def number_of_groups(wanted, run, basis) -> int:
-    """How many groups of ranks make the points of a basis; `wanted`: a number or "auto". Collective.
-
-    Raises InputError.
-    """
-    points = sum(isinstance(item, PointIngredient) for item in basis)
+def number_of_groups(wanted, run, points: int) -> int:
+    """How many groups of ranks make so many points; `wanted`: a number or "auto". Collective. Raises InputError."""
     ranks = run.model.comm.size
     if wanted != "auto":
         if isinstance(wanted, str) or not 1 <= wanted <= ranks:
@@ -111,12 +107,16 @@ class _Arrived:
     block: object
     width: int
 
-    def join(self, basis, run):
-        def between(start, stop):
-            self.block.setActiveColumns(self.width * start, self.width * stop)
-            return self.block
+    def between(self, start, stop):
+        """The vectors start .. stop - 1 as active columns of the block."""
+        self.block.setActiveColumns(self.width * start, self.width * stop)
+        return self.block
 
-        join(self.parts, between, basis, run)
+    def join(self, basis, run):
+        join(self.parts, self.between, basis, run)
+        self.close()
+
+    def close(self):
         self.block.destroy()
 
 
@@ -144,7 +144,7 @@ def blocks_in_groups(basis, runs, groups) -> dict:
             for i in points[first : first + groups]:
                 for c in range(len(runs)):
                     with progress.stage("merge"):
-                        arrived[i, c] = _bring(model, group, made.get((i, c)))
+                        arrived[i, c] = bring(model, group, made.get((i, c)))
         for c, run in enumerate(runs):
             found = (own[c].factorisations, own[c].analyses, own[c].ingredients) if group.leads else ([], 0, [])
             for number, records in enumerate(comm.allgather(found)):
@@ -153,7 +153,7 @@ def blocks_in_groups(basis, runs, groups) -> dict:
     return arrived
 
 
-def _bring(model, group, blocks):
+def bring(model, group, blocks):
     """Blocks of a group with the rows of the world; the ranks of other groups give nothing. Collective."""
     comm = model.comm
     mine = (blocks.parts, blocks.vectors.width) if blocks is not None else None

@@ -55,7 +55,8 @@ class Projections:
             return np.zeros((new.getActiveColumns()[1], 0))
         return project(self._run.model.D, self.basis.columns_between(0, start), new)
 
-    def model(self, size=None) -> PseudoModal:
-        """The model of the first `size` columns of the basis, by default of all; local."""
-        k = self.basis.size if size is None else size
-        return diagonalised(self.K[:k, :k], self.L[:k], None if self.D is None else self.D[:k, :k], self._law)
+    def model(self, columns=None) -> PseudoModal:
+        """The model of the first so many `columns` of the basis, or of listed ones, by default of all; local."""
+        k = np.arange(self.basis.size if columns is None else columns) if np.ndim(columns) == 0 else np.array(columns)
+        D = None if self.D is None else self.D[np.ix_(k, k)]
+        return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self._law)

@@ -68,9 +68,10 @@ def restricted(model: PseudoModal, U: np.ndarray, law: Law) -> tuple[PseudoModal
     return inner, U @ inner.vectors
 
 
-def nested(inner: PseudoModal, outer: PseudoModal) -> np.ndarray:
-    """The embedding (m, k) of a model whose basis is the first k columns of the basis of `outer`."""
-    return outer.vectors[: len(inner.vectors)].T @ inner.vectors
+def nested(inner: PseudoModal, outer: PseudoModal, columns=None) -> np.ndarray:
+    """The embedding (m, k) of a model whose basis is k columns of the basis of `outer`, by default the first ones."""
+    columns = slice(len(inner.vectors)) if columns is None else columns
+    return outer.vectors[columns].T @ inner.vectors
 
 
 def coefficients(law: Law, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

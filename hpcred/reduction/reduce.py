@@ -18,6 +18,7 @@ from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
 from .adaptive import Accuracy, Adaptive, Checkpoint, Search
 from .groups import blocks_in_groups, number_of_groups
+from .ingredient import PointIngredient
 from .projection import diagonalise, project, project_columns
 from .record import make_record
 from .reduced_damping import reduced_damping
@@ -56,7 +57,7 @@ def reduce(
         adaptive = Adaptive(tolerance=tolerance, band=tuple(band))
     progress = progress or Progress(model.comm, show=False)
     frame, damping = frame or NoFrame(), damping or NoDamping()
-    _check_model(model)
+    check_model(model)
     two_sided = settings.projection == "two_sided" and model.Ct is not None
     if two_sided and adaptive is not None:
         raise InputError("projection: a reduction to a tolerance is one-sided, which keeps stability; leave it out")
@@ -65,7 +66,7 @@ def reduce(
             "projection: 'two_sided' leaves no diagonal model, which drop_above and modal damping need; "
             "take 'one_sided'"
         )
-    warnings = _warnings(model, frame)
+    warnings = warnings_of(model, frame)
     with Owned(model.comm) as owned:
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
@@ -76,7 +77,8 @@ def reduce(
         rigid = framed.rigid.R if framed.rigid is not None else None
         columns = _check_size(framed, basis, adaptive)
         bases = [owned.owns(Basis(framed.model.M, rigid, tolerance, room=columns)) for _ in runs]
-        groups = number_of_groups(settings.groups, runs[0], basis)
+        points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
+        groups = number_of_groups(settings.groups, runs[0], points)
         ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}
         for i, ingredient in enumerate(basis):
             for r, (vectors, run) in enumerate(zip(bases, runs, strict=True)):
@@ -86,7 +88,7 @@ def reduce(
                     ingredient.extend(vectors, run)
         accuracy = None
         if adaptive is not None:
-            accuracy = _to_tolerance(bases[0], runs[0], adaptive, checkpoint, settings.drop_above)
+            accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, checkpoint, settings.drop_above)
         for run in runs:
             run.release()
         if not all(vectors.size for vectors in bases):
@@ -105,7 +107,8 @@ def reduce(
         return reduced
 
 
-def _check_model(model):
+def check_model(model):
+    """Refuse a model that cannot be reduced: an unsymmetric M or K, no inputs."""
     for key in ("M", "K"):
         if model.symmetry_defects[key] > SYMMETRIC_TO:
             raise InputError(
@@ -116,7 +119,7 @@ def _check_model(model):
         raise InputError(f"{model.name} has no inputs; name them by `inputs`, as dof numbers or [node, direction]")
 
 
-def _warnings(model, frame) -> tuple[str, ...]:
+def warnings_of(model, frame) -> tuple[str, ...]:
     """What is doubtful of the model; refused where the frame depends on it."""
     doubts = tuple(doubts_of_nodes(model)) if model.dofs is not None else ()
     if doubts and isinstance(frame, Buckens):
@@ -124,10 +127,10 @@ def _warnings(model, frame) -> tuple[str, ...]:
     return doubts
 
 
-def _to_tolerance(vectors, run, adaptive, checkpoint, drop_above) -> Accuracy:
+def _to_tolerance(vectors, run, adaptive, groups, checkpoint, drop_above) -> Accuracy:
     """Extend the basis until the tolerance is proven, and compress it."""
     with Owned(run.model.comm) as owned:
-        search = owned.owns(Search(vectors, run, adaptive))
+        search = owned.owns(Search(vectors, run, adaptive, groups))
         factor, accuracy = search.compress(search.search(checkpoint), drop_above)
     run.note("compressed", vectors.size, factor.shape[1])
     vectors.multiply(factor)

@@ -128,7 +128,7 @@ class Run:
 
     def on_group(self, framed):
         """A run for a copy of the framed model on a group of ranks."""
-        return Run(framed, self.progress, self.tolerance, self.factoring)
+        return Run(framed, self.progress, self.tolerance, self.factoring, inertia=self.inertia)
 
     def add(self, factorisations, analyses, ingredients):
         """Take over what was recorded on a group of ranks."""

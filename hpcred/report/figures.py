@@ -97,6 +97,50 @@ def time_figure(path, t, panels):
     plt.close(figure)
 
 
+FIGURES = (".png", ".svg", ".pdf")
+MOST = 16  # curves of a response that can be told apart
+
+
+def check_figure_name(path):
+    """Raise InputError unless the name ends as one of the formats of figures."""
+    if not str(path).endswith(FIGURES):
+        raise InputError(f"figure {path}: expected a name that ends in {', '.join(FIGURES)}")
+
+
+def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"):
+    """Magnitude and phase of responses over frequency, and below their relative error.
+
+    `curves`: (label, complex (F,)) pairs, of which the largest MOST are drawn; `eps` (F,). `kind`: png, svg or pdf.
+    """
+    plt = pyplot()
+    largest = sorted(range(len(curves)), key=lambda i: -np.abs(curves[i][1]).max())[:MOST]
+    figure, (size, phase, error) = plt.subplots(
+        3, figsize=(9.0, 8.0), sharex=True, layout="constrained", height_ratios=(3, 2, 1.5)
+    )
+    for place, i in enumerate(sorted(largest)):
+        label, values = curves[i]
+        style = {"linestyle": DASHES[place // len(COLOURS)], "color": COLOURS[place % len(COLOURS)], "linewidth": 1.1}
+        size.semilogy(frequencies, np.abs(values), label=label, **style)
+        angle = np.angle(values, deg=True)
+        jump = np.flatnonzero(np.abs(np.diff(angle)) > 180) + 1  # no line from one end of the circle to the other
+        phase.plot(np.insert(frequencies, jump, frequencies[jump]), np.insert(angle, jump, np.nan), **style)
+    error.semilogy(frequencies, np.maximum(eps, 1e-18), color=INK, linewidth=1.0)
+    error.axhline(tolerance, color=COLOURS[1], linewidth=1.0, linestyle="--")
+    error.annotate("tolerance", (0.995, tolerance), xycoords=("axes fraction", "data"), ha="right", va="top",
+                   fontsize=8, color=COLOURS[1])  # fmt: skip
+    size.set(title=title, ylabel="|H|")
+    phase.set(ylabel="phase (degrees)", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
+    error.set(xlabel="frequency (Hz)", ylabel="estimated\nrelative error")
+    if len(frequencies) > 1:
+        error.set_xlim(frequencies[0], frequencies[-1])
+    for axes in (size, phase, error):
+        axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
+    size.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False, title="output/input",
+                title_fontsize=8)  # fmt: skip
+    figure.savefig(path, dpi=150, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    plt.close(figure)
+
+
 def save(figure, stem):
     """PNG and SVG, without a date, so that the same numbers give the same file."""
     figure.savefig(f"{stem}.png", dpi=150)

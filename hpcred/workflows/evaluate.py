@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 
 from ..analysis.error import error_integral, relative_error
+from ..analysis.error_check import accuracy_of, check_reduced, said_at
 from ..analysis.frequency_response import frequency_response
-from ..formats.hdf5 import check_writable, writing
+from ..formats.hdf5 import check_writable
 from ..formats.model_file import read_model
+from ..formats.response_file import Responses, check_response_name, write_responses
 from ..formats.result_file import read_result
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
@@ -16,7 +20,7 @@ from ..parallel import startup
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
-from ..reduction.record import signature_of
+from ..reduction.record import signature_of, versions
 from .reduce import with_targets
 
 SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
@@ -30,14 +34,16 @@ def evaluate_result(
 
     `frequencies` (Hz), or else `points` of them over `band` (two numbers, default that of the job). The frame, the
     damping, the inputs and outputs of the full model are those of the reduction, and so is `factoring` unless it is
-    given; that it is the model of the reduction is checked. `output`: HDF5 file for the responses. `groups`: see
+    given; that it is the model of the reduction is checked. `output`: a .csv or HDF5 file for
+    the responses, see formats.response_file. `groups`: see
     frequency_response. Returns plain numbers for a table or JSON. Raises InputError.
     """
     comm = comm or startup.start_mpi()
     reduced = read_result(result, comm).reduced
     record = reduced.record
-    grid = _grid(frequencies, band or (record.job or {}).get("band") or (0.0, float(reduced.frequencies[-1])), points)
+    grid = frequencies_over(frequencies, band or _band_of(reduced), points)
     if output is not None:
+        check_response_name(output)
         check_writable(output, comm)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     arrays = {"frequencies": grid, "reduced": frequency_response(reduced, grid)}
@@ -62,20 +68,90 @@ def evaluate_result(
             "Q": error_integral(grid, arrays["eps"]),
         }  # fmt: skip
     if output is not None:
-        with writing(output, comm) as file:
-            file.attribute("format", "hpcred-response")
-            for key, value in arrays.items():
-                file.small(key, value)
+        made = {"result": str(result), "model": record.model, "versions": versions()}
+        names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
+        write_responses(output, Responses(**arrays, **names, record=made), comm)
     return report
 
 
-def _grid(frequencies, band, points):
+def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) -> dict:
+    """eps(f) as result.h5 says it, of an automatic reduction: nothing is computed. Collective.
+
+    `rows`: the error at `frequencies` (Hz), or else where it is largest in each of `parts` equal parts of the band.
+    Besides the whole curve, its maximum, Q (57), the proofs and the sentence. Raises InputError where the basis was
+    chosen by hand.
+    """
+    reduced = read_result(result, comm or startup.start_mpi()).reduced
+    accuracy = accuracy_of(reduced, result)
+    if len(frequencies):
+        chosen = frequencies_over(frequencies, accuracy.band, 2)
+        errors = said_at(accuracy, chosen)
+    else:
+        if parts < 1:
+            raise InputError(f"points: found {parts}, expected at least 1")
+        S, curve = np.array(accuracy.frequencies), np.array(accuracy.eps)
+        part = np.clip(((S - S[0]) / (S[-1] - S[0]) * parts).astype(int), 0, parts - 1)
+        worst = [index[curve[index].argmax()] for k in range(parts) if len(index := np.flatnonzero(part == k))]
+        chosen, errors = S[worst], curve[worst]
+    return {
+        "result": str(result),
+        "sentence": accuracy.sentence,
+        "reached": accuracy.reached,
+        "measured": accuracy.measured,
+        "rows": [{"f (Hz)": f, "eps": eps} for f, eps in zip(chosen.tolist(), errors.tolist(), strict=True)],
+        "eps_max": accuracy.largest,
+        "noise": accuracy.noise,
+        "Q": accuracy.mean * (accuracy.band[1] - accuracy.band[0]),
+        "proofs": [asdict(proof) for proof in accuracy.proofs],
+        "frequencies_hz": list(accuracy.frequencies),
+        "eps": list(accuracy.eps),
+    }
+
+
+def check_result(
+    result, full, count: int = 5, *, seed: int | None = None, groups: int | None = None,
+    factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
+) -> dict:  # fmt: skip
+    """The error that result.h5 says, against full solves of the model file `full`, at `count` fresh frequencies of the
+    band and some right beside pseudo-frequencies. Collective.
+
+    `seed` draws the same frequencies again; the other keywords are those of evaluate_result. Returns rows of f, said
+    and exact, whether it `passed`, and the sentence. Raises InputError where the basis was chosen by hand.
+    """
+    comm = comm or startup.start_mpi()
+    reduced = read_result(result, comm).reduced
+    accuracy, record = accuracy_of(reduced, result), reduced.record
+    factoring = factoring or _factoring_of(record)
+    startup.start(preferred="complex", low_rank=factoring.low_rank is not None)
+    with model_of_record(full, record, result, comm) as model:
+        check = check_reduced(reduced, model, count, seed=seed, factoring=factoring, groups=groups, progress=progress)
+    return {
+        "result": str(result),
+        "sentence": check.sentence,
+        "claim": accuracy.sentence,
+        "measured": accuracy.measured,
+        "passed": check.passed,
+        "seed": check.seed,
+        "eps": check.bound,
+        "rows": check.rows,
+    }
+
+
+def frequencies_over(frequencies, band, points) -> np.ndarray:
+    """The frequencies in ascending order, or else `points` over the band (Hz). Raises InputError."""
     if not len(frequencies) and points < 2:
         raise InputError(f"points: found {points}, expected at least 2 frequencies over the band")
     grid = np.sort(np.asarray(frequencies, dtype=float)) if len(frequencies) else np.linspace(*band, points)
     if not np.isfinite(grid).all() or grid.min() < 0:
         raise InputError(f"frequencies: found {grid[0]:g} to {grid[-1]:g} Hz, expected finite ones, none negative")
     return grid
+
+
+def _band_of(reduced) -> tuple[float, float]:
+    """The band of the job, of the accuracy, or up to the highest pseudo-frequency, in Hz."""
+    record = reduced.record
+    known = record.accuracy.band if record.accuracy is not None else (0.0, float(reduced.frequencies[-1]))
+    return (record.job or {}).get("band") or known
 
 
 def _factoring_of(record) -> Factoring:

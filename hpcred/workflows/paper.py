@@ -71,5 +71,5 @@ def reproduce(folder="paper", *, comm=None, progress: Progress | None = None) ->
         file.small("figure_5/t", motions[0][1].t)
         file.small("figure_5/methods", [row.method for row, _ in motions])
         file.small("figure_5/u_y", np.array([lateral(motion) for _, motion in motions]))
-    write_json(comm, folder / "section5.json", data)
+    write_json(folder / "section5.json", data, comm)
     return data

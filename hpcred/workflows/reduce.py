@@ -65,7 +65,7 @@ def reduce_job(
 
 
 def _name_of(job, accuracy) -> str:
-    """Where the result goes: a model that is not what was asked for has a name that says so. Raises ComputationError."""
+    """Where the result goes: a model that is not what was asked for has a name that says so."""
     if accuracy is None or accuracy.reached or job.unreached == "write":
         return job.output
     if job.unreached == "refuse":

@@ -14,6 +14,8 @@ def test_the_demo_prints_its_table(hpcred, tmp_path):
     assert found[1] < 1e-8
     assert found[3] == pytest.approx(8.91e-2, rel=2e-3)
     assert found[4] == pytest.approx(8.39, rel=2e-3)
+    (automatic,) = re.findall(r"^ +0 +automatic.* (\d+) +(\S+) +(\S+) *$", result.stdout, re.M)
+    assert int(automatic[0]) <= 7 and float(automatic[2]) <= 1e-4
     assert "result.h5" in result.stdout
     with h5py.File(tmp_path / "result.h5") as file:
-        assert file["basis/V"].shape == (14, 120)
+        assert file["basis/V"].shape == (int(automatic[0]), 120)

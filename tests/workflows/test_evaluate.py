@@ -77,8 +77,10 @@ def test_from_foreign_files_to_the_error(hpcred, tmp_path, ranks):
     assert reduced["ranks"] == ranks
     assert eps["eps_max"] < 1e-4 and eps["Q"] < 600 * 1e-4
     assert len(eps["eps"]) == 13
-    with h5py.File(tmp_path / "h.h5") as file:
-        assert np.allclose(np.linalg.norm(file["full"][...], axis=(1, 2)), eps["full_norm"])
+    responses = package.read_responses(tmp_path / "h.h5")
+    assert np.allclose(np.linalg.norm(responses.full, axis=(1, 2)), eps["full_norm"])
+    assert np.allclose(package.relative_error(responses.full, responses.reduced), eps["eps"])
+    assert responses.input_names == ("1:x", "20:z", "100:y")
 
 
 def test_a_two_sided_job_with_second_order_krylov(folder):
@@ -143,3 +145,111 @@ def test_what_the_factors_of_a_reduction_were_told_reaches_the_full_response(fol
     assert record.job["out_of_core"] == str(folder / "factors")
     (folder / "factors").rmdir()
     assert run(["evaluate", "result.h5", "--full", "model.h5", "--points", "3"]) == 2  # the folder is asked for
+
+
+LAWS = {
+    "none": (None, "measured with the loss factor 0.002 (undamped)"),
+    "rayleigh": (package.Rayleigh(2.0, 1e-5), "measured with the damping of the model"),
+    "structural": (package.Structural(0.02), "measured with the loss factor 0.02"),
+    "modal": (package.ModalDamping(ratio=0.01), "measured with the loss factor 0.02 (the smallest modal ratio)"),
+    "caughey": (package.Caughey((2.0, 1e-5, 1e-14)), "the smallest damping ratio of the series"),
+}
+
+
+@pytest.fixture
+def automatic(tmp_path, monkeypatch):
+    """Reduce the linkage to eps <= 1e-4 with a damping law, into result.h5 beside model.h5."""
+    monkeypatch.chdir(tmp_path)
+
+    def make(law=LAWS["rayleigh"][0]):
+        with package.linkage() as model:
+            package.write_model("model.h5", model)
+            with package.reduce(model, frame=package.Buckens(), damping=law, tolerance=1e-4, band=(0, 300)) as rom:
+                package.write_result("result.h5", rom, model)
+                return rom.record.accuracy
+
+    return make
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_fresh_frequencies_bear_out_what_was_said(automatic, capsys, name):
+    """Never above eps, and within a factor of 2 of what was said where that is well above what else is unknown."""
+    law, measured = LAWS[name]
+    accuracy = automatic(law)
+    assert run(["evaluate", "result.h5", "--full", "model.h5", "--check", "12", "--seed", "3", "--json", "c.json"]) == 0
+    report = json.loads(Path("c.json").read_text())
+    assert measured in report["measured"]
+    rows = report["rows"]
+    assert 12 < len(rows) <= 15 and max(row["exact"] for row in rows) <= 1e-4
+    compared = [row for row in rows if row["said"] > 10 * accuracy.noise and row["said"] > 0.03 * accuracy.largest]
+    assert compared and all(0.5 < row["exact"] / row["said"] < 2 for row in compared)
+    assert "never above eps = 0.0001" in capsys.readouterr().out
+
+
+def test_a_check_draws_anew_and_repeats_by_its_seed(automatic):
+    automatic()
+    check = ["evaluate", "result.h5", "--full", "model.h5", "--check", "2", "--json"]
+    reports = []
+    for seed in ([], [], ["--seed"]):
+        chosen = [*seed, str(reports[0]["seed"])] if seed else []
+        assert run([*check, "c.json", *chosen]) == 0
+        reports.append(json.loads(Path("c.json").read_text()))
+    assert reports[0]["seed"] != reports[1]["seed"] and reports[0]["rows"] != reports[1]["rows"]
+    assert reports[0]["rows"] == reports[2]["rows"]
+
+
+def test_a_check_notices_another_reduced_model(automatic, capsys):
+    """A pseudo-frequency that is 0.1 % too high: status 1."""
+    automatic()
+    with h5py.File("result.h5", "a") as file:
+        file["reduced/K"][1, 1] *= 1.002
+    assert run(["evaluate", "result.h5", "--full", "model.h5", "--check", "5"]) == 1
+    assert "ABOVE at" in capsys.readouterr().out
+
+
+def test_the_estimate_from_the_result_alone(automatic, capsys):
+    """The largest of every part of the band is in the table, and at given frequencies the curve itself."""
+    accuracy = automatic()
+    Path("model.h5").unlink()
+    assert run(["evaluate", "result.h5", "--estimate", "--points", "20", "--json", "e.json"]) == 0
+    assert accuracy.sentence in capsys.readouterr().out
+    report = json.loads(Path("e.json").read_text())
+    rows = report["rows"]
+    assert len(rows) == 20 and max(row["eps"] for row in rows) == max(accuracy.eps)
+    for f, eps in zip(accuracy.frequencies, accuracy.eps, strict=True):
+        assert eps <= rows[min(int(f / 15.0), 19)]["eps"]
+    assert report["Q"] == pytest.approx(package.error_integral(np.array(report["frequencies_hz"]),
+                                                               np.array(report["eps"])))  # fmt: skip
+    some = accuracy.frequencies[40], accuracy.frequencies[400]
+    chosen = ["--frequencies", f"{some[0]!r},{some[1]!r}", "--json", "e.json"]
+    assert run(["evaluate", "result.h5", "--estimate", *chosen]) == 0
+    rows = json.loads(Path("e.json").read_text())["rows"]
+    assert [row["eps"] for row in rows] == pytest.approx([accuracy.eps[40], accuracy.eps[400]], rel=1e-9)
+
+
+@pytest.mark.parametrize("arguments", [["--estimate"], ["--check", "3", "--full", "model.h5"]])
+def test_a_basis_by_hand_has_no_estimate(folder, capsys, arguments):
+    assert run(["reduce", "job.toml"]) == 0
+    capsys.readouterr()
+    assert run(["evaluate", "result.h5", *arguments]) == 2
+    assert "its basis was chosen by hand, so that nothing is known of its error" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        (["--check", "3"], "--check: the model file is missing; give it by --full MODEL.h5"),
+        (["--check", "0", "--full", "model.h5"], "check: found 0, expected at least 1"),
+        (["--check", "3", "--full", "model.h5", "--seed", "-1"], "seed: found -1"),
+        (["--check", "3", "--full", "model.h5", "--band", "0,1"], "--check: cannot be combined with --band"),
+        (["--estimate", "--full", "model.h5"], "--estimate: cannot be combined with --full"),
+        (["--estimate", "--check", "3", "--full", "model.h5"], "--check: cannot be combined with --estimate"),
+        (["--estimate", "--frequencies", "100,301"], "found 100 to 301 Hz, expected 0 to 300 Hz"),
+        (["--estimate", "--points", "0"], "points: found 0"),
+        (["--seed", "3"], "--seed: belongs to --check"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(automatic, capsys, arguments, says):
+    automatic()
+    assert run(["evaluate", "result.h5", *arguments]) == 2
+    assert says in capsys.readouterr().err

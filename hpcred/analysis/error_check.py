@@ -1,0 +1,136 @@
+"""What was said of an error against full solves: an accuracy and fresh frequencies enter, a Check leaves.
+
+The frequencies are drawn at random over the band, and some right beside pseudo-frequencies, where errors are largest.
+The full model is factored there with the damping that the accuracy was measured with.
+"""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..linalg.factorisation import Factoring
+from ..model.damping import Structural
+from ..parallel.failures import InputError
+from ..reduction.adaptive import Accuracy
+from ..reduction.reduced_model import ReducedModel
+from .error import relative_error
+from .frequency_response import frequency_response
+
+BESIDE = 1.0003  # times a pseudo-frequency
+SOME = 3  # pseudo-frequencies at most
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """At `frequencies` (Hz) that `seed` drew: the relative error that was `said`, and the `exact` one; `bound`: eps."""
+
+    seed: int
+    bound: float
+    frequencies: tuple[float, ...]
+    said: tuple[float, ...]
+    exact: tuple[float, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no exact error is above the bound."""
+        return max(self.exact) <= self.bound
+
+    @property
+    def rows(self) -> list[dict]:
+        """Frequency, said and exact, for a table."""
+        values = zip(self.frequencies, self.said, self.exact, strict=True)
+        return [{"f (Hz)": f, "said": said, "exact": exact} for f, said, exact in values]
+
+    @property
+    def sentence(self) -> str:
+        """The verdict."""
+        above = sum(not error <= self.bound for error in self.exact)
+        worst = int(np.argmax(self.exact))
+        verdict = "never above" if not above else f"ABOVE at {above} of them:"
+        return (
+            f"checked at {len(self.exact)} fresh frequencies (--seed {self.seed}): {verdict} eps = {self.bound:.3g}; "
+            f"at most {self.exact[worst]:.2e}, at {self.frequencies[worst]:.6g} Hz (said {self.said[worst]:.2e})"
+        )
+
+
+def fresh_frequencies(band, pseudo_frequencies, count: int, seed: int | None, comm) -> tuple[int, np.ndarray]:
+    """The seed, a new one unless given, and in Hz `count` frequencies of the band and up to SOME beside
+    pseudo-frequencies, ascending. Collective."""
+    if count < 1:
+        raise InputError(f"check: found {count}, expected at least 1 frequency")
+    if seed is not None and seed < 0:
+        raise InputError(f"seed: found {seed}, expected a whole number of at least 0")
+    low, high = band
+    seed = comm.bcast(secrets.randbelow(10**6) if seed is None else seed)
+    random = np.random.default_rng(seed)
+    drawn = random.uniform(low, high, count)
+    near = BESIDE * np.asarray(pseudo_frequencies)
+    near = near[(near > max(low, 0.0)) & (near < high)]
+    near = random.choice(near, min(SOME, len(near)), replace=False)
+    return seed, comm.bcast(np.unique(np.concatenate([drawn, near])))
+
+
+def said_at(accuracy: Accuracy, frequencies) -> np.ndarray:
+    """The stored curve of an accuracy at frequencies (F,) of its band, by linear interpolation of its logarithm."""
+    frequencies = np.asarray(frequencies, dtype=float)
+    low, high = accuracy.band
+    if frequencies.min() < low * (1 - 1e-12) or frequencies.max() > high * (1 + 1e-12):
+        raise InputError(f"frequencies: found {frequencies.min():g} to {frequencies.max():g} Hz, expected "
+                         f"{low:g} to {high:g} Hz, where the error is known")  # fmt: skip
+    curve = np.maximum(accuracy.eps, np.finfo(float).tiny)
+    return np.exp(np.interp(frequencies, accuracy.frequencies, np.log(curve)))
+
+
+def measuring_damping(accuracy: Accuracy, damping):
+    """The damping law that an accuracy was measured with, for a full response."""
+    return Structural(accuracy.loss_factor) if accuracy.loss_factor else damping
+
+
+def as_measured(reduced: ReducedModel, accuracy: Accuracy) -> ReducedModel:
+    """The reduced model with the damping that its accuracy was measured with; without its basis."""
+    if not accuracy.loss_factor:
+        return replace(reduced, columns=None, left_columns=None)
+    return replace(
+        reduced, D=np.zeros_like(reduced.K), loss_factor=accuracy.loss_factor, columns=None, left_columns=None
+    )
+
+
+def check_reduced(
+    reduced: ReducedModel, model, count: int = 5, *, seed: int | None = None, groups: int | None = None,
+    factoring: Factoring | None = None, progress=None,
+) -> Check:  # fmt: skip
+    """Set the stored error of an automatic reduction against full solves of its model at fresh frequencies. Collective.
+
+    `model`: the SecondOrderModel that was reduced, with the same inputs and outputs. Raises InputError where the
+    reduced model has no accuracy.
+    """
+    accuracy, record = accuracy_of(reduced), reduced.record
+    seed, frequencies = fresh_frequencies(accuracy.band, reduced.frequencies, count, seed, model.comm)
+    full = frequency_response(
+        model, frequencies, record.frame, measuring_damping(accuracy, record.damping), factoring=factoring,
+        groups=groups, progress=progress,
+    )  # fmt: skip
+    exact = relative_error(full, frequency_response(as_measured(reduced, accuracy), frequencies))
+    return Check(
+        seed=seed, bound=bound_of(accuracy), frequencies=tuple(frequencies.tolist()),
+        said=tuple(said_at(accuracy, frequencies).tolist()), exact=tuple(exact.tolist()),
+    )  # fmt: skip
+
+
+def bound_of(accuracy: Accuracy) -> float:
+    """What the error is claimed to stay below: the tolerance, or what was reached instead."""
+    return accuracy.tolerance if accuracy.reached else accuracy.largest + accuracy.noise
+
+
+def accuracy_of(reduced: ReducedModel, name="the reduced model") -> Accuracy:
+    """The accuracy of an automatic reduction. Raises InputError for other ones."""
+    accuracy = reduced.record.accuracy if reduced.record is not None else None
+    if accuracy is None:
+        raise InputError(
+            f"{name}: its basis was chosen by hand, so that nothing is known of its error; compare with the full model "
+            "(--full MODEL.h5), or reduce to a tolerance"
+        )
+    return accuracy

@@ -1,0 +1,225 @@
+"""Harmonic analysis: the response of a full model at thousands of frequencies, from a handful of factorisations.
+
+A basis is made by the automatic reduction until it reaches the tolerance. It is used as it is: no basis is compressed,
+which would only bring in an error, and none is restored to the dofs of the model. At every frequency asked for the
+error is estimated as in the search, from the model without the newest columns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..linalg.basis import Basis
+from ..linalg.factorisation import Factoring, FactorRecord
+from ..model.damping import Caughey, ModalDamping, NoDamping, Rayleigh, Structural
+from ..model.frames import NoFrame, apply_frame
+from ..model.rigid_body_modes import RigidBodyModes
+from ..parallel.decisions import decided
+from ..parallel.failures import InputError, Owned
+from ..parallel.progress import Progress, Timing
+from ..reduction.adaptive import HELD_BACK, UNIFORM, Accuracy, Adaptive, Search
+from ..reduction.error_estimate import estimate, grid
+from ..reduction.pseudo_modal import Law, nested, relative, response
+from ..reduction.reduce import KEPT_BY_SEARCH, ROOM, check_model, warnings_of
+from ..reduction.run import Run
+from .error_check import Check, bound_of, fresh_frequencies, measuring_damping
+from .frequency_response import frequency_response
+
+POLE = 1e-10  # relative distance of the square of a frequency from an undamped pole, as near as poles are known
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FullResponse:
+    """The frequency response of a full model, and how well it is known.
+
+    `response` (F, r, p) complex at `frequencies` (F,) in Hz, r outputs and p inputs by name; `eps` (F,): its relative
+    error as estimated at each of them, round-off included, with the damping of the response. `accuracy`: over the whole
+    band, with the damping that it says, and the proofs. `check`: fresh frequencies against full solves, if asked for.
+    `factorisations`: of the search. `warnings`: sentences.
+    """
+
+    frequencies: np.ndarray
+    response: np.ndarray
+    eps: np.ndarray
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    accuracy: Accuracy
+    factorisations: tuple[FactorRecord, ...]
+    timing: Timing
+    check: Check | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What a user reads first: over the band, at the frequencies, and what was checked."""
+        count, worst = len(self.frequencies), int(self.eps.argmax())
+        above = int((self.eps > self.accuracy.tolerance).sum())
+        beyond = f"; above the tolerance at {above} of them" if above else ""
+        return (
+            f"{self.accuracy.sentence} ({self.accuracy.measured})",
+            f"at the {count} frequencies: estimated at most {self.eps[worst]:.1e}, at {self.frequencies[worst]:.6g} Hz"
+            f"{beyond}",
+            *([self.check.sentence] if self.check else []),
+        )
+
+    @property
+    def reached(self) -> bool:
+        """Whether the tolerance holds over the band and at every frequency, and nothing checked is above it."""
+        checked = self.check is None or self.check.passed
+        return bool(self.accuracy.reached and self.eps.max() <= self.accuracy.tolerance and checked)
+
+
+def full_response(
+    model, frequencies, frame=None, damping=None, *, tolerance: float = 1e-6, band=None,
+    adaptive: Adaptive | None = None, check: int = 0, seed: int | None = None, groups: int | None = None,
+    factoring: Factoring | None = None, progress: Progress | None = None,
+) -> FullResponse:  # fmt: skip
+    """H (F, r, p) of a SecondOrderModel at many frequencies (Hz), to a relative error of `tolerance`. Collective.
+
+    `band` (Hz): where the tolerance is to hold, by default from the lowest to the highest frequency; or an Adaptive,
+    which says both and more. `frame` as for reduce; `damping`: Rayleigh, Caughey with two coefficients, GivenDamping,
+    Structural or None. `check`: number of fresh frequencies at which the full model is factored, drawn by `seed`, and
+    `groups` of ranks that share these (see frequency_response). Raises InputError, also where a frequency is an
+    undamped pole, and ComputationError.
+    """
+    frequencies = _sorted(frequencies)
+    if check < 0:
+        raise InputError(f"check: found {check}, expected 0 or more fresh frequencies")
+    if adaptive is None:
+        ends = (float(frequencies[0]), float(frequencies[-1]))
+        if band is None and ends[0] == ends[1]:
+            raise InputError(f"frequencies: found only {ends[0]:g} Hz; give the band in Hz as well")
+        adaptive = Adaptive(tolerance=tolerance, band=ends if band is None else tuple(band))
+    if frequencies[0] < adaptive.band[0] or frequencies[-1] > adaptive.band[1]:
+        raise InputError(f"band: found {list(adaptive.band)}, expected one with all frequencies, which go from "
+                         f"{frequencies[0]:g} to {frequencies[-1]:g} Hz")  # fmt: skip
+    frame, damping = frame or NoFrame(), damping or NoDamping()
+    law = _law_of_response(damping)
+    progress = progress or Progress(model.comm, show=False)
+    check_model(model)
+    warnings = warnings_of(model, frame)
+    _check_support(model, frame, frequencies)
+    with Owned(model.comm) as owned:
+        with progress.stage("frame"):
+            framed = owned.owns(apply_frame(model, frame, damping))
+        run = owned.owns(Run(framed, progress, KEPT_BY_SEARCH, factoring or Factoring(), inertia=True))
+        rigid = framed.rigid.R if framed.rigid is not None else None
+        basis = owned.owns(Basis(framed.model.M, rigid, KEPT_BY_SEARCH, room=min(ROOM, adaptive.columns)))
+        search = owned.owns(Search(basis, run, adaptive))
+        reason = search.search()
+        with progress.stage("evaluate"):
+            values, eps, accuracy, pair = decided(model.comm, _evaluate, search, reason, frequencies, law)
+        factorisations = tuple(run.factorisations)
+    found = FullResponse(
+        frequencies=frequencies, response=values, eps=eps, accuracy=accuracy, input_names=model.input_names,
+        output_names=model.output_names, factorisations=factorisations, warnings=tuple(warnings),
+        timing=progress.timing(),
+    )  # fmt: skip
+    if not check:
+        return found
+    with progress.stage("check"):
+        seed, fresh = fresh_frequencies(accuracy.band, pair.frequencies, check, seed, model.comm)
+        exact = frequency_response(
+            model, fresh, frame, measuring_damping(accuracy, damping), factoring=factoring, groups=groups,
+            progress=progress,
+        )  # fmt: skip
+        said, errors = decided(model.comm, pair.against, fresh, exact)
+    checked = Check(seed=seed, bound=bound_of(accuracy), frequencies=tuple(fresh.tolist()), said=said, exact=errors)
+    return replace(found, check=checked, timing=progress.timing())
+
+
+def _sorted(frequencies):
+    frequencies = np.unique(np.asarray(frequencies, dtype=float))
+    if not len(frequencies) or not np.isfinite(frequencies).all() or frequencies[0] < 0:
+        raise InputError("frequencies: expected at least one, all finite and none negative, in Hz")
+    return frequencies
+
+
+def _law_of_response(damping) -> Law:
+    """The proportional part of the damping of the response."""
+    if isinstance(damping, ModalDamping) or (isinstance(damping, Caughey) and len(damping.coefficients) > 2):
+        kind = "modal ratios belong" if isinstance(damping, ModalDamping) else "a Caughey series of more terms belongs"
+        raise InputError(f"damping: {kind} to a reduced model; reduce to a tolerance and take its frequency response")
+    if isinstance(damping, Structural):
+        return Law(eta=damping.loss_factor)
+    if isinstance(damping, Rayleigh):
+        return Law(damping.alpha, damping.beta)
+    return Law(*(*damping.coefficients, 0.0)[:2]) if isinstance(damping, Caughey) else Law()
+
+
+def _check_support(model, frame, frequencies):
+    """Refuse the response at rest of a body that nothing holds, which is infinite. Collective."""
+    if frequencies[0] > 0 or not isinstance(frame, NoFrame) or model.dofs is None:
+        return
+    rigid = RigidBodyModes(model)
+    count = rigid.count
+    rigid.close()
+    if count:
+        raise InputError(f"frequencies: found 0 Hz, where {model.name}, which is free, has none; begin above, "
+                         "or take frame kind 'buckens' for the elastic part")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """The two models of a search, to say their difference anywhere in the band; local."""
+
+    seen: object
+    outer: object
+    law: Law
+    ports: tuple
+
+    @property
+    def frequencies(self):
+        return self.outer.frequencies
+
+    def curve(self, law, frequencies):
+        """Estimated relative errors and their noise (S,)."""
+        if self.seen is None:
+            nothing = np.full(len(frequencies), np.inf)
+            return nothing, nothing
+        return estimate(self.seen, self.outer, nested(self.seen, self.outer), law, frequencies, self.ports)
+
+    def against(self, frequencies, exact):
+        """What is said at frequencies (S,), and the error against exact responses (S, r, p)."""
+        errors = relative(exact - response(self.outer, self.law, frequencies, self.ports), exact)
+        return tuple(sum(self.curve(self.law, frequencies)).tolist()), tuple(errors.tolist())
+
+
+def _evaluate(search, reason, frequencies, law):
+    """Response and estimated error at the frequencies, the accuracy over the band, and both models."""
+    outer = search.projections.model()
+    hold = next((start for start in reversed(search.starts) if len(outer.squares) - start >= HELD_BACK), 0)
+    framed = search.run.framed
+    elastic = framed.model.size - (framed.rigid.count if framed.rigid is not None else 0)
+    complete = len(outer.squares) >= elastic or not (hold or reason)  # no column was left to be held back for
+    seen = outer if complete else search.projections.model(hold) if hold else None
+    models = _Pair(seen, outer, search.law, search.ports)
+    if law == Law() and outer.D is None:
+        gap = np.abs(frequencies[:, None] ** 2 - outer.frequencies**2).min(axis=1, initial=np.inf)
+        poles = frequencies[gap <= POLE * frequencies**2]
+        if len(poles):
+            raise InputError(f"frequency {poles[0]:.10g} Hz is a pole of the full model; leave it out or add damping")
+    values = response(outer, law, frequencies, search.ports)
+    eps = sum(models.curve(law, frequencies))  # round-off is part of what a user sees
+    return values, eps, _accuracy(search, models, reason), models
+
+
+def _accuracy(search, models, reason) -> Accuracy:
+    """What is known of the whole basis of a search, which is not compressed."""
+    settings, band, outer = search.settings, search.settings.band, models.outer
+    S = grid([outer], search.law, band, 4 * UNIFORM)
+    curve, roundoff = models.curve(search.law, S)
+    largest, noise = float(curve.max()), max(search.noise, float(roundoff.max()))
+    reached = not reason and largest + noise <= settings.tolerance
+    if not reason and not reached:
+        reason = f"limited to {largest + noise:.1e} by round-off"
+    return Accuracy(
+        tolerance=settings.tolerance, band=band, reached=reached, stopped=reason or "reached", largest=largest,
+        worst=float(S[curve.argmax()]), noise=noise, measured=search.measured, big_size=len(outer.squares),
+        mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(S)).sum() / (band[1] - band[0])),
+        highest=float(outer.frequencies.max()), missing_modes=max(search.lack, 0), points=tuple(search.points),
+        proofs=tuple(search.proofs), frequencies=tuple(S.tolist()), eps=tuple(curve.tolist()),
+        loss_factor=search.law.eta,
+    )  # fmt: skip

@@ -1,0 +1,102 @@
+"""Files of frequency responses: arrays over frequency enter; an HDF5 file or a .csv leaves, or the other way round.
+
+HDF5, with F frequencies, r outputs and p inputs (attributes: format "hpcred-response", version 1):
+frequencies (F) in Hz, ascending; input_names (p), output_names (r), such as 20:z
+response (F, r, p), complex: of a full model, from `hpcred response`
+reduced (F, r, p), full (F, r, p), complex: of a reduced model, and of its full model by factorising, from `evaluate`
+eps (F): relative error, estimated beside `response`, exact beside `full`
+record: JSON with what is known of the error, and what made it
+The .csv has one line a frequency: f_hz, then for every pair of an output and an input, such as 20:z/1:x, its
+real and imaginary part (re_20:z/1:x, im_20:z/1:x) or magnitude and phase in degrees (abs_..., deg_...); last eps.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..parallel.failures import InputError, agreed
+from .hdf5 import atomic_output, reading, texts, writing
+
+FORMAT, VERSION = "hpcred-response", 1
+RESPONSES = ("response", "reduced", "full")
+ARRAYS = (*RESPONSES, "eps")
+
+
+@dataclass(eq=False, kw_only=True)
+class Responses:
+    """What a file of responses contains: see the docstring of the module. What is not there is None."""
+
+    frequencies: np.ndarray
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    response: np.ndarray | None = None
+    reduced: np.ndarray | None = None
+    full: np.ndarray | None = None
+    eps: np.ndarray | None = None
+    record: dict = field(default_factory=dict)
+
+    @property
+    def pairs(self) -> list[tuple[str, int, int]]:
+        """Name, output and input of every pair."""
+        return [(f"{output}/{given}", i, j) for i, output in enumerate(self.output_names)
+                for j, given in enumerate(self.input_names)]  # fmt: skip
+
+
+def check_response_name(path):
+    """Raise InputError unless the name ends as one of the formats."""
+    if not str(path).endswith((".csv", ".h5", ".hdf5")):
+        raise InputError(f"output {path}: expected a name that ends in .csv, .h5 or .hdf5")
+
+
+def write_responses(path, responses: Responses, comm, polar=False):
+    """Write a .csv (`polar`: magnitude and phase), or else HDF5, whole or not at all. Collective. Raises InputError."""
+    if str(path).endswith(".csv"):
+        with atomic_output(path, comm) as temporary, agreed(comm):
+            if comm.rank == 0:
+                _write_csv(temporary, responses, polar)
+        return
+    with writing(path, comm) as file:
+        file.attribute("format", FORMAT)
+        file.attribute("version", VERSION)
+        file.small("frequencies", responses.frequencies)
+        for key in ("input_names", "output_names"):
+            file.small(key, list(getattr(responses, key)))
+        for key in ARRAYS:
+            if getattr(responses, key) is not None:
+                file.small(key, getattr(responses, key))
+        file.small("record", responses.record)
+
+
+def _write_csv(path, responses, polar):
+    found = [key for key in RESPONSES if getattr(responses, key) is not None]
+    columns = {"f_hz": responses.frequencies}
+    for key in found:
+        values = getattr(responses, key)
+        tail = "" if len(found) == 1 else f"_{key}"
+        for name, i, j in responses.pairs:
+            H = values[:, i, j]
+            if polar:
+                columns |= {f"abs_{name}{tail}": np.abs(H), f"deg_{name}{tail}": np.angle(H, deg=True)}
+            else:
+                columns |= {f"re_{name}{tail}": H.real, f"im_{name}{tail}": H.imag}
+    if responses.eps is not None:
+        columns["eps"] = responses.eps
+    head = io.StringIO()
+    csv.writer(head, lineterminator="").writerow(columns)  # names of a user may have commas
+    np.savetxt(path, np.array(list(columns.values())).T, "%.16e", ",", header=head.getvalue(), comments="",
+               encoding="utf-8")  # fmt: skip
+
+
+def read_responses(path) -> Responses:
+    """Read an HDF5 file of responses, on this rank. Raises InputError."""
+    with reading(path, FORMAT, VERSION) as file:
+        return Responses(
+            frequencies=file["frequencies"][...], record=json.loads(file["record"][()]),
+            input_names=tuple(texts(file["input_names"])), output_names=tuple(texts(file["output_names"])),
+            **{key: file[key][...] for key in ARRAYS if key in file},
+        )  # fmt: skip

@@ -1,0 +1,125 @@
+"""Harmonic analysis of a model file: a band and a tolerance enter; the response with its proof leaves as files."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from ..analysis.full_response import FullResponse, full_response
+from ..formats.hdf5 import atomic_output, check_writable
+from ..formats.model_file import read_model
+from ..formats.response_file import Responses, check_response_name, write_responses
+from ..linalg.factorisation import Factoring
+from ..model.damping import NoDamping
+from ..parallel import startup
+from ..parallel.failures import InputError, agreed
+from ..parallel.progress import Progress
+from ..reduction.record import versions
+from ..report.figures import MOST, check_figure_name, pyplot, response_figure
+from .evaluate import frequencies_over
+from .reduce import with_targets
+
+
+def response_file(
+    model, *, frequencies=(), band=None, points: int = 2001, tolerance: float = 1e-6, frame=None, damping=None,
+    inputs=None, outputs=None, check: int = 0, seed: int | None = None, groups: int | None = None,
+    factoring: Factoring | None = None, output=None, polar: bool = False, figure=None, comm=None,
+    progress: Progress | None = None,
+) -> dict:  # fmt: skip
+    """The frequency response of a model file to a tolerance: see full_response. Collective.
+
+    `frequencies` (Hz), or else `points` of them over `band`. `inputs`, `outputs`: dofs or a matrix file, as in a job;
+    by default those of the model. `output`: a .csv (`polar`: magnitude and phase) or an HDF5 file, see
+    formats.response_file; `figure`: a .png, .svg or .pdf. Returns plain numbers for a table or JSON: sentences,
+    whether the tolerance is `reached`, proofs, and of the response its norm and estimated error. Raises InputError or
+    ComputationError.
+    """
+    comm = comm or startup.start_mpi()
+    if band is None and not len(frequencies):
+        raise InputError("response: no frequencies; give the band in Hz, such as 0,6000")
+    chosen = frequencies_over(frequencies, band, points)
+    for name, check_name in ((output, check_response_name), (figure, check_figure_name)):
+        if name is not None:
+            check_name(name)
+            check_writable(name, comm)
+    if figure is not None:
+        with agreed(comm):
+            pyplot()  # refused early where there is none
+    startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
+    progress = progress or Progress(comm, show=False)
+    with progress.stage("read", str(model)):
+        loaded = read_model(model, comm)
+    for key, targets in (("input", inputs), ("output", outputs)):
+        loaded = with_targets(loaded, key, targets)
+    with loaded:
+        found = full_response(
+            loaded, chosen, frame, damping, tolerance=tolerance, band=band, check=check, seed=seed, groups=groups,
+            factoring=factoring, progress=progress,
+        )  # fmt: skip
+        warnings = list(found.warnings)
+        if loaded.D is not None and isinstance(damping or NoDamping(), NoDamping):
+            warnings.append(f"the damping matrix of {loaded.name} is not used; --damping given takes it")
+        size = loaded.size
+    report = _report(found, size) | {"model": str(model), "warnings": warnings, "output": output and str(output)}
+    with progress.stage("write"):
+        if output is not None:
+            _write(output, found, report, comm, polar)
+        if figure is not None:
+            curves = _curves(found)
+            with atomic_output(figure, comm) as temporary, agreed(comm):
+                if comm.rank == 0:
+                    title = f"{report['model']}: {len(chosen)} frequencies, {report['factorisations']} factorisations"
+                    response_figure(temporary, found.frequencies, curves, found.eps, found.accuracy.tolerance, title,
+                                    kind=Path(figure).suffix[1:])  # fmt: skip
+            report["figure"] = str(figure)
+            if len(curves) > MOST:
+                report["warnings"].append(f"the figure shows the {MOST} largest of {len(curves)} pairs")
+    return report | {"timing": asdict(progress.timing())}
+
+
+def _arrays(found: FullResponse) -> dict:
+    keys = ("frequencies", "input_names", "output_names", "response", "eps")
+    return {key: getattr(found, key) for key in keys}
+
+
+def _curves(found: FullResponse) -> list:
+    """Name and values of every pair; of a symmetric H only one of the two that are equal."""
+    H, pairs = found.response, Responses(**_arrays(found)).pairs
+    reciprocal = found.input_names == found.output_names and np.allclose(
+        H, H.transpose(0, 2, 1), rtol=1e-6, atol=1e-6 * np.abs(H).max()
+    )
+    return [(name, H[:, i, j]) for name, i, j in pairs if i <= j or not reciprocal]
+
+
+def _write(output, found, report, comm, polar):
+    left_out = ("frequencies_hz", "norm", "eps", "output")
+    record = {key: value for key, value in report.items() if key not in left_out} | {"versions": versions()}
+    write_responses(output, Responses(**_arrays(found), record=record), comm, polar)
+
+
+def _report(found: FullResponse, size: int) -> dict:
+    accuracy = found.accuracy
+    report = {
+        "size": size,
+        "inputs": list(found.input_names),
+        "outputs": list(found.output_names),
+        "reached": found.reached,
+        "sentences": list(found.sentences),
+        "columns": accuracy.big_size,
+        "factorisations": len(found.factorisations),
+        "points": [asdict(point) for point in accuracy.points],
+        "proofs": [asdict(proof) for proof in accuracy.proofs],
+        "tolerance": accuracy.tolerance,
+        "estimated": accuracy.largest,
+        "noise": accuracy.noise,
+        "measured": accuracy.measured,
+        "missing_modes": accuracy.missing_modes,
+        "frequencies_hz": found.frequencies.tolist(),
+        "norm": np.linalg.norm(found.response, axis=(1, 2)).tolist(),
+        "eps": found.eps.tolist(),
+    }
+    if found.check is not None:
+        report["check"] = {"seed": found.check.seed, "passed": found.check.passed, "rows": found.check.rows}
+    return report
