@@ -34,7 +34,19 @@ from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
 from ..parallel.petsc import PETSc, is_complex
 from .compression import columns, compressed
-from .error_estimate import estimate, finer, grid, is_free, largest, missing, next_point, off_poles, resolved, unsettled
+from .error_estimate import (
+    estimate,
+    finer,
+    grid,
+    is_free,
+    is_silent,
+    largest,
+    missing,
+    next_point,
+    off_poles,
+    resolved,
+    unsettled,
+)
 from .groups import Group, bring
 from .point_blocks import PointBlocks
 from .projections import Projections
@@ -438,6 +450,8 @@ class Search:
                 f"{self.run.model.name}: the response at 0 Hz is infinite, for the body is free; take frame 'buckens', "
                 "hold the body, or give a band that begins above 0"
             )
+        if noise > est and is_silent(outer, law, S, ports):
+            raise InputError(f"{self.run.model.name}: no output measures what the inputs move; the response is zero")
         goal = max(self.goal, noise)
         result |= {"est": est, "noise": noise}
         if self.before is not None:
@@ -510,19 +524,21 @@ class Search:
             held = set(lasts.tolist())
             self.before = [k for k in seen if k not in held], seen
             self.closing = bool(decided(comm, self._estimate_between, *self.before) <= 3 * self._floor())
-        for f, (count, seconds, brought) in zip(points, found, strict=True):
-            self.points.append(Point(frequency=f, columns=brought, factor_seconds=seconds, modes_below=count))
+        points = [point.frequency for point in found]  # some may have been moved off an eigenfrequency
+        self.points += found
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         judged = decided(comm, self._judge_round, points, hold)
-        self.noise, self.lack = judged["noise"], decided(comm, lambda: missing(self.projections.model(), counts))
+        self.noise, self.rest = judged["noise"], judged["est"]
+        self.lack = decided(comm, lambda: missing(self.projections.model(), counts))
         self.points[-1] = replace(self.points[-1], estimate=judged["est"])
         self.proofs += judged.pop("proofs")
-        run.note(f"adaptive {', '.join(f'{f:.6g}' for f in points)} Hz", sum(item[2] for item in found), len(whose))
+        where = ", ".join(f"{f:.6g}" for f in points)
+        run.note(f"adaptive {where} Hz", sum(point.columns for point in found), len(whose))
         run.progress.say(f"{self.basis.size} columns, estimated error {judged['est']:.1e}")
         return judged
 
     def _chain(self, run, f, width):
-        """The blocks of a point on the ranks of a group, and (modes below it, seconds of the factor, columns)."""
+        """The blocks of a point on the ranks of a group, and what is known of the point."""
         low, high = self.settings.band
         part = max(low, f - width), min(high, f + width)
         rigid = run.rigid.R if run.rigid is not None else None
@@ -533,8 +549,7 @@ class Search:
         blocks = PointBlocks(vectors)
         for start, stop in zip(search.starts, [*search.starts[1:], vectors.size], strict=True):
             blocks.parts.append((f"{f:.6g} Hz", stop - start, start, stop))
-        (point,) = search.points
-        return blocks, (point.modes_below, point.factor_seconds, vectors.size)
+        return blocks, replace(search.points[0], estimate=None)
 
     def _estimate_between(self, inner_columns, outer_columns) -> float:
         one, other = self.projections.model(inner_columns), self.projections.model(outer_columns)

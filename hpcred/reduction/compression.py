@@ -6,6 +6,8 @@ import numpy as np
 
 from .pseudo_modal import Law, PseudoModal, difference, is_symmetric, norms, relative, response, restricted, solve
 
+LARGE = 1e6  # relative error that counts as any other above it, such as one at a zero of the response
+
 
 def columns(states: np.ndarray) -> np.ndarray:
     """Real and imaginary parts of states (S, m, l) side by side: (m, 2 S l), or (m, S l) of real ones."""
@@ -44,7 +46,7 @@ def compressed(model: PseudoModal, law: Law, frequencies, ports, goal: float, ro
 
     def error(U):
         inner, embedding = restricted(model, U, law)
-        return relative(difference(inner, model, embedding, law, frequencies, ports), H)
+        return np.minimum(relative(difference(inner, model, embedding, law, frequencies, ports), H), LARGE)
 
     even = leading(np.ones(len(frequencies)))
     if most is not None:

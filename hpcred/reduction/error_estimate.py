@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .pseudo_modal import Law, PseudoModal, difference, norms, relative, response
+from .pseudo_modal import Law, PseudoModal, difference, norms, relative, response, solve
 
 CLUSTER = np.array([-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0])  # places around a resonance, in units of its damping ratio
 
@@ -136,6 +136,14 @@ def is_free(model: PseudoModal, law: Law, frequencies, ports) -> bool:
     """Whether the response at the first of the frequencies, 0 Hz, is infinite but for round-off."""
     size = norms(response(model, law, np.array([0.0, frequencies[-1] / 200]), ports))
     return bool(model.squares[0] < 1e-12 * model.squares[-1] and not size[0] < 1e6 * size[1])
+
+
+def is_silent(model: PseudoModal, law: Law, frequencies, ports) -> bool:
+    """Whether the outputs do not feel the inputs: |C x| is round-off of |C| |x| at all frequencies."""
+    Lb, Lc = ports
+    states = solve(model, law, frequencies, model.L @ Lb)
+    size = norms((model.L @ Lc).T @ states)
+    return bool((size <= 1e-13 * np.linalg.norm(model.L @ Lc) * norms(states)).all())
 
 
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:

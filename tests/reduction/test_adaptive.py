@@ -1,0 +1,303 @@
+"""The automatic reduction against dense truth: what is said of the error, its limits, ranks, frames and damping."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from adaptive_models import Case, chain, fresh, hard_cases, pair, random_case, said_and_true, tied_chains, unit, up_to
+from helpers import dense_model
+from launch import TWO_BUILDS
+
+import hpcred
+from hpcred import Buckens, Caughey, InputError, Krylov, ModalDamping, Modes, NoDamping, Rayleigh, Structural
+from hpcred.parallel.petsc import is_complex
+from hpcred.reduction.adaptive import Adaptive, law_of
+from hpcred.reduction.pseudo_modal import Law
+
+BAND = (0.0, 30000.0)  # of the clamped block with 144 dofs: three modes
+CASES = hard_cases()
+# whose reduction takes a second or more, or whose dense truth is no better than 1e-9
+LONG = ("30 inputs", "30 inputs, Rayleigh", "90 modes", "localised modes", "other outputs, D", "gyroscopic D")
+STIFF = "stiffness jump"
+
+
+def agree(said, true):
+    return ((said <= 2 * true) & (true <= 2 * said)).all()
+
+
+def checked(case, tolerance, comm, **limits):
+    """Reduce a case, and hold what is said of the error against dense solves; returns the accuracy and the size."""
+    adaptive = Adaptive(tolerance=tolerance, band=case.band, **limits)
+    with case.model(comm) as model, hpcred.reduce(model, (), case.frame, case.damping, adaptive=adaptive) as rom:
+        accuracy = rom.record.accuracy
+        frequencies = np.append(fresh(case, rom), accuracy.worst)
+        said, true = said_and_true(case, rom, frequencies)
+        size = rom.size
+    clear = true > 10 * accuracy.noise
+    assert agree(said[clear], true[clear])
+    if accuracy.reached:
+        assert true.max() <= tolerance
+        assert accuracy.largest + accuracy.noise <= tolerance
+    else:
+        assert accuracy.stopped in accuracy.sentence and accuracy.sentence.startswith("NOT REACHED")
+        assert true.max() <= 1.05 * accuracy.largest + 3 * accuracy.noise
+    if clear[-1]:
+        assert 0.5 <= accuracy.largest / true.max() <= 3
+    assert len(accuracy.points) <= 4 and len(accuracy.proofs) == len(accuracy.points) - 1
+    # what was said at a point before it was factored; without inertia a proof may be what finds a mode
+    for proof in accuracy.proofs[-1:] if is_complex() else accuracy.proofs:
+        if proof.exact > max(10 * proof.own, 100 * accuracy.noise):
+            assert 0.5 <= proof.said / proof.exact <= 2
+    return accuracy, size
+
+
+@pytest.mark.parametrize("seed", [*range(12), *(pytest.param(k, marks=pytest.mark.slow) for k in range(12, 120))])
+def test_what_is_said_of_random_models_is_true(seed, comm):
+    case, tolerance = random_case(seed)
+    accuracy, _ = checked(case, tolerance, comm)
+    assert accuracy.reached
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, pytest.param(1e-6, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name
+                                  for name in CASES if name != STIFF])  # fmt: skip
+def test_what_is_said_of_difficult_models_is_true(name, tolerance, comm):
+    accuracy, _ = checked(CASES[name](), tolerance, comm)
+    assert accuracy.reached or accuracy.stopped.startswith("limited to")
+    assert accuracy.reached or name == "chains tied 1e-5, sensor beyond"  # whose response is 1e-5 of its parts
+    assert accuracy.missing_modes == 0
+
+
+@pytest.mark.parametrize("name", ["load near a node", "other outputs", "band above 0", "chains tied 1e-5",
+                                  "25 masses, weak dashpots"])  # fmt: skip
+def test_below_round_off_it_is_limited(name, comm):
+    accuracy, _ = checked(CASES[name](), 1e-13, comm)
+    assert not accuracy.reached and accuracy.stopped.startswith("limited to")
+    assert 1e-13 < accuracy.noise < 1e-9 and len(accuracy.points) <= 3
+
+
+def test_modes_that_no_load_moves_are_found(comm):
+    """Two equal chains: each mode is there twice, and only inertia tells of the second one."""
+    K, M = tied_chains(1e-9)
+    case = Case("tied", K, M, unit(80, 5), up_to(*chain(40), 12))
+    if is_complex():
+        pytest.skip("a complex build has no inertia")
+    accuracy, _ = checked(case, 1e-4, comm)
+    below = (case.frequencies < case.band[1]).sum()
+    assert below == 26 and accuracy.points[-1].modes_below == below
+    assert accuracy.missing_modes == 0
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("name", ["chains tied 1e-5", "25 masses, 40 dashpots", "other outputs"])
+def test_same_points_and_size_on_any_number_of_ranks_and_in_both_builds(name, comm):
+    found = checked(CASES[name](), 1e-4, comm)
+    accuracy, size = found
+    points = [(round(point.frequency, 6), point.columns, point.modes_below) for point in accuracy.points]
+    if is_complex():
+        assert all(point[2] is None for point in points)
+        assert "second proof" in accuracy.measured
+        middle = sum(CASES[name]().band) / 2
+        assert any(proof.frequency <= middle for proof in accuracy.proofs)
+        return
+    expected = EXPECTED[name]
+    assert (size, len(points)) == expected, (size, points)
+
+
+EXPECTED = {"chains tied 1e-5": (17, 3), "25 masses, 40 dashpots": (22, 2), "other outputs": (26, 2)}
+
+
+@pytest.mark.skipif(not TWO_BUILDS, reason="only one PETSc build")
+def test_complex_build_has_a_second_proof(hpcred):
+    script = (
+        "import hpcred; m = hpcred.solid((4, 2, 3), inputs=3)\n"
+        "r = hpcred.reduce(m, tolerance=1e-4, band=(0, 30000)); a = r.record.accuracy\n"
+        "print(a.reached, len(a.proofs), min(p.frequency for p in a.proofs) < 15000, a.points[0].modes_below)"
+    )
+    run = hpcred(program=("-c", script), HPCRED_SCALAR="complex")
+    assert run.stdout.split() == ["True", "2", "True", "None"], run.stderr
+
+
+# the accuracy itself
+
+
+def reduced(model, tolerance=1e-4, band=BAND, basis=(), frame=None, damping=None, **more):
+    limits = {key: more.pop(key) for key in list(more) if key in Adaptive.__dataclass_fields__}
+    adaptive = Adaptive(tolerance=tolerance, band=band, **limits)
+    return hpcred.reduce(model, basis, frame, damping, adaptive=adaptive, **more)
+
+
+def block_case(model, damping=None):
+    K, M, B = dense_model(model)
+    return Case("block", K, M, B, BAND, damping=damping or NoDamping())
+
+
+LAWS = [
+    NoDamping(), Rayleigh(), Rayleigh(10.0, 1e-7), Caughey((10.0, 1e-7)), Caughey((10.0, 1e-7, 1e-17)),
+    ModalDamping(ratio=0.02), ModalDamping(table=((0.0, 0.01), (20000.0, 0.03))), Structural(0.04), Structural(0.0),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("damping", LAWS, ids=repr)
+def test_all_damping_laws(solid, damping):
+    case = block_case(solid, damping)
+    with reduced(solid, damping=damping) as rom:
+        accuracy = rom.record.accuracy
+        said, true = said_and_true(case, rom, np.append(fresh(case, rom), accuracy.worst))
+    assert accuracy.reached and true.max() <= 1e-4
+    clear = true > 10 * accuracy.noise
+    assert clear.any() and agree(said[clear], true[clear])
+
+
+def test_damping_that_is_measured_with():
+    band = (0.0, 100.0)
+    assert law_of(NoDamping(), 1e-3, band)[0] == law_of(Rayleigh(), 1e-3, band)[0] == Law(eta=2e-3)
+    assert law_of(Rayleigh(2.0, 1e-5), 1e-3, band)[0] == law_of(Caughey((2.0, 1e-5)), 1e-3, band)[0] == Law(2.0, 1e-5)
+    assert law_of(Structural(0.04), 1e-3, band)[0] == Law(eta=0.04)
+    assert law_of(ModalDamping(table=((0.0, 0.03), (50.0, 0.01))), 1e-3, band)[0].eta == pytest.approx(0.02)
+    # the smallest ratio of a_0 / (2 w) + a_1 w / 2 + a_2 w^3 / 2 over the band
+    omega = 2 * np.pi * np.linspace(0.1, 100.0, 20001)
+    least = (2.0 / omega + 1e-5 * omega + 1e-12 * omega**3).min()
+    assert law_of(Caughey((2.0, 1e-5, 1e-12)), 1e-3, band)[0].eta == pytest.approx(least, rel=1e-2)
+
+
+def test_the_curve_its_mean_and_its_largest_value_belong_together(solid):
+    with reduced(solid) as rom:
+        accuracy = rom.record.accuracy
+        f, eps = np.array(accuracy.frequencies), np.array(accuracy.eps)
+        assert (np.diff(f) > 0).all() and f[0] == BAND[0] and f[-1] == BAND[1]
+        assert eps.max() <= accuracy.largest <= 1.2 * eps.max() + 3e-5
+        assert accuracy.worst == f[eps.argmax()]
+        assert accuracy.mean == pytest.approx(((eps[1:] + eps[:-1]) / 2 * np.diff(f)).sum() / (f[-1] - f[0]))
+        assert accuracy.highest == pytest.approx(rom.frequencies.max())
+        assert accuracy.big_size == sum(point.columns for point in accuracy.points) > rom.size
+        assert "eps <= 0.0001 over 0 to 30000 Hz" in accuracy.sentence
+
+
+def test_ingredients_of_the_user_come_first(solid):
+    with reduced(solid, basis=[Modes(count=4), Krylov(1000.0, 1)]) as rom, reduced(solid) as alone:
+        accuracy = rom.record.accuracy
+        assert "lowest modes" in rom.record.ingredients[0].where
+        assert accuracy.reached and accuracy.big_size == 10 + sum(point.columns for point in accuracy.points)
+        assert accuracy.points[0].columns < alone.record.accuracy.points[0].columns
+        case = block_case(solid)
+        _, true = said_and_true(case, rom, fresh(case, rom))
+        assert true.max() <= 1e-4
+    # a basis that has it all already
+    with reduced(solid, basis=[Krylov(20000.0, 20)]) as rom:
+        assert rom.record.accuracy.reached and rom.record.accuracy.big_size < 80
+
+
+@pytest.mark.parametrize("limits, why", [
+    ({"tolerance": 1e-12, "factorisations": 2, "columns": 20}, "with 20 columns"),
+    ({"tolerance": 1e-6, "size": 8}, "with 8 coordinates"),
+    ({"tolerance": 1e-6, "seconds": 1e-4}, "after 0.0001 s"),
+    ({"tolerance": 1e-6, "drop_above": 40000.0}, "without the pseudo-frequencies above 40000 Hz"),
+])  # fmt: skip
+def test_limits_end_with_a_model_that_says_so(solid, limits, why):
+    case = block_case(solid)
+    with reduced(solid, **limits) as rom:
+        accuracy = rom.record.accuracy
+        assert not accuracy.reached and accuracy.stopped.startswith(why)
+        assert accuracy.sentence.startswith("NOT REACHED")
+        assert rom.size >= 1 and np.isfinite(rom.K).all()
+        if "size" in limits:
+            assert rom.size == 8
+        if len(accuracy.points) > 1:  # what is said of it is true all the same
+            said, true = said_and_true(case, rom, np.append(fresh(case, rom), accuracy.worst))
+            assert 0.5 <= accuracy.largest / true.max() <= 2
+            assert agree(said, true)
+
+
+def test_too_few_factorisations(comm):
+    K, M = chain(80)
+    case = Case("70 modes", K, M, unit(80, 3, 37), up_to(K, M, 70))
+    adaptive = Adaptive(tolerance=1e-6, band=case.band, factorisations=2, columns=1000)
+    from hpcred.reduction import adaptive as module
+
+    with pytest.MonkeyPatch.context() as patch, case.model(comm) as model:
+        patch.setattr(module, "CHAIN", 12)
+        patch.setattr(module, "AHEAD", 4)
+        with hpcred.reduce(model, adaptive=adaptive) as rom:
+            assert rom.record.accuracy.stopped == "after 2 factorisations"
+        with hpcred.reduce(model, adaptive=replace(adaptive, factorisations=14)) as rom:
+            assert rom.record.accuracy.reached and 3 <= len(rom.record.accuracy.points) <= 8
+            _, true = said_and_true(case, rom, fresh(case, rom))
+            assert true.max() <= 1e-6
+
+
+def test_points_of_the_user_and_points_on_eigenfrequencies(solid):
+    with hpcred.reduce(solid, [Modes(count=3)]) as rom:
+        third = float(rom.frequencies[2])
+    with reduced(solid, points=(5000.0,)) as rom:
+        assert [point.frequency for point in rom.record.accuracy.points][:2] == [5000.0, 30000.0]
+    with reduced(solid, points=(third,)) as rom:
+        moved = rom.record.accuracy.points[0].frequency
+        assert rom.record.accuracy.reached and 1e-4 < abs(moved / third - 1) < 0.01
+    with reduced(solid, band=(0.0, third)) as rom:  # the proof at the end of the band
+        assert rom.record.accuracy.reached
+        assert 1e-3 < 1 - rom.record.accuracy.points[-1].frequency / third < 0.02
+
+
+def test_refused():
+    for wrong in ({"tolerance": 0.0}, {"tolerance": 2.0}, {"band": (5.0, 5.0)}, {"band": (-1.0, 5.0)},
+                  {"factorisations": 1}, {"zeta0": 1.0}, {"columns": 0}, {"points": (-3.0,)}):  # fmt: skip
+        with pytest.raises(InputError):
+            Adaptive(**{"tolerance": 1e-4, "band": (0.0, 10.0), **wrong})
+
+
+def test_loads_and_sensors_without_effect_are_refused(comm):
+    K, M = chain(20)
+    case = Case("chain", K, M, np.zeros((20, 1)), (0.0, 10.0))
+    with case.model(comm) as model, pytest.raises(InputError, match="no input loads"):
+        hpcred.reduce(model, tolerance=1e-3, band=case.band)
+    case.B, case.Ct = unit(20, 3), np.zeros((20, 1))
+    with case.model(comm) as model, pytest.raises(InputError, match="no output measures"):
+        hpcred.reduce(model, tolerance=1e-3, band=case.band)
+    case = Case("apart", *tied_chains(0.0), unit(80, 5), (0.0, 8.0), Ct=unit(80, 47))
+    with case.model(comm) as model, pytest.raises(InputError, match="no output measures what the inputs move"):
+        hpcred.reduce(model, tolerance=1e-3, band=case.band)
+
+
+def free_truth(model, law, frequencies):
+    """The elastic response of a free body, by its modes."""
+    K, M, B = dense_model(model)
+    root = np.linalg.inv(np.linalg.cholesky(M)).T
+    squares, vectors = np.linalg.eigh(root.T @ K @ root)
+    shapes = (root @ vectors)[:, 6:].T @ B
+    s = 2j * np.pi * np.asarray(frequencies)[:, None]
+    factor = 1 / ((1 + 1j * law.eta + s * law.beta) * squares[6:] + s * s + s * law.alpha)
+    return np.einsum("ki,sk,kj->sij", shapes, factor, shapes)
+
+
+@pytest.mark.parametrize("damping", [NoDamping(), Rayleigh(10.0, 1e-7)], ids=["undamped", "Rayleigh"])
+def test_free_body_in_the_buckens_frame(comm, damping):
+    band = (0.0, 60000.0)
+    with hpcred.solid((4, 2, 3), inputs=3, clamped=False, comm=comm) as model:
+        with reduced(model, band=band, frame=Buckens(), damping=damping) as rom:
+            accuracy, law = rom.record.accuracy, law_of(damping, 1e-3, band)[0]
+            frequencies = np.append(np.random.default_rng(0).uniform(*band, 20), accuracy.worst)
+            H = free_truth(model, law, frequencies)
+            s = 2j * np.pi * frequencies
+            Hr = np.array([
+                rom.C @ np.linalg.solve((1 + 1j * law.eta + x * law.beta) * rom.K + (x * x + x * law.alpha) * rom.M,
+                                        rom.B.astype(complex)) for x in s
+            ])  # fmt: skip
+            true = np.linalg.norm(H - Hr, axis=(1, 2)) / np.linalg.norm(H, axis=(1, 2))
+            assert accuracy.reached and true.max() <= 1e-4
+            assert 0.5 <= accuracy.largest / true.max() <= 3
+            if not is_complex():  # elastic modes only
+                assert accuracy.points[-1].modes_below == 3
+        with pytest.raises(InputError, match="the body is free"):
+            reduced(model, band=band)
+        with reduced(model, band=(10000.0, 60000.0)) as rom:  # with its rigid-body modes
+            assert rom.record.accuracy.reached and rom.record.accuracy.missing_modes == 0
+
+
+def test_symmetric_load_on_a_free_chain_that_moves_no_rigid_body(comm):
+    """Self-equilibrated loads: what is left of the rigid-body part is round-off and no load."""
+    K, M = chain(30)
+    K[0, 0] -= 1e4
+    K[-1, -1] -= 1e4
+    case = Case("free chain", K, M, pair(30, 4, 25)[:, None], (0.5, 10.0))
+    assert checked(case, 1e-5, comm)[0].reached

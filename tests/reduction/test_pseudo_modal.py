@@ -1,0 +1,128 @@
+"""Small projected models against dense matrices: solves, responses, and the exact difference of nested models."""
+
+import numpy as np
+import pytest
+
+from hpcred.reduction.pseudo_modal import Law, diagonalised, difference, nested, relative, response, restricted, solve
+
+F = np.linspace(0.0, 8.0, 23)
+LAWS = {"Rayleigh": Law(alpha=0.3, beta=1e-3), "loss factor": Law(eta=0.02), "all": Law(0.1, 1e-3, 0.01)}
+
+
+def matrices(seed=0, m=12, l=3, damped=False, symmetric=True):
+    """K, L, D of a mass-orthonormal basis."""
+    rng = np.random.default_rng(seed)
+    q = np.linalg.qr(rng.standard_normal((m, m)))[0]
+    K = q * np.linspace(1.0, 60.0, m) ** 2 @ q.T
+    X = rng.standard_normal((m, m))
+    D = None if not damped else X @ X.T / m + (0.0 if symmetric else 0.5) * (X - X.T)
+    return K, rng.standard_normal((m, l)), D
+
+
+def dense(K, D, law, f):
+    s = 2j * np.pi * f
+    A = (1 + 1j * law.eta + s * law.beta) * K + (s * s + s * law.alpha) * np.eye(len(K))
+    return A if D is None else A + s * D
+
+
+def dense_response(K, L, D, law, ports):
+    Lb, Lc = ports
+    return np.array([(L @ Lc).T @ np.linalg.solve(dense(K, D, law, f), L @ Lb) for f in F])
+
+
+def ports(kind):
+    """(Lb, Lc): B = L Lb and C^T = L Lc."""
+    if kind == "other outputs":
+        return np.eye(3)[:, :2], np.array([[0.0], [1.0], [-2.0]])
+    same = np.eye(3)
+    return same, same
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("damped, symmetric", [(False, True), (True, True), (True, False)])
+def test_states_and_responses_are_those_of_the_dense_matrices(law, damped, symmetric):
+    K, L, D = matrices(damped=damped, symmetric=symmetric)
+    model = diagonalised(K, L, D, law)
+    assert np.allclose(model.vectors.T @ model.vectors, np.eye(12), atol=1e-13)
+    for transposed in (False, True):
+        states = model.vectors @ solve(model, law, F, model.L, transposed)
+        for f, state in zip(F, states, strict=True):
+            A = dense(K, D, law, f)
+            expected = np.linalg.solve(A.T if transposed else A, L)
+            assert np.linalg.norm(state - expected) < 1e-11 * np.linalg.norm(expected)
+    for kind in ("same", "other outputs"):
+        H = response(model, law, F, ports(kind))
+        assert relative(H - dense_response(K, L, D, law, ports(kind)), H).max() < 1e-11
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("kind", ["same", "other outputs"])
+@pytest.mark.parametrize("damped, symmetric", [(False, True), (True, True), (True, False)])
+def test_difference_of_nested_models_is_exact(law, kind, damped, symmetric):
+    K, L, D = matrices(1, damped=damped, symmetric=symmetric)
+    outer = diagonalised(K, L, D, law)
+    k = 7
+    inner = diagonalised(K[:k, :k], L[:k], None if D is None else D[:k, :k], law)
+    E = difference(inner, outer, nested(inner, outer), law, F, ports(kind))
+    part = dense_response(K[:k, :k], L[:k], None if D is None else D[:k, :k], law, ports(kind))
+    H = dense_response(K, L, D, law, ports(kind))
+    assert relative(E - (H - part), H).max() < 1e-11
+
+
+def test_a_subspace_has_the_response_of_its_dense_projection():
+    law = LAWS["all"]
+    K, L, D = matrices(2, damped=True, symmetric=False)
+    outer = diagonalised(K, L, D, law)
+    U = np.linalg.qr(np.random.default_rng(3).standard_normal((12, 5)))[0]
+    inner, embedding = restricted(outer, U, law)
+    V = outer.vectors @ embedding
+    assert np.allclose(V.T @ V, np.eye(5), atol=1e-13)
+    assert np.allclose(V.T @ K @ V, np.diag(inner.squares), atol=1e-9)
+    expected = dense_response(V.T @ K @ V, V.T @ L, V.T @ D @ V, law, ports("same"))
+    assert relative(response(inner, law, F, ports("same")) - expected, expected).max() < 1e-11
+    E = difference(inner, outer, embedding, law, F, ports("other outputs"))
+    H = [response(model, law, F, ports("other outputs")) for model in (outer, inner)]
+    assert relative(E - (H[0] - H[1]), H[0]).max() < 1e-11
+
+
+def test_difference_has_no_cancellation():
+    """Two coordinates coupled by d: H_Q - H_V = (d / a)^2 / (b - d^2 / a) with diagonal entries a, b of A."""
+    law, d = Law(eta=0.01), 1e-7
+    K, L = np.array([[400.0, d], [d, 900.0]]), np.array([[1.0], [0.0]])
+    outer, inner = diagonalised(K, L), diagonalised(K[:1, :1], L[:1])
+    one = np.eye(1)
+    E = difference(inner, outer, nested(inner, outer), law, F, (one, one))[:, 0, 0]
+    s = 2j * np.pi * F
+    a, b, c = 400 * (1 + 0.01j) + s**2, 900 * (1 + 0.01j) + s**2, d * (1 + 0.01j)
+    expected = (c / a) ** 2 / (b - c**2 / a)
+    assert np.abs(expected * a).max() < 1e-17  # relative to H: far below round-off of a subtraction
+    assert np.abs(E / expected - 1).max() < 1e-6
+
+
+def test_poles_without_eigenvectors_are_solved_by_elimination():
+    """Critical damping: two equal poles with one eigenvector."""
+    K, L = np.diag([4.0, 9.0]), np.eye(2)
+    D = 2 * np.sqrt(K)
+    model = diagonalised(K, L, D)
+    states = model.vectors @ solve(model, Law(), F, model.L)
+    for f, state in zip(F, states, strict=True):
+        assert np.allclose(state, np.linalg.inv(dense(K, D, Law(), f)), rtol=1e-10, atol=0)
+
+
+def test_frequencies_come_in_parts_that_fit(monkeypatch):
+    from hpcred.reduction import pseudo_modal
+
+    K, L, D = matrices(4, damped=True)
+    outer, inner = diagonalised(K, L, D), diagonalised(K[:5, :5], L[:5], D[:5, :5])
+    arguments = inner, outer, nested(inner, outer), Law(), F, ports("same")
+    whole = difference(*arguments), response(outer, Law(), F, ports("same"))
+    monkeypatch.setattr(pseudo_modal, "CHUNK", 2000)
+    assert len(pseudo_modal.chunks(outer, F)) > 1
+    parts = difference(*arguments), response(outer, Law(), F, ports("same"))
+    for a, b in zip(whole, parts, strict=True):
+        assert np.allclose(a, b, rtol=1e-9, atol=0)
+
+
+def test_an_error_without_a_response_is_infinite_and_nothing_is_zero():
+    zero, one = np.zeros((1, 1, 1)), np.ones((1, 1, 1))
+    assert relative(zero, zero) == 0 and relative(one, zero) == np.inf and relative(one, 2 * one) == 0.5
