@@ -11,7 +11,7 @@ pytestmark = pytest.mark.mpi
 
 
 def nodes_of(path, comm):
-    nodes, _ = read(path, comm)
+    nodes = read(path, comm).nodes
     label, position, place = gathered(comm, nodes.label, nodes.position, nodes.place)
     assert np.array_equal(place, np.arange(len(label))) and (np.diff(label) > 0).all()
     return dict(zip(label.tolist(), position.tolist(), strict=True))
@@ -155,6 +155,6 @@ def test_elements_of_several_lines(comm, folder, monkeypatch):
     numbers = np.arange(1, 21)
     element = ", ".join(map(str, numbers[:15])) + ",\n " + ", ".join(map(str, numbers[15:]))
     text = "*Node\n1, 1.\n*Element, type=C3D20R, elset=all\n" + "".join(f"{k}, {element}\n" for k in range(1, 8))
-    _, elements = read(write(folder / "a.inp", text + "*Element, type=XYZ\n1, 2\n*Step\n", comm), comm)
+    elements = read(write(folder / "a.inp", text + "*Element, type=XYZ\n1, 2\n*Step\n", comm), comm).elements
     (found,) = gathered(comm, elements["hexahedron20"])
     assert np.array_equal(found, np.tile(numbers, (7, 1))) and set(elements) == {"hexahedron20"}
