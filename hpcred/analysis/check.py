@@ -182,7 +182,8 @@ def likely_units(model, mass, size) -> str | None:
 def wave_speed(model) -> float | None:
     """The speed of waves between neighbouring nodes, within an order of magnitude, or None. Collective.
 
-    The mean distance of nodes that K couples times the median of (K_ii / M_ii)^(1/2), of the stiffest direction.
+    The mean distance of nodes that K couples times the median of (K_ii / M_ii)^(1/2), of the stiffest direction, by 4:
+    about what elements of first and second order have.
     """
     with closing(_Diagonal(model.K)) as K, closing(_Diagonal(model.M)) as M:
         ratio = np.divide(K.values, M.values, out=np.zeros(len(K.values)), where=M.values > 0)
@@ -194,7 +195,7 @@ def wave_speed(model) -> float | None:
     total, count = model.comm.allreduce(_distances(model), op=MPI.SUM)
     if not count or not max(medians):
         return None
-    return float(total / count * np.sqrt(max(medians)))
+    return float(total / count * np.sqrt(max(medians)) / 4)
 
 
 def _distances(model):

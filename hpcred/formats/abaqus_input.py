@@ -96,14 +96,15 @@ def begins(start: bytes) -> bool:
     return first_line(start)[:1] == b"*"
 
 
-def read(path, comm, transforms=False) -> Mesh:
+def read(path, comm, calculix=False) -> Mesh:
     """The mesh of an input file. Collective. Raises InputError.
 
-    `transforms`: whether *Transform may be there, since the matrices are in global directions all the same.
+    `calculix`: whether it is read as CalculiX does: matrices are in global directions in spite of *Transform, and what
+    stands on a line behind the nodes of an element does not count.
     """
     sections = _sections(Path(path), comm, ())
     with agreed(comm):
-        blocks = _blocks(path, sections, transforms) if comm.rank == 0 else None
+        blocks = _blocks(path, sections, calculix) if comm.rank == 0 else None
     blocks = comm.bcast(blocks)
     groups = sorted({block.group for block in blocks})
     nodes, elements, sets = (
@@ -112,7 +113,7 @@ def read(path, comm, transforms=False) -> Mesh:
     )
     named = {}
     nodes = _nodes(path, comm, nodes, named)
-    elements, keys = _elements(comm, elements, groups, named)
+    elements, keys = _elements(comm, elements, groups, named, calculix)
     return Mesh(nodes, elements, read_sets(comm, sets, groups, named, elements, keys), sections)
 
 
@@ -200,7 +201,7 @@ def _numbers(section, fields, count):
     return values
 
 
-def _blocks(path, sections, transforms):
+def _blocks(path, sections, calculix):
     """The data lines of nodes and elements that are in the model, each with its place."""
     parts, blocks, instances = {}, [], {}
     scope, name, placement = "model", "", Placement()
@@ -211,7 +212,7 @@ def _blocks(path, sections, transforms):
                 f"found *{keyword.capitalize()}, which makes or moves nodes; write the input file with all nodes in "
                 "*Node lines, or give the nodes as lines of node, x, y, z"
             )
-        if keyword == "transform" and not transforms:
+        if keyword == "transform" and not calculix:
             raise section.refusal(
                 "found *Transform, which turns the directions of dofs; take the matrices from a model without it"
             )
@@ -344,7 +345,7 @@ def _name(named, block, kind, numbers):
         named.setdefault((kind, block.prefix + name), []).append(numbers)
 
 
-def _elements(comm, blocks, groups, named):
+def _elements(comm, blocks, groups, named, calculix):
     """Node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind. Fills `named`."""
     found, keys = {}, {}
     with agreed(comm):
@@ -352,8 +353,10 @@ def _elements(comm, blocks, groups, named):
             kind = abaqus_kind(block.section.parameters.get("type", ""))
             if kind is None:
                 continue
-            for piece in pieces(block.path, comm, block.start, block.stop, continued=True):
-                lines = _element_lines(piece, NODES[kind] + 1)
+            width = NODES[kind] + 1
+            surplus = calculix and _numbers_in_first_line(block) > width
+            for piece in pieces(block.path, comm, block.start, block.stop, continued=not surplus):
+                lines = _element_lines(piece, width, surplus)
                 found.setdefault(kind, []).append(lines[:, 1:])
                 keys.setdefault(kind, []).append(GROUP * groups.index(block.group) + lines[:, 0])
                 _name(named, block, "elset", keys[kind][-1])
@@ -365,9 +368,23 @@ def _elements(comm, blocks, groups, named):
     )  # fmt: skip
 
 
-def _element_lines(piece, width):
-    """The numbers of elements and of their nodes, each of one or more whole lines of together `width` numbers."""
+def _numbers_in_first_line(block):
+    with open(block.path, "rb") as file:
+        file.seek(block.start)
+        return len(first_line(file.read(4096)).replace(b",", b" ").split())
+
+
+def _element_lines(piece, width, surplus=False):
+    """The numbers of elements and of their nodes, each of one or more whole lines of together `width` numbers.
+
+    With `surplus` an element is the first numbers of each line.
+    """
     values, counts, lines = ragged(piece, expected=f"{width} numbers an element")
+    if surplus:
+        if (counts < width).any():
+            raise piece.refusal(lines[np.argmax(counts < width)], f"at least {width} numbers an element")
+        place = np.arange(len(values)) - np.repeat(np.cumsum(counts) - counts, counts)
+        values, counts = values[place < width], np.full(len(counts), width)
     ends = np.cumsum(counts)
     line = np.searchsorted(ends, np.arange(width, values.size + 1, width))
     wrong = np.flatnonzero(ends[line] % width) if values.size else line

@@ -15,7 +15,7 @@ variables) with the names that the user gave by K, M, D. Single matrices have a 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +27,14 @@ from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
 from ..parallel.petsc import MPI
-from . import abaqus_input, node_table
+from . import abaqus_input, abaqus_matrices, calculix, node_table
 from .abaqus_matrices import files_beside
 from .entries import Entries, LabelledEntries, label_of, node_and_direction
 from .matrix_formats import format_of, read_entries
-from .node_table import Nodes
+from .parts import Parts
 from .text import first_bytes
+
+LARGEST_VALUE = 1e60
 
 
 @dataclass(frozen=True)
@@ -53,27 +55,6 @@ class Source:
     nodes: str | None = None
     dofs: str | None = None
     variables: dict[str, str] | None = None
-
-
-@dataclass
-class Parts:
-    """What the files of a model say; every rank has slices, in any order.
-
-    `matrices`: K, M and perhaps D, all with numbered or all with labelled rows. `files`: where each came from, for
-    messages. `nodes`, `elements` (node numbers (elements, nodes) by kind), `sets` (node numbers by name): where known.
-    `row_labels`: labels (see entries.label_of) and the rows (from 0) that have them, where rows are numbered and a file
-    names them. `removed`: labels of dofs that the program holds at zero, which have no row. `warnings`: sentences for
-    the user, from any rank.
-    """
-
-    matrices: dict[str, Entries | LabelledEntries]
-    files: dict[str, str]
-    nodes: Nodes | None = None
-    elements: dict[str, np.ndarray] = field(default_factory=dict)
-    row_labels: tuple[np.ndarray, np.ndarray] | None = None
-    removed: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    sets: dict[str, np.ndarray] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
 
 
 def abaqus_source(path) -> Source:
@@ -168,6 +149,18 @@ def read_abaqus(path, comm) -> Parts:
     return read_source(source, comm)
 
 
+def read_input_file(path, comm) -> Parts:
+    """An input file of Abaqus or CalculiX, told by the matrices beside it. Collective. Raises InputError."""
+    with agreed(comm):
+        of_calculix = "K" in calculix.files_of(path)
+        if of_calculix and abaqus_matrices.is_beside(path):
+            raise InputError(
+                f"{path}: found matrices of both Abaqus and CalculiX beside it; give the .sti file in place of it, or "
+                "-K and -M of Abaqus with --nodes"
+            )
+    return calculix.read_parts(path, comm) if of_calculix else read_abaqus(path, comm)
+
+
 @dataclass(frozen=True)
 class Export:
     """A format of whole finite-element exports; see the top of this module.
@@ -186,8 +179,10 @@ class Export:
 
 
 EXPORTS = (
-    Export("an Abaqus input file with its matrices beside it", abaqus_input.begins, read_abaqus,
-           "a keyword such as *Node", "x_STIF1.mtx, x_MASS1.mtx, x_DMPV1.mtx"),
+    Export("an Abaqus or CalculiX input file with its matrices beside it", abaqus_input.begins, read_input_file,
+           "a keyword such as *Node", "x_STIF1.mtx, x_MASS1.mtx, x_DMPV1.mtx; x.sti, x.mas, x.dof (.gz)"),
+    Export("CalculiX .sti, .mas or .dof", calculix.begins, calculix.read_parts,
+           "lines of an upper triangle, or of node.direction", "x.sti, x.mas, x.dof (.gz), x.inp"),
 )  # fmt: skip
 
 
@@ -205,6 +200,13 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
     first, last = ranges[comm.rank]
     if "D" in parts.matrices:
         parts.matrices["D"] = with_transposed_pattern(parts.matrices["D"])
+    with agreed(comm):
+        for key, item in parts.matrices.items():
+            if len(item.values) and np.abs(item.values).max() > LARGEST_VALUE:  # NaN and Inf are found with their row
+                raise InputError(
+                    f"{parts.files[key]}: found the value {np.abs(item.values).max():g} in {key}, more than any units "
+                    "explain; the file is damaged"
+                )
     mine = {key: _owned(comm, starts, parts.matrices.pop(key)) for key in list(parts.matrices)}
     with agreed(comm):
         indptr, indices, values = compress(mine, first, last, size)

@@ -99,7 +99,7 @@ def _export(path, export, comm, variables):
     except InputError as error:
         if not abaqus_input.begins(first_bytes(path)):
             raise
-        mesh = abaqus_input.read(path, comm, transforms=True)
+        mesh = abaqus_input.read(path, comm, calculix=True)
         report["format"] = "Abaqus or CalculiX input file"
         return report | _mesh(comm, mesh.nodes, mesh.elements, mesh.sets) | {"warnings": [str(error)]}
     report |= {key: f"{parts.files[key]}: {_size(comm, item)}" for key, item in parts.matrices.items()}
