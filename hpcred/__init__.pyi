@@ -1,3 +1,4 @@
+from .analysis.check import check as check
 from .analysis.error import error_integral as error_integral
 from .analysis.error import relative_error as relative_error
 from .analysis.frequency_response import frequency_response as frequency_response

@@ -14,6 +14,7 @@ from ..model.rigid_body_modes import (
     rigid_body_quantities,
     rigid_body_residuals,
 )
+from ..model.second_order_model import SYMMETRIC_TO
 from ..parallel.petsc import MPI
 
 SPEEDS = (200.0, 3e4)  # m/s: waves in plastics to ceramics, with an order of magnitude for the estimate
@@ -55,6 +56,9 @@ def check(model) -> dict:
         "nodes": 0 if model.dofs is None else model.node_count,
     }
     sentences.append(_on_symmetry(model))
+    for key in ("K", "M"):
+        if model.symmetry_defects[key] > SYMMETRIC_TO:
+            warnings.append(f"{model.name}: {key} is not symmetric, and cannot be reduced; a damaged file looks so too")
     warnings += _on_signs(model)
     if model.dofs is not None:
         residuals = rigid_body_residuals(model)

@@ -201,7 +201,7 @@ def _held(comm, mesh, turning, rows):
 
 
 def _supports(comm, section, sets):
-    """Labels of the dofs that a *Boundary names: of its lines of nodes on this rank, and of this rank's part of sets."""
+    """Labels of the dofs that a *Boundary names: of its lines of nodes on this rank, and its part of sets."""
     found = []
     for piece in pieces(section.path, comm, section.start, section.stop):
         text = EMPTY_FIELD.sub(b",0", NAMED_LINE.sub(b"", piece.text))

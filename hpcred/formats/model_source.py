@@ -27,7 +27,7 @@ from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
 from ..parallel.petsc import MPI
-from . import abaqus_input, abaqus_matrices, calculix, node_table
+from . import abaqus_input, abaqus_matrices, calculix, mat_matrices, node_table
 from .abaqus_matrices import files_beside
 from .entries import Entries, LabelledEntries, label_of, node_and_direction
 from .matrix_formats import format_of, read_entries
@@ -183,6 +183,8 @@ EXPORTS = (
            "a keyword such as *Node", "x_STIF1.mtx, x_MASS1.mtx, x_DMPV1.mtx; x.sti, x.mas, x.dof (.gz)"),
     Export("CalculiX .sti, .mas or .dof", calculix.begins, calculix.read_parts,
            "lines of an upper triangle, or of node.direction", "x.sti, x.mas, x.dof (.gz), x.inp"),
+    Export("MATLAB .mat (version 4 to 7.3)", mat_matrices.begins, mat_matrices.read_parts,
+           "its header, or HDF5 with one", "none: K, M, D, nodes, dofs in one file", True, mat_matrices.contents),
 )  # fmt: skip
 
 
@@ -207,6 +209,9 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
                     f"{parts.files[key]}: found the value {np.abs(item.values).max():g} in {key}, more than any units "
                     "explain; the file is damaged"
                 )
+    for key in ("K", "M"):
+        if not comm.allreduce(int(np.count_nonzero(parts.matrices[key].values))):
+            raise InputError(f"{parts.files[key]}: found no number other than zero in {key}, expected a matrix")
     mine = {key: _owned(comm, starts, parts.matrices.pop(key)) for key in list(parts.matrices)}
     with agreed(comm):
         indptr, indices, values = compress(mine, first, last, size)
