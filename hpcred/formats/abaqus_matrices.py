@@ -28,6 +28,11 @@ def read(path, comm) -> Entries | LabelledEntries:
     with agreed(comm):
         line = first_line(first_bytes(path))
         columns = len(line.replace(b",", b" ").split())
+        if columns == 6 and b"." not in b"".join(line.replace(b",", b" ").split()[:5]):
+            raise InputError(
+                f"{path}: found a first line '{line.decode('latin-1')[:80]}' of 6 numbers, as of matrices element by "
+                "element, expected the assembled matrix; leave Element by Element out of *Matrix Generate"
+            )
         if columns not in (3, 5):
             raise InputError(
                 f"{path}: found a first line '{line.decode('latin-1')[:80]}' of {columns} numbers, expected "

@@ -25,7 +25,7 @@ from types import ModuleType
 from ..parallel.failures import InputError, agreed
 from . import abaqus_matrices, calculix_matrices, mat_matrices, matrix_market, npz, petsc_binary
 from .entries import Entries, LabelledEntries
-from .text import first_bytes, is_packed
+from .text import first_bytes, first_line, is_packed
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,15 @@ def read_entries(path, comm, key="K", variables=None) -> Entries | LabelledEntri
     with agreed(comm):
         found = format_of(path)
         if found is None:
+            start = first_bytes(path)
+            if first_line(start)[:1] == b"*":
+                raise InputError(
+                    f"{path}: found keywords such as '{first_line(start).decode('latin-1')[:40]}' (an input file, or "
+                    "matrices of single elements or of a substructure), expected an assembled matrix; let Abaqus write it "
+                    "by *Matrix Generate, Stiffness, Mass and *Matrix Output, Stiffness, Mass, Format=Matrix Input"
+                )
             raise InputError(
-                f"{path}: found a file that begins with {first_bytes(path)[:12]!r}, expected "
+                f"{path}: found a file that begins with {start[:12]!r}, expected "
                 f"{', '.join(item.name for item in FORMATS[:-1])}, or {FORMATS[-1].name}"
             )
         if is_packed(path) and not found.packed:

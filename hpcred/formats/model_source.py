@@ -29,12 +29,13 @@ from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
 from ..parallel.petsc import MPI
 from . import abaqus_input, abaqus_matrices, calculix, mat_matrices, node_table
 from .abaqus_matrices import files_beside
-from .entries import Entries, LabelledEntries, label_of, node_and_direction
+from .entries import Entries, LabelledEntries, label_name, label_of, node_and_direction
 from .matrix_formats import format_of, read_entries
 from .parts import Parts
 from .text import first_bytes
 
 LARGEST_VALUE = 1e60
+HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports, and what counts as that
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,43 @@ def read_source(source: Source, comm) -> Parts:
             raise InputError(f"{source.dofs}: found {total} lines, expected one for each of the {size} rows")
         if not is_input_file:
             _hold_nodes_without_rows(comm, parts, source)
+    _remove_supports(comm, parts)
     return parts
+
+
+def _remove_supports(comm, parts):
+    """Remove the rows that Abaqus holds by 1e36 on the diagonal of K, and keep their labels. Collective."""
+    K = parts.matrices["K"]
+    held = K.rows[(K.rows == K.columns) & (np.abs(K.values) >= HELD)]
+    held = np.unique(np.concatenate(comm.allgather(np.unique(held))))  # few: those of the supports
+    if not len(held):
+        return
+    what = f"{parts.files['K']}: removed {len(held)} rows that are held by {HELD_BY:g} on the diagonal of K"
+    if isinstance(K, LabelledEntries):
+        for key, item in parts.matrices.items():
+            free = ~(np.isin(item.rows, held) | np.isin(item.columns, held))
+            parts.matrices[key] = LabelledEntries(item.rows[free], item.columns[free], item.values[free])
+        parts.removed = held[comm.rank :: comm.size]
+        names = [label_name(label) for label in held[:4]]
+    else:
+        size = K.shape[0]
+        if parts.nodes is not None and parts.row_labels is None:
+            parts.row_labels = _labels_in_order(comm, parts.nodes, size, parts.files["K"])
+        for key, item in parts.matrices.items():
+            if item.shape != K.shape:
+                _common_size(parts)
+            free = ~(np.isin(item.rows, held) | np.isin(item.columns, held))
+            rows, columns = (ends[free] - np.searchsorted(held, ends[free]) for ends in (item.rows, item.columns))
+            parts.matrices[key] = Entries((size - len(held),) * 2, rows, columns, item.values[free])
+        names = [str(row + 1) for row in held[:4]]
+        if parts.row_labels is not None:
+            label, row = parts.row_labels
+            gone = np.isin(row, held)
+            parts.removed = np.concatenate([parts.removed, label[gone]])
+            parts.row_labels = label[~gone], row[~gone] - np.searchsorted(held, row[~gone])
+        else:
+            what += "; the rows behind them have new numbers"
+    parts.warnings.append(f"{what}: {', '.join(names)}{', ...' if len(held) > 4 else ''}")
 
 
 def _hold_nodes_without_rows(comm, parts, source):
