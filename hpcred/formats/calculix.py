@@ -125,17 +125,20 @@ def _name_rows(comm, parts, files, label, row):
     mesh = abaqus_input.read(files["input"], comm, calculix=True)
     with agreed(comm):
         _refuse_local_directions(mesh.sections)
-    turning = rigid_bodies(mesh.sections)
-    label = with_rotations(label, turning)
+    turning, without = rigid_bodies(mesh.sections)
     node, _ = node_and_direction(label)
     found, _ = look_up(comm, mesh.nodes.label, [], node)
-    missing = [part for part in comm.allgather(node[~found][:1].tolist()) if part]
-    if missing:
+    made = sorted(set().union(*comm.allgather(set(np.unique(node[~found])[: len(without) + 1].tolist()))))
+    if len(made) == len(without):
+        # CalculiX makes a ROT node for each *Rigid Body without one, with ascending numbers
+        turning |= dict(zip(made, without, strict=True))
+    elif made:
         parts.warnings.append(
-            f"{files['dofs']}: the node {missing[0][0]} is not in {files['input']}, since CalculiX made it (give "
-            f"*Rigid Body a REF NODE and a ROT NODE of the input file); the rows have no names, and {by_row}"
+            f"{files['dofs']}: the node {made[0]} is not in {files['input']}, since CalculiX made it (give *Rigid Body "
+            f"a REF NODE and a ROT NODE of the input file); the rows have no names, and {by_row}"
         )
         return
+    label = with_rotations(label, turning)
     parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
     parts.row_labels = label, row
     parts.removed = _held(comm, mesh, turning, label)
@@ -155,15 +158,20 @@ def _refuse_local_directions(sections):
             raise section.refusal("found *Frequency with GLOBAL=NO, expected matrices in global directions")
 
 
-def rigid_bodies(sections) -> dict[int, int]:
-    """The REF node by ROT node of *Rigid Body: displacements of the ROT node are rotations of the REF node."""
-    found = {}
+def rigid_bodies(sections) -> tuple[dict[int, int], list[int]]:
+    """The REF node by ROT node of *Rigid Body, and the REF nodes of those without ROT node.
+
+    Displacements of the ROT node are rotations of the REF node.
+    """
+    found, without = {}, []
     for section in sections:
         if section.keyword == "rigidbody":
             turned, reference = (section.parameters.get(key, "") for key in ("rotnode", "refnode"))
             if turned.isdigit() and reference.isdigit():
                 found[int(turned)] = int(reference)
-    return found
+            elif reference.isdigit():
+                without.append(int(reference))
+    return found, without
 
 
 def with_rotations(label, turning: dict[int, int]):

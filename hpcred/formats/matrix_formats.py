@@ -71,8 +71,8 @@ def read_entries(path, comm, key="K", variables=None) -> Entries | LabelledEntri
             if first_line(start)[:1] == b"*":
                 raise InputError(
                     f"{path}: found keywords such as '{first_line(start).decode('latin-1')[:40]}' (an input file, or "
-                    "matrices of single elements or of a substructure), expected an assembled matrix; let Abaqus write it "
-                    "by *Matrix Generate, Stiffness, Mass and *Matrix Output, Stiffness, Mass, Format=Matrix Input"
+                    "matrices of single elements or of a substructure), expected an assembled matrix; let Abaqus "
+                    "write it by *Matrix Generate, Stiffness, Mass and *Matrix Output, Stiffness, Mass"
                 )
             raise InputError(
                 f"{path}: found a file that begins with {start[:12]!r}, expected "
