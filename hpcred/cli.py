@@ -179,7 +179,7 @@ def convert(
         raise InputError("convert: no matrices; give the main file of an export, or K and M by -K and -M")
     given = {"-D": damping, "-B": input_file, "-C": output_file, "--nodes": nodes, "--dofs": dofs}
     if files and (besides := [option for option, value in given.items() if value]):
-        raise InputError(f"convert: {', '.join(besides)} stand beside -K and -M only, found with {files[0]}")
+        raise InputError(f"convert: {', '.join(besides)} belong to -K and -M only, found with {files[0]}")
     names = _names(variables, "--variables")
     source = files[0] if files else hpcred.Source(stiffness, mass, damping, input_file, output_file, nodes, dofs, names)
     report = hpcred.convert(

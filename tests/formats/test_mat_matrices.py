@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse
+from conftest import DATA
 from fe_data import FE, needs_fe
 from foreign import assembled, gathered, write
 from helpers import to_dense
@@ -160,10 +161,9 @@ def test_names_that_are_not_there_are_refused(comm, folder):
         load_export(mtx, comm, variables={"K": "kk"})
 
 
-@needs_fe
 @pytest.mark.parametrize("version", ["4.2c_SOL2", "7.4_GLNX86"])
 def test_both_byte_orders_against_scipy(comm, version):
-    path = FE / "matlab" / "v5_sparse_versions" / f"testsparse_{version}.mat"
+    path = DATA / "matlab" / f"testsparse_{version}.mat"
     entries = read(path, comm, "K", {"K": "testsparse"})
     local = np.zeros(entries.shape)
     np.add.at(local, (entries.rows, entries.columns), entries.values)
@@ -181,11 +181,10 @@ def test_sparse_matrices_of_matlab_itself(comm):
     assert entries.shape == (2, 3) and comm.allreduce(len(entries.values)) == 0
 
 
-@needs_fe
 @pytest.mark.skipif(is_complex(), reason="modes in a band of a free body without nodes need a real build")
 def test_nastran_matrices_by_way_of_matlab(comm):
     """The frequencies that the program wrote beside the matrices."""
-    path = FE / "matlab" / "v5_nas2cam_extseout" / "nas2cam.mat"
+    path = DATA / "matlab" / "nas2cam.mat"
     table = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)["nas"]
     expected = np.sqrt(np.sort(getattr(table, "lambda").k0)[6:10]) / (2 * np.pi)
     with load_export(path, comm) as model, model.with_inputs([1]) as loaded:
