@@ -37,11 +37,23 @@ def rows_of_node(model, node: int) -> dict[int, int]:
     for part in model.comm.allgather(mine):
         found |= part
     if not found:
+        held = held_directions(model, node)
+        if held:
+            raise InputError(
+                f"node {node} of {model.name} has no dof: the program that wrote the matrices holds it in "
+                f"{', '.join(DIRECTIONS[d] for d in held)}"
+            )
         low = model.comm.allgather(int(dofs.node.min()) if dofs.node.size else None)
         high = model.comm.allgather(int(dofs.node.max()) if dofs.node.size else None)
         low, high = (f([v for v in values if v is not None]) for f, values in ((min, low), (max, high)))
         raise InputError(f"node {node} does not exist in {model.name}; its nodes are numbered {low} to {high}")
     return found
+
+
+def held_directions(model, node: int) -> list[int]:
+    """The directions (0..5) in which a node is held and has no row. Collective."""
+    mine = [] if model.held is None else model.held.direction[model.held.node == node].tolist()
+    return sorted({direction for part in model.comm.allgather(mine) for direction in part})
 
 
 def position_of_node(model, node: int) -> np.ndarray:
@@ -62,7 +74,8 @@ def row_of(model, target) -> int:
     index = direction_index(direction)
     if index not in rows:
         have = ", ".join(DIRECTIONS[d] for d in sorted(rows))
-        raise InputError(f"node {node} of {model.name} has no dof in direction {direction}; it has {have}")
+        why = ", which is held by the program that wrote the matrices" if index in held_directions(model, node) else ""
+        raise InputError(f"node {node} of {model.name} has no dof in direction {direction}{why}; it has {have}")
     return rows[index]
 
 

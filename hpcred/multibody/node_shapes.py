@@ -24,11 +24,19 @@ class NodeShape:
 
 
 def node_shapes(model, columns, nodes) -> list[NodeShape]:
-    """The shapes of nodes from the basis `columns` (a block (n, m)). Collective. Raises InputError."""
+    """The shapes of nodes from the basis `columns` (a block (n, m)), zero where the model is held.
+
+    Collective. Raises InputError.
+    """
     dofs = require_dofs(model, "an interface node")
     found = np.flatnonzero(np.isin(dofs.node, list(nodes)))
     with local_rows(columns) as rows:
         part = dofs.node[found], dofs.direction[found], dofs.position[found], rows.real[found].copy()
+    if model.held is not None:
+        held = model.held.take(np.isin(model.held.node, list(nodes)))
+        zero = np.zeros((len(held.node), part[3].shape[1]))
+        part = tuple(np.concatenate(pair) for pair in zip(part, (held.node, held.direction, held.position, zero),
+                                                          strict=True))  # fmt: skip
     parts = model.comm.allgather(part)
     return shapes_of_rows(nodes, *(np.concatenate(items) for items in zip(*parts, strict=True)), model.name)
 
