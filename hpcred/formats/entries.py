@@ -9,7 +9,7 @@ import numpy as np
 
 from ..model.dofs import DIRECTIONS
 
-STRIDE = 8  # label of a row: 8 times its node number plus its direction 0..5
+STRIDE = 16  # label of a row: 16 times its node number plus its direction, a place in DIRECTIONS
 
 
 @dataclass
@@ -32,12 +32,12 @@ class LabelledEntries:
 
 
 def label_of(node: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Labels, ascending by node and then direction, from node numbers and directions 0..5."""
+    """Labels, ascending by node and then direction, from node numbers and directions."""
     return STRIDE * node.astype(np.int64) + direction
 
 
 def node_and_direction(label: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Node numbers and directions 0..5 of labels."""
+    """Node numbers and directions of labels."""
     node, direction = np.divmod(label, STRIDE)
     return node, direction.astype(np.int8)
 
