@@ -14,7 +14,7 @@ and one line in EXPORTS. Single matrices have a table of their own in matrix_for
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +26,11 @@ from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks
 from ..parallel.petsc import MPI
-from . import abaqus_input, node_table
+from . import abaqus_input, nastran, nastran_op4, node_table
 from .abaqus_matrices import files_beside
 from .entries import Entries, LabelledEntries, label_of, node_and_direction
 from .matrix_formats import read_entries
-from .node_table import Nodes
+from .parts import Parts
 from .text import first_bytes
 
 
@@ -50,25 +50,6 @@ class Source:
     C: str | None = None
     nodes: str | None = None
     dofs: str | None = None
-
-
-@dataclass
-class Parts:
-    """What the files of a model say; every rank has slices, in any order.
-
-    `matrices`: K, M and perhaps D, all with numbered or all with labelled rows. `files`: where each came from, for
-    messages. `nodes`, `elements` (node numbers (elements, nodes) by kind): where known. `row_labels`: labels
-    (see entries.label_of) and the rows (from 0) that have them, where rows are numbered and a file names them.
-    `removed`: labels of dofs that the program holds, which have no row. `warnings`: sentences for the user.
-    """
-
-    matrices: dict[str, Entries | LabelledEntries]
-    files: dict[str, str]
-    nodes: Nodes | None = None
-    elements: dict[str, np.ndarray] = field(default_factory=dict)
-    row_labels: tuple[np.ndarray, np.ndarray] | None = None
-    removed: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    warnings: list[str] = field(default_factory=list)
 
 
 def abaqus_source(path) -> Source:
@@ -135,7 +116,11 @@ class Export:
     read_parts: Callable[..., Parts]
 
 
-EXPORTS = (Export("an Abaqus input file with its matrices beside it", abaqus_input.begins, read_abaqus),)
+EXPORTS = (
+    Export("an Abaqus input file with its matrices beside it", abaqus_input.begins, read_abaqus),
+    Export("Nastran OP4", nastran_op4.begins, nastran.read_op4),
+    Export("Nastran DMIG, or an input file with the matrices beside it", nastran.begins_bulk, nastran.read_bulk),
+)
 
 
 def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None) -> SecondOrderModel:

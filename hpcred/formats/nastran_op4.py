@@ -17,6 +17,7 @@ import numpy as np
 
 from ..parallel.failures import InputError, agreed
 from .entries import Entries, joined
+from .nastran_names import single
 from .text import first_bytes, is_packed, parse, pieces, records
 
 SHARE = 2**22  # bytes of a binary file decoded at a time
@@ -25,8 +26,11 @@ SQUARE, DIAGONAL, SYMMETRIC, IDENTITY = 1, 3, 6, 8
 TRIANGLES = (4, 5)
 COMPLEX = (3, 4)
 DOUBLE = (2, 4)
-# the format of the numbers at the end tells the header line from all others: 1P,5E16.9
-HEADER = re.compile(rb"(?m)^ *\d[^\n]*?,?(?P<count>\d*)[EeDd](?P<width>\d+)\.\d+ *(?P<wide>\|I16)? *\r?$")
+# the format of the numbers at the end tells the header line from all others: 1P,5E16.9; without it, four whole numbers
+HEADER = re.compile(
+    rb"(?m)^(?=[ \d]{8}[ \d-]{8}[ \d]{15}) *\d(?:[^\n]*?[EeDd](?P<width>\d+)\.\d+ *(?P<wide>\|I16)?|"
+    rb"\d* *-?\d+ {6,7}\d\d? {7}[1-4][ \w]{0,8}) *\r?$"
+)
 NUMBER = re.compile(rb"(?<=[0-9.])([+-])")
 
 
@@ -36,8 +40,8 @@ class Matrix:
 
     `form` and `kind` (1 and 2 real, 3 and 4 complex; even ones of two words a number) as OUTPUT4 numbers them. `starts`
     (shares + 1,): bytes where shares of whole columns begin and, last, where the closing record does; of a text, where
-    the lines begin and end. `layout` of a text: numbers a line, width of a number and of a whole number; of a binary
-    file: byte order and bytes of a whole number.
+    the lines begin and end. `layout` of a text: width of a number and of a whole number; of a binary file: byte
+    order and bytes of a whole number.
     """
 
     name: str
@@ -110,13 +114,19 @@ def read_matrix(path, comm, matrix: Matrix) -> Entries:
     return Entries(matrix.shape, i, j, v)
 
 
+def read(path, comm, key="K", variables=None) -> Entries:
+    """One matrix of a file, for -K and the like; `variables`: names by key. Collective. Raises InputError."""
+    found = contents(path, comm)
+    return read_matrix(path, comm, found[single(path, [item.name for item in found], key, variables)])
+
+
 def _header(path, where, numbers, name, **place):
     columns, rows, form, kind = numbers
     text = name.replace(b"\0", b" ").decode("latin-1").strip()
     if columns < 0 or not 0 < form < 100 or kind not in (1, 2, 3, 4) or not text.isprintable():
         raise InputError(
-            f"{path}: found the numbers {columns}, {rows}, {form}, {kind} and the name '{text[:8]}' at {where}, expected "
-            "columns, rows, form, type (1 to 4) and name of a matrix; the file is damaged"
+            f"{path}: found the numbers {columns}, {rows}, {form}, {kind} and the name {text[:8]!r} at {where}, "
+            "expected columns, rows, form, type (1 to 4) and name of a matrix; the file is damaged"
         )
     return Matrix(text.upper(), (abs(rows), columns), form, kind, rows < 0 or rows >= SMALL, **place)
 
@@ -148,13 +158,17 @@ def _binary_contents(path, order, size):
                 )
             numbers = struct.unpack_from(order + ("4i" if size == 4 else "4q"), data, at + 4)
             name = data[at + 4 + 4 * size : at + 4 + 6 * size]
+            if size == 8 and not (name[4:8] + name[12:]).strip():
+                name = name[:4] + name[8:12]  # four letters a word
             columns = numbers[0]
             at += whole
             starts, column, mark = [at], 0, at + SHARE
             while column <= columns:
                 if at + 12 > end:
-                    raise InputError(f"{path}: found the end of the file in a matrix after column {column} of {columns}; "
-                                     "the file is cut off")  # fmt: skip
+                    raise InputError(
+                        f"{path}: found the end of the file in a matrix after column {column} of {columns}; the file "
+                        "is cut off"
+                    )
                 length, number = head(data, at)
                 if length < 3 * size or number <= column or number > columns + 1:
                     raise InputError(
@@ -309,14 +323,14 @@ def _text_header(path, start, stop, line, end):
         raise InputError(
             f"{path}: found the header '{shown}' of a matrix, expected columns, rows, form, type, name and format"
         ) from error
-    layout = (int(match["count"] or 1), int(match["width"]), wide)
-    if not (0 < layout[0] <= 100 and 8 <= layout[1] <= 40):
+    layout = (int(match["width"] or 16), wide)
+    if not 8 <= layout[0] <= 40:
         raise InputError(f"{path}: found the header '{shown}' of a matrix, expected a format such as 1P,5E16.9")
     return _header(path, f"byte {start}", numbers, fields[4], starts=(stop, end), layout=layout, is_text=True)
 
 
 def _read_text(path, comm, matrix):
-    wide = matrix.layout[2]
+    wide = matrix.layout[1]
     column_line = re.compile(rb"(?m)^[ 0-9]{%d,%d}\r?$" % (2 * wide + 1, 3 * wide))
     with agreed(comm):
         parts, last = [], []
@@ -338,7 +352,7 @@ def _read_text(path, comm, matrix):
 def _decode_text(piece, matrix):
     """Rows and columns (from 0) and values of whole columns of a text, and the numbers of the columns."""
     rows, columns = matrix.shape
-    _, width, wide = matrix.layout
+    width, wide = matrix.layout
     text = np.frombuffer(piece.text + (b"" if piece.text.endswith(b"\n") else b"\n"), np.uint8)
     newline = np.flatnonzero(text == ord("\n"))
     start = np.concatenate([[0], newline[:-1] + 1])
@@ -411,10 +425,10 @@ def _fixed_numbers(piece, text, start, counts, width):
     plain = fields.tobytes()
     values = parse(plain.replace(b"D", b"E").replace(b"d", b"e"))
     if values is None:  # three digits leave no room for the letter: 1.5-100
-        values = parse(NUMBER.sub(rb"e\1", plain.upper().replace(b"D", b"E").replace(b"E", b"")))
+        values = parse(NUMBER.sub(rb"e\1", plain.upper().replace(b"D", b"E")))
     if values is None or len(values) != len(line):
         for k, field in enumerate(fields):
-            found = parse(NUMBER.sub(rb"e\1", field.tobytes().upper().replace(b"D", b"E").replace(b"E", b"")))
+            found = parse(NUMBER.sub(rb"e\1", field.tobytes().upper().replace(b"D", b"E")))
             if found is None or len(found) != 1:
                 raise piece.refusal(int(np.count_nonzero(text[: start[line[k]]] == ord("\n"))), "numbers")
     return values

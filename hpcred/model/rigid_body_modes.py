@@ -24,7 +24,8 @@ MOST_ROWS = 0.6  # share of rows in which supports are not believed
 def rigid_motions(model, centre=(0.0, 0.0, 0.0)) -> SLEPc.BV:
     """Unit translations and unit rotations about `centre` as a block (n, 6). Collective; the caller destroys it.
 
-    Translational dofs move by e x (r - centre), rotational dofs by e, others not at all. Raises InputError without nodes.
+    Translational dofs move by e x (r - centre), rotational dofs by e, others not at all. Raises InputError without
+    nodes.
     """
     dofs = require_dofs(model, "a rigid-body motion")
     motions = create_block(model.K, 6)
