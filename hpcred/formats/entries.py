@@ -11,6 +11,8 @@ from ..model.dofs import DIRECTIONS
 
 STRIDE = 16  # label of a row: 16 times its node number plus its direction, a place in DIRECTIONS
 
+CHUNK = 2**20
+
 
 @dataclass
 class Entries:
@@ -45,6 +47,30 @@ def node_and_direction(label: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def label_name(label: int) -> str:
     """ "20:z"."""
     return f"{label // STRIDE}:{DIRECTIONS[label % STRIDE]}"
+
+
+def asymmetry(comm, entries: Entries | LabelledEntries) -> float:
+    """An estimate of ||A - A^T||_F / ||A||_F, from two products with numbers that look random. Collective.
+
+    Nothing is moved between the ranks, and where A is exactly symmetric the terms cancel but for round-off.
+    """
+    total = np.zeros(3)
+    for low in range(0, len(entries.values), CHUNK):
+        part = slice(low, low + CHUNK)
+        i, j, v = entries.rows[part], entries.columns[part], entries.values[part]
+        for k in range(2):
+            term = v * (_mixed(i, 2 * k) * _mixed(j, 2 * k + 1) - _mixed(j, 2 * k) * _mixed(i, 2 * k + 1))
+            total[k] += term.sum()
+        total[2] += v @ v
+    total = comm.allreduce(total)
+    return float(np.abs(total[:2]).max() / np.sqrt(total[2])) if total[2] else 0.0
+
+
+def _mixed(number, seed):
+    """Numbers between -1 and 1 that whole numbers stand for."""
+    mixed = (number.astype(np.uint64) + np.uint64(1 + seed)) * np.uint64(0x9E3779B97F4A7C15)
+    mixed = (mixed ^ (mixed >> np.uint64(31))) * np.uint64(0xBF58476D1CE4E5B9)
+    return (mixed >> np.uint64(11)).astype(float) * 2.0**-52 - 1
 
 
 def joined(parts: list[tuple], kinds: tuple) -> list[np.ndarray]:

@@ -14,7 +14,7 @@ from ..model.dofs import OWN, SCALAR
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks
 from . import nastran_bulk, nastran_dmig, nastran_op2, nastran_op4
-from .entries import STRIDE, Entries, LabelledEntries, label_of
+from .entries import STRIDE, Entries, LabelledEntries, asymmetry, label_of
 from .nastran_names import STRUCTURAL, Choice, letter_of, named, none_found, pairs
 from .nastran_points import HELD, SETS, Points, present, turn_of, turned_entries
 from .parts import Parts
@@ -23,6 +23,11 @@ from .text import first_bytes
 NO_USET = (
     "put the OP2 of the run (tables BGPDT and USET) or the input file of the same name beside it; without nodes there "
     "are no rigid-body modes, pictures or exports"
+)
+SYMMETRIC_TO = 1e-8
+LOOSE = (
+    "matrices of the G-set have no supports (SPC) and no rigid elements or constraints (RBE, MPC) applied: what these "
+    "join is loose; export {} to have them"
 )
 
 
@@ -57,7 +62,7 @@ def read_op4(path, comm, variables=None) -> Parts:
         del matrices["D"]
     said = {key: f"{files[choice.places[key]]}, matrix {taken[key].name}" for key in matrices}
     warnings = [_taken(path, said, names), *warnings]
-    _check_shapes(matrices, said)
+    _check(comm, matrices, said)
     matrices, number = _without_empty_rows(comm, matrices, warnings)
     parts = Parts(matrices, said, warnings=warnings)
     if rows is not None:
@@ -134,7 +139,17 @@ def _taken(path, said, names):
     return f"{path}: {text}{left}{hint}"
 
 
-def _check_shapes(matrices, said):
+def _check(comm, matrices, said):
+    """Refuse matrices that do not fit each other, or a stiffness or mass that is not symmetric. Collective."""
+    for key in ("K", "M"):
+        defect = asymmetry(comm, matrices[key])
+        if not defect <= SYMMETRIC_TO:
+            raise InputError(
+                f"{said[key]}: found ||A - A^T|| / ||A|| = {defect:.1e}, expected a symmetric matrix; the file is "
+                "damaged, or the model has follower forces or the like"
+            )
+    if isinstance(matrices["K"], LabelledEntries):
+        return
     size = matrices["K"].shape
     for key, item in matrices.items():
         if item.shape != size or size[0] != size[1]:
@@ -186,9 +201,9 @@ def _rows_of(path, comm, candidates, insisted):
             break
     first = candidates[0]
     raise InputError(
-        f"{path}: found matrices of {first[1]} rows, but {reasons[0]}; which dofs the rows are cannot be told: give the "
-        "OP2 of the run with the tables BGPDT and USET the same name, or export KGG and MGG, or move the other files "
-        "away to read the matrices without nodes"
+        f"{path}: found matrices of {first[1]} rows, but {reasons[0]}; which dofs the rows are cannot be told: give "
+        "the OP2 of the run with the tables BGPDT and USET the same name, or export KGG and MGG, or move the other "
+        "files away to read the matrices without nodes"
     )
 
 
@@ -213,15 +228,11 @@ def _said_of_rows(comm, rows, letter, source):
     gone = points.count(comm, points.there()) - points.count(comm, rows.mask)
     found = [f"nodes and sets of dofs are those of {source}"]
     if letter == "G":
-        found.append(
-            "matrices of the G-set have no supports (SPC) and no rigid elements or constraints (RBE, MPC) applied: what "
-            "they join is loose; export KAA and MAA to have them"
-        )
-    elif gone:
-        found.append(
-            f"{gone} dofs have no row: {held} are held by supports (their mass is missing in the mass of the body), the "
-            "others depend on rows or were condensed"
-        )
+        return [*found, LOOSE.format("KAA and MAA")]
+    if held:
+        found.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
+    if gone > held:
+        found.append(f"{gone - held} dofs have no row, since they depend on others or were condensed")
     return found
 
 
@@ -306,12 +317,10 @@ def read_bulk(path, comm, variables=None) -> Parts:
     if "D" in matrices and not comm.allreduce(len(matrices["D"].values)):
         del matrices["D"]
     said = {key: f"{path}, matrix {wanted[key].name}" for key in matrices}
+    _check(comm, matrices, said)
     parts = Parts(matrices, said, warnings=[_taken(path, said, names), *warnings])
     if choice.letter == "G":
-        parts.warnings.append(
-            "matrices of the G-set have no supports (SPC) and no rigid elements or constraints (RBE, MPC) applied: what "
-            "they join is loose; export KAAX and MAAX to have them"
-        )
+        parts.warnings.append(LOOSE.format("KAAX and MAAX"))
     deck = nastran_bulk.read_deck(path, comm)
     if not comm.allreduce(len(deck.label)):
         with agreed(comm):
@@ -357,7 +366,7 @@ def _label_entries(comm, parts, deck):
     parts.warnings.append(f"nodes are those of {deck.path}")
     held = points.count(comm, points.there() & ~mask & (points.marks & HELD > 0))
     if held and not reason:
-        parts.warnings.append(f"{held} dofs are held by supports (their mass is missing in the mass of the body)")
+        parts.warnings.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
     _finish(comm, parts, _Rows(points, mask, deck.path, deck.elements), turn, mask)
 
 

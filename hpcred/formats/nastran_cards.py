@@ -66,8 +66,12 @@ class Lines:
         return found
 
 
-def lines_of(piece: Piece, wanted: re.Pattern) -> Lines:
-    """The lines of cards whose name (upper case) `wanted` matches wholly. Raises InputError."""
+def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
+    """The lines of cards whose name (upper case) `wanted` matches wholly. Raises InputError.
+
+    `strict`: for cards that a program wrote: refused are remarks behind them, what is behind the 80th column, lines that
+    continue a card and begin with other than a blank, + or *, and other cards between those of one first field.
+    """
     plain = REMARK.sub(b"", piece.text).upper().replace(b"\r", b" ")
     if b"\t" in plain:
         plain = plain.expandtabs(8)
@@ -87,7 +91,21 @@ def lines_of(piece: Piece, wanted: re.Pattern) -> Lines:
     fits = np.array([wanted.fullmatch(name) is not None for name in distinct], bool)[back] if len(names) else []
     mine = (card >= 0) & np.asarray(fits, bool)[card] if len(names) else np.zeros(len(card), bool)
     card, start, stop, number, head, starts = (part[mine] for part in (card, start, stop, number, head, starts))
+    if strict:
+        odd = ~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8))
+        odd |= visible[stop] > visible[np.minimum(start + 80, stop)]
+        if odd.any():
+            raise piece.refusal(int(number[odd][0]), "a card of at most 80 columns, or a line that continues it")
+        lines = piece.text.split(b"\n") if b"$" in piece.text else ()
+        for k in [k for k, line in enumerate(lines) if b"$" in line.lstrip()[1:]]:
+            if k in number:
+                raise piece.refusal(k, "a card without a remark behind it")
     count, fields = _fields(piece, text, start, stop, head, number)
+    if strict and starts.any():
+        first, label = card[starts], fields[starts, 0]
+        gap = (np.diff(first) > 1) & (label[1:] == label[:-1])
+        if gap.any():
+            raise piece.refusal(int(number[starts][1:][gap][0]) - 1, "no other card here; this one is damaged")
     return Lines(piece, card, names[card] if len(names) else np.zeros(0, "S8"), starts, number, count, fields)
 
 

@@ -47,15 +47,23 @@ def contents(path, comm) -> list[Matrix]:
         first_bytes(path)
         if is_packed(path):
             raise InputError(f"{path}: found a gzip file of DMIG cards; unpack it first")
-        mine = []
+        mine, used = [], set()
         for piece in _pieces(path, comm):
-            table, number = lines_of(piece, NAME).table(8)
+            table, number = lines_of(piece, NAME, strict=True).table(8)
             at = np.flatnonzero(table[:, 1] == b"0")
             form, kind, columns = (wholes(piece, table[at, k], number[at], what, 0, empty=0)
                                    for k, what in ((2, "the form"), (3, "the type"), (7, "the number of columns")))
             mine += [Matrix(name.decode("latin-1"), *(int(item) for item in rest))
                      for name, *rest in zip(table[at, 0], form, kind, columns, strict=True)]  # fmt: skip
-    return sum(comm.allgather(mine), [])
+            used |= set(table[:, 0].tolist())
+    found = sum(comm.allgather(mine), [])
+    used = set().union(*comm.allgather(used))
+    without = sorted(name.decode("latin-1") for name in used - {item.name.encode("latin-1") for item in found})
+    if without:
+        raise InputError(
+            f"{path}: found DMIG cards of {without[0]!r}, which has no card with its form and type; the file is damaged"
+        )
+    return found
 
 
 def read(path, comm, key="K", variables=None) -> LabelledEntries:
@@ -76,7 +84,7 @@ def read_matrices(path, comm, wanted: dict[str, Matrix]) -> tuple[dict[str, Labe
                 )
         parts, digits = {key: [] for key in wanted}, 0
         for piece in _pieces(path, comm):
-            found = lines_of(piece, NAME)
+            found = lines_of(piece, NAME, strict=True)
             for key, matrix in wanted.items():
                 part, most = _entries(piece, found, matrix)
                 parts[key].append(part)

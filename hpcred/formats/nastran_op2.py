@@ -141,13 +141,15 @@ def _tables(path):
                 letters = b"".join(letters[k : k + 4] for k in range(0, count, 8))
             return letters.decode("latin-1").strip()
 
-        first = key()
-        if first == 3:  # date, title and label
-            pieces(3)
-            if key() != 0:
-                raise damaged("end of the header")
+        while at < end:
             first = key()
-        while first > 0:
+            if first == 0:  # the end of what one run wrote
+                continue
+            if first == 3:  # date, title and label
+                pieces(3)
+                if key() != 0:
+                    raise damaged("end of the header")
+                continue
             name = text(*pieces(first)[0])
             if key() != 7:
                 raise damaged("trailer of 7 words")
@@ -158,9 +160,6 @@ def _tables(path):
                 first = _next_record(key, damaged)
             if any(name.startswith(wanted) for wanted in NAMES):
                 found.append(Table(str(path), name, order, size, records[1:]))  # the first one is the name again
-            if at == end:
-                break
-            first = key()
     return found
 
 

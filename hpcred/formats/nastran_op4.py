@@ -247,6 +247,10 @@ def _decode(path, matrix, low, high):
     entries = (stop - at) // width
     if ((stop - at) % width).any() or (row < 1).any() or (row + entries - 1 > rows).any():
         raise damaged("a string of numbers that does not fit its column")
+    if dense.any() and not dense.all():
+        raise damaged("whole columns beside columns of strings")
+    if ((column[1:] == column[:-1]) & (row[1:] < (row + entries)[:-1])).any():
+        raise damaged("strings of numbers that do not ascend in their column")
     change = np.zeros(len(words.raw) + 1, np.int8)
     np.add.at(change, at, 1)
     np.add.at(change, stop, -1)
@@ -405,6 +409,9 @@ def _decode_text(piece, matrix):
     refuse(heads[is_head & (row_of == 0) & (inside != said)], "as many words below as it says")
     width = 2 if matrix.kind in COMPLEX else 1
     closing = column_of == columns + 1
+    whole = row_of[is_head & ~closing] > 0
+    refuse(heads[is_head & ~closing][whole != whole[:1]], "a column as the ones above")
+    refuse(heads[1:][~is_head[1:] & (row_of[1:] < (row_of + count // width)[:-1])], "rows that ascend in a column")
     refuse(heads[~closing & (count % width > 0)], "pairs of numbers below")
     refuse(heads[closing][1:], "no lines behind the last column")
     refuse(heads[~closing & (count > 0) & (row_of - 1 + count // width > rows)], f"rows up to {rows}")
