@@ -26,7 +26,7 @@ from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks
 from ..parallel.petsc import MPI
-from . import abaqus_input, nastran, nastran_op4, node_table
+from . import abaqus_input, nastran, nastran_op4, node_table, uff
 from .abaqus_matrices import files_beside
 from .entries import Entries, LabelledEntries, label_of, node_and_direction
 from .matrix_formats import read_entries
@@ -38,9 +38,9 @@ from .text import first_bytes
 class Source:
     """The files of a model: K and M, perhaps D, B (n, p), C (r, n), `nodes` and `dofs`.
 
-    `nodes`: an Abaqus input file, or text lines of node, x, y, z in the order of the rows. `dofs`: text lines of
-    node, direction (1 to 6), one a row of the matrices; without it every node has the same number of dofs (1 to 3
-    displacements, or 6), unless the matrices name their rows themselves.
+    `nodes`: an Abaqus or Nastran input file, a universal file, or text lines of node, x, y, z in the order of the rows.
+    `dofs`: text lines of node, direction (1 to 6), one a row of the matrices; without it every node has the same number
+    of dofs (1 to 3 displacements, or 6), unless the matrices name their rows themselves.
     """
 
     K: str
@@ -80,7 +80,13 @@ def read_source(source: Source, comm) -> Parts:
     if source.nodes:
         with agreed(comm):
             is_input_file = abaqus_input.begins(first_bytes(source.nodes))
-        if is_input_file:
+            is_universal = uff.begins(first_bytes(source.nodes))
+            is_bulk = nastran.begins_bulk(first_bytes(source.nodes))
+        if is_universal:
+            parts.nodes, parts.elements = uff.read(source.nodes, comm)
+        elif is_bulk:
+            parts.nodes, parts.elements = nastran.read_nodes(source.nodes, comm)
+        elif is_input_file:
             parts.nodes, parts.elements = abaqus_input.read(source.nodes, comm)
         else:
             parts.nodes = node_table.read(source.nodes, comm)

@@ -17,6 +17,7 @@ from . import nastran_bulk, nastran_dmig, nastran_op2, nastran_op4
 from .entries import STRIDE, Entries, LabelledEntries, asymmetry, label_of
 from .nastran_names import STRUCTURAL, Choice, letter_of, named, none_found, pairs
 from .nastran_points import HELD, SETS, Points, present, turn_of, turned_entries
+from .node_table import Nodes
 from .parts import Parts
 from .text import first_bytes
 
@@ -332,6 +333,23 @@ def read_bulk(path, comm, variables=None) -> Parts:
         deck = nastran_bulk.read_deck(file, comm)
     _label_entries(comm, parts, deck)
     return parts
+
+
+def read_nodes(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
+    """Nodes, ascending by number, and elements of an input file, for matrices of other files.
+
+    Collective. Raises InputError where nodes have displacement systems of their own, since the rows are not turned.
+    """
+    deck = nastran_bulk.read_deck(path, comm)
+    points = nastran_bulk.points_of(deck, comm)
+    with agreed(comm):
+        if len(points.turned):
+            raise InputError(
+                f"{path}: found the node {points.label[points.turned[0]]} with a displacement system of its own (CD), "
+                "in which the rows of the matrices may be counted; convert the OP4 or punch file with this file beside it"
+            )
+    label, position = points.label[~points.scalar], points.position[~points.scalar]
+    return Nodes(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label))), deck.elements
 
 
 def _read_beside(path, comm, variables):

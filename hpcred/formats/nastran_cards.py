@@ -69,8 +69,8 @@ class Lines:
 def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     """The lines of cards whose name (upper case) `wanted` matches wholly. Raises InputError.
 
-    `strict`: for cards that a program wrote: refused are remarks behind them, what is behind the 80th column, lines that
-    continue a card and begin with other than a blank, + or *, and other cards between those of one first field.
+    `strict`: for cards that a program wrote: refused are remarks behind them, what is behind the 80th column, lines
+    that continue a card and begin with other than a blank, + or *, and other cards between those of one first field.
     """
     plain = REMARK.sub(b"", piece.text).upper().replace(b"\r", b" ")
     if b"\t" in plain:

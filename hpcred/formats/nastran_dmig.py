@@ -141,6 +141,9 @@ def _entries(piece, lines, matrix):
     heads = fours[head]
     column = (heads[:, 0] == matrix.name.encode("latin-1")) & (heads[:, 1] != b"0")
     at = np.flatnonzero(~head & column[owner] & (fours != b"").any(axis=1))
+    odd = number[head][column & (heads[:, 3] != b"")]
+    if odd.size:
+        raise piece.refusal(int(odd[0]), "name, node and direction of a column")
     names = _labels(piece, heads[column, 1], heads[column, 2], number[head][column], "of a column")
     j = np.zeros(len(heads), np.int64)
     j[column] = names

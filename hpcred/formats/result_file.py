@@ -19,6 +19,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from ..linalg.blocks import local_rows
+from ..model.dofs import SCALAR
 from ..multibody.body import Body, body_of
 from ..multibody.floating_frame import FloatingFrame
 from ..multibody.node_shapes import NodeShape, shapes_of_rows
@@ -103,9 +104,10 @@ class Shapes:
             raise InputError(
                 f"{name}: no basis with node coordinates; reduce a model with nodes, and with write_basis = true"
             )
-        node, self._direction = file["dofs/node"][...], file["dofs/direction"][...]
+        self._rows = np.flatnonzero(file["dofs/direction"][...] != SCALAR)  # scalar dofs have no place
+        node, self._direction = (file[f"dofs/{key}"][...][self._rows] for key in ("node", "direction"))
         self.nodes, first, self._place = np.unique(node, return_index=True, return_inverse=True)
-        self.points = file["dofs/position"][...][first]
+        self.points = file["dofs/position"][...][self._rows][first]
         self._basis = file["basis/V"]
         kind = "basis vector" if "basis/W" in file else "pseudo-mode"
         self.frequencies = file["reduced/frequencies"][...]
@@ -120,7 +122,7 @@ class Shapes:
 
     def displacement(self, column) -> np.ndarray:
         """(k, 3); the translational dofs of a column."""
-        values, moved = self._basis[column], self._direction < 3
+        values, moved = self._basis[column][self._rows], self._direction < 3
         displaced = np.zeros((len(self.nodes), 3))
         displaced[self._place[moved], self._direction[moved]] = values[moved]
         return displaced
