@@ -143,7 +143,7 @@ def convert(
     damping: Annotated[str | None, typer.Option("-D", "--damping", help="Matrix file of D.")] = None,
     input_file: Annotated[str | None, typer.Option("-B", help="Matrix file of B (n, p).")] = None,
     output_file: Annotated[str | None, typer.Option("-C", help="Matrix file of C (r, n).")] = None,
-    nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or an Abaqus .inp, a Nastran .bdf, a .unv.")] = None,
+    nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or .inp, .bdf, .unv.")] = None,
     dofs: Annotated[str | None, typer.Option(help="Lines of node, direction (1-6), one a row.")] = None,
     inputs: Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")] = None,
     outputs: Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")] = None,

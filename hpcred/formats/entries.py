@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.dofs import DIRECTIONS
+from ..parallel.lookup import look_up
 
 STRIDE = 16  # label of a row: 16 times its node number plus its direction, a place in DIRECTIONS
 
 CHUNK = 2**20
+SMALL = 1e-10
 
 
 @dataclass
@@ -50,14 +52,25 @@ def label_name(label: int) -> str:
 
 
 def asymmetry(comm, entries: Entries | LabelledEntries) -> float:
-    """An estimate of ||A - A^T||_F / ||A||_F, from two products with numbers that look random. Collective.
+    """An estimate of ||S - S^T||_F / ||S||_F of S = D^-1/2 A D^-1/2, D the diagonal of A, at once for all scales in A.
 
-    Nothing is moved between the ranks, and where A is exactly symmetric the terms cancel but for round-off.
+    From two products with numbers that look random: where A is exactly symmetric the terms cancel but for round-off.
+    Diagonals below SMALL of the largest, or missing, count as that. Collective.
     """
+    on = (entries.rows == entries.columns) & (entries.values != 0)
+    label, first = np.unique(entries.rows[on], return_index=True)
+    diagonal = np.abs(entries.values[on][first])
+    least = SMALL * max(comm.allgather(diagonal.max(initial=0.0)))
+    sides = []
+    for name in (entries.rows, entries.columns):
+        distinct, back = np.unique(name, return_inverse=True)
+        found, (size,) = look_up(comm, label, [diagonal], distinct)
+        sides.append((1 / np.sqrt(np.maximum(np.where(found, size, 0.0), least or 1.0)), back))
     total = np.zeros(3)
     for low in range(0, len(entries.values), CHUNK):
         part = slice(low, low + CHUNK)
         i, j, v = entries.rows[part], entries.columns[part], entries.values[part]
+        v = v * sides[0][0][sides[0][1][part]] * sides[1][0][sides[1][1][part]]
         for k in range(2):
             term = v * (_mixed(i, 2 * k) * _mixed(j, 2 * k + 1) - _mixed(j, 2 * k) * _mixed(i, 2 * k + 1))
             total[k] += term.sum()

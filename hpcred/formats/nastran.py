@@ -146,8 +146,8 @@ def _check(comm, matrices, said):
         defect = asymmetry(comm, matrices[key])
         if not defect <= SYMMETRIC_TO:
             raise InputError(
-                f"{said[key]}: found ||A - A^T|| / ||A|| = {defect:.1e}, expected a symmetric matrix; the file is "
-                "damaged, or the model has follower forces or the like"
+                f"{said[key]}: found ||A - A^T|| / ||A|| = {defect:.1e} (scaled to a diagonal of 1), expected a "
+                "symmetric matrix; the file is damaged, or the model has follower forces or the like"
             )
     if isinstance(matrices["K"], LabelledEntries):
         return
@@ -187,7 +187,7 @@ def _rows_of(path, comm, candidates, insisted):
             if fitting:
                 points = fitting[0][1]
                 rows = _Rows(points, points.of_set(letter), op2, elements)
-                return rows, choice, _said_of_rows(comm, rows, letter, op2)
+                return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter, op2)]
         if deck is None:
             counts = {number: {letter: points.count(comm, points.of_set(letter)) for letter in letters}
                       for number, points in groups}  # fmt: skip
@@ -196,7 +196,7 @@ def _rows_of(path, comm, candidates, insisted):
         for letter in letters:
             rows, reason = _rows_of_deck(deck, comm, letter, size)
             if rows is not None:
-                return rows, choice, _said_of_rows(comm, rows, letter, deck_file)
+                return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter, deck_file)]
             reasons.append(f"{deck_file} has {reason}")
         if insisted:
             break
@@ -206,6 +206,11 @@ def _rows_of(path, comm, candidates, insisted):
         "the OP2 of the run with the tables BGPDT and USET the same name, or export KGG and MGG, or move the other "
         "files away to read the matrices without nodes"
     )
+
+
+def _passed(reasons):
+    """Why matrices that would be better were not taken."""
+    return [f"matrices with all constraints are there, but {reasons[0]}: their rows cannot be named"] if reasons else []
 
 
 def _rows_of_deck(deck, comm, letter, size):
@@ -219,7 +224,7 @@ def _rows_of_deck(deck, comm, letter, size):
     if counts[0] != size and letter != "G" and nastran_bulk.hold_rotations_of_solids(deck, comm, points):
         counts.append(points.count(comm, points.of_set(letter)))
     if counts[-1] != size:
-        return None, f"{' or '.join(map(str, counts))} dofs in the set {letter}"
+        return None, f"{' or '.join(map(str, dict.fromkeys(counts)))} dofs in the set {letter}"
     return _Rows(points, points.of_set(letter), deck.path, deck.elements), None
 
 
@@ -346,7 +351,7 @@ def read_nodes(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
         if len(points.turned):
             raise InputError(
                 f"{path}: found the node {points.label[points.turned[0]]} with a displacement system of its own (CD), "
-                "in which the rows of the matrices may be counted; convert the OP4 or punch file with this file beside it"
+                "in which the rows of the matrices may be; convert the OP4 or punch file with this file beside it"
             )
     label, position = points.label[~points.scalar], points.position[~points.scalar]
     return Nodes(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label))), deck.elements
