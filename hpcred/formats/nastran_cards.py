@@ -24,6 +24,7 @@ class Lines:
 
     `card` (lines,): which card of the piece each belongs to; `name` (lines,) of that card, `starts` (lines,) whether
     the card begins here, `number` (lines,) in the piece, `count` (lines,) of data fields and `fields` (lines, 8).
+    `total`: number of all cards of the piece.
     """
 
     piece: Piece
@@ -33,12 +34,13 @@ class Lines:
     number: np.ndarray
     count: np.ndarray
     fields: np.ndarray
+    total: int
 
     def of(self, name: str) -> "Lines":
         """Only those of the cards of one name."""
         mine = self.name == name.encode()
         parts = (getattr(self, key)[mine] for key in ("card", "name", "starts", "number", "count", "fields"))
-        return Lines(self.piece, *parts)
+        return Lines(self.piece, *parts, self.total)
 
     def table(self, width: int) -> tuple[np.ndarray, np.ndarray]:
         """The first `width` fields (cards, width) of each card, and the lines (cards,) where they begin."""
@@ -85,6 +87,7 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     head = _gather(text, start, np.minimum(start + 8, stop), 8)
     starts = (head[:, 0] >= ord("A")) & (head[:, 0] <= ord("Z"))
     card = np.cumsum(starts) - 1
+    total = int(np.count_nonzero(starts))
     ended = np.maximum.accumulate((head == ord(" ")) | (head == ord(",")) | (head == ord("*")), axis=1)
     names = np.where(ended, 0, head).astype(np.uint8)[starts].copy().view("S8").ravel()
     distinct, back = np.unique(names, return_inverse=True)
@@ -105,8 +108,9 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
         first, label = card[starts], fields[starts, 0]
         gap = (np.diff(first) > 1) & (label[1:] == label[:-1])
         if gap.any():
-            raise piece.refusal(int(number[starts][1:][gap][0]) - 1, "no other card here; this one is damaged")
-    return Lines(piece, card, names[card] if len(names) else np.zeros(0, "S8"), starts, number, count, fields)
+            raise piece.refusal(int(number[starts][1:][gap][0]) - 1, "none but cards of one matrix here")
+    name = names[card] if len(names) else np.zeros(0, "S8")
+    return Lines(piece, card, name, starts, number, count, fields, total)
 
 
 def _fields(piece, text, start, stop, head, number):

@@ -47,9 +47,13 @@ def contents(path, comm) -> list[Matrix]:
         first_bytes(path)
         if is_packed(path):
             raise InputError(f"{path}: found a gzip file of DMIG cards; unpack it first")
-        mine, used = [], set()
+        mine, used, ends = [], set(), []
         for piece in _pieces(path, comm):
-            table, number = lines_of(piece, NAME, strict=True).table(8)
+            lines = lines_of(piece, NAME, strict=True)
+            table, number = lines.table(8)
+            which = lines.card[lines.starts]
+            edges = (int(which[0]), table[0, 0], lines.total - 1 - int(which[-1]), table[-1, 0]) if len(which) else ()
+            ends.append((piece.start, lines.total, *edges))
             at = np.flatnonzero(table[:, 1] == b"0")
             form, kind, columns = (wholes(piece, table[at, k], number[at], what, 0, empty=0)
                                    for k, what in ((2, "the form"), (3, "the type"), (7, "the number of columns")))
@@ -57,6 +61,7 @@ def contents(path, comm) -> list[Matrix]:
                      for name, *rest in zip(table[at, 0], form, kind, columns, strict=True)]  # fmt: skip
             used |= set(table[:, 0].tolist())
     found = sum(comm.allgather(mine), [])
+    _check_order(path, sorted(sum(comm.allgather(ends), [])))
     used = set().union(*comm.allgather(used))
     without = sorted(name.decode("latin-1") for name in used - {item.name.encode("latin-1") for item in found})
     if without:
@@ -64,6 +69,26 @@ def contents(path, comm) -> list[Matrix]:
             f"{path}: found DMIG cards of {without[0]!r}, which has no card with its form and type; the file is damaged"
         )
     return found
+
+
+def _check_order(path, pieces):
+    """Refuse other cards between two of one matrix, where a piece ends and the next one begins.
+
+    `pieces`: start, number of cards, and, of those with DMIG cards, how many others stand before the first, its matrix,
+    how many stand behind the last, and its matrix.
+    """
+    others, name = 0, None
+    for _, total, *dmig in pieces:
+        if not dmig:
+            others += total
+            continue
+        before, first, behind, last = dmig
+        if first == name and others + before:
+            raise InputError(
+                f"{path}: found other cards between those of the matrix {name.decode('latin-1')}, expected none; the "
+                "file is damaged"
+            )
+        others, name = behind, last
 
 
 def read(path, comm, key="K", variables=None) -> LabelledEntries:
@@ -141,6 +166,9 @@ def _entries(piece, lines, matrix):
     heads = fours[head]
     column = (heads[:, 0] == matrix.name.encode("latin-1")) & (heads[:, 1] != b"0")
     at = np.flatnonzero(~head & column[owner] & (fours != b"").any(axis=1))
+    stray = ~head & ~column[owner] & (heads[owner, 0] == matrix.name.encode("latin-1")) & (fours[:, 0] != b"")
+    if (stray & (number != number[head][owner])).any():
+        raise piece.refusal(int(number[stray][-1]), "no entries below the card with form and type")
     odd = number[head][column & (heads[:, 3] != b"")]
     if odd.size:
         raise piece.refusal(int(odd[0]), "name, node and direction of a column")

@@ -149,6 +149,8 @@ def records(path, comm, start, stop, first: re.Pattern):
 
 def _next_record(file, at, stop, first):
     """The byte of the first line at or behind the byte `at` that `first` matches, or `stop`."""
+    if at >= stop:
+        return stop
     file.seek(at - 1)
     at += len(file.readline()) - 1
     while at < stop:

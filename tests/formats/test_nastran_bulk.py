@@ -200,6 +200,7 @@ def test_includes_are_followed(comm, folder):
         ("GRID,1,4\nCORD2R,4,,0.,0.,0.,0.,0.,1.\n,0.,0.,2.\n", "line 2: CORD2R: found three points on a line"),
         ("GRID,1,4\nCORD1R,4,1,2,3\n", "found the point 2, which no GRID card defines"),
         ("GRID,1\nCORD2R,0,,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\n", "found the coordinate system 0 a second time"),
+        ("", "found no points"),
         ("PARAM,POST,-1\n", "found no points, expected GRID cards"),
         ("BEGIN BULK\nGRID,1\n", "found BEGIN BULK but no ENDDATA"),
         ("BEGIN BULK\nGRID,1\nBEGIN SUPER=2\nENDDATA\n", "found 2 sections of bulk data"),
