@@ -12,7 +12,7 @@ from ..parallel.lookup import look_up
 
 STRIDE = 16  # label of a row: 16 times its node number plus its direction, a place in DIRECTIONS
 
-CHUNK = 2**20
+CHUNK = 2**20  # entries looked at in one step
 SMALL = 1e-10
 
 
@@ -61,22 +61,25 @@ def asymmetry(comm, entries: Entries | LabelledEntries) -> float:
     label, first = np.unique(entries.rows[on], return_index=True)
     diagonal = np.abs(entries.values[on][first])
     least = SMALL * max(comm.allgather(diagonal.max(initial=0.0)))
-    sides = []
-    for name in (entries.rows, entries.columns):
-        distinct, back = np.unique(name, return_inverse=True)
-        found, (size,) = look_up(comm, label, [diagonal], distinct)
-        sides.append((1 / np.sqrt(np.maximum(np.where(found, size, 0.0), least or 1.0)), back))
     total = np.zeros(3)
-    for low in range(0, len(entries.values), CHUNK):
-        part = slice(low, low + CHUNK)
+    for part in chunks(comm, len(entries.values)):
         i, j, v = entries.rows[part], entries.columns[part], entries.values[part]
-        v = v * sides[0][0][sides[0][1][part]] * sides[1][0][sides[1][1][part]]
+        for name in (i, j):
+            distinct, back = np.unique(name, return_inverse=True)
+            found, (size,) = look_up(comm, label, [diagonal], distinct)
+            v = v / np.sqrt(np.maximum(np.where(found, size, 0.0), least or 1.0))[back]
         for k in range(2):
             term = v * (_mixed(i, 2 * k) * _mixed(j, 2 * k + 1) - _mixed(j, 2 * k) * _mixed(i, 2 * k + 1))
             total[k] += term.sum()
         total[2] += v @ v
     total = comm.allreduce(total)
     return float(np.abs(total[:2]).max() / np.sqrt(total[2])) if total[2] else 0.0
+
+
+def chunks(comm, length: int) -> list[slice]:
+    """Slices of the entries of this rank, as many on all ranks, for what must be done together in little memory."""
+    count = max(comm.allgather(-(-length // CHUNK)))
+    return [slice(CHUNK * k, CHUNK * (k + 1)) for k in range(count)]
 
 
 def _mixed(number, seed):

@@ -14,7 +14,7 @@ from ..model.dofs import OWN, SCALAR
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks
 from . import nastran_bulk, nastran_dmig, nastran_op2, nastran_op4
-from .entries import STRIDE, Entries, LabelledEntries, asymmetry, label_of
+from .entries import STRIDE, Entries, LabelledEntries, asymmetry, chunks, label_of
 from .nastran_names import STRUCTURAL, Choice, letter_of, named, none_found, pairs
 from .nastran_points import HELD, SETS, Points, present, turn_of, turned_entries
 from .node_table import Nodes
@@ -245,7 +245,10 @@ def _said_of_rows(comm, rows, letter, source):
 def _without_empty_rows(comm, matrices, warnings):
     """The matrices without rows that have no entry, and the old numbers of the new rows of this rank."""
     size = matrices["K"].shape[0]
-    used = np.unique(np.concatenate([item.rows[item.values != 0] for item in matrices.values()]))
+    used = [np.zeros(0, np.int64)]
+    for item in matrices.values():
+        used += [np.unique(item.rows[part][item.values[part] != 0]) for part in chunks(comm, len(item.values))]
+    used = np.unique(np.concatenate(used))
     kept, _ = number_over_ranks(comm, used)
     count = comm.allreduce(len(kept))
     if count == size:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..model.dofs import OWN, SCALAR
 from ..parallel.lookup import look_up, number_over_ranks
-from .entries import label_of
+from .entries import chunks, label_of
 from .node_table import Nodes
 
 RECTANGULAR, CYLINDRICAL, SPHERICAL = 1, 2, 3
@@ -22,7 +22,6 @@ SETS = {
 }  # fmt: skip
 ALIGNED = 1e-12
 TINY = 1e-14
-CHUNK = 2**19  # entries turned at a time
 
 
 @dataclass(frozen=True)
@@ -169,29 +168,28 @@ def turned_entries(comm, turn: Turn, rows, columns, values):
     """Rows, columns and values of T A T^T of the entries of this rank of a matrix A. Collective."""
     if not comm.allreduce(len(turn.key)):
         return rows, columns, values
+    parts = [_turned(comm, turn, rows[part], columns[part], values[part]) for part in chunks(comm, len(values))]
+    return tuple(np.concatenate(items) for items in zip(*parts, strict=True)) if parts else (rows, columns, values)
+
+
+def _turned(comm, turn, rows, columns, values):
     sides = []
     for name in (rows, columns):
         distinct, back = np.unique(name, return_inverse=True)
-        arrays = [*turn.target.T, *turn.factor.T]
-        found, (a, b, c, x, y, z) = look_up(comm, turn.key, [np.ascontiguousarray(part) for part in arrays], distinct)
+        arrays = [np.ascontiguousarray(part) for part in (*turn.target.T, *turn.factor.T)]
+        found, (a, b, c, x, y, z) = look_up(comm, turn.key, arrays, distinct)
         target = np.stack([np.where(found, a, distinct), np.where(found, b, -1), np.where(found, c, -1)], axis=1)
         factor = np.stack([np.where(found, x, 1.0), np.where(found, y, 0.0), np.where(found, z, 0.0)], axis=1)
-        sides.append((found, back, target, factor))
-    (found_i, back_i, target_i, factor_i), (found_j, back_j, target_j, factor_j) = sides
-    touched = found_i[back_i] | found_j[back_j]
-    parts = [(rows[~touched], columns[~touched], values[~touched])]
-    at = np.flatnonzero(touched)  # in the order of their blocks, so that what is summed is together
-    at = at[np.lexsort((target_j[back_j[at], 0], target_i[back_i[at], 0]))]
-    for low in range(0, len(at), CHUNK):
-        part = at[low : low + CHUNK]
-        ti, tj, fi, fj = (table[back[part]] for table, back in
-                          ((target_i, back_i), (target_j, back_j), (factor_i, back_i), (factor_j, back_j)))  # fmt: skip
-        i = np.repeat(ti[:, :, None], 3, axis=2)
-        j = np.repeat(tj[:, None, :], 3, axis=1)
-        v = values[part][:, None, None] * fi[:, :, None] * fj[:, None, :]
-        kept = (i >= 0) & (j >= 0) & (v != 0)
-        parts.append(_summed(i[kept], j[kept], v[kept]))
-    return tuple(np.concatenate(items) for items in zip(*parts, strict=True))
+        sides.append((found[back], target[back], factor[back]))
+    (found_i, target_i, factor_i), (found_j, target_j, factor_j) = sides
+    touched = found_i | found_j
+    i = np.repeat(target_i[touched][:, :, None], 3, axis=2)
+    j = np.repeat(target_j[touched][:, None, :], 3, axis=1)
+    v = values[touched][:, None, None] * factor_i[touched][:, :, None] * factor_j[touched][:, None, :]
+    kept = (i >= 0) & (j >= 0) & (v != 0)
+    turned = _summed(i[kept], j[kept], v[kept])
+    return tuple(np.concatenate(pair) for pair in zip((rows[~touched], columns[~touched], values[~touched]), turned,
+                                                      strict=True))  # fmt: skip
 
 
 def _summed(i, j, v):
