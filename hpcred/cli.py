@@ -194,7 +194,7 @@ def convert(
     damping: Annotated[str | None, typer.Option("-D", "--damping", help="Matrix file of D.")] = None,
     input_file: Annotated[str | None, typer.Option("-B", help="Matrix file of B (n, p).")] = None,
     output_file: Annotated[str | None, typer.Option("-C", help="Matrix file of C (r, n).")] = None,
-    nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or an Abaqus .inp.")] = None,
+    nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or .inp, .bdf, .unv.")] = None,
     dofs: Annotated[str | None, typer.Option(help="Lines of node, direction (1-6), one a row.")] = None,
     inputs: Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")] = None,
     outputs: Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")] = None,
@@ -410,7 +410,7 @@ def response(
 @app.command()
 def export(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk or png.")] = "sid",
+    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff or png.")] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
     json: JsonFile = None,

@@ -76,13 +76,13 @@ def _read_matrix_input(path, comm):
             parts.append((*labels, table[:, 4].copy()))
         i, j, v = joined(parts, (np.int64, np.int64, float))
         del parts
-    if _is_one_triangle(comm, i, j):
+    if is_one_triangle(comm, i, j):
         off = i != j
         i, j, v = (np.concatenate(pair) for pair in ((i, j[off]), (j, i[off]), (v, v[off])))
     return LabelledEntries(i, j, v)
 
 
-def _is_one_triangle(comm, i, j):
+def is_one_triangle(comm, i, j):
     """Whether no entry has its mirror image; the order of Abaqus' rows need not be that of the node numbers."""
     below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
     if not (below and above):

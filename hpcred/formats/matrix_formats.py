@@ -23,7 +23,16 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from ..parallel.failures import InputError, agreed
-from . import abaqus_matrices, calculix_matrices, mat_matrices, matrix_market, npz, petsc_binary
+from . import (
+    abaqus_matrices,
+    calculix_matrices,
+    mat_matrices,
+    matrix_market,
+    nastran_dmig,
+    nastran_op4,
+    npz,
+    petsc_binary,
+)
 from .entries import Entries, LabelledEntries
 from .text import first_bytes, first_line, is_packed
 
@@ -47,6 +56,8 @@ FORMATS = (
     MatrixFormat("PETSc binary", petsc_binary, False, "the number 1211216"),
     MatrixFormat("SciPy .npz", npz, False, "a zip archive"),
     MatrixFormat("MATLAB .mat (version 4 to 7.3)", mat_matrices, False, "its header, or HDF5 with one", True),
+    MatrixFormat("Nastran OP4", nastran_op4, False, "the header of its first matrix", True),
+    MatrixFormat("Nastran DMIG", nastran_dmig, False, "a DMIG card", True),
     MatrixFormat("CalculiX .sti or .mas", calculix_matrices, True, "lines of an upper triangle, 14 digits each"),
     MatrixFormat("text lines of row, column, value or node, dof, node, dof, value", abaqus_matrices, True,
                  "a first line of numbers"),

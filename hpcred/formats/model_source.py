@@ -27,7 +27,7 @@ from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
 from ..parallel.petsc import MPI
-from . import abaqus_input, abaqus_matrices, calculix, mat_matrices, node_table
+from . import abaqus_input, abaqus_matrices, calculix, mat_matrices, nastran, nastran_op4, node_table, uff
 from .abaqus_matrices import files_beside
 from .entries import Entries, LabelledEntries, label_name, label_of, node_and_direction
 from .matrix_formats import format_of, read_entries
@@ -42,10 +42,10 @@ HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports
 class Source:
     """The files of a model: K and M, perhaps D, B (n, p), C (r, n), `nodes` and `dofs`.
 
-    `nodes`: an Abaqus input file, or text lines of node, x, y, z in the order of the rows. `dofs`: text lines of
-    node, direction (1 to 6), one a row of the matrices; without it every node has the same number of dofs (1 to 3
-    displacements, or 6), unless the matrices name their rows themselves. `variables`: names by K, M, D, B, C of
-    matrices in files that hold several.
+    `nodes`: an Abaqus or Nastran input file, a universal file, or text lines of node, x, y, z in the order of the
+    rows. `dofs`: text lines of node, direction (1 to 6), one a row of the matrices; without it every node has the same
+    number of dofs (1 to 3 displacements, or 6), unless the matrices name their rows themselves. `variables`: names by
+    K, M, D, B, C of matrices in files that hold several.
     """
 
     K: str
@@ -105,7 +105,13 @@ def read_source(source: Source, comm) -> Parts:
     if source.nodes:
         with agreed(comm):
             is_input_file = abaqus_input.begins(first_bytes(source.nodes))
-        if is_input_file:
+            is_universal = uff.begins(first_bytes(source.nodes))
+            is_bulk = nastran.begins_bulk(first_bytes(source.nodes))
+        if is_universal:
+            parts.nodes, parts.elements = uff.read(source.nodes, comm)
+        elif is_bulk:
+            parts.nodes, parts.elements = nastran.read_nodes(source.nodes, comm)
+        elif is_input_file:
             mesh = abaqus_input.read(source.nodes, comm)
             parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
         else:
@@ -222,6 +228,10 @@ EXPORTS = (
            "lines of an upper triangle, or of node.direction", "x.sti, x.mas, x.dof (.gz), x.inp"),
     Export("MATLAB .mat (version 4 to 7.3)", mat_matrices.begins, mat_matrices.read_parts,
            "its header, or HDF5 with one", "none: K, M, D, nodes, dofs in one file", True, mat_matrices.contents),
+    Export("Nastran OP4", nastran_op4.begins, nastran.read_op4, "the header of its first matrix",
+           "other .op4 files, .op2, .bdf or .dat with nodes", True),
+    Export("Nastran DMIG, or an input file with the matrices beside it", nastran.begins_bulk, nastran.read_bulk,
+           "DMIG or other cards", ".pch or .op4 with the matrices, .bdf or .dat with nodes", True),
 )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from ..linalg.blocks import local_rows
+from ..model.dofs import SCALAR
 from ..multibody.body import Body, body_of
 from ..multibody.floating_frame import FloatingFrame
 from ..multibody.node_shapes import NodeShape, shapes_of_rows
@@ -112,12 +113,14 @@ class Shapes:
             raise InputError(
                 f"{name}: no basis with node coordinates; reduce a model with nodes, and with write_basis = true"
             )
-        groups = [group for group in ("dofs", "held") if group in file]
-        node, position = (np.concatenate([file[f"{group}/{key}"][...] for group in groups])
-                          for key in ("node", "position"))  # fmt: skip
+        self._rows = np.flatnonzero(file["dofs/direction"][...] != SCALAR)  # scalar dofs have no place
+        node, self._direction = (file[f"dofs/{key}"][...][self._rows] for key in ("node", "direction"))
+        position = file["dofs/position"][...][self._rows]
+        if "held" in file:
+            node = np.concatenate([node, file["held/node"][...]])
+            position = np.concatenate([position, file["held/position"][...]])
         self.nodes, first, place = np.unique(node, return_index=True, return_inverse=True)
         self.points = position[first]
-        self._direction = file["dofs/direction"][...]
         self._place = place[: len(self._direction)]
         self._basis = file["basis/V"]
         kind = "basis vector" if "basis/W" in file else "pseudo-mode"
@@ -133,7 +136,7 @@ class Shapes:
 
     def displacement(self, column) -> np.ndarray:
         """(k, 3); the translational dofs of a column."""
-        values, moved = self._basis[column], self._direction < 3
+        values, moved = self._basis[column][self._rows], self._direction < 3
         displaced = np.zeros((len(self.nodes), 3))
         displaced[self._place[moved], self._direction[moved]] = values[moved]
         return displaced

@@ -6,12 +6,17 @@ import numpy as np
 
 from ..parallel.failures import InputError
 
-DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz", "scalar", "own1", "own2", "own3", "own4", "own5", "own6")
+SCALAR = 6  # a dof that no rigid motion moves: a modal coordinate, a scalar point
+OWN = 7  # and five more: directions 1..6 of a displacement system of the node's own, which are none of x .. rz
 
 
 @dataclass
 class Dofs:
-    """Labels of the rows of this rank: `node` (rows,), `direction` (rows,) 0..5, `position` (rows, 3) in m."""
+    """Labels of the rows of this rank: `node` (rows,), `direction` (rows,) in DIRECTIONS, `position` (rows, 3) in m.
+
+    A node of a scalar dof is a number without a place; its position is zero.
+    """
 
     node: np.ndarray
     direction: np.ndarray
@@ -22,14 +27,14 @@ class Dofs:
 
 
 def direction_index(name) -> int:
-    """0..5 of "x", "y", "z", "rx", "ry", "rz". Raises InputError."""
+    """The place of a name in DIRECTIONS: 0..5 of x, y, z, rx, ry, rz. Raises InputError."""
     if name not in DIRECTIONS:
-        raise InputError(f"direction: found {name!r}, expected one of {', '.join(DIRECTIONS)}")
+        raise InputError(f"direction: found {name!r}, expected one of {', '.join(DIRECTIONS[:SCALAR])}")
     return DIRECTIONS.index(name)
 
 
 def rows_of_node(model, node: int) -> dict[int, int]:
-    """Global row of each direction (0..5) of a node. Collective. Raises InputError if there is no such node."""
+    """Global row of each direction of a node. Collective. Raises InputError if there is no such node."""
     dofs = require_dofs(model, f"node {node}")
     local = np.flatnonzero(dofs.node == node)
     mine = {int(dofs.direction[i]): int(i) + model.first_row for i in local}

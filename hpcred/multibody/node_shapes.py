@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..linalg.blocks import local_rows
-from ..model.dofs import require_dofs, target_of
+from ..model.dofs import SCALAR, require_dofs, target_of
 from ..parallel.failures import InputError
 
 
@@ -60,7 +60,8 @@ def shapes_of_rows(nodes, labels, directions, positions, rows, name) -> list[Nod
         phi, psi = np.zeros((3, rows.shape[1])), np.zeros((3, rows.shape[1]))
         for i in mine:
             direction = int(directions[i])
-            (phi if direction < 3 else psi)[direction % 3] = rows[i]
-        rotates = bool((directions[mine] > 2).any())
+            if direction < SCALAR:
+                (phi if direction < 3 else psi)[direction % 3] = rows[i]
+        rotates = bool(((directions[mine] > 2) & (directions[mine] < SCALAR)).any())
         shapes.append(NodeShape(int(node), np.array(positions[mine[0]]), phi, psi, rotates))
     return shapes

@@ -56,7 +56,7 @@ def test_an_unsymmetric_matrix_stays_so(comm, folder):
     together = {}
     for part in comm.allgather(found):
         together |= part
-    assert together == {(8, 8): 1, (8, 9): 2, (9, 8): 3, (9, 9): 4}
+    assert together == {(16, 16): 1, (16, 17): 2, (17, 16): 3, (17, 17): 4}
 
 
 @pytest.mark.parametrize(
