@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.dofs import DIRECTIONS
+from ..parallel.failures import InputError
 
+LARGEST_VALUE = 1e60  # more than any stiffness in any units
 STRIDE = 8  # label of a row: 8 times its node number plus its direction 0..5
 
 
@@ -52,3 +54,10 @@ def joined(parts: list[tuple], kinds: tuple) -> list[np.ndarray]:
     if not parts:
         return [np.zeros(0, kind) for kind in kinds]
     return [np.concatenate(items) for items in zip(*parts, strict=True)]
+
+
+def require_sane(values: np.ndarray, found: str, what: str):
+    """Raise InputError for values that are NaN, Inf, or beyond all units; `found`: how its sentence begins."""
+    if len(values) and not np.abs(values).max() <= LARGEST_VALUE:
+        wrong = values[~(np.abs(values) <= LARGEST_VALUE)][0]
+        raise InputError(f"{found} the value {wrong} in a {what} matrix, expected finite numbers")

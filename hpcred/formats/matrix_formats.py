@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from ..parallel.failures import InputError, agreed
-from . import abaqus_matrices, matrix_market, npz, petsc_binary
+from . import abaqus_matrices, harwell_boeing, matrix_market, npz, petsc_binary
 from .entries import Entries, LabelledEntries
 from .text import first_bytes, is_packed
 
@@ -38,6 +38,7 @@ FORMATS = (
     MatrixFormat("Matrix Market", matrix_market, True),
     MatrixFormat("PETSc binary", petsc_binary, False),
     MatrixFormat("SciPy .npz", npz, False),
+    MatrixFormat("Harwell-Boeing or Rutherford-Boeing", harwell_boeing, True),
     MatrixFormat("text lines of row, column, value or node, dof, node, dof, value", abaqus_matrices, True),
 )
 

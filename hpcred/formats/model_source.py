@@ -14,7 +14,7 @@ and one line in EXPORTS. Single matrices have a table of their own in matrix_for
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +26,11 @@ from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks
 from ..parallel.petsc import MPI
-from . import abaqus_input, node_table
+from . import abaqus_input, ansys_full, ansys_lists, ansys_nodes, ansys_text, node_table
 from .abaqus_matrices import files_beside
 from .entries import Entries, LabelledEntries, label_of, node_and_direction
 from .matrix_formats import read_entries
-from .node_table import Nodes
+from .parts import Parts
 from .text import first_bytes
 
 
@@ -50,25 +50,6 @@ class Source:
     C: str | None = None
     nodes: str | None = None
     dofs: str | None = None
-
-
-@dataclass
-class Parts:
-    """What the files of a model say; every rank has slices, in any order.
-
-    `matrices`: K, M and perhaps D, all with numbered or all with labelled rows. `files`: where each came from, for
-    messages. `nodes`, `elements` (node numbers (elements, nodes) by kind): where known. `row_labels`: labels
-    (see entries.label_of) and the rows (from 0) that have them, where rows are numbered and a file names them.
-    `removed`: labels of dofs that the program holds, which have no row. `warnings`: sentences for the user.
-    """
-
-    matrices: dict[str, Entries | LabelledEntries]
-    files: dict[str, str]
-    nodes: Nodes | None = None
-    elements: dict[str, np.ndarray] = field(default_factory=dict)
-    row_labels: tuple[np.ndarray, np.ndarray] | None = None
-    removed: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    warnings: list[str] = field(default_factory=list)
 
 
 def abaqus_source(path) -> Source:
@@ -95,12 +76,16 @@ def load_export(path, comm=MPI.COMM_WORLD, name="model") -> SecondOrderModel:
 def read_source(source: Source, comm) -> Parts:
     """The parts that the files of a Source hold, but for B and C. Collective. Raises InputError."""
     files = {key: getattr(source, key) for key in ("K", "M", "D") if getattr(source, key)}
-    parts = Parts({key: read_entries(path, comm) for key, path in files.items()}, files)
+    parts, turned = Parts({key: read_entries(path, comm) for key, path in files.items()}, files), None
     if source.nodes:
         with agreed(comm):
             is_input_file = abaqus_input.begins(first_bytes(source.nodes))
+            is_ansys = ansys_nodes.begins(first_bytes(source.nodes))
         if is_input_file:
             parts.nodes, parts.elements = abaqus_input.read(source.nodes, comm)
+        elif is_ansys:
+            turned = ansys_nodes.read_nodes(source.nodes, comm)
+            parts.nodes, parts.elements = turned.nodes, turned.elements
         else:
             parts.nodes = node_table.read(source.nodes, comm)
     if source.dofs:
@@ -111,12 +96,28 @@ def read_source(source: Source, comm) -> Parts:
             for key, item in parts.matrices.items():
                 if isinstance(item, LabelledEntries):
                     raise InputError(f"{source.dofs}: not needed, since {files[key]} names node and dof of its rows")
-        parts.row_labels = node_table.read_row_labels(source.dofs, comm)
-        total = comm.allreduce(len(parts.row_labels[0]))
         size = parts.matrices["K"].shape[0]
+        parts.row_labels = _read_row_labels(source.dofs, comm, size)
+        total = comm.allreduce(len(parts.row_labels[0]))
         if total != size:
             raise InputError(f"{source.dofs}: found {total} lines, expected one for each of the {size} rows")
+        if turned is not None:
+            ansys_nodes.turn_found(comm, parts, turned)
+    elif turned is not None:
+        with agreed(comm):
+            turned.refuse_turned()
     return parts
+
+
+def _read_row_labels(path, comm, size):
+    """Labels and rows of a file of --dofs: lines of node, direction, or what ANSYS writes. Collective."""
+    with agreed(comm):
+        start = first_bytes(path)
+    if ansys_lists.begins_mapping(start):
+        return ansys_lists.read_mapping(path, comm)
+    if ansys_lists.begins_vector(start):
+        return ansys_lists.read_vector(path, comm, size)
+    return node_table.read_row_labels(path, comm)
 
 
 def read_abaqus(path, comm) -> Parts:
@@ -135,7 +136,11 @@ class Export:
     read_parts: Callable[..., Parts]
 
 
-EXPORTS = (Export("an Abaqus input file with its matrices beside it", abaqus_input.begins, read_abaqus),)
+EXPORTS = (
+    Export("an Abaqus input file with its matrices beside it", abaqus_input.begins, read_abaqus),
+    Export("ANSYS' .full file", ansys_full.begins, ansys_full.read_parts),
+    Export("matrices of ANSYS' HBMAT or *EXPORT,...,MMF", ansys_text.begins, ansys_text.read_parts),
+)
 
 
 def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None) -> SecondOrderModel:
