@@ -113,7 +113,9 @@ def _blocks(path, found):
                     "numbers, or 1 and 3"
                 )
             if name == "EBLOCK" and not (len(fields) == HEAD + FIRST and all(field.whole for field in fields)):
-                raise InputError(f"{path}, line {number}: found an EBLOCK of {len(fields)} fields, expected 19 integers")
+                raise InputError(
+                    f"{path}, line {number}: found an EBLOCK of {len(fields)} fields, expected 19 integers"
+                )
             counts = [word for word in words[3:] if word]
             announced = int(counts[-1]) if len(counts) == (1 if name == "NBLOCK" and words[1] == "3" else 2) and (
                 counts[-1].isdigit()) else None  # fmt: skip
@@ -191,7 +193,7 @@ def _elements(path, comm, block, types, elements):
 
 
 def followed(after: np.ndarray, first: int) -> np.ndarray:
-    """The places on the way first, after[first], after[after[first]], ..., ascending; a place beyond the end ends it."""
+    """The places on the way first, after[first], after[after[first]], ..., ascending, up to the end."""
     size = len(after)
     jump = np.append(np.minimum(after, size), size)
     path = np.array([first] if first < size else [], dtype=np.int64)

@@ -68,7 +68,7 @@ def read_parts(path, comm):
     found = find_nodes(path, comm)
     if found is None:
         parts.warnings.append(
-            f"{path}: found neither .rst nor .cdb file beside it, so the model has no nodes; write the nodes by "
+            f"{path}: found neither .cdb nor .rst file beside it, so the model has no nodes; write the nodes by "
             f"CDWRITE,DB,{file.path.stem},cdb"
         )
     else:
@@ -78,8 +78,8 @@ def read_parts(path, comm):
         turn_found(comm, parts, found)
     if len(slaves):
         parts.warnings.append(
-            f"{path}: {len(slaves)} dofs that constraint equations or couplings make follow others were removed; K and "
-            "M contain their part, but their own motion is not in the model, and pictures show it as zero"
+            f"{path}: {len(slaves)} dofs that follow others by constraint equations or couplings were removed; K and M "
+            "contain their part, but their own motion is not in the model, and pictures show it as zero"
         )
     return parts
 
@@ -111,8 +111,9 @@ def _header(file):
             "COMBINE,FULL in /AUX2, or run on one process (-smp)"
         )
     if kan != MODAL:
-        what = "matrices of a buckling analysis, whose second matrix is stress stiffening and no mass" if kan == 1 else (
-            f"a {ANALYSES.get(kan, f'kind {kan} of')} analysis")  # fmt: skip
+        what = f"a {ANALYSES.get(kan, f'kind {kan} of')} analysis"
+        if kan == 1:
+            what = "a buckling analysis, whose second matrix is stress stiffening and no mass"
         raise InputError(f"{file.path}: found {what}, expected those of a modal analysis; {MODAL_LINES}")
     if item[13]:
         raise InputError(
@@ -151,7 +152,8 @@ def _rows(comm, file, header):
         if len(node) and not 1 <= node.min() <= node.max() <= LARGEST_LABEL:
             raise file.damaged(after, f"the node number {node.min()}")
         count = file.part(header.dofs, first, last).astype(np.int64)
-        if file.count(header.dofs) != header.nodes or (len(count) and not 0 <= count.min() <= count.max() <= len(kinds)):
+        possible = ((count >= 0) & (count <= len(kinds))).all()
+        if file.count(header.dofs) != header.nodes or not possible:
             raise file.damaged(header.dofs, "no table of dofs a node")
         mine = int(count.sum())
     total, low = comm.allreduce(mine), comm.exscan(mine) or 0

@@ -106,7 +106,7 @@ def read_mapping(path, comm) -> tuple[np.ndarray, np.ndarray]:
     total = comm.allreduce(len(row))
     twice, again = repeated_key(comm, label), repeated_key(comm, row)
     if twice is not None or again is not None or (total and max(comm.allgather(row.max(initial=-1))) != total - 1):
-        what = f"two rows of {label_name(twice)}" if twice is not None else "equations that are not numbered 1, 2, 3, ..."
+        what = f"two rows of {label_name(twice)}" if twice is not None else "equations not numbered 1, 2, 3, ..."
         raise InputError(f"{path}: found {what}; the file is damaged")
     return label, row
 

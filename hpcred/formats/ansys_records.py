@@ -1,4 +1,4 @@
-"""Binary files of ANSYS (.full, .rst): a file enters; its records leave, one by one, or many columns of a matrix at once.
+"""Binary files of ANSYS (.full, .rst): a file enters; its records leave, one by one, or many columns of a matrix.
 
 A record is a word of its length n, a word of flags, n words, and its length again; words have 4 bytes, places in the
 file count words. Integers take a word, floating-point numbers two. Flags say which of them it is, and whether zeros
@@ -55,11 +55,11 @@ class RecordFile:
         found = file_number(start)
         if found != number:
             raise InputError(
-                f"{path}: found a binary file of ANSYS of kind {found} ({NUMBERS.get(found, 'unknown')} file), expected "
-                f"the {NUMBERS[number]} file"
+                f"{path}: found a binary file of ANSYS of kind {found} ({NUMBERS.get(found, 'unknown')} file), "
+                f"expected the {NUMBERS[number]} file"
             )
         if bytes_ % 4:
-            raise InputError(f"{path}: found {bytes_} bytes, expected words of 4 bytes; the file is cut off or damaged")
+            raise InputError(f"{path}: found {bytes_} bytes, expected words of 4 bytes; the file is damaged")
         self.size = bytes_ // 4
         self._few = np.memmap(path, WORD, "r")  # for headers of records; opening the file for each takes too long
 
@@ -229,12 +229,11 @@ def _plain_columns(words):
     lengths = words[first].astype(np.int64)
     fits = (lengths > 0) & (first + 3 * lengths + 6 <= len(words))
     first, lengths = first[fits], lengths[fits]
-    for offset, value in (
-        (lengths + 2, lengths), (lengths + 3, 2 * lengths), (lengths + 4, 0 * lengths), (3 * lengths + 5, 2 * lengths)
-    ):  # fmt: skip
-        fits = words[first + offset] == value
-        first, lengths = first[fits], lengths[fits]
-    return first, lengths
+    fits = (
+        (words[first + lengths + 2] == lengths) & (words[first + lengths + 3] == 2 * lengths)
+        & (words[first + lengths + 4] == 0) & (words[first + 3 * lengths + 5] == 2 * lengths)
+    )  # fmt: skip
+    return first[fits], lengths[fits]
 
 
 def _chained(first, lengths):

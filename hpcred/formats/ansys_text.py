@@ -120,7 +120,7 @@ def _set_of(path):
 
 
 def _key(path, start):
-    """K, M or D: by the title of HBMAT, else by the name of the file; None where the name says nothing or two things."""
+    """K, M or D: by the title of HBMAT, else by the name of the file; None where it says nothing or two things."""
     match = TITLE.match(harwell_boeing.title(start))
     if match:
         return KEYS[match[1].lower()]

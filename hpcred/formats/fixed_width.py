@@ -98,8 +98,8 @@ def separated(piece: Piece, fields: list[Field], fill=False) -> Piece:
 
 
 def _require_point(piece, field, part):
-    """Raise InputError where a number leaves the place of its point to the format, or its scale to a missing exponent."""
-    written = (part != ord(" ")).any(axis=1)
+    """Raise InputError where a number but 0 leaves its point to the format, or its scale to a missing exponent."""
+    written = np.isin(part, list(b"123456789")).any(axis=1)
     point = (part == ord(".")).any(axis=1)
     wrong = written & ~point
     if field.scale:

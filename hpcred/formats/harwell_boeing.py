@@ -95,12 +95,12 @@ def _header(path):
     if kind[0] in "cqx" or kind[1] == "h":
         raise InputError(f"{path}: found a complex or external matrix ({kind.upper()}), expected a real one")
     if kind[2] == "e":
-        raise InputError(f"{path}: found element matrices ({kind.upper()}), expected an assembled matrix; assemble them")
+        raise InputError(f"{path}: found element matrices ({kind.upper()}), expected an assembled matrix")
     if len(counts) not in (3, 4):
         raise InputError(f"{path}, line 3: found {len(counts)} numbers, expected rows, columns and entries")
     rows, columns, entries = counts[:3]
     if kind[1] in "sz" and rows != columns or not rows or not columns:
-        raise InputError(f"{path}, line 3: found {rows} x {columns} for the type {kind.upper()}, expected a square matrix")
+        raise InputError(f"{path}, line 3: found {rows} x {columns} for {kind.upper()}, expected a square matrix")
     formats = [*FORMATS.findall(lines[3]), b"", b"", b""]
     fields = [fields_of_format(item, f"{path}, line 4") for item in formats[:3]]
     for item, name, whole_numbers in zip(fields, SECTIONS, (True, True, kind[0] == "i"), strict=False):
@@ -152,7 +152,10 @@ def _sections(piece, line, header):
         if section < len(SECTIONS) and header.fields[section] and line + high == last:
             # as Fortran, which reads no further than it must: old files have rests of other cards behind the numbers
             needed = header.counts[section] - (header.cards[section] - 1) * len(header.fields[section])
-            stop = min(stop, ends[high - 1] + sum(field.width for field in header.fields[section][:needed]))
+            wide = sum(field.width for field in header.fields[section][:needed])
+            if stop - ends[high - 1] < wide and piece.text[stop - 1 : stop] != b"\n":
+                raise piece.refusal(high - 1, f"{wide} characters; the file is cut off")
+            stop = min(stop, ends[high - 1] + wide)
         part = Piece(piece.path, piece.text[ends[low] : stop], piece.start + int(ends[low]))
         if section == len(SECTIONS):
             if part.text.strip():
@@ -198,7 +201,7 @@ def _entries(path, comm, header, parts):
         ascending = (np.diff(pointer[order])[np.diff(number[order]) == 1] >= 0).all()
         ends = ((number == 0) & (pointer != 0)) | ((number == header.shape[1]) & (pointer != header.entries))
         if low[0] < 0 or low[1] > header.entries or not ascending or ends.any():
-            raise InputError(f"{path}: found pointers that do not ascend from 1 to {header.entries + 1}; the file is damaged")
+            raise _damaged(path, f"pointers that do not ascend from 1 to {header.entries + 1}")
     number, pointer = exchange(comm, owner(np.minimum(pointer, header.entries - 1)), [number, pointer])
     before = comm.exscan(len(pointer)) or 0
     rows, values = met(1, np.int64) - 1, met(2, float)
@@ -206,30 +209,34 @@ def _entries(path, comm, header, parts):
         order = np.argsort(number)
         if (np.diff(number[order]) != 1).any() or (np.diff(pointer[order]) < 0).any() or (
             len(number) and number.min() != before):  # fmt: skip
-            raise InputError(f"{path}: found pointers that do not ascend from 1 to {header.entries + 1}; the file is damaged")
+            raise _damaged(path, f"pointers that do not ascend from 1 to {header.entries + 1}")
         low, high = row_share(header.entries, comm.rank, comm.size)
         begun = np.bincount(pointer[pointer < high] - low, minlength=max(high - low, 0))
         columns = before + np.cumsum(begun)[: high - low] - 1
         if len(rows) and rows.max() >= header.shape[0]:
-            raise InputError(f"{path}: found the row {rows.max() + 1}, expected at most {header.shape[0]}; the file is damaged")
+            raise _damaged(path, f"the row {rows.max() + 1} of {header.shape[0]}")
         require_sane(values, f"{path}: found", "real")
         twice = _repeated(rows, columns, header.shape[0])
         if twice is not None:
-            raise InputError(f"{path}: found two entries of row {twice[0] + 1}, column {twice[1] + 1}; the file is damaged")
+            raise _damaged(path, f"two entries of row {twice[0] + 1}, column {twice[1] + 1}")
     if header.symmetry in "ur":
         return Entries(header.shape, rows, columns, values)
     sides = comm.allgather((bool((rows < columns).any()), bool((rows > columns).any())))
     if any(above for above, _ in sides) and any(below for _, below in sides):
-        raise InputError(f"{path}: found entries on both sides of the diagonal of a symmetric matrix; the file is damaged")
+        raise _damaged(path, "entries on both sides of the diagonal of a symmetric matrix")
     off = rows != columns
     sign = -1.0 if header.symmetry == "z" else 1.0
     with agreed(comm):
         if sign < 0 and values[~off].any():
-            raise InputError(f"{path}: found numbers on the diagonal of a skew-symmetric matrix; the file is damaged")
+            raise _damaged(path, "numbers on the diagonal of a skew-symmetric matrix")
     return Entries(
         header.shape, np.concatenate([rows, columns[off]]), np.concatenate([columns, rows[off]]),
         np.concatenate([values, sign * values[off]]),
     )  # fmt: skip
+
+
+def _damaged(path, found):
+    return InputError(f"{path}: found {found}; the file is damaged")
 
 
 def _repeated(rows, columns, height):

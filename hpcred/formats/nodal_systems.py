@@ -22,7 +22,7 @@ def rotation_of_angles(degrees: np.ndarray) -> np.ndarray:
 
 
 def turn_to_global(comm, parts, node: np.ndarray, rotation: np.ndarray, where: str) -> int:
-    """Turn the matrices of `parts`, whose rows are numbered and labelled; returns how many nodes were turned. Collective.
+    """Turn the matrices of `parts`, whose rows are numbered and labelled; returns how many nodes it were. Collective.
 
     `node` (turned nodes of this rank,) and `rotation` (nodes, 3, 3), whose columns are the nodes' axes: u_global =
     rotation u_nodal. Raises InputError where a node lacks a dof (removed by the program) that its turned axes need.
