@@ -93,7 +93,8 @@ def write_full(
         rows = np.array(slaves) + 1
         add(30, 31, record(rows), record(np.zeros(len(rows))))
         item[20] = len(rows)
-    add(35, 36, record(table[1], squeeze), record(kind, squeeze), record(number, squeeze), record(np.zeros(len(held) or 1)))
+    tables = [record(item, squeeze) for item in (table[1], kind, number)]
+    add(35, 36, *tables, record(np.zeros(len(held) or 1)))
     for key, (low, high), (terms_low, terms_high) in (
         ("K", (18, 19), (8, 9)), ("M", (26, 27), (33, 21)), ("D", (28, 29), (34, 39))
     ):  # fmt: skip

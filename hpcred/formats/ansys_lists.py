@@ -23,7 +23,7 @@ CREATOR = b"% Creator: ANSYS"
 VECTOR = re.compile(rb"^%%matrixmarket[ ]+matrix[ ]+array[ ]+integer[ ]+general", re.IGNORECASE)
 # what stands between the lines of NLIST: headings of each page and of the output
 HEADING = re.compile(
-    rb"(?m)^[ \t]*(?:1[ \t]*\r?$|LIST ALL |SORT TABLE |NODE[ \t]+X[ \t]+Y[ \t]+Z\b|\*{3,}|/|VERSION|RELEASE|"
+    rb"(?m)^1[ \t]*\r?$|^[ \t]*(?:LIST ALL |SORT TABLE |NODE[ \t]+X[ \t]+Y[ \t]+Z\b|\*{3,}|/|VERSION|RELEASE|"
     rb"CURRENT JOBNAME|NSYS|DSYS)[^\n]*"
 )
 NLIST = re.compile(rb"(?m)^[ \t]*(?:LIST ALL SELECTED NODES|NODE[ \t]+X[ \t]+Y[ \t]+Z\b)")
@@ -52,10 +52,10 @@ def read_nodes(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Node numbers, coordinates (share, 3) and angles (share, 3) in degrees. Collective. Raises InputError."""
     with agreed(comm):
         start = first_bytes(path)
-        headed = WORKBENCH.match(start)
+        headed, listed = WORKBENCH.match(start), NLIST.search(start)
         labels, tables = [np.zeros(0, np.int64)], [np.zeros((0, 6))]
         for piece in pieces(path, comm):
-            text = HEADING.sub(b"", piece.text)
+            text = HEADING.sub(b"", piece.text) if listed else piece.text
             if headed and piece.start in (0, 3):
                 text = b"\n" + text.split(b"\n", 1)[-1]
             if headed and b"," in text:

@@ -27,7 +27,7 @@ def lines_of(items, per_line):
     return ["".join(items[k : k + per_line]) for k in range(0, len(items), per_line)]
 
 
-def hb(matrix, kind="RUA", rutherford=False, right=0, per_line=3, number="{:25.16E}", form="(3E25.16)", title="a title"):
+def hb(matrix, kind="RUA", rutherford=False, right=0, per_line=3, number="{:25.16E}", form="(3E25.16)"):
     """The text of a file of a dense matrix, of which a symmetric kind keeps the lower triangle."""
     kept = np.tril(matrix) if kind[1] in "SZ" else matrix
     columns = scipy.sparse.csc_matrix(kept)
@@ -38,7 +38,7 @@ def hb(matrix, kind="RUA", rutherford=False, right=0, per_line=3, number="{:25.1
     cards = [len(part) for part in (pointers, rows, values, sides)]
     cards = cards[: 3 if rutherford else 4]
     head = [
-        f"{title:<72}KEY     ", "".join(f"{item:14d}" for item in (sum(cards), *cards)),
+        f"{'a title':<72}KEY     ", "".join(f"{item:14d}" for item in (sum(cards), *cards)),
         f"{kind:<14}{matrix.shape[0]:14d}{matrix.shape[1]:14d}{columns.nnz:14d}{0:14d}",
         f"{'(13I6)':<16}{'(13I6)':<16}{form:<20}" + (f"{form:<20}" if right else ""),
     ]  # fmt: skip
