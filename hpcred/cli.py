@@ -151,8 +151,9 @@ def convert(
 ):
     """Bring matrices of another program into a model file.
 
-    Either an Abaqus input file with the matrices that Abaqus wrote beside it, or files given by -K and -M: Matrix
-    Market (also .gz), PETSc binary, SciPy .npz, or Abaqus' text of row, column, value or node, dof, node, dof, value.
+    Either the main file of an export: an Abaqus input file with the matrices that Abaqus wrote beside it, ANSYS' .full,
+    or a matrix of its HBMAT or *EXPORT; or files given by -K and -M: Matrix Market (also .gz), PETSc binary, SciPy
+    .npz, Harwell-Boeing, or Abaqus' text of row, column, value or node, dof, node, dof, value.
     """
     files = list(files or [])
     if output is None:

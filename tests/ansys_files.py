@@ -43,6 +43,16 @@ def record(numbers, squeeze=None):
     return np.concatenate([head, words, head[:1]])
 
 
+def standard_header(number):
+    """The first header of a file of a kind; texts have the letters of each word in reverse order."""
+    words = np.zeros(STANDARD, "<i4")
+    words[9] = np.frombuffer(b"15.0"[::-1], "<i4")[0]
+    words[10:] = np.frombuffer(b" " * 4 * 90, "<i4")
+    words[94:] = 0
+    words[[0, 2, 3, 99]] = number, 120000, 20240101, 654321
+    return words
+
+
 def lower_columns(matrix):
     """Rows and values of the columns of a symmetric matrix from the diagonal down; the diagonal comes last."""
     for k in range(len(matrix)):
@@ -113,8 +123,7 @@ def write_full(
     )  # fmt: skip
     for name, value in header.items():
         item[int(name.removeprefix("item"))] = value
-    standard = np.zeros(STANDARD, "<i4")
-    standard[[0, 99]] = 4, 654321
+    standard = standard_header(4)
     item = item.astype("<u4").view("<i4") if (item >= 0).all() else (item & 0xFFFFFFFF).astype("<u4").view("<i4")
     with open(path, "wb") as file:
         for words in (record(standard), record(item), *top):
@@ -128,8 +137,7 @@ def write_full(
 
 def write_rst(path, nodes, squeeze=None):
     """A result file without results: `nodes` (n, 7) are number, x, y, z and three angles in degrees."""
-    standard, header, geometry = np.zeros(STANDARD, "<i4"), np.zeros(80, "<i4"), np.zeros(80, "<i4")
-    standard[[0, 99]] = 12, 654321
+    standard, header, geometry = standard_header(12), np.zeros(80, "<i4"), np.zeros(80, "<i4")
     header[[0, 2, 15]] = 12, len(nodes), 2 * STANDARD - 14
     geometry[[3, 26]] = len(nodes), 2 * STANDARD - 14 + 83
     with open(path, "wb") as file:
@@ -138,3 +146,51 @@ def write_rst(path, nodes, squeeze=None):
         for k, node in enumerate(np.asarray(nodes, float)):
             record(node, squeeze if squeeze != "mixed" else (None, "bits", "windows")[k % 3]).tofile(file)
         file.truncate(-(-file.tell() // (4 * BLOCK)) * 4 * BLOCK)
+
+
+def write_large(path, nodes, width):
+    """K and M of `nodes` nodes of three dofs, `width` entries a column, without a loop over the columns.
+
+    Returns the numbers of entries stored, and the sums of the values of both triangles of K and M.
+    """
+    size = 3 * nodes
+    plain = size - width  # columns of full width; the others grow shorter
+    top = [record(np.arange(1, 4)), record(np.arange(1, nodes + 1))]
+    tables = [record(item) for item in (np.full(nodes, 3), np.tile([1, 2, 3], nodes), np.zeros(size, int), np.zeros(1))]
+    item, place, sums = np.zeros(160, "<i8"), 266 + sum(map(len, top)), {}
+    terms = plain * width + width * (width + 1) // 2
+    words = 6 * size + 3 * terms
+    item[[0, 1, 2, 3, 4, 6, 7, 11, 32]] = -4, size, size, 2, 2, nodes, 3, size, nodes
+    item[[35, 8, 33]] = place, terms, terms
+    item[18] = place + sum(map(len, tables))
+    item[26] = item[18] + words
+    item[22] = item[26] + words
+    assert item.max() < 2**31
+    standard = standard_header(4)
+    rng = np.random.default_rng(1)
+    with open(path, "wb") as file:
+        for part in (record(standard), record(item), *top, *tables):
+            part.tofile(file)
+        for key in "KM":
+            sums[key] = 0.0
+            for low in range(0, plain, 10000):
+                column = np.arange(low, min(low + 10000, plain))
+                table = np.empty((len(column), 3 * width + 6), "<i4")
+                table[:, [0, width + 2]] = width
+                table[:, 1] = np.int32(-(2**31))
+                table[:, 2 : width + 1] = column[:, None] + np.arange(2, width + 1)
+                table[:, width + 1] = column + 1
+                table[:, [width + 3, 3 * width + 5]] = 2 * width
+                table[:, width + 4] = 0
+                values = rng.standard_normal((len(column), width))
+                table[:, width + 5 : 3 * width + 5] = values.view("<i4")
+                table.tofile(file)
+                sums[key] += 2 * values[:, :-1].sum() + values[:, -1].sum()
+            for column in range(plain, size):
+                rows = np.append(np.arange(column + 1, size), column)
+                values = rng.standard_normal(len(rows))
+                np.concatenate([record(rows + 1), record(values)]).tofile(file)
+                sums[key] += 2 * values[:-1].sum() + values[-1]
+        np.array([-1], "<i4").tofile(file)
+        file.truncate(-(-file.tell() // (4 * BLOCK)) * 4 * BLOCK)
+    return terms, sums["K"], sums["M"]

@@ -13,7 +13,7 @@ from ..parallel.lookup import repeated_key
 from . import ansys_records
 from .ansys_nodes import find_nodes, turn_found
 from .ansys_records import BLOCKS, INTEGER, RecordFile, Squeezed, columns, squeezed_columns
-from .entries import Entries, joined, label_name, label_of, require_sane
+from .entries import Entries, label_name, label_of, require_sane
 from .parts import Parts
 from .petsc_binary import row_share
 from .text import LARGEST_LABEL
@@ -235,52 +235,63 @@ def _matrix(comm, file, header, key, place, terms, removed, slaves):
 
 
 def _mirrored(comm, parts, size):
-    """Entries of both triangles from pieces of one."""
+    """Entries of both triangles from pieces of one and of the diagonal, which are emptied on the way."""
     with agreed(comm):
-        i, j, v = joined(parts, (np.int32, np.int32, float))
-        parts.clear()
-        off = i != j
-        rows, cols = (np.concatenate(pair, dtype=np.int64) for pair in ((i, j[off]), (j, i[off])))
-        return Entries((size, size), rows, cols, np.concatenate([v, v[off]]))
+        total = sum(2 * len(i) + len(k) for i, _, _, k, _ in parts)
+        entries = Entries((size, size), np.empty(total, np.int32), np.empty(total, np.int32), np.empty(total))
+        at = 0
+        while parts:
+            i, j, values, k, diagonal = parts.pop()
+            for rows, columns_, part in ((i, j, values), (j, i, values), (k, k, diagonal)):
+                here = slice(at, at + len(rows))
+                entries.rows[here], entries.columns[here], entries.values[here] = rows, columns_, part
+                at += len(rows)
+    return entries
 
 
 def _kept(file, pieces, key, header, removed, slaves):
-    """Entries of pieces of columns without removed rows, and what the pieces cover."""
+    """Rows, columns and values of pieces below the diagonal, rows and values on it; and what the pieces cover.
+
+    Rows are numbered (from 0) without the removed ones.
+    """
     parts, chain = [], []
-    for rows, values, lengths, begin, end in pieces:
-        last = np.cumsum(lengths) - 1
-        column = rows[last]
-        inner = np.ones(len(rows), bool)
-        inner[last] = False
-        if rows.min() < 1 or rows.max() > header.equations:
-            wrong = rows.max() if rows.min() > 0 else rows.min()
-            raise file.damaged(begin, f"the row {wrong} of {header.equations} in {KINDS[key]}")
-        if (
-            (np.diff(column) != 1).any() or (rows[inner] <= np.repeat(column, lengths - 1)).any()
-            or (inner[:-1] & inner[1:] & (np.diff(rows) <= 0)).any()
-        ):  # fmt: skip
-            raise file.damaged(begin, "columns whose rows do not ascend below the diagonal, which comes last,")
-        require_sane(values, f"{file.path}: found, near word {begin},", KINDS[key])
-        chain.append((begin, end, int(column[0]), int(column[-1]), len(values)))
-        i, j = rows - 1, np.repeat(column - 1, lengths)
-        parts.append(_without(file, i, j, values, removed, slaves, key) if len(removed) else (i, j, values))
+    for item in pieces:
+        rows, column = item.rows, item.column
+        low, high = min(column.min(), rows.min(initial=1)), max(column.max(), rows.max(initial=1))
+        if low < 1 or high > header.equations:
+            wrong = high if low > 0 else low
+            raise file.damaged(item.begin, f"the row {wrong} of {header.equations} in {KINDS[key]}")
+        head = (np.cumsum(item.counts) - item.counts)[item.counts > 0]
+        descends = rows[1:] <= rows[:-1]
+        descends[head[1:] - 1] = False  # from one column to the next
+        if descends.any() or (np.diff(column) != 1).any() or (rows[head] <= column[item.counts > 0]).any():
+            raise file.damaged(item.begin, "columns whose rows do not ascend below the diagonal, which comes last,")
+        for values in (item.values, item.diagonal):
+            require_sane(values, f"{file.path}: found, near word {item.begin},", KINDS[key])
+        chain.append((item.begin, item.end, int(column[0]), int(column[-1]), len(rows) + len(column)))
+        i, j, k = rows - 1, np.repeat(column - 1, item.counts), column - 1
+        if len(removed):
+            _require_decoupled(file, i, j, item.values, slaves, key)
+            stays, stays_too = ~(_among(i, removed) | _among(j, removed)), ~_among(k, removed)
+            i, j, k = (part - np.searchsorted(removed, part) for part in (i[stays], j[stays], k[stays_too]))
+            parts.append((i.astype(np.int32), j.astype(np.int32), item.values[stays], k.astype(np.int32),
+                          item.diagonal[stays_too]))  # fmt: skip
+        else:
+            parts.append((i, j, item.values, k, item.diagonal))
     return parts, chain
 
 
-def _without(file, i, j, values, removed, slaves, key):
-    """The entries outside of removed rows and columns, with rows numbered anew."""
-    if len(slaves):
-        coupled = (_among(i, slaves) | _among(j, slaves)) & (i != j) & (values != 0)
-        if coupled.any():
-            raise InputError(
-                f"{file.path}: found a {KINDS[key]} matrix to which constraint equations were not applied yet (row "
-                f"{i[coupled][0] + 1}), expected their dofs without coupling; replace constraint equations and "
-                "couplings by elements, or write the matrices with HBMAT"
-            )
-    kept = ~(_among(i, removed) | _among(j, removed))
-    i, j = i[kept], j[kept]
-    return ((i - np.searchsorted(removed, i)).astype(np.int32), (j - np.searchsorted(removed, j)).astype(np.int32),
-            values[kept])  # fmt: skip
+def _require_decoupled(file, i, j, values, slaves, key):
+    """Raise InputError where a row that follows others still has entries beside the diagonal."""
+    if not len(slaves):
+        return
+    coupled = (_among(i, slaves) | _among(j, slaves)) & (values != 0)
+    if coupled.any():
+        raise InputError(
+            f"{file.path}: found a {KINDS[key]} matrix to which constraint equations were not applied yet (row "
+            f"{i[coupled][0] + 1}), expected their dofs without coupling; replace constraint equations and couplings "
+            "by elements, or write the matrices with HBMAT"
+        )
 
 
 def _among(rows, some):

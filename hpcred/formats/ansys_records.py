@@ -5,6 +5,7 @@ file count words. Integers take a word, floating-point numbers two. Flags say wh
 were squeezed out: by a mask of bits, or as windows of what is not zero.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -166,6 +167,22 @@ def _from_windows(words, kind, width):
     return numbers if at == len(words) else None
 
 
+@dataclass
+class Columns:
+    """Some columns of a lower triangle: `rows` (from 1) and `values` below the diagonal, `counts` of them a column.
+
+    `column` (from 1) and `diagonal`: of each column what its records have last. `begin`, `end`: words of the file.
+    """
+
+    rows: np.ndarray
+    values: np.ndarray
+    column: np.ndarray
+    diagonal: np.ndarray
+    counts: np.ndarray
+    begin: int
+    end: int
+
+
 class Squeezed(InputError):
     """Columns are not plain records: squeezed_columns reads them."""
 
@@ -173,9 +190,9 @@ class Squeezed(InputError):
 def columns(file: RecordFile, start: int, count: int, terms: int, rank: int, ranks: int):
     """The share of one rank of `count` columns with together `terms` entries: pairs of records, rows and values.
 
-    Generates rows and values of some columns, their numbers of entries, and the words where they begin and end. A rank
-    finds its first column by what a pair of records looks like; whether the shares meet is for the caller to see. All
-    records must be plain, and are `6 count + 3 terms` words; where they are not, raises Squeezed.
+    Generates Columns. A rank finds its first column by what a pair of records looks like; whether the shares meet is
+    for the caller to see. All records must be plain, and are `6 count + 3 terms` words; where they are not, raises
+    Squeezed.
     """
     stop = start + 6 * count + 3 * terms
     low, high = (start + (stop - start) * k // ranks for k in (rank, rank + 1))
@@ -200,13 +217,14 @@ def columns(file: RecordFile, start: int, count: int, terms: int, rank: int, ran
         first, lengths = first[mine], lengths[mine]
         if not len(first):
             return
-        before = np.cumsum(lengths) - lengths
-        item = np.arange(int(lengths.sum()))
-        rows = words[np.repeat(first + 2 - before, lengths) + item]
-        place = np.repeat(first + lengths + 5 - 2 * before, lengths) + 2 * item
-        values = np.stack([words[place], words[place + 1]], axis=1).view("<f8")[:, 0]
-        end = int(first[-1] + 3 * lengths[-1] + 6)
-        yield rows, values, lengths, position + int(first[0]), position + end
+        begin, end = int(first[0]), int(first[-1] + 3 * lengths[-1] + 6)
+        # frame, rows, diagonal, frames, values, diagonal, frame
+        parts = np.full((len(first), 7), [2, 0, 1, 3, 0, 2, 1])
+        parts[:, 1], parts[:, 4] = lengths - 1, 2 * lengths - 2
+        what = np.repeat(np.tile(np.array([0, 1, 2, 0, 3, 4, 0], np.int8), len(first)), parts.ravel())
+        rows, column, values, diagonal = (words[begin:end][what == k] for k in (1, 2, 3, 4))
+        yield Columns(rows, values.view("<f8"), column, diagonal.view("<f8"), lengths - 1, position + begin,
+                      position + end)  # fmt: skip
         position, window, found = position + end, PIECE, True
 
 
@@ -255,7 +273,8 @@ def squeezed_columns(file: RecordFile, start: int, count: int, rank: int, ranks:
             values, position = file.record(middle)
             if rows.dtype.kind != "i" or values.dtype.kind != "f" or len(rows) != len(values) or not len(rows):
                 raise file.damaged(first, "no column of a matrix")
-            yield rows, values.astype(float), np.array([len(rows)]), first, position
+            values = values.astype(float)
+            yield Columns(rows[:-1], values[:-1], rows[-1:], values[-1:], np.array([len(rows) - 1]), first, position)
         else:
             for _ in range(2):
                 position += file.frame(position)[0] + 3

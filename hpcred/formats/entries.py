@@ -58,6 +58,6 @@ def joined(parts: list[tuple], kinds: tuple) -> list[np.ndarray]:
 
 def require_sane(values: np.ndarray, found: str, what: str):
     """Raise InputError for values that are NaN, Inf, or beyond all units; `found`: how its sentence begins."""
-    if len(values) and not np.abs(values).max() <= LARGEST_VALUE:
+    if len(values) and not (values.max() <= LARGEST_VALUE and values.min() >= -LARGEST_VALUE):
         wrong = values[~(np.abs(values) <= LARGEST_VALUE)][0]
         raise InputError(f"{found} the value {wrong} in a {what} matrix, expected finite numbers")
