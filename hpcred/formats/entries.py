@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.dofs import DIRECTIONS
+from ..parallel.failures import InputError
 from ..parallel.lookup import look_up
 
 STRIDE = 16  # label of a row: 16 times its node number plus its direction, a place in DIRECTIONS
 
 CHUNK = 2**20  # entries looked at in one step
 SMALL = 1e-10
+LARGEST_VALUE = 1e60  # more than any stiffness in any units
 
 
 @dataclass
@@ -94,3 +96,10 @@ def joined(parts: list[tuple], kinds: tuple) -> list[np.ndarray]:
     if not parts:
         return [np.zeros(0, kind) for kind in kinds]
     return [np.concatenate(items) for items in zip(*parts, strict=True)]
+
+
+def require_sane(values: np.ndarray, found: str, what: str):
+    """Raise InputError for values that are NaN, Inf, or beyond all units; `found`: how its sentence begins."""
+    if len(values) and not (values.max() <= LARGEST_VALUE and values.min() >= -LARGEST_VALUE):
+        wrong = values[~(np.abs(values) <= LARGEST_VALUE)][0]
+        raise InputError(f"{found} the value {wrong} in a {what} matrix, expected finite numbers")

@@ -26,6 +26,7 @@ from ..parallel.failures import InputError, agreed
 from . import (
     abaqus_matrices,
     calculix_matrices,
+    harwell_boeing,
     mat_matrices,
     matrix_market,
     nastran_dmig,
@@ -58,6 +59,7 @@ FORMATS = (
     MatrixFormat("MATLAB .mat (version 4 to 7.3)", mat_matrices, False, "its header, or HDF5 with one", True),
     MatrixFormat("Nastran OP4", nastran_op4, False, "the header of its first matrix", True),
     MatrixFormat("Nastran DMIG", nastran_dmig, False, "a DMIG card", True),
+    MatrixFormat("Harwell-Boeing or Rutherford-Boeing", harwell_boeing, True, "the four or five lines of its header"),
     MatrixFormat("CalculiX .sti or .mas", calculix_matrices, True, "lines of an upper triangle, 14 digits each"),
     MatrixFormat("text lines of row, column, value or node, dof, node, dof, value", abaqus_matrices, True,
                  "a first line of numbers"),

@@ -27,7 +27,20 @@ from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
 from ..parallel.petsc import MPI
-from . import abaqus_input, abaqus_matrices, calculix, mat_matrices, nastran, nastran_op4, node_table, uff
+from . import (
+    abaqus_input,
+    abaqus_matrices,
+    ansys_full,
+    ansys_lists,
+    ansys_nodes,
+    ansys_text,
+    calculix,
+    mat_matrices,
+    nastran,
+    nastran_op4,
+    node_table,
+    uff,
+)
 from .abaqus_matrices import files_beside
 from .entries import Entries, LabelledEntries, label_name, label_of, node_and_direction
 from .matrix_formats import format_of, read_entries
@@ -102,18 +115,21 @@ def read_source(source: Source, comm) -> Parts:
     """The parts that the files of a Source hold, but for B and C. Collective. Raises InputError."""
     files = {key: getattr(source, key) for key in ("K", "M", "D") if getattr(source, key)}
     parts = Parts({key: read_entries(path, comm, key, source.variables) for key, path in files.items()}, files)
+    is_input_file, turned = False, None
     if source.nodes:
         with agreed(comm):
-            is_input_file = abaqus_input.begins(first_bytes(source.nodes))
-            is_universal = uff.begins(first_bytes(source.nodes))
-            is_bulk = nastran.begins_bulk(first_bytes(source.nodes))
-        if is_universal:
+            start = first_bytes(source.nodes)
+            is_input_file = abaqus_input.begins(start)
+        if uff.begins(start):
             parts.nodes, parts.elements = uff.read(source.nodes, comm)
-        elif is_bulk:
+        elif nastran.begins_bulk(start):
             parts.nodes, parts.elements = nastran.read_nodes(source.nodes, comm)
         elif is_input_file:
             mesh = abaqus_input.read(source.nodes, comm)
             parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
+        elif ansys_nodes.begins(start):
+            turned = ansys_nodes.read_nodes(source.nodes, comm)
+            parts.nodes, parts.elements = turned.nodes, turned.elements
         else:
             parts.nodes = node_table.read(source.nodes, comm)
     if source.dofs:
@@ -124,13 +140,18 @@ def read_source(source: Source, comm) -> Parts:
             for key, item in parts.matrices.items():
                 if isinstance(item, LabelledEntries):
                     raise InputError(f"{source.dofs}: not needed, since {files[key]} names node and dof of its rows")
-        parts.row_labels = node_table.read_row_labels(source.dofs, comm)
-        total = comm.allreduce(len(parts.row_labels[0]))
         size = parts.matrices["K"].shape[0]
+        parts.row_labels = _read_row_labels(source.dofs, comm, size)
+        total = comm.allreduce(len(parts.row_labels[0]))
         if total != size:
             raise InputError(f"{source.dofs}: found {total} lines, expected one for each of the {size} rows")
         if not is_input_file:
             _hold_nodes_without_rows(comm, parts, source)
+        if turned is not None:
+            ansys_nodes.turn_found(comm, parts, turned)
+    elif turned is not None:
+        with agreed(comm):
+            turned.refuse_turned()
     _remove_supports(comm, parts)
     return parts
 
@@ -185,6 +206,17 @@ def _hold_nodes_without_rows(comm, parts, source):
         )
 
 
+def _read_row_labels(path, comm, size):
+    """Labels and rows of a file of --dofs: lines of node, direction, or what ANSYS writes. Collective."""
+    with agreed(comm):
+        start = first_bytes(path)
+    if ansys_lists.begins_mapping(start):
+        return ansys_lists.read_mapping(path, comm)
+    if ansys_lists.begins_vector(start):
+        return ansys_lists.read_vector(path, comm, size)
+    return node_table.read_row_labels(path, comm)
+
+
 def read_abaqus(path, comm) -> Parts:
     """An Abaqus input file and the matrices beside it. Collective. Raises InputError."""
     with agreed(comm):
@@ -228,6 +260,10 @@ EXPORTS = (
            "lines of an upper triangle, or of node.direction", "x.sti, x.mas, x.dof (.gz), x.inp"),
     Export("MATLAB .mat (version 4 to 7.3)", mat_matrices.begins, mat_matrices.read_parts,
            "its header, or HDF5 with one", "none: K, M, D, nodes, dofs in one file", True, mat_matrices.contents),
+    Export("ANSYS' .full file", ansys_full.begins, ansys_full.read_parts, "the header of its first record",
+           ".cdb, .rst or a list with nodes"),
+    Export("matrices of ANSYS' HBMAT or *EXPORT,...,MMF", ansys_text.begins, ansys_text.read_parts,
+           "its title, or a Matrix Market header with a mapping beside it", "the other matrices, mapping, nodes"),
     Export("Nastran OP4", nastran_op4.begins, nastran.read_op4, "the header of its first matrix",
            "other .op4 files, .op2, .bdf or .dat with nodes", True),
     Export("Nastran DMIG, or an input file with the matrices beside it", nastran.begins_bulk, nastran.read_bulk,
