@@ -16,7 +16,7 @@ import hpcred
 from hpcred import InputError
 from hpcred.formats.ansys_full import read_parts
 from hpcred.formats.ansys_records import RecordFile
-from hpcred.formats.entries import node_and_direction
+from hpcred.formats.entries import STRIDE, node_and_direction
 from hpcred.formats.model_source import assemble, load_export
 
 pytestmark = pytest.mark.mpi
@@ -74,7 +74,7 @@ def test_a_clamped_beam(comm, folder):
         assert (model.size, model.nonzeros) == (900, 77020)
         found = frequencies(to_dense(model.K), to_dense(model.M))[:4]
         node, position = gathered(comm, model.dofs.node, model.dofs.position)
-        assert len(np.unique(node)) == 300 and set(removed // 8).isdisjoint(node)
+        assert len(np.unique(node)) == 300 and set(removed // STRIDE).isdisjoint(node)
         assert np.allclose(found, [1283.2, 1283.2, 5781.975, 6919.399], rtol=3e-7)
         assert comm.allreduce(len(model.elements["hexahedron20"])) == 40
     lines = (folder / "HexBeam.cdb").read_text().splitlines()[36:357]
@@ -109,7 +109,7 @@ def test_what_is_written_is_read(comm, folder, squeeze, squeeze_columns, diagona
     free = np.setdiff1d(np.arange(SIZE), held)
     for key, expected in (("K", K), ("M", mass), ("D", D)):
         assert np.array_equal(found[key], expected[np.ix_(free, free)])
-    names = np.array([8 * number + k for number, count in NODES for k in range(count)])
+    names = np.array([STRIDE * number + k for number, count in NODES for k in range(count)])
     assert np.array_equal(label, names[free])
     assert np.array_equal(np.sort(gathered(comm, parts.removed)[0]), np.sort(names[held]))
     with assemble(parts, comm) as model:
