@@ -580,6 +580,9 @@ class Search:
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         top = max(f for f, _ in counts)
         moving = None
+        if self.groups > 1:  # whose factors are gone
+            with run.progress.stage("factor", f"{top:.6g} Hz"):
+                run.solver.factor(-((2 * np.pi * top) ** 2))
         while used < HIDDEN:
             before = self.basis.size
             if moving is None:

@@ -109,7 +109,7 @@ EXPECTED = {"chains tied 1e-5": (17, 3), "25 masses, 40 dashpots": (22, 2), "oth
 
 
 @pytest.mark.mpi(ranks=(2, 3))
-@pytest.mark.parametrize("name", ["load near a node", "other outputs", "band above 0"])
+@pytest.mark.parametrize("name", ["load near a node", "other outputs", "band above 0", "chains tied 1e-8"])
 def test_groups_of_ranks_take_several_points_at_once(name, comm):
     if is_complex():
         pytest.skip("the second proof, of which the groups make several, is tested above")
