@@ -337,7 +337,8 @@ class Search:
         model = self.projections.model()
         inner_model = self.projections.model(self.before[0])
         S = grid([model], self.law, band, UNIFORM)
-        curve, _ = estimate(inner_model, model, nested(inner_model, model), self.law, S, self.ports)
+        embedding = nested(inner_model, model, _places(self.before[0]))
+        curve, _ = estimate(inner_model, model, embedding, self.law, S, self.ports)
         chosen = []
         for _ in range(self.groups):
             f = next_point(S, curve, [*taken, *chosen], model, band)
@@ -455,7 +456,7 @@ class Search:
         goal = max(self.goal, noise)
         result |= {"est": est, "noise": noise}
         if self.before is not None:
-            result |= self._check(f, inner_model, outer)
+            result |= self._check(f, inner_model, _places(hold), outer)
         history.append(est)
         if order < 1 and new and not closing:
             return result
@@ -467,18 +468,21 @@ class Search:
         full = added + (0 if promising else new) > limit + (AHEAD if promising else 0) or m >= self.settings.columns
         return result | {"stop": bool(not new or done or full)}
 
-    def _check(self, f, inner_model, outer):
-        """The model of before at a new point: what was said of it, the exact error, the rest of what is called so."""
+    def _check(self, f, inner_model, hold, outer):
+        """The model of before at a new point: what was said of it, the exact error, the rest of what is called so.
+
+        `inner_model`: of the places `hold` of the columns of `outer`.
+        """
         at, law, ports = np.array([f]), self.law, self.ports
         old, seen_from = (self.projections.model(columns) for columns in self.before)
-        which, among = (np.arange(item) if np.ndim(item) == 0 else np.array(item) for item in self.before)
+        which, among = (_places(columns) for columns in self.before)
 
-        def error(one, other, columns=None):
+        def error(one, other, columns):
             E = difference(one, other, nested(one, other, columns), law, at, ports)
             return relative(E, response(other, law, at, ports))[0]
 
         return {"exact": error(old, outer, which), "said": error(old, seen_from, np.searchsorted(among, which)),
-                "own": error(inner_model, outer)}  # fmt: skip
+                "own": error(inner_model, outer, hold)}  # fmt: skip
 
     # several points at once
 
@@ -505,35 +509,34 @@ class Search:
             for found in comm.allgather((own.factorisations, own.analyses, []) if group.leads else ([], 0, [])):
                 run.add(*found)
         found = [item for item in facts if item is not None]
-        first, whose = self.basis.size, []  # the group of every new column
-        for part in ("first", "last"):
-            for number, blocks in enumerate(arrived):
-                chosen = blocks.parts[:-1] if part == "first" else blocks.parts[-1:]
-                for _, _, start, stop in chosen:
-                    self.starts.append(self.basis.size)
-                    new = self.projections.extend(blocks.between(start, stop))
-                    whose += [(number, part)] * new
+        first, lasts = self.basis.size, set()
+        proves = self.before is None and len(points) > 1
+        # the model that is to be proven must be all of the others', so that the proving group comes after them
+        for some in (arrived[:-1], arrived[-1:]) if proves else (arrived,):
+            seen = self.basis.size
+            for chosen in (slice(-1), slice(-1, None)):
+                for blocks in some:
+                    for _, _, start, stop in blocks.parts[chosen]:
+                        self.starts.append(self.basis.size)
+                        self.projections.extend(blocks.between(start, stop))
+                        if chosen.start == -1:
+                            lasts.update(range(self.starts[-1], self.basis.size))
         for blocks in arrived:
             blocks.close()
-        new = first + np.arange(len(whose))
-        lasts = new[[part == "last" for _, part in whose]]
-        hold = int(lasts.min(initial=self.basis.size))
-        if self.before is None and len(points) > 1:
-            others = [number < len(points) - 1 for number, _ in whose]
-            seen = [*range(first), *new[others].tolist()]
-            held = set(lasts.tolist())
-            self.before = [k for k in seen if k not in held], seen
+        hold = [k for k in range(self.basis.size) if k not in lasts]
+        if proves:
+            self.before = [k for k in hold if k < seen], seen
             self.closing = bool(decided(comm, self._estimate_between, *self.before) <= 3 * self._floor())
         points = [point.frequency for point in found]  # some may have been moved off an eigenfrequency
         self.points += found
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
-        judged = decided(comm, self._judge_round, points, hold)
+        judged = decided(comm, self._judge_round, points[-1:] if proves else points, hold)
         self.noise, self.rest = judged["noise"], judged["est"]
         self.lack = decided(comm, lambda: missing(self.projections.model(), counts))
         self.points[-1] = replace(self.points[-1], estimate=judged["est"])
         self.proofs += judged.pop("proofs")
         where = ", ".join(f"{f:.6g}" for f in points)
-        run.note(f"adaptive {where} Hz", sum(point.columns for point in found), len(whose))
+        run.note(f"adaptive {where} Hz", sum(point.columns for point in found), self.basis.size - first)
         run.progress.say(f"{self.basis.size} columns, estimated error {judged['est']:.1e}")
         return judged
 
@@ -553,17 +556,18 @@ class Search:
 
     def _estimate_between(self, inner_columns, outer_columns) -> float:
         one, other = self.projections.model(inner_columns), self.projections.model(outer_columns)
-        embedding = nested(one, other, np.searchsorted(outer_columns, inner_columns))
+        embedding = nested(one, other, np.searchsorted(_places(outer_columns), _places(inner_columns)))
         S = grid([other], self.law, self.settings.band, UNIFORM)
         return float(estimate(one, other, embedding, self.law, S, self.ports)[0].max())
 
-    def _judge_round(self, points, hold):
+    def _judge_round(self, checked, hold):
         outer, inner_model = self.projections.model(), self.projections.model(hold)
         S = grid([outer], self.law, self.settings.band, UNIFORM)
-        curve, noise = estimate(inner_model, outer, nested(inner_model, outer), self.law, S, self.ports)
-        checked = points[-1:] if np.ndim(self.before[0]) else points
-        proofs = [Proof(frequency=f, **{key: float(value) for key, value in
-                                        self._check(f, inner_model, outer).items()}) for f in checked]  # fmt: skip
+        curve, noise = estimate(inner_model, outer, nested(inner_model, outer, hold), self.law, S, self.ports)
+        proofs = []
+        for f in checked:
+            found = self._check(f, inner_model, hold, outer)
+            proofs.append(Proof(frequency=f, **{key: float(value) for key, value in found.items()}))
         return {"est": float(curve.max()), "noise": float(noise.max()), "hold": hold, "proofs": proofs,
                 "exact": max(proof.exact for proof in proofs)}  # fmt: skip
 
@@ -576,6 +580,9 @@ class Search:
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         top = max(f for f, _ in counts)
         moving = None
+        if self.groups > 1:  # whose factors are gone
+            with run.progress.stage("factor", f"{top:.6g} Hz"):
+                run.solver.factor(-((2 * np.pi * top) ** 2))
         while used < HIDDEN:
             before = self.basis.size
             if moving is None:
@@ -748,6 +755,11 @@ class Search:
 
 def _finite(value):
     return float(value) if np.isfinite(value) else None
+
+
+def _places(columns):
+    """The first so many columns of a basis, or a list of them, as their places."""
+    return np.arange(columns) if np.ndim(columns) == 0 else np.array(columns, dtype=int)
 
 
 def _columns_ahead(history, goal, width):

@@ -25,10 +25,11 @@ def agree(said, true):
     return ((said <= 2 * true) & (true <= 2 * said)).all()
 
 
-def checked(case, tolerance, comm, **limits):
+def checked(case, tolerance, comm, groups=1, **limits):
     """Reduce a case, and hold what is said of the error against dense solves; returns the accuracy and the size."""
     adaptive = Adaptive(tolerance=tolerance, band=case.band, **limits)
-    with case.model(comm) as model, hpcred.reduce(model, (), case.frame, case.damping, adaptive=adaptive) as rom:
+    given = {"frame": case.frame, "damping": case.damping, "adaptive": adaptive, "groups": groups}
+    with case.model(comm) as model, hpcred.reduce(model, **given) as rom:
         accuracy = rom.record.accuracy
         frequencies = np.append(fresh(case, rom), accuracy.worst)
         said, true = said_and_true(case, rom, frequencies)
@@ -43,7 +44,7 @@ def checked(case, tolerance, comm, **limits):
         assert true.max() <= 1.05 * accuracy.largest + 3 * accuracy.noise
     if clear[-1]:
         assert 0.5 <= accuracy.largest / true.max() <= 3
-    assert len(accuracy.points) <= 4 and len(accuracy.proofs) == len(accuracy.points) - 1
+    assert len(accuracy.points) <= 4 and len(accuracy.proofs) == len(accuracy.points) - groups + (groups > 1)
     # what was said at a point before it was factored; without inertia a proof may be what finds a mode
     for proof in accuracy.proofs[-1:] if is_complex() else accuracy.proofs:
         if proof.exact > max(10 * proof.own, 100 * accuracy.noise):
@@ -105,6 +106,17 @@ def test_same_points_and_size_on_any_number_of_ranks_and_in_both_builds(name, co
 
 
 EXPECTED = {"chains tied 1e-5": (17, 3), "25 masses, 40 dashpots": (22, 2), "other outputs": (26, 2)}
+
+
+@pytest.mark.mpi(ranks=(2, 3))
+@pytest.mark.parametrize("name", ["load near a node", "other outputs", "band above 0", "chains tied 1e-8"])
+def test_groups_of_ranks_take_several_points_at_once(name, comm):
+    if is_complex():
+        pytest.skip("the second proof, of which the groups make several, is tested above")
+    accuracy, _ = checked(CASES[name](), 1e-4, comm, groups=comm.size)
+    assert accuracy.reached and len(accuracy.points) == comm.size
+    assert accuracy.points[-1].frequency > 0.99 * accuracy.band[1]
+    assert all(point.modes_below is not None for point in accuracy.points)
 
 
 @pytest.mark.skipif(not TWO_BUILDS, reason="only one PETSc build")
