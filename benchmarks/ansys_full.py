@@ -84,8 +84,10 @@ def main():
         def row(name, found):
             defect = max(abs(a - b) / (1 + abs(b)) for a, b in zip(found["sums"], sums, strict=True))
             memory = found["memory_mb"]
-            rows.append({"reader": name, **about, "seconds": found["seconds"], "CPU seconds": found["cpu"],
-                         "MB": memory, "B a nonzero": memory * 2**20 / (4 * terms), "agreement": defect})  # fmt: skip
+            rows.append({
+                "reader": name, **about, "seconds": found["seconds"], "CPU seconds": found["cpu"], "MB": memory,
+                "bytes a nonzero": memory * 2**20 / (4 * terms), "agreement": defect,
+            })  # fmt: skip
 
         for ranks in (1, 2):
             row(f"hpcred, {ranks} rank(s)", ours(path, ranks))

@@ -118,7 +118,7 @@ class RecordFile:
         if flags & ZIPPED or (flags & SHORT and flags & (WINDOWS | BITS)):
             raise InputError(
                 f"{self.path}: found a packed record at word {position}, expected plain ones or such without zeros; "
-                "write the file with /FCOMP,FULL,0"
+                "write a result file with /FCOMP,RST,0, or take HBMAT and CDWRITE"
             )
         kind = {0: "<f8", INTEGER: "<i4", SHORT: "<f4", INTEGER | SHORT: "<i2"}[flags & (INTEGER | SHORT)]
         if not flags & (WINDOWS | BITS):
