@@ -135,7 +135,7 @@ def _on_rigid_motions(residuals):
             f"{text}: neither clearly free nor held; a free body whose K came with few digits looks so, and its "
             "rigid-body modes are then not at 0 Hz"
         )
-    free = [name for name, value in zip(DIRECTIONS, residuals, strict=True) if value < FORCE_FREE]
+    free = [name for name, value in zip(DIRECTIONS[:6], residuals, strict=True) if value < FORCE_FREE]
     return f"{text}: a held body" + (f", free in {', '.join(free)}" if free else "")
 
 
