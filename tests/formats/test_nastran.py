@@ -83,7 +83,8 @@ def test_an_external_superelement(comm, folder):
     assert "K is KXX, M is MXX" in said and "nodes and sets of dofs are those of" in said and "inboard.pch" in said
     with assemble(parts, comm) as model:
         report = hpcred.inspect(model)
-        assert report["rigid_body_modes"] == 6 and report["rigid_body_defect"] < 1e-13 and report["warnings"] == []
+        assert report["rigid_body_modes"] == 6 and report["rigid_body_defect"] < 1e-13
+        assert set(report["warnings"]) <= set(parts.warnings)  # none but what the file's reader said
         node, direction = gathered(comm, model.dofs.node, model.dofs.direction)
     assert node[::6][:4].tolist() == [3, 11, 19, 27] and node[24:].tolist() == list(range(2995001, 2995009))
     assert direction.tolist() == [*range(6)] * 4 + [DIRECTIONS.index("scalar")] * 8
