@@ -60,21 +60,24 @@ def test_without_damping_both_krylov_methods_span_the_same(solid):
 
 @pytest.mark.slow
 def test_discrete_dampers_need_second_order_krylov():
-    """21,660 dofs with two strong dampers: at equal size, orders of magnitude between the methods."""
-    with hpcred.solid((20, 18, 18), inputs=2) as model:
-        model.D = model.K.duplicate(copy=True)
-        model.D.scale(1e-8)
-        for row in (model.size - 2, model.size - 3 * 19 * 19 + 1):
-            model.D.setValue(row, row, 2e6, addv=True)
-        model.D.assemble()
+    """21,660 dofs with two strong dampers: at no larger size, orders of magnitude between the methods."""
+    with hpcred.solid((20, 18, 18), inputs=2) as solid:
+        D = solid.K.duplicate(copy=True)
+        D.scale(1e-8)
+        for row in (solid.size - 2, solid.size - 3 * 19 * 19 + 1):
+            D.setValue(row, row, 2e6, addv=True)
+        D.assemble()
+        model = solid.with_damping_matrix(D)
+    with model:
         frequencies = np.linspace(200, 6000, 7)
         full = hpcred.frequency_response(model, frequencies, damping=GivenDamping())
-        errors = {}
+        errors, sizes = {}, {}
         for name, basis in (
             ("second order", [SecondOrderKrylov(2000.0, order=2), SecondOrderKrylov(4500.0, order=2)]),
             ("proportional", [Krylov(2000.0, 5), Krylov(4500.0, 5)]),
         ):
             with hpcred.reduce(model, basis, damping=GivenDamping()) as rom:
-                assert rom.size == 24
+                sizes[name] = rom.size
                 errors[name] = hpcred.relative_error(full, hpcred.frequency_response(rom, frequencies)).max()
+    assert sizes["second order"] <= sizes["proportional"] == 24
     assert errors["second order"] < 1e-2 * errors["proportional"]
