@@ -16,6 +16,7 @@ from .formats.model_file import write_model as write_model
 from .formats.model_source import Source as Source
 from .formats.model_source import load_export as load_export
 from .formats.model_source import load_source as load_source
+from .formats.point_store import PointStore as PointStore
 from .formats.response_file import Responses as Responses
 from .formats.response_file import read_responses as read_responses
 from .formats.response_file import write_responses as write_responses

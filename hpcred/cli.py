@@ -261,23 +261,25 @@ def reduce(
     groups: Annotated[str | None, typer.Option(help="Groups of ranks for different points: a number or auto.")] = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
-    restart: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Keep the state after each point there, and go on from it.")
+    store: Annotated[
+        str | None, typer.Option(metavar="DIR", help="Keep expansion points there, and take those that are there.")
     ] = None,
     json: JsonFile = None,
 ):
     """Reduce a model as a job file says."""
-    folder = out_of_core and os.path.abspath(out_of_core)  # of the command line, not of the job file
-    given = {"groups": groups, "out_of_core": folder, "low_rank": low_rank}
+    folders = {"out_of_core": out_of_core, "store": store}  # of the command line, not of the job file
+    given = {"groups": groups, "low_rank": low_rank}
+    given |= {key: os.path.abspath(name) for key, name in folders.items() if name}
     overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
-    found = hpcred.reduce_job(job, overrides=overrides, restart=restart, progress=_progress())
+    found = hpcred.reduce_job(job, overrides=overrides, progress=_progress())
     record, accuracy = found.record, found.record.accuracy
+    stored = any(item.from_store for item in record.ingredients)
     if accuracy is not None:
-        print(f"{accuracy.sentence}, {len(accuracy.points)} factorisations, {found.size} coordinates")
+        print(f"{accuracy.sentence}, {accuracy.factorisations} factorisations, {found.size} coordinates")
     show_table(
         f"{found.output}: {found.size} coordinates for {record.size} dofs",
-        [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept}
-         for item in record.ingredients],
+        [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
+          **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.ingredients],
     )  # fmt: skip
     if accuracy is not None:
         show_table("Expansion points", [
@@ -291,7 +293,9 @@ def reduce(
     print(
         f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "
         f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; largest residual {residual:.1e}; "
-        f"{len(record.factorisations)} factorisations, {record.symbolic_analyses} analysis ({record.ordering})"
+        f"{len(record.factorisations)} factorisations, "
+        + (f"{record.factorisations_saved} saved by the store, " if stored else "")
+        + f"{record.symbolic_analyses} analysis ({record.ordering})"
     )
     _warn(record.warnings)
     print(f"{record.scalar} PETSc {record.versions['petsc']}, {record.ranks} rank(s)")

@@ -30,7 +30,8 @@ class Job:
     it is not reached the model is written under a name that says so ("mark"), as `output` ("write"), or not ("refuse").
     `write_basis`: whether V goes into the result. `body_origin` (m), `lumped_integrals`: see multibody.floating_frame.
     deflation_tolerance, drop_above, projection, allow_unstable, groups: see reduction.settings.Reduction. out_of_core,
-    low_rank, memory_mb: see linalg.factorisation.Factoring.
+    low_rank, memory_mb: see linalg.factorisation.Factoring. `store`: a folder of expansion points (see
+    formats.point_store).
     """
 
     model: str | Source
@@ -55,6 +56,7 @@ class Job:
     out_of_core: str | None = None
     low_rank: float | None = None
     memory_mb: float | None = None
+    store: str | None = None
 
     __pydantic_config__ = CONFIG
 
@@ -123,5 +125,5 @@ def _with_folder(job, folder):
     model = at(job.model) if isinstance(job.model, str) else Source(
         **{key: at(name) for key, name in asdict(job.model).items()}
     )  # fmt: skip
-    moved = {key: at(getattr(job, key)) for key in ("output", "inputs", "outputs", "out_of_core")}
+    moved = {key: at(getattr(job, key)) for key in ("output", "inputs", "outputs", "out_of_core", "store")}
     return replace(job, model=model, **moved)

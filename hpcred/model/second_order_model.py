@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..linalg.csr import compress
+from ..parallel.digest import digest, digest_of_block
 from ..parallel.failures import InputError, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
 from .dofs import DIRECTIONS, Dofs, row_of, target_name
@@ -80,7 +81,9 @@ class SecondOrderModel:
         """Another model with some fields changed, and references of its own to the other PETSc objects."""
         kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
-        return replace(self, **kept, **changed)
+        other = replace(self, **kept, **changed)
+        other._digests.update({key: value for key, value in self._digests.items() if key not in changed})
+        return other
 
     @cached_property
     def comm(self):
@@ -130,6 +133,29 @@ class SecondOrderModel:
     @property
     def symmetric(self) -> bool:
         return all(defect <= SYMMETRIC_TO for defect in self.symmetry_defects.values())
+
+    @cached_property
+    def _digests(self):
+        return {}
+
+    def digest_of(self, key: str) -> str | None:
+        """A digest of the content of M, K, D, B, Ct (as named here) or dofs, None where there is none; the same on any
+        number of ranks and in both builds of PETSc. Collective."""
+        if key not in self._digests:
+            self._digests[key] = None if getattr(self, key) is None else self._digest(key)
+        return self._digests[key]
+
+    def _digest(self, key):
+        item, first = getattr(self, key), self.first_row
+        if key in ("B", "Ct"):
+            return digest_of_block(self.comm, first, np.ascontiguousarray(item.getDenseArray().real, "<f8") + 0.0)
+        if key == "dofs":
+            labels = np.column_stack([item.node, item.direction, item.position]).astype("<f8")
+            return digest_of_block(self.comm, first, labels)
+        indptr, indices, values = item.getValuesCSR()
+        number = "<u4" if self.size < 2**32 else "<u8"
+        # adding zero makes -0.0 the same as 0.0
+        return digest(self.comm, first, [(indptr, indices.astype(number)), (indptr, values.real.astype("<f8") + 0.0)])
 
     @cached_property
     def mean_diagonal_of_k(self) -> float:

@@ -9,7 +9,7 @@ from ..formats.hdf5 import check_writable
 from ..formats.job_file import Job, read_job
 from ..formats.model_file import read_model
 from ..formats.model_source import column_names, load_source, read_columns
-from ..formats.restart_file import RestartFile
+from ..formats.point_store import PointStore
 from ..formats.result_file import write_result
 from ..parallel import startup
 from ..parallel.failures import ComputationError, InputError, agreed
@@ -29,11 +29,10 @@ class Reduced:
 
 
 def reduce_job(
-    job: str | Path | Job, *, overrides=(), restart=None, comm=None, progress: Progress | None = None
+    job: str | Path | Job, *, overrides=(), comm=None, progress: Progress | None = None
 ) -> Reduced:
     """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.
 
-    `restart`: a file in which an automatic reduction keeps its state after each point, and goes on from what is there.
     Where a tolerance was not reached, the model is written under a name that says so, unless the job wants otherwise.
     Takes the PETSc build that fits the job, where PETSc is not loaded yet. Collective. Raises InputError or
     ComputationError.
@@ -48,10 +47,10 @@ def reduce_job(
     progress = progress or Progress(comm, show=False)
     with progress.stage("read", str(job.model)):
         model = model_of_job(job, comm)
-    checkpoint = RestartFile(restart, comm, job) if restart is not None and job.search is not None else None
+    store = PointStore(job.store, comm) if job.store is not None else None
     with model, reduce(
-        model, job.basis, job.frame, job.damping, adaptive=job.search, checkpoint=checkpoint, settings=job.settings,
-        factoring=job.factoring, progress=progress,
+        model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings, factoring=job.factoring,
+        store=store, progress=progress,
     ) as reduced:  # fmt: skip
         output = _name_of(job, reduced.record.accuracy)
         record = replace(reduced.record, job=_plain(job), timing=progress.timing())
@@ -77,7 +76,7 @@ def _name_of(job, accuracy) -> str:
 def _plain(job) -> dict:
     """The job as plain types, with absolute names of files, which stay right wherever the result is used."""
     table = asdict(job)
-    for key in ("model", "output", "inputs", "outputs", "out_of_core"):
+    for key in ("model", "output", "inputs", "outputs", "out_of_core", "store"):
         if isinstance(table[key], str):
             table[key] = str(Path(table[key]).absolute())
     if isinstance(table["model"], dict):
