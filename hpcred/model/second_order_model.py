@@ -13,6 +13,7 @@ from ..parallel.digest import digest, digest_of_block
 from ..parallel.failures import InputError, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
 from .dofs import DIRECTIONS, Dofs, row_of, target_name
+from .interfaces import InterfaceNode, interface_column, single_targets, with_interfaces
 
 SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
 
@@ -25,7 +26,8 @@ class SecondOrderModel:
     matrices; `Ct` is None when C = B^T. `dofs`: labels of the rows of this rank, or None. `elements`: node numbers
     (elements of this rank, nodes) by kind of element, where known, for pictures. `held`: dofs that the program which
     wrote the matrices holds at zero, and which have no row; `sets`: node numbers by the name of the set; of both, this
-    rank has a part, in any order. `remarks`: what the readers of the files had to say. `name` is for messages. SI
+    rank has a part, in any order. `remarks`: what the readers of the files had to say. `name` is for messages.
+    `interfaces`: the interface nodes (see model.interfaces), and Gt = G^T (n, 6k), sparse, with their motions G q. SI
     units.
 
     A model does not change after it was made; with_inputs and the like give another one on the same matrices. Each owns
@@ -45,6 +47,8 @@ class SecondOrderModel:
     held: Dofs | None = None
     sets: dict[str, np.ndarray] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    Gt: PETSc.Mat | None = None
+    interfaces: tuple[InterfaceNode, ...] = ()
 
     def __post_init__(self):
         watched(self.comm)
@@ -59,7 +63,7 @@ class SecondOrderModel:
 
     def close(self):
         """Free the PETSc objects. Collective."""
-        for mat in (self.M, self.D, self.K, self.B, self.Ct):
+        for mat in (self.M, self.D, self.K, self.B, self.Ct, self.Gt):
             if mat is not None:
                 mat.destroy()
 
@@ -79,7 +83,7 @@ class SecondOrderModel:
 
     def _with(self, **changed):
         """Another model with some fields changed, and references of its own to the other PETSc objects."""
-        kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct")
+        kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
         other = replace(self, **kept, **changed)
         other._digests.update({key: value for key, value in self._digests.items() if key not in changed})
@@ -139,23 +143,33 @@ class SecondOrderModel:
         return {}
 
     def digest_of(self, key: str) -> str | None:
-        """A digest of the content of M, K, D, B, Ct (as named here) or dofs, None where there is none; the same on any
-        number of ranks and in both builds of PETSc. Collective."""
+        """A digest of the content of M, K, D, B, Ct or dofs, or of node and direction of all rows ("labels"), None
+        where there is none; the same on any number of ranks and in both builds of PETSc. Collective."""
         if key not in self._digests:
-            self._digests[key] = None if getattr(self, key) is None else self._digest(key)
+            there = getattr(self, "dofs" if key == "labels" else key) is not None
+            self._digests[key] = self._digest(key) if there else None
         return self._digests[key]
 
     def _digest(self, key):
-        item, first = getattr(self, key), self.first_row
+        first = self.first_row
+        if key in ("dofs", "labels"):
+            labels = [self.dofs.node, self.dofs.direction, *([self.dofs.position] if key == "dofs" else [])]
+            return digest_of_block(self.comm, first, np.column_stack(labels).astype("<f8"))
+        item = getattr(self, key)
         if key in ("B", "Ct"):
-            return digest_of_block(self.comm, first, np.ascontiguousarray(item.getDenseArray().real, "<f8") + 0.0)
-        if key == "dofs":
-            labels = np.column_stack([item.node, item.direction, item.position]).astype("<f8")
-            return digest_of_block(self.comm, first, labels)
+            columns = np.ascontiguousarray(item.getDenseArray().real, "<f8") + 0.0
+            return digest_of_block(self.comm, first, self._rounded(columns) if self.interfaces else columns)
         indptr, indices, values = item.getValuesCSR()
         number = "<u4" if self.size < 2**32 else "<u8"
         # adding zero makes -0.0 the same as 0.0
         return digest(self.comm, first, [(indptr, indices.astype(number)), (indptr, values.real.astype("<f8") + 0.0)])
+
+    def _rounded(self, columns):
+        """Columns without the last digits, which depend on the number of ranks where interface nodes made them."""
+        most = np.zeros(columns.shape[1])
+        self.comm.Allreduce(np.abs(columns).max(axis=0, initial=0.0), most, MPI.MAX)
+        # by pi, since what comes of a division by 2, 4, 8, ... lies between two decimals
+        return np.round(columns * (np.pi * 1e7 / np.where(most > 0, most, 1.0))).astype("<i8")
 
     @cached_property
     def mean_diagonal_of_k(self) -> float:
@@ -174,8 +188,13 @@ class SecondOrderModel:
         diagonal.destroy()
         return value
 
+    def with_interfaces(self, interfaces):
+        """The model with interface nodes made from model.interfaces.Interface. Collective. Raises InputError."""
+        return with_interfaces(self, interfaces)
+
     def with_inputs(self, targets):
-        """The model with unit loads at dofs: numbers from 1, or (node, direction) pairs.
+        """The model with unit loads at dofs: numbers from 1, or (node, direction) pairs, with the number or the name of
+        an interface node as well, and "all" for its six directions.
 
         Collective. Raises InputError.
         """
@@ -207,11 +226,17 @@ class SecondOrderModel:
         return self._with(**changed)
 
     def _unit_columns(self, targets):
-        """Rows of this rank of a matrix of unit columns, and their names."""
-        rows = np.array([row_of(self, target) for target in targets], dtype=np.int64)
-        local = np.zeros((self.local_rows, len(rows)))
-        mine = (rows >= self.first_row) & (rows < self.first_row + self.local_rows)
-        local[rows[mine] - self.first_row, np.flatnonzero(mine)] = 1.0
+        """Rows of this rank of a matrix of unit columns, or of columns of G^T, and their names."""
+        targets = [single for target in targets for single in single_targets(self, target)]
+        local = np.zeros((self.local_rows, len(targets)))
+        for j, target in enumerate(targets):
+            column = interface_column(self, target)
+            if column is not None:
+                vector = self.Gt.getColumnVector(column)
+                local[:, j] = vector.getArray(readonly=True).real
+                vector.destroy()
+            elif 0 <= (row := row_of(self, target) - self.first_row) < self.local_rows:
+                local[row, j] = 1.0
         return local, [target_name(target) for target in targets]
 
     @classmethod

@@ -231,10 +231,12 @@ def identity_of_model(model, framed, **known) -> dict:
     found = {key: model.digest_of(key) for key in ("M", "K")}
     found |= {"inputs": model.digest_of("B"), "outputs": model.digest_of("Ct"), "transposed": False}
     found["D"] = model.digest_of("D") if isinstance(framed.damping, GivenDamping) else None
-    # frames are made from the nodes
-    found["nodes"] = None if isinstance(known["frame"], NoFrame) else model.digest_of("dofs")
+    # frames and interface nodes are made from the nodes
+    found["nodes"] = None
+    if model.interfaces or not isinstance(known["frame"], NoFrame):
+        made_of = [asdict(item.definition) for item in model.interfaces]
+        found["nodes"] = [model.digest_of("dofs"), framed.model.digest_of("labels"), made_of]
     found["symmetric"] = bool(framed.model.symmetric)
-    found["name"] = model.name
     return found | {key: asdict(value) if is_dataclass(value) else value for key, value in known.items()}
 
 
