@@ -81,3 +81,5 @@ from .workflows.paper import reproduce as reproduce
 from .workflows.reduce import reduce_job as reduce_job
 from .workflows.response import response_file as response_file
 from .workflows.simulate import simulate_file as simulate_file
+from .workflows.store import list_store as list_store
+from .workflows.store import prune_store as prune_store

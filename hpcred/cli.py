@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Annotated
 
@@ -114,6 +115,16 @@ def _targets(text, option):
                 for part in text.split(",")] if text else None  # fmt: skip
     except ValueError as error:
         raise InputError(f"{option}: found '{text}', expected such as 20:z,1:x or dof numbers 115,1") from error
+
+
+def _amount(text, option, units):
+    """A number with a unit, or None."""
+    if text is None:
+        return None
+    with suppress(ValueError):
+        if text[-1:] in units and 0 <= (number := float(text[:-1])) < float("inf"):
+            return number * units[text[-1]]
+    raise InputError(f"{option}: found '{text}', expected a number and one of the units {', '.join(units)}")
 
 
 def _band(text):
@@ -292,8 +303,9 @@ def reduce(
     residual = max((item.residual for item in record.factorisations), default=0.0)
     print(
         f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "
-        f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; largest residual {residual:.1e}; "
-        f"{len(record.factorisations)} factorisations, "
+        f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; "
+        + (f"largest residual {residual:.1e}; " if record.factorisations else "")
+        + f"{len(record.factorisations)} factorisations, "
         + (f"{record.factorisations_saved} saved by the store, " if stored else "")
         + f"{record.symbolic_analyses} analysis ({record.ordering})"
     )
@@ -303,6 +315,41 @@ def reduce(
     write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
                       "frequencies_hz": found.frequencies})  # fmt: skip
     return int(accuracy is not None and not accuracy.reached)
+
+
+@app.command()
+def store(
+    folder: Annotated[str, typer.Argument(metavar="DIR")],
+    check: Annotated[bool, typer.Option("--check", help="Verify all checksums.")] = False,
+    prune: Annotated[bool, typer.Option("--prune", help="Remove entries that fit all of the options below.")] = False,
+    older: Annotated[str | None, typer.Option(metavar="30d", help="Not used for so long (m, h, d, w).")] = None,
+    below: Annotated[
+        str | None, typer.Option(metavar="10G", help="The longest unused, until no more than this is left.")
+    ] = None,
+    model: Annotated[str | None, typer.Option(metavar="NAME", help="Of the model of this name.")] = None,
+    broken: Annotated[bool, typer.Option("--broken", help="Damaged, or left by a run that was killed.")] = False,
+    json: JsonFile = None,
+):
+    """List, check and prune a folder of expansion points (reduce --store DIR)."""
+    given = {"--older": older, "--below": below, "--model": model, "--broken": broken or None}
+    if not prune and any(value is not None for value in given.values()):
+        raise InputError(f"{next(key for key in given if given[key] is not None)}: belongs to --prune")
+    if prune:
+        rows = hpcred.prune_store(
+            folder, older=_amount(older, "--older", {"m": 60, "h": 3600, "d": 86400, "w": 604800}),
+            below=_amount(below, "--below", {"k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12}), model=model, broken=broken,
+        )  # fmt: skip
+    else:
+        rows = hpcred.list_store(folder, check=check)
+    show_table(folder, [
+        {**{key: "" if row[key] is None else row[key] for key in ("entry", "model", "point", "blocks", "columns")},
+         "MB": round(row["bytes"] / 1e6, 3), "date": row["date"] or "",
+         **({} if prune else {"valid": "yes" if row["valid"] else f"no: {row['reason']}"})} for row in rows
+    ])  # fmt: skip
+    total = sum(row["bytes"] for row in rows)
+    print(f"{len(rows)} entries{' removed' if prune else ''}, {total / 1e6:.6g} MB")
+    write_json(json, rows)
+    return int(not prune and not all(row["valid"] for row in rows if ".tmp-" not in row["entry"]))
 
 
 @app.command()

@@ -24,10 +24,11 @@ import h5py
 import numpy as np
 
 from ..linalg.blocks import create_block, local_rows
-from ..parallel.digest import digest_of_block
+from ..parallel.digest import digest_of_block, digest_of_slices
 from ..parallel.failures import InputError, agreed, unfinished
 from ..parallel.petsc import MPI
 from ..reduction.chain import Entry
+from ..reduction.points import point_name
 from .hdf5 import reading
 
 FORMAT, VERSION = "hpcred-point", 1
@@ -53,14 +54,9 @@ class PointStore:
                 if reason:
                     raise InputError(f"store {self.folder}: no folder that can be written ({reason}); choose another")
 
-    def path_of(self, key: dict) -> Path:
-        """The file of a key."""
-        text = json.dumps(key, sort_keys=True)
-        return self.folder / f"{key['kind']}-{hashlib.sha256(text.encode()).hexdigest()[:32]}.h5"
-
     def load(self, model, key, say, most=None):
         """See Store. An entry that is damaged, of another version or of another key is ignored with a word."""
-        path = self.path_of(key)
+        path = self.folder / name_of(key)
         if not model.comm.bcast(path.is_file() if model.comm.rank == 0 else None):
             return None
         first = model.first_row
@@ -70,7 +66,7 @@ class PointStore:
                 about = about_of(file)
                 if about["key"] != _plain(key):
                     raise ValueError("it belongs to another key")
-                found = about, *_read(file, first, model.local_rows, model.size, most)
+                found = about, *_read(file, about, first, model.local_rows, model.size, most)
         except Exception as error:  # whatever a damaged file makes HDF5 and what follows it raise
             reason = _text(error)
         reasons = model.comm.allgather((reason, None if found is None else found[0]["digests"]))
@@ -106,7 +102,7 @@ class PointStore:
         digests = {f"blocks/{j}": digest_of_block(comm, model.first_row, part) for j, part in enumerate(blocks)}
         arrays = {name: np.asarray(value) for name, value in entry.arrays.items()}
         digests |= {f"arrays/{name}": _digest_of_array(value) for name, value in arrays.items()}
-        path = self.path_of(key)
+        path = self.folder / name_of(key)
         temporary = path.with_name(f"{path.name}.tmp-{comm.bcast(secrets.token_hex(8))}")
         unfinished.add(temporary)
         places = reason = None
@@ -143,6 +139,11 @@ class PointStore:
             say(f"store: {path.name} could not be written ({reason}); the run goes on without it")
 
 
+def name_of(key: dict) -> str:
+    """The file of a key."""
+    return f"{key['kind']}-{hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:32]}.h5"
+
+
 def about_of(file) -> dict:
     """What an open entry says of itself. Raises ValueError where its checksum is wrong."""
     about = file["about"][()].tobytes()
@@ -151,9 +152,72 @@ def about_of(file) -> dict:
     return json.loads(about)
 
 
-def _read(file, first, rows, size, most):
+def entries_of(folder) -> list[Path]:
+    """The files of a folder that may be entries, by name. On one rank. Raises InputError."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(f"store {folder}: no such folder")
+    return sorted(path for path in folder.iterdir() if NAME.fullmatch(path.name) and not path.is_symlink())
+
+
+def describe_entry(path: Path, check: bool = False) -> dict | None:
+    """What an entry is: kind, model, point, blocks, columns, bytes, date, time of last use (s), and whether it is
+    valid, with the reason where not; `check` reads all of it. None for a file of another format. On one rank."""
+    state = path.stat()
+    found = {"entry": path.name, "kind": path.name.partition("-")[0], "model": None, "point": None, "blocks": None,
+             "columns": None, "bytes": state.st_size, "date": None, "used": state.st_mtime, "valid": False}  # fmt: skip
+    if ".tmp-" in path.name:
+        return found | {"reason": "being written, or left by a run that was killed"}
+    try:
+        with h5py.File(path, "r") as file:
+            kind = file.attrs.get("format")
+            if kind != FORMAT:
+                return None
+            if file.attrs["version"] != VERSION:
+                raise ValueError(f"version {file.attrs['version']}, expected {VERSION}")
+            about = about_of(file)
+            found |= {"model": about["model"], "date": about["date"], "point": _point_of(about["key"])}
+            if name_of(about["key"]) != path.name:
+                raise ValueError("it belongs to another key")
+            blocks = [file[name] for name in about["digests"] if name.startswith("blocks/")]
+            found |= {"blocks": len(blocks), "columns": sum(block.shape[1] for block in blocks)}
+            _check_arrays(file, about)
+            for block in blocks:
+                if (block.id.get_offset() or 0) + block.id.get_storage_size() > state.st_size:
+                    raise ValueError("it is cut short")
+                if check and digest_of_slices(len(block), lambda a, b, block=block: block[a:b]) != (
+                    about["digests"][block.name[1:]]
+                ):
+                    raise ValueError(f"{block.name[1:]} does not have its checksum")
+    except Exception as error:  # whatever a damaged file makes HDF5 raise
+        return found | {"reason": _text(error)}
+    return found | {"valid": True, "reason": ""}
+
+
+def _point_of(key) -> str:
+    """The expansion point of a key, or its modes, in words."""
+    if key["kind"] == "modes":
+        return "{:g} to {:g} Hz".format(*key["band"]) if key["band"] else "lowest"
+    if "s" in key:
+        return point_name(complex(*key["s"]))
+    square = complex(*np.atleast_1d(key["square"]))
+    return "infinity" if square == np.inf else point_name(np.sqrt(square))
+
+
+def _check_arrays(file, about):
+    """The small arrays. Raises ValueError where a checksum is wrong."""
+    arrays = {}
+    for name, wanted in about["digests"].items():
+        if name.startswith("arrays/"):
+            value = file[name][()]
+            if _digest_of_array(np.asarray(value)) != wanted:
+                raise ValueError(f"{name} does not have its checksum")
+            arrays[name.removeprefix("arrays/")] = value
+    return arrays
+
+
+def _read(file, about, first, rows, size, most):
     """The rows of this rank of the first blocks, and the arrays."""
-    about = about_of(file)
     names = [name for name in about["digests"] if name.startswith("blocks/")]
     blocks = []
     for j in range(len(names) if most is None else min(most, len(names))):
@@ -163,14 +227,7 @@ def _read(file, first, rows, size, most):
         blocks.append(dataset[first : first + rows])
         if not np.isfinite(blocks[-1]).all():
             raise ValueError(f"block {j} has entries that are not finite")
-    arrays = {}
-    for name, wanted in about["digests"].items():
-        if name.startswith("arrays/"):
-            value = file[name][()]
-            if _digest_of_array(np.asarray(value)) != wanted:
-                raise ValueError(f"{name} does not have its checksum")
-            arrays[name.removeprefix("arrays/")] = value
-    return blocks, arrays
+    return blocks, _check_arrays(file, about)
 
 
 def _create(path, size, widths, arrays, about):

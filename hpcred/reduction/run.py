@@ -150,12 +150,16 @@ class Run:
 
     def stored(self, key, most=None):
         """The Entry that a store has under a key, None without one. Collective."""
-        return None if self.store is None else self.store.load(self.model, key, self.remark, most)
+        if self.store is None:
+            return None
+        with self.progress.stage("store"):
+            return self.store.load(self.model, key, self.remark, most)
 
     def keep(self, key, entry):
         """Have the store keep an Entry. Collective."""
         if self.store is not None:
-            self.store.save(self.model, key, entry, self.remark)
+            with self.progress.stage("store"):
+                self.store.save(self.model, key, entry, self.remark)
 
     def needs(self, mass: str, damping: str):
         """Note what a part of the basis comes from, whether it had to be factored or not."""
