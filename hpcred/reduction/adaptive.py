@@ -590,7 +590,7 @@ class Search:
     def _find_hidden(self) -> bool:
         """Add random columns and A^-1 M x of pseudo-modes x that still move until no mode is missing; whether the model
         stays what it was. Collective."""
-        run, size, used = self.run, self.basis.size, 0
+        run, size, used, made = self.run, self.basis.size, 0, len(self.run.factorisations)
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         top = max(f for f, _ in counts)
         moving = None
@@ -613,6 +613,8 @@ class Search:
                 break
         self.lack, change = decided(run.model.comm, self._change, size, counts)
         run.note("modes that no load moves", used, self.basis.size - size)
+        if len(run.factorisations) > made:
+            self.points[-1] = replace(self.points[-1], from_store=False)
         return change <= 3 * self._floor()
 
     def _moving(self, before, top, counts):

@@ -54,7 +54,7 @@ def test_digest_of_a_block_in_slices(comm):
 
 @pytest.mark.mpi
 def test_digests_of_a_model(comm):
-    """Those of one rank and of scipy's arrays, in each build; -0.0 is 0.0, and another model with the same K has its."""
+    """Those of one rank and of scipy's arrays, in each build; -0.0 is 0.0, another model has K's."""
     K = scipy.sparse.diags([[2.0] * 9 + [1.0], [-1.0] * 9, [-1.0] * 9], [0, 1, -1]).tocsr()
     K.sort_indices()
     M = K.copy()
