@@ -157,7 +157,8 @@ def entries_of(folder) -> list[Path]:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"store {folder}: no such folder")
-    return sorted(path for path in folder.iterdir() if NAME.fullmatch(path.name) and not path.is_symlink())
+    found = (path for path in folder.iterdir() if NAME.fullmatch(path.name))
+    return sorted(path for path in found if path.is_file() and not path.is_symlink())
 
 
 def describe_entry(path: Path, check: bool = False) -> dict | None:
@@ -277,5 +278,5 @@ def _plain(key):
 
 
 def _text(error):
-    """An error in the words of whoever raised it."""
-    return getattr(error, "strerror", None) or str(error) or type(error).__name__
+    """An error in the words of whoever raised it, in a line."""
+    return " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
