@@ -596,6 +596,7 @@ class Search:
         moving = None
         if self.groups > 1:  # whose factors are gone
             self._mass = 0.0 - (2 * np.pi * top) ** 2
+            run.needed.append((str(self._mass), "0.0"))
         while used < HIDDEN:
             before = self.basis.size
             if moving is None:
