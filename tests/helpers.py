@@ -8,8 +8,10 @@ import scipy.sparse
 
 from hpcred.cli import run
 from hpcred.examples.beam import Rod, beam_element
+from hpcred.examples.solid import solid
 from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.model.dofs import Dofs
+from hpcred.model.interfaces import Interface, Nodes
 from hpcred.model.second_order_model import SecondOrderModel, row_range
 
 MODES_JOB = """
@@ -190,3 +192,26 @@ def names(folder, comm):
     found = sorted(folder.iterdir())
     comm.Barrier()
     return found
+
+
+def face(name, x, **more):
+    """An interface at the nodes of the block of `block_with_ends` whose first coordinate is x."""
+    nodes = Nodes(box=((x - 1e-6, -1.0, -1.0), (x + 1e-6, 1.0, 1.0)))
+    return Interface(name=name, nodes=nodes, **more)
+
+
+def block_with_ends(comm, kind="averaging", clamped=False, cells=(6, 2, 3)):
+    """A block of 10 mm cells with interfaces at its ends (the right one where clamped), and all their inputs."""
+    length = 0.01 * cells[0]
+    with solid(cells, clamped=clamped, comm=comm) as model:
+        ends = [face("right", length, kind=kind)] if clamped else [
+            face("left", 0.0, kind=kind), face("right", length, kind=kind)]  # fmt: skip
+        with model.with_interfaces(ends) as marked:
+            return marked.with_inputs([(item.name, "all") for item in ends])
+
+
+def rigid_motions_at(points):
+    """The motions (6k, 6) of nodes at points for unit translations and rotations about the origin."""
+    return np.concatenate([
+        np.block([[np.eye(3), np.cross(np.eye(3), point).T], [np.zeros((3, 3)), np.eye(3)]]) for point in points
+    ])  # fmt: skip
