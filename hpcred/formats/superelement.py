@@ -1,0 +1,108 @@
+"""A reduced model in interface coordinates enters; the superelement that other programs take leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.interfaces import InterfaceNode
+from ..model.rigid_body_modes import FORCE_FREE
+from ..parallel.failures import InputError
+from ..reduction.reduced_model import ReducedModel
+
+SYMMETRIC_TO = 1e-8
+LARGEST_NODE = 99_999_999  # of the eight columns that Nastran has for it
+
+
+@dataclass(frozen=True)
+class Superelement:
+    """K, M (m, m) and D, None without viscous damping, exactly symmetric; `loss_factor` eta of structural damping.
+
+    The first rows are x, y, z, rx, ry, rz of each node of `interfaces`, the others modal coordinates. `remarks`: what
+    no format of superelements holds.
+    """
+
+    K: np.ndarray
+    M: np.ndarray
+    D: np.ndarray | None
+    loss_factor: float
+    interfaces: tuple[InterfaceNode, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        return len(self.K)
+
+    @property
+    def modal_count(self) -> int:
+        """The number of modal coordinates."""
+        return self.size - 6 * len(self.interfaces)
+
+    @property
+    def centre(self) -> np.ndarray:
+        """The mean position (3,) of the interface nodes, where modal coordinates may be drawn."""
+        return np.mean([item.position for item in self.interfaces], axis=0)
+
+    def labels(self, directions: int) -> np.ndarray:
+        """Node and direction, from 1, of each row (m, 2).
+
+        Modal coordinates are directions 1 to `directions` of further nodes, numbered from the largest one on.
+        """
+        nodes = [item.node for item in self.interfaces]
+        first, k = max(nodes) + 1, np.arange(self.modal_count)
+        if first + self.modal_count > LARGEST_NODE:
+            raise InputError(f"interface: found the node number {max(nodes)}, expected at most 8 digits; choose others")
+        own = np.stack([np.repeat(nodes, 6), np.tile(np.arange(1, 7), len(nodes))], axis=1)
+        return np.concatenate([own, np.stack([first + k // directions, 1 + k % directions], axis=1)])
+
+    def resistance(self) -> float:
+        """The largest force against a rigid-body motion, relative to those of the parts that move: 0 of a free body."""
+        motions = np.concatenate([rigid_motion(item.position, self.centre) for item in self.interfaces])
+        K = self.K[: len(motions), : len(motions)]
+        forces, parts = np.abs(K @ motions), np.abs(K) @ np.abs(motions)
+        return float((forces / np.maximum(parts.max(axis=1, keepdims=True), 1e-300)).max())
+
+    @property
+    def is_free(self) -> bool:
+        return self.resistance() < FORCE_FREE
+
+
+def rigid_motion(position, centre) -> np.ndarray:
+    """Displacements and rotations (6, 6) of a node by unit translations and unit rotations about `centre`."""
+    motion = np.eye(6)
+    motion[:3, 3:] = np.cross(np.eye(3), np.subtract(position, centre)).T
+    return motion
+
+
+def superelement(reduced: ReducedModel) -> Superelement:
+    """The superelement of a reduced model. Raises InputError for other coordinates and for unsymmetric matrices."""
+    if not reduced.interfaces:
+        raise InputError(
+            "found pseudo-modal coordinates, expected those of interface nodes; write coordinates = \"interface\" and "
+            "a table [[interface]] for each bearing into the job, and reduce again"
+        )
+    K, M, D = (_symmetric(key, getattr(reduced, key)) for key in "KMD")
+    return Superelement(
+        K, M, D if D.any() else None, float(reduced.loss_factor), reduced.interfaces, tuple(_lost(reduced))
+    )
+
+
+def _symmetric(key, matrix):
+    if np.abs(matrix - matrix.T).max() > SYMMETRIC_TO * np.abs(matrix).max():
+        raise InputError(
+            f"found a matrix {key} that is not symmetric, expected a symmetric one; no superelement holds gyroscopic "
+            "or circulatory terms: reduce without them, or take the arrays by format 'npz'"
+        )
+    return (matrix + matrix.T) / 2
+
+
+def _lost(reduced):
+    """Remarks on inputs and outputs that are no direction of an interface node."""
+    count = 6 * len(reduced.interfaces)
+    for kind, names, columns in (("inputs", reduced.input_names, reduced.B), ("outputs", reduced.output_names, reduced.C.T)):
+        place = np.abs(columns[:count]).argmax(axis=0)
+        other = np.abs(columns - np.eye(len(columns))[:, place]).max(axis=0) > SYMMETRIC_TO
+        lost = [name for name, is_other in zip(names, other, strict=True) if is_other]
+        if lost:
+            yield f"{kind} that are no direction of an interface node are left out: {', '.join(lost)}"
