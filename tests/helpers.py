@@ -198,10 +198,11 @@ def names(folder, comm):
 def interface_model(modes=5, held=False, damping=0.0, loss_factor=0.0):
     """A bent beam of three straight parts in space by Craig-Bampton with its two ends as interface nodes, in numpy.
 
-    `held`: one node between is clamped. `damping`: a full matrix D of that size beside K.
+    `held`: one node between is clamped. `damping`: that of a full random D.
     """
     corners = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, 0.2, 0.1], [0.5, 0.2, 0.4]]) + [0.1, -0.2, 0.05]
-    nodes = np.concatenate([*(np.linspace(a, b, 4)[:-1] for a, b in zip(corners, corners[1:], strict=False)), corners[3:]])
+    parts = [np.linspace(corners[k], corners[k + 1], 4)[:-1] for k in range(3)]
+    nodes = np.concatenate([*parts, corners[3:]])
     size = 6 * len(nodes)
     K, M = np.zeros((size, size)), np.zeros((size, size))
     for e in range(len(nodes) - 1):

@@ -38,9 +38,10 @@ def abaqus_superelement(element: Superelement, stem: str) -> tuple[str, dict, li
         if matrix is not None:
             lines += [f"*MATRIX INPUT, NAME={name}, TYPE=SYMMETRIC", *_entries(matrix, labels)]
             lines += [f"*MATRIX ASSEMBLE, {what}={name}"]
-    said = f"modal coordinates: nodes {modal[0]} to {modal[-1]}" if modal else "modal coordinates: none"
     return "\n".join(lines) + "\n", {}, [
-        f"{said}; the model that takes the file may not use these numbers for others, nor the element {number}",
+        *element.modal_points_said(modal),
+        f"the body is element {number}, and no other element may have this number",
+        *(["structural damping is that of *STEADY STATE DYNAMICS, DIRECT"] * bool(element.loss_factor)),
         *element.remarks,
     ]
 

@@ -27,8 +27,8 @@ def ansys_superelement(element: Superelement, stem: str) -> tuple[str, dict[str,
     matrices = {"K": ("STIFF", element.K), "M": ("MASS", element.M)}
     if element.D is not None:
         matrices["D"] = ("DAMP", element.D)
-    lines = ["! superelement of interface nodes and modal coordinates; see docs/export-ansys.md",
-             f"*DIM,HPC_R,ARRAY,{element.size},2                ! node and direction (1 to 6: UX to ROTZ) of each row"]  # fmt: skip
+    lines = ["! superelement; HPC_R: node and direction (1 to 6: UX to ROTZ) of each row",
+             f"*DIM,HPC_R,ARRAY,{element.size},2"]  # fmt: skip
     for column in range(2):
         for low in range(0, element.size, ON_A_LINE):
             values = ",".join(map(str, labels[low : low + ON_A_LINE, column]))
@@ -45,9 +45,8 @@ def ansys_superelement(element: Superelement, stem: str) -> tuple[str, dict[str,
     lines += [f"N,{node},{_position(element.centre)}  ! modal coordinates" for node in modal]
     lines += ["TYPE,HPC_T", f"SE,{stem}", "FINISH"]
     files = {f"_{key}.mtx": _matrix_market(matrix) for key, (_, matrix) in matrices.items()}
-    said = f"modal coordinates: nodes {modal[0]} to {modal[-1]}" if modal else "modal coordinates: none"
     return "\n".join(lines) + "\n", files, [
-        f"{said}; the model that takes the file may not use these numbers for others",
+        *element.modal_points_said(modal),
         "the input follows the manuals and was not tried in the program: compare SELIST and a first modal analysis",
         *element.remarks,
     ]

@@ -25,7 +25,7 @@ def nastran_dmig(element: Superelement, stem: str) -> tuple[str, dict, list[str]
     for name, matrix in matrices.items():
         lines += _dmig(name, matrix, labels)
     digits = "numbers have 10 to 13 digits; format 'nastran-op4' has all"
-    return "\n".join(lines) + "\n", {}, [_said(labels, element), digits, *element.remarks]
+    return "\n".join(lines) + "\n", {}, [*_said(element, labels), digits, *element.remarks]
 
 
 def nastran_op4(element: Superelement, stem: str) -> tuple[bytes, dict[str, str], list[str]]:
@@ -36,13 +36,13 @@ def nastran_op4(element: Superelement, stem: str) -> tuple[bytes, dict[str, str]
     lines = [f"$ external superelement with the matrices of {stem}.op4; behind BEGIN SUPER"]
     lines += [*_card("EXTRN", [item for pair in pairs for item in pair]), *_points(element, labels)]
     lines += _card("ASET", [item for pair in pairs for item in pair], continued=False)
-    return content, {".pch": "\n".join(lines) + "\n"}, [_said(labels, element), *element.remarks]
+    return content, {".pch": "\n".join(lines) + "\n"}, [*_said(element, labels), *element.remarks]
 
 
-def _said(labels, element):
-    points = _modal_points(element, labels)
-    modal = f"SPOINT {points[0]} to {points[-1]}" if len(points) else "none"
-    return f"modal coordinates: {modal}; the model that takes the file may not use these numbers for others"
+def _said(element, labels):
+    yield from element.modal_points_said(_modal_points(element, labels))
+    if element.loss_factor:
+        yield "structural damping (K42GG) is that of frequency responses; in time it needs PARAM,W4"
 
 
 def _nodes(element):
@@ -95,7 +95,7 @@ def _dmig(name, matrix, labels):
     lines = [f"DMIG    {name:8}{0:8d}{6:8d}{2:8d}{0:8d}{'':16}{len(matrix):8d}"]
     for j, (node, direction) in enumerate(labels.tolist()):
         lines.append(f"DMIG*   {name:16}{node:16d}{direction:16d}")
-        for i in np.flatnonzero(matrix[: j + 1, j]).tolist() if matrix[j, j] else [*np.flatnonzero(matrix[:j, j]), j]:
+        for i in [*np.flatnonzero(matrix[:j, j]).tolist(), j]:
             lines.append(f"*       {labels[i, 0]:16d}{labels[i, 1]:16d}{number(matrix[i, j])}")
     return lines
 

@@ -1,7 +1,7 @@
 """A Superelement enters; a .mat file for the block "Reduced Order Flexible Solid" of Simscape Multibody leaves.
 
 K, M, D (m, m) in the order of the block: Tx Ty Tz Rx Ry Rz of each interface frame, then modal coordinates; `origins`
-(k, 3) of the frames in m, `orientations` (k, 4) their quaternions, those of the axes of the model; `frames` their names.
+(k, 3) of the frames in m, `orientations` (k, 4) their quaternions, which do not turn, and `frames` their names.
 """
 
 from __future__ import annotations

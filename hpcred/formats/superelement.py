@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import eigh
 
 from ..model.interfaces import InterfaceNode
-from ..model.rigid_body_modes import FORCE_FREE
 from ..parallel.failures import InputError
 from ..reduction.reduced_model import ReducedModel
 
 SYMMETRIC_TO = 1e-8
+FREE = 1e-3  # of the first elastic frequency, below which those of rigid-body motions count as zero
 LARGEST_NODE = 99_999_999  # of the eight columns that Nastran has for it
 
 
@@ -56,16 +57,19 @@ class Superelement:
         own = np.stack([np.repeat(nodes, 6), np.tile(np.arange(1, 7), len(nodes))], axis=1)
         return np.concatenate([own, np.stack([first + k // directions, 1 + k % directions], axis=1)])
 
-    def resistance(self) -> float:
-        """The largest force against a rigid-body motion, relative to those of the parts that move: 0 of a free body."""
-        motions = np.concatenate([rigid_motion(item.position, self.centre) for item in self.interfaces])
-        K = self.K[: len(motions), : len(motions)]
-        forces, parts = np.abs(K @ motions), np.abs(K) @ np.abs(motions)
-        return float((forces / np.maximum(parts.max(axis=1, keepdims=True), 1e-300)).max())
+    def modal_points_said(self, points) -> list[str]:
+        """The remark on the numbers of points that carry modal coordinates."""
+        said = "modal coordinates: points {} to {}; the model that takes the file may not use these numbers for others"
+        return [said.format(points[0], points[-1])] if len(points) else []
 
     @property
     def is_free(self) -> bool:
-        return self.resistance() < FORCE_FREE
+        """Whether nothing resists rigid-body motions, by their Rayleigh quotients beside the first elastic mode."""
+        moved = 6 * len(self.interfaces)
+        R = np.concatenate([rigid_motion(item.position, self.centre) for item in self.interfaces])
+        rigid = eigh(R.T @ self.K[:moved, :moved] @ R, R.T @ self.M[:moved, :moved] @ R, eigvals_only=True)
+        elastic = eigh(self.K, self.M, eigvals_only=True)[6:7].min(initial=np.inf)
+        return bool(np.abs(rigid).max() < FREE**2 * min(elastic, 1 / FREE**2))
 
 
 def rigid_motion(position, centre) -> np.ndarray:
@@ -79,7 +83,7 @@ def superelement(reduced: ReducedModel) -> Superelement:
     """The superelement of a reduced model. Raises InputError for other coordinates and for unsymmetric matrices."""
     if not reduced.interfaces:
         raise InputError(
-            "found pseudo-modal coordinates, expected those of interface nodes; write coordinates = \"interface\" and "
+            'found pseudo-modal coordinates, expected those of interface nodes; write coordinates = "interface" and '
             "a table [[interface]] for each bearing into the job, and reduce again"
         )
     K, M, D = (_symmetric(key, getattr(reduced, key)) for key in "KMD")
@@ -100,7 +104,8 @@ def _symmetric(key, matrix):
 def _lost(reduced):
     """Remarks on inputs and outputs that are no direction of an interface node."""
     count = 6 * len(reduced.interfaces)
-    for kind, names, columns in (("inputs", reduced.input_names, reduced.B), ("outputs", reduced.output_names, reduced.C.T)):
+    sides = ("inputs", reduced.input_names, reduced.B), ("outputs", reduced.output_names, reduced.C.T)
+    for kind, names, columns in sides:
         place = np.abs(columns[:count]).argmax(axis=0)
         other = np.abs(columns - np.eye(len(columns))[:, place]).max(axis=0) > SYMMETRIC_TO
         lost = [name for name, is_other in zip(names, other, strict=True) if is_other]
