@@ -38,7 +38,8 @@ def ansys_superelement(element: Superelement, stem: str) -> tuple[str, dict[str,
     for key, (kind, _) in matrices.items():
         step = "DONE" if key == list(matrices)[-1] else "WAIT"
         lines.append(f"*EXPORT,HPC_{key},SUB,{stem}.sub,{kind},HPC_ROWS,{step}")
-    lines += ["*FREE,ALL", "/PREP7", "*GET,HPC_T,ETYP,0,NUM,MAX", "HPC_T=HPC_T+1", "ET,HPC_T,MATRIX50"]
+    lines += [f"*FREE,HPC_{key}" for key in [*matrices, "ROWS"]]
+    lines += ["/PREP7", "*GET,HPC_T,ETYP,0,NUM,MAX", "HPC_T=HPC_T+1", "ET,HPC_T,MATRIX50"]
     for item in element.interfaces:
         lines.append(f"N,{item.node},{_position(item.position)}  ! {item.name}")
     modal = np.unique(labels[6 * len(element.interfaces) :, 0]).tolist()
