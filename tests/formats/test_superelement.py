@@ -248,6 +248,11 @@ def test_one_frame_of_a_free_body_is_free():
     one = replace(model, K=T.T @ model.K @ T, M=T.T @ model.M @ T, D=np.zeros((len(kept),) * 2), B=model.B[kept],
                   C=model.C[:, kept], interfaces=model.interfaces[:1])  # fmt: skip
     assert superelement(one).is_free
+    rigid = replace(one, **{key: getattr(one, key)[:6, :6] for key in "KMD"}, B=one.B[:6], C=one.C[:, :6])
+    assert superelement(rigid).is_free
+    massless = replace(one, M=np.diag([0.0, *np.ones(one.size - 1)]))
+    with pytest.raises(InputError, match="not positive definite"):
+        simscape_solid(superelement(massless), "arm")
     assert not superelement(interface_model(held=True)).is_free
 
 
