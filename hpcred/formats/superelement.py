@@ -92,14 +92,16 @@ def superelement(reduced: ReducedModel) -> Superelement:
             'found pseudo-modal coordinates, expected those of interface nodes; write coordinates = "interface" and '
             "a table [[interface]] for each bearing into the job, and reduce again"
         )
-    K, M, D = (_symmetric(key, getattr(reduced, key)) for key in "KMD")
+    # the K of a free body with one interface and no modes is round-off: below 1 rad/s nothing is asked of it
+    floors = {"K": np.abs(reduced.M).max(), "M": 0.0, "D": 0.0}
+    K, M, D = (_symmetric(key, getattr(reduced, key), floor) for key, floor in floors.items())
     return Superelement(
         K, M, D if D.any() else None, float(reduced.loss_factor), reduced.interfaces, tuple(_lost(reduced))
     )
 
 
-def _symmetric(key, matrix):
-    if np.abs(matrix - matrix.T).max() > SYMMETRIC_TO * np.abs(matrix).max():
+def _symmetric(key, matrix, floor):
+    if np.abs(matrix - matrix.T).max() > max(SYMMETRIC_TO * np.abs(matrix).max(), floor):
         raise InputError(
             f"found a matrix {key} that is not symmetric, expected a symmetric one; no superelement holds gyroscopic "
             "or circulatory terms: reduce without them, or take the arrays by format 'npz'"
