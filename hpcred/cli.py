@@ -410,7 +410,8 @@ def response(
 @app.command()
 def export(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff or png.")] = "sid",
+    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff, png; nastran, "
+                   "nastran-op4, ansys, abaqus or simscape of a model in interface coordinates.")] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
     json: JsonFile = None,
@@ -421,7 +422,9 @@ def export(
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")
     else:
-        print(f"{report['output']}: {report['coordinates']} elastic coordinates, nodes {report['nodes']}")
+        print(f"{report['output']}: {report['coordinates']} coordinates, nodes {report['nodes']}")
+        for name in report.get("files", ()):
+            print(f"with {name}")
         for line in report["remarks"]:
             print(f"note: {line}")
     write_json(json, report)
