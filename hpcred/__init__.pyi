@@ -7,6 +7,7 @@ from .analysis.frequency_response import frequency_response as frequency_respons
 from .analysis.full_response import FullResponse as FullResponse
 from .analysis.full_response import full_response as full_response
 from .analysis.summary import inspect as inspect
+from .examples.crank import crank as crank
 from .examples.linkage import linkage as linkage
 from .examples.solid import solid as solid
 from .formats.job_file import Job as Job

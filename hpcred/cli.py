@@ -498,6 +498,16 @@ def example_linkage(output: ModelOutput = "model.h5"):
     _example("linkage", output)
 
 
+@example.command("crank")
+def example_crank(
+    output: ModelOutput = "model.h5",
+    dofs: Annotated[int, typer.Option(help="About so many dofs.")] = 20_000,
+):
+    """A free connecting rod of hexahedra, with its bearings as the node sets BIG_EYE and SMALL_EYE."""
+    _example("crank", output, dofs=dofs)
+
+
 def _example(name, output, **keywords):
     report = hpcred.write_example(name, output, **keywords)
-    print(f"{output}: {report['size']} dofs, inputs {', '.join(report['inputs'])}")
+    known = "; ".join(f"{key} {', '.join(report[key])}" for key in ("inputs", "sets") if report[key])
+    print(f"{output}: {report['size']} dofs, {known}")
