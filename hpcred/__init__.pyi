@@ -75,6 +75,7 @@ from .reduction.reduced_model import ReducedModel as ReducedModel
 from .reduction.second_order_krylov import SecondOrderKrylov as SecondOrderKrylov
 from .reduction.settings import Reduction as Reduction
 from .workflows.bench import bench as bench
+from .workflows.compare import compare_results as compare_results
 from .workflows.convert import convert as convert
 from .workflows.convert import list_formats as list_formats
 from .workflows.demo import run_demo as run_demo

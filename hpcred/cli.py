@@ -303,7 +303,7 @@ def reduce(
 
 @app.command()
 def evaluate(
-    result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
+    results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
     full: Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")] = None,
     frequencies: Frequencies = None,
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
@@ -319,9 +319,15 @@ def evaluate(
 ):
     """Frequency response of a reduced model; with --full its error eps(f) (55) and Q (57).
 
+    Several results of one model stand beside each other, with --full: sizes, errors, pseudo-modes against modes.
+
     Of a model that was reduced to a tolerance: --estimate shows the error that is known, largest in each of --points
     parts of the band; --full MODEL.h5 --check 5 sets it against full solves.
     """
+    result = results[0]
+    if len(results) > 1 and (estimate or check is not None or full is None):
+        raise InputError("evaluate: several results are compared with the model that --full names, and without "
+                         "--estimate or --check; call evaluate once for each result")  # fmt: skip
     given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check}
     allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
     wrong = [option for option, value in given.items() if value is not None and option not in allowed]
@@ -334,6 +340,16 @@ def evaluate(
         raise InputError("--seed: belongs to --check")
     limits = _band(band)
     factoring = _factoring(out_of_core, low_rank)
+    if len(results) > 1:
+        report = hpcred.compare_results(
+            results, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits, points=points,
+            output=output, groups=groups, factoring=factoring, progress=_progress(),
+        )  # fmt: skip
+        show_table(f"against {full}, {report['frequencies_hz'][0]:g} to {report['frequencies_hz'][-1]:g} Hz",
+                   report["rows"])  # fmt: skip
+        show_table("lowest modes of the model", report["modes"])
+        write_json(json, report)
+        return None
     if estimate:
         report = hpcred.estimate_of_result(result, frequencies=_numbers(frequencies, "--frequencies"), parts=points)
         show_table(result, report["rows"])

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from ..linalg.blocks import local_rows
+from ..linalg.blocks import create_block, local_rows
 from ..model.dofs import SCALAR
 from ..model.interfaces import InterfaceNode
 from ..multibody.body import Body, body_of
@@ -217,6 +217,25 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
                 for node, position, phi, psi, rotates, name in zip(*arrays, names, strict=True)
             ]
         return result
+
+
+def read_basis(path, model):
+    """The basis V (n, m) as a block with the rows of the model, or None where the file has none.
+
+    Collective; the caller destroys it. Raises InputError.
+    """
+    with agreed(model.comm), reading(path, FORMAT, VERSION) as file:
+        part = None
+        if "basis/V" in file:
+            if file["basis/V"].shape[1] != model.size:
+                raise InputError(f"{path}: its basis has {file['basis/V'].shape[1]} rows, expected {model.size}")
+            part = file["basis/V"][:, model.first_row : model.first_row + model.local_rows].T
+    if part is None:
+        return None
+    block = create_block(model.K, part.shape[1])
+    with local_rows(block) as rows:
+        rows[...] = part
+    return block
 
 
 def _interfaces(group) -> tuple[InterfaceNode, ...]:
