@@ -35,6 +35,7 @@ Overrides = Annotated[
 ]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
+FORMATS = "sid, matlab, npz, exudyn, statespace-mat, statespace-npz, vtk, uff or png."
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
 
@@ -410,7 +411,7 @@ def response(
 @app.command()
 def export(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff or png.")] = "sid",
+    kind: Annotated[str, typer.Option("--format", help=FORMATS)] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
     json: JsonFile = None,
@@ -421,7 +422,9 @@ def export(
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")
     else:
-        print(f"{report['output']}: {report['coordinates']} elastic coordinates, nodes {report['nodes']}")
+        ends = ", ".join(f"{key} {', '.join(map(str, report[key]))}" for key in ("nodes", "inputs", "outputs")
+                         if key in report)  # fmt: skip
+        print(f"{report['output']}: {report['coordinates']} elastic coordinates, {ends}")
         for line in report["remarks"]:
             print(f"note: {line}")
     write_json(json, report)

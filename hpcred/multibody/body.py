@@ -51,13 +51,8 @@ def check_moving(body: Body, where: str):
 
     It needs a damping that exists in time, mass and inertia in all directions, and no rigid-body motion in its basis.
     """
-    loss_factor, masses = body.reduced.loss_factor, body.floating_frame.masses
-    if loss_factor:
-        raise InputError(
-            f"damping: structural damping (loss factor {loss_factor:g}) has no meaning in time and no place in "
-            f"{where}; reduce with damping of kind 'modal' and ratio = {loss_factor / 2:g}, half the loss factor, "
-            "which is the same at resonance"
-        )
+    check_damped_in_time(body.reduced, where)
+    masses = body.floating_frame.masses
     missing = [name for name, mass in zip("xyz", masses, strict=True) if mass <= 0]
     if missing:
         raise InputError(
@@ -66,6 +61,16 @@ def check_moving(body: Body, where: str):
             "arrays by format 'npz'"
         )
     check_elastic(body)
+
+
+def check_damped_in_time(reduced: ReducedModel, where: str):
+    """Raise InputError where a reduced model has structural damping, which `where` cannot hold."""
+    if reduced.loss_factor:
+        raise InputError(
+            f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no meaning in time and no place in "
+            f"{where}; reduce with damping of kind 'modal' and ratio = {reduced.loss_factor / 2:g}, half the loss "
+            "factor, which is the same at resonance"
+        )
 
 
 def check_elastic(body: Body):
@@ -105,6 +110,12 @@ def inputs_without_node(body: Body) -> list[str]:
     return found
 
 
-def maker(body: Body) -> str:
-    """Program and version that made the reduced body."""
-    return f"hpcred {body.reduced.record.versions['hpcred']}"
+def instability(reduced: ReducedModel) -> list[str]:
+    """A remark on poles in the right half-plane, where there are any."""
+    count = len(reduced.unstable_poles())
+    return [f"the model is unstable: {count} poles in the right half-plane, so that motion grows in time"] * bool(count)
+
+
+def maker(reduced: ReducedModel) -> str:
+    """Program and version that made the reduced model."""
+    return f"hpcred {reduced.record.versions['hpcred']}" if reduced.record is not None else "hpcred"

@@ -1,4 +1,4 @@
-"""A result file enters; a file for another program leaves: SID, MATLAB, NumPy, Exudyn, ParaView, UFF, or a picture."""
+"""A result file enters; a file for another program leaves: SID, state space, FMU, ParaView, a picture and others."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ..formats.hdf5 import atomic_output
 from ..formats.matlab import write_matlab
 from ..formats.result_file import Result, read_result
 from ..formats.sid import write_sid
+from ..formats.state_space import write_state_space_mat, write_state_space_npz
 from ..formats.uff import write_uff
 from ..formats.vtk import write_vtk
 from ..parallel import startup
@@ -23,11 +24,15 @@ from ..report.mode_pictures import draw_shapes
 
 @dataclass(frozen=True)
 class Export:
-    """A format for other programs: its name there, how to write it, and what its writer takes."""
+    """A format for other programs: how to write it, the end of its name, and what its writer takes.
 
-    write: Callable  # (path, Body) -> remarks; or, with all nodes, (path, shapes) -> names of the shapes
+    `takes` "body": (path, Body) -> remarks; "reduced": (path, ReducedModel) -> remarks, for programs that know inputs
+    and outputs and no nodes; "shapes": (path, shapes of all nodes) -> names of the shapes.
+    """
+
+    write: Callable
     suffix: str
-    all_nodes: bool = False
+    takes: str = "body"
 
 
 EXPORTS = {
@@ -35,9 +40,11 @@ EXPORTS = {
     "matlab": Export(write_matlab, ".mat"),
     "npz": Export(write_npz, ".npz"),
     "exudyn": Export(write_exudyn, "_exudyn.npz"),
-    "vtk": Export(write_vtk, ".vtu", all_nodes=True),
-    "uff": Export(write_uff, ".uff", all_nodes=True),
-    "png": Export(draw_shapes, ".png", all_nodes=True),
+    "statespace-mat": Export(write_state_space_mat, "_statespace.mat", takes="reduced"),
+    "statespace-npz": Export(write_state_space_npz, "_statespace.npz", takes="reduced"),
+    "vtk": Export(write_vtk, ".vtu", takes="shapes"),
+    "uff": Export(write_uff, ".uff", takes="shapes"),
+    "png": Export(draw_shapes, ".png", takes="shapes"),
 }
 
 
@@ -46,7 +53,8 @@ def export_result(result, kind, path=None, *, nodes=None, comm=None, progress=No
 
     `kind`: one of EXPORTS; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of
     the interface nodes, by default those of the inputs and outputs. Returns what was written: output, format, and
-    shapes (their names), or coordinates (their number), nodes and remarks on what the format does not hold.
+    shapes (their names), or coordinates (their number), remarks on what the format does not hold, and nodes, or inputs
+    and outputs by name.
     """
     comm = comm or startup.start_mpi()
     if isinstance(result, Result):
@@ -54,8 +62,9 @@ def export_result(result, kind, path=None, *, nodes=None, comm=None, progress=No
     if kind not in EXPORTS:
         raise InputError(f"--format: found '{kind}', expected one of {', '.join(EXPORTS)}")
     export = EXPORTS[kind]
-    if export.all_nodes and nodes is not None:
-        raise InputError(f"--nodes: '{kind}' shows all nodes; leave it out")
+    if export.takes != "body" and nodes is not None:
+        why = "shows all nodes" if export.takes == "shapes" else "has inputs and outputs, and no nodes"
+        raise InputError(f"--nodes: '{kind}' {why}; leave it out")
     if nodes is not None and (not len(nodes) or len(set(nodes)) < len(nodes)):
         raise InputError(f"--nodes: found {list(nodes)}, expected at least one node, and each once")
     path = Path(path) if path else Path(result).with_name(Path(result).stem + export.suffix)
@@ -73,9 +82,15 @@ def export_result(result, kind, path=None, *, nodes=None, comm=None, progress=No
 def _write(export, path, target, nodes) -> dict:
     """Write one format on one rank."""
     result = read_result(path, MPI.COMM_SELF)
-    if export.all_nodes:
+    if export.takes == "shapes":
         with result.shapes() as shapes, _naming(path):
             return {"shapes": export.write(target, shapes)}
+    if export.takes == "reduced":
+        reduced = result.reduced
+        with _naming(path):
+            remarks = export.write(target, reduced)
+        named = {"inputs": list(reduced.input_names), "outputs": list(reduced.output_names)}
+        return {"coordinates": reduced.size, **named, "remarks": remarks}
     body = result.body(nodes)
     with _naming(path):
         if not body.nodes:

@@ -25,9 +25,12 @@ def test_all_formats_without_more(reduced_linkage, comm):
         report = export_result(result, kind)
         path = result.with_name("result" + export.suffix)
         assert report["output"] == str(path) and path.stat().st_size > 1000
-        if not export.all_nodes:
+        if export.takes == "body":
             assert report["nodes"] == [1, 20] and report["coordinates"] == 6
             assert "an approximation" in report["remarks"][0]
+        if export.takes == "reduced":
+            assert report["inputs"] == report["outputs"] == ["20:z", "1:x"] and report["coordinates"] == 6
+            assert report["remarks"] == []
     assert result.with_suffix(".png").read_bytes()[:4] == b"\x89PNG"
     assert result.with_suffix(".png").stat().st_size > 20_000
     assert export_result(str(result), "sid", result.with_name("x.SID_FEM"), nodes=[7, 1])["nodes"] == [7, 1]
@@ -40,7 +43,7 @@ def test_structural_damping_is_carried_or_refused(reduced_linkage, comm):
     head, tail = MODES_JOB.split('kind = "rayleigh"\nalpha = 2.0\nbeta = 1e-5\n')
     result = reduced_linkage(head + STRUCTURAL + tail)
     before = names(result.parent, comm)
-    for kind in ("sid", "exudyn"):
+    for kind in ("sid", "exudyn", "statespace-mat"):
         with pytest.raises(InputError, match=r"result.h5: damping: .*loss factor 0.02.*'modal' and ratio = 0.01"):
             export_result(result, kind)
     assert names(result.parent, comm) == before
@@ -49,16 +52,23 @@ def test_structural_damping_is_carried_or_refused(reduced_linkage, comm):
         assert np.ravel(file["loss_factor"])[0] == 0.02 and not file["D"].any()
 
 
+def test_the_help_names_all_formats(capsys):
+    assert run(["export", "--help"]) == 0
+    words = capsys.readouterr().out.replace(",", " ").replace(".", " ").split()
+    assert set(EXPORTS) <= set(words)
+
+
 @pytest.mark.mpi
 def test_exports_are_refused_on_all_ranks(reduced_linkage, comm):
     result = reduced_linkage()
     before = names(result.parent, comm)
     for arguments, says in (
-        ({"kind": "sidd"}, "--format: found 'sidd', expected one of sid, matlab, npz, exudyn, vtk"),
+        ({"kind": "sidd"}, "--format: found 'sidd', expected one of sid, matlab, npz, exudyn"),
         ({"kind": "sid", "nodes": [99]}, "result.h5: node 99 does not exist"),
         ({"kind": "sid", "nodes": [1, 1]}, "expected at least one node, and each once"),
         ({"kind": "sid", "nodes": []}, "expected at least one node, and each once"),
         ({"kind": "vtk", "nodes": [1]}, "'vtk' shows all nodes"),
+        ({"kind": "statespace-npz", "nodes": [1]}, "'statespace-npz' has inputs and outputs, and no nodes"),
         ({"kind": "npz", "path": result}, "this is the result itself"),
         ({"kind": "npz", "path": result.parent / "nowhere/x.npz"}, "nowhere does not exist"),
     ):
