@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..formats.body_npz import write_npz
 from ..formats.exudyn import write_exudyn
+from ..formats.fmu import write_fmu
 from ..formats.hdf5 import atomic_output
 from ..formats.matlab import write_matlab
 from ..formats.result_file import Result, read_result
@@ -42,6 +43,7 @@ EXPORTS = {
     "exudyn": Export(write_exudyn, "_exudyn.npz"),
     "statespace-mat": Export(write_state_space_mat, "_statespace.mat", takes="reduced"),
     "statespace-npz": Export(write_state_space_npz, "_statespace.npz", takes="reduced"),
+    "fmu": Export(write_fmu, ".fmu", takes="reduced"),
     "vtk": Export(write_vtk, ".vtu", takes="shapes"),
     "uff": Export(write_uff, ".uff", takes="shapes"),
     "png": Export(draw_shapes, ".png", takes="shapes"),
