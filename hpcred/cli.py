@@ -35,7 +35,7 @@ Overrides = Annotated[
 ]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
-FORMATS = "sid, matlab, npz, exudyn, statespace-mat, statespace-npz, fmu, vtk, uff or png."
+FORMATS = "sid, matlab, npz, exudyn, mbdyn, statespace-mat, statespace-npz, fmu, vtk, uff or png."
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
 

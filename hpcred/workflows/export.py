@@ -12,6 +12,7 @@ from ..formats.exudyn import write_exudyn
 from ..formats.fmu import write_fmu
 from ..formats.hdf5 import atomic_output
 from ..formats.matlab import write_matlab
+from ..formats.mbdyn import write_mbdyn
 from ..formats.result_file import Result, read_result
 from ..formats.sid import write_sid
 from ..formats.state_space import write_state_space_mat, write_state_space_npz
@@ -41,6 +42,7 @@ EXPORTS = {
     "matlab": Export(write_matlab, ".mat"),
     "npz": Export(write_npz, ".npz"),
     "exudyn": Export(write_exudyn, "_exudyn.npz"),
+    "mbdyn": Export(write_mbdyn, ".fem"),
     "statespace-mat": Export(write_state_space_mat, "_statespace.mat", takes="reduced"),
     "statespace-npz": Export(write_state_space_npz, "_statespace.npz", takes="reduced"),
     "fmu": Export(write_fmu, ".fmu", takes="reduced"),
