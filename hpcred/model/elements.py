@@ -21,6 +21,15 @@ EDGES = {
     "hexahedron": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
 }  # fmt: skip
 
+FACES = {
+    "triangle": [(0, 1, 2)], "quad": [(0, 1, 2, 3)],
+    "tetra": [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)],
+    "pyramid": [(0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)],
+    "wedge": [(0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)],
+    "hexahedron": [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
+}  # fmt: skip
+SHELLS = ("triangle", "quad")
+
 
 def abaqus_kind(name: str) -> str | None:
     """The kind of an Abaqus element type, whatever its integration: C3D8R is a hexahedron. None if not known."""
@@ -32,6 +41,27 @@ def abaqus_kind(name: str) -> str | None:
 def edges(kind: str) -> list[tuple[int, int]]:
     """Pairs of places in the list of an element's nodes; straight edges of the corners for curved kinds."""
     return EDGES.get(kind) or EDGES[kind.rstrip("0123456789")]
+
+
+def surface_triangles(cells: dict[str, np.ndarray]) -> np.ndarray:
+    """The triangles (t, 3) of shells, and of the faces that belong to one solid element only; nodes as in `cells`.
+
+    `cells`: nodes (elements, k) by kind; curved kinds count by their corners, and lines have no surface.
+    """
+    shells, solids = [], {3: [], 4: []}
+    for kind, nodes in cells.items():
+        corners = kind.rstrip("0123456789")
+        for face in FACES.get(corners, []):
+            (shells if corners in SHELLS else solids[len(face)]).append(nodes[:, face])
+    for parts in solids.values():
+        if parts:
+            faces = np.concatenate(parts)
+            _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+            shells.append(faces[np.sort(first[count == 1])])
+    triangles = [face[:, corner] for face in shells for corner in ([0, 1, 2], [0, 2, 3])[: face.shape[1] - 2]]
+    found = np.concatenate([np.zeros((0, 3), dtype=int), *triangles])
+    a, b, c = found.T
+    return found[(a != b) & (b != c) & (c != a)]  # elements may have been made by putting corners together
 
 
 def in_vtk_order(kind: str, nodes: np.ndarray) -> np.ndarray:

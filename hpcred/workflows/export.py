@@ -29,19 +29,21 @@ class Export:
     """A format for other programs: how to write it, the end of its name, and what its writer takes.
 
     `takes` "body": (path, Body) -> remarks; "reduced": (path, ReducedModel) -> remarks, for programs that know inputs
-    and outputs and no nodes; "shapes": (path, shapes of all nodes) -> names of the shapes.
+    and outputs and no nodes; "shapes": (path, shapes of all nodes) -> names of the shapes. `surface`: whether the body
+    has the surface that is drawn.
     """
 
     write: Callable
     suffix: str
     takes: str = "body"
+    surface: bool = False
 
 
 EXPORTS = {
     "sid": Export(write_sid, ".SID_FEM"),
     "matlab": Export(write_matlab, ".mat"),
     "npz": Export(write_npz, ".npz"),
-    "exudyn": Export(write_exudyn, "_exudyn.npz"),
+    "exudyn": Export(write_exudyn, "_exudyn.npz", surface=True),
     "mbdyn": Export(write_mbdyn, ".fem"),
     "statespace-mat": Export(write_state_space_mat, "_statespace.mat", takes="reduced"),
     "statespace-npz": Export(write_state_space_npz, "_statespace.npz", takes="reduced"),
@@ -99,6 +101,7 @@ def _write(export, path, target, nodes) -> dict:
     with _naming(path):
         if not body.nodes:
             raise InputError("no interface nodes, since no input or output belongs to a node; name some by --nodes")
+        body.surface = result.surface() if export.surface else None
         remarks = export.write(target, body)
     return {"coordinates": body.reduced.size, "nodes": [shape.node for shape in body.nodes], "remarks": remarks}
 
