@@ -162,7 +162,7 @@ static int prepare(Instance *self, double step)
     double *memory = malloc(sizeof(double) * (3 * square + 2 * tall)), *swap;
     double *a = memory, *term = a + square, *work = term + square, *load = work + square, *next = load + tall;
     double *phi = self->phi, *gamma0 = self->gamma0, *gamma1 = self->gamma1;
-    double scale = highest_frequency(), small = step, factor;
+    double scale = highest_frequency(), small, factor;
     int doublings = 0, k;
     size_t i;
     if (memory == NULL)
