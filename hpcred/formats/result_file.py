@@ -7,7 +7,7 @@ basis/V (m, n), one row a basis vector in the dofs of the full model (basis/W: t
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kind> (elements, nodes), held/, as in
     model.h5
 floating_frame/: the quantities of multibody.floating_frame, for a one-sided basis of a model with nodes
-interface/node (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): see multibody.node_shapes
+interface/node (k), name (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): see multibody.node_shapes
 record: JSON of reduction.record.Record
 """
 
@@ -190,6 +190,7 @@ def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=
             if body.nodes:
                 for key in ("node", "position", "phi", "psi", "rotates"):
                     file.small(f"interface/{key}", np.array([getattr(shape, key) for shape in body.nodes]))
+                file.small("interface/name", [shape.name for shape in body.nodes])
         file.small("record", TypeAdapter(Record | None).dump_json(reduced.record).decode())
 
 
@@ -225,9 +226,10 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
             )
         if "interface" in file:
             arrays = [file[f"interface/{key}"][...] for key in ("node", "position", "phi", "psi", "rotates")]
+            names = texts(file["interface/name"]) if "name" in file["interface"] else [""] * len(arrays[0])
             result.nodes = [
-                NodeShape(int(node), position, phi, psi, bool(rotates))
-                for node, position, phi, psi, rotates in zip(*arrays, strict=True)
+                NodeShape(int(node), position, phi, psi, bool(rotates), name)
+                for node, position, phi, psi, rotates, name in zip(*arrays, names, strict=True)
             ]
         return result
 

@@ -21,7 +21,7 @@ from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
 from ..reduction.record import signature_of, versions
-from .reduce import with_targets
+from .reduce import with_interfaces, with_targets
 
 SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
 
@@ -164,7 +164,7 @@ def model_of_record(path, record, result, comm):
 
     Collective. Raises InputError.
     """
-    model = read_model(path, comm)
+    model = with_interfaces(read_model(path, comm), record.interfaces)
     for key, names in (("input", record.inputs), ("output", record.outputs)):
         model = _as_recorded(model, key, names, record, path)
     try:
