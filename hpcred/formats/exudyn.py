@@ -2,7 +2,7 @@
 
 Its mesh nodes are displacements only: first the interface nodes; then four points around each of them that rotates, the
 corners of a small tetrahedron fixed to it, whose mean motion is that of the node; then the surface that is drawn. The
-keys of our own are `nodes`, the numbers of the interface nodes, `markerNodes`, the four mesh nodes of each for a
+keys of our own are `names`, names or numbers of the interface nodes, `markerNodes`, the four mesh nodes of each for a
 MarkerSuperElementRigid, -1 where it does not rotate, and `dampingMatrixReduced`, the matrix D. Exudyn leaves them out
 of account; docs/export-exudyn.md says how to use them. Inputs and outputs but nodes have no place in the file.
 """
@@ -55,7 +55,7 @@ def write_exudyn(path, body: Body) -> list[str]:
         "mPhitTPsiTilde": np.concatenate([np.cross(identity, row) for row in quantities.Ct], axis=1),
         "mXRefTildePsi": -quantities.Cr.T,
         "mXRefTildePsiTilde": reference.transpose(1, 0, 2).reshape(3, -1),
-        "nodes": np.array([shape.node for shape in body.nodes]),
+        "names": np.array([shape.name or str(shape.node) for shape in body.nodes]),
         "markerNodes": markers,
         "dampingMatrixReduced": reduced.D,
     }
@@ -87,7 +87,7 @@ def _mesh(body):
 def _notes(body):
     """What Exudyn learns by a line of script, and what it cannot learn from the file."""
     notes = []
-    rotating = ", ".join(str(shape.node) for shape in body.nodes if shape.rotates)
+    rotating = ", ".join(shape.name or str(shape.node) for shape in body.nodes if shape.rotates)
     if rotating:
         notes.append(f"rotations of nodes {rotating}: by MarkerSuperElementRigid on the mesh nodes of markerNodes")
     if body.reduced.D.any():

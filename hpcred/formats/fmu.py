@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ..model.dofs import DIRECTIONS
+from ..model.dofs import DIRECTIONS, SCALAR, target_of
 from ..multibody.body import check_damped_in_time, instability, maker
 from ..parallel.failures import ComputationError, InputError
 from ..reduction.reduced_model import ReducedModel
@@ -215,10 +215,10 @@ def _add_variables(root, reduced):
 
 
 def _kind(name):
-    """What a name such as 20:z is a direction of."""
-    direction = name.rpartition(":")[2]
-    index = DIRECTIONS.index(direction) if ":" in name and direction in DIRECTIONS else len(DIRECTIONS)
-    return TRANSLATION if index < 3 else ROTATION if index < 6 else UNKNOWN
+    """What a name such as 20:z or bearing:rx is a direction of."""
+    target = target_of(name)
+    index = DIRECTIONS.index(target[1]) if isinstance(target, tuple) else SCALAR
+    return TRANSLATION if index < 3 else ROTATION if index < SCALAR else UNKNOWN
 
 
 def _variable(word, name) -> str:

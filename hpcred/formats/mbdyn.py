@@ -52,7 +52,7 @@ def _groups(body) -> dict:
     trace = np.einsum("aakj->jk", frame.S)
     quadratic = frame.S.transpose(0, 3, 2, 1) - np.einsum("rc,jk->rjkc", np.eye(3), trace)
     return {
-        2: ("FINITE ELEMENT NODE LIST", np.array([shape.node for shape in nodes])),
+        2: ("FINITE ELEMENT NODE LIST", np.array([shape.name or str(shape.node) for shape in nodes])),
         3: ("INITIAL MODAL DISPLACEMENTS", np.zeros(reduced.size)),
         4: ("INITIAL MODAL VELOCITIES", np.zeros(reduced.size)),
         5: ("NODAL X COORDINATES", places[:, 0]),
@@ -72,6 +72,6 @@ def _groups(body) -> dict:
 
 
 def _numbers(values) -> list[str]:
-    """Numbers in their order, a few a line."""
-    words = [f"{value:d}" if values.dtype.kind == "i" else f"{value: .16e}" for value in values.ravel()]
+    """Numbers or labels in their order, a few a line."""
+    words = [value if values.dtype.kind == "U" else f"{value: .16e}" for value in values.ravel()]
     return [" ".join(words[low : low + A_LINE]) for low in range(0, len(words), A_LINE)]

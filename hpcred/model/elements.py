@@ -36,15 +36,7 @@ EDGES = {
     "wedge": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
     "hexahedron": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
 }  # fmt: skip
-
-FACES = {
-    "triangle": [(0, 1, 2)], "quad": [(0, 1, 2, 3)],
-    "tetra": [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)],
-    "pyramid": [(0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)],
-    "wedge": [(0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)],
-    "hexahedron": [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
-}  # fmt: skip
-SHELLS = ("triangle", "quad")
+SHELLS = ("triangle", "triangle6", "quad", "quad8")
 
 
 def abaqus_kind(name: str) -> str | None:
@@ -66,9 +58,9 @@ def surface_triangles(cells: dict[str, np.ndarray]) -> np.ndarray:
     """
     shells, solids = [], {3: [], 4: []}
     for kind, nodes in cells.items():
-        corners = kind.rstrip("0123456789")
-        for face in FACES.get(corners, []):
-            (shells if corners in SHELLS else solids[len(face)]).append(nodes[:, face])
+        for face in FACES.get(kind, ()):
+            corners = face[: CORNERS[len(face)]]
+            (shells if kind in SHELLS else solids[len(corners)]).append(nodes[:, corners])
     for parts in solids.values():
         if parts:
             faces = np.concatenate(parts)

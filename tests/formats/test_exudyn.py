@@ -10,6 +10,7 @@ from hpcred.examples.beam import Rod
 from hpcred.formats.exudyn import write_exudyn
 from hpcred.model.damping import Structural
 from hpcred.model.elements import surface_triangles
+from hpcred.model.interfaces import Interface, Nodes
 from hpcred.multibody.body import body_of
 from hpcred.multibody.equations_of_motion import rotation
 from hpcred.multibody.simulation import simulate
@@ -63,12 +64,41 @@ def test_exudyn_moves_the_body_as_we_do(tmp_path):
     assert np.abs(ours.elastic[-1]).max() > 5e-5
 
 
-def test_a_moment_turns_a_node_and_a_joint_holds_one(tmp_path):
-    """A beam held at one end, with a moment at the other: M L / EI, by markers on the four points around each node."""
+def bent(path, held, loaded, moment):
+    """Rotation and displacement (3,) of a node by Exudyn under a moment (3,), with another node held."""
     exudyn = pytest.importorskip("exudyn")
     from exudyn import itemInterface as items
     from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
+    file = np.load(path)
+    names = file["names"].tolist()
+    interface = ObjectFFRFreducedOrderInterface()
+    interface.LoadFromFile(str(path))
+    mbs = exudyn.SystemContainer().AddSystem()
+    own = interface.AddObjectFFRFreducedOrder(mbs, positionRef=[0, 0, 0])["oFFRFreducedOrder"]
+    places = [file["xRef"].reshape(-1, 3)[names.index(name)] for name in (held, loaded)]
+    markers = [
+        mbs.AddMarker(items.MarkerSuperElementRigid(
+            bodyNumber=own, meshNodeNumbers=file["markerNodes"][names.index(name)].tolist(), weightingFactors=[0.25] * 4
+        ))
+        for name in (held, loaded)
+    ]  # fmt: skip
+    body = mbs.AddObject(items.ObjectGround())
+    ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=places[0].tolist()))
+    mbs.AddObject(items.GenericJoint(markerNumbers=[ground, markers[0]]))
+    mbs.AddLoad(items.LoadTorqueVector(markerNumber=markers[1], loadVector=moment.tolist()))
+    mbs.Assemble()
+    settings = exudyn.SimulationSettings()
+    settings.solution.file.write = False
+    settings.staticSolver.verboseMode = 0
+    mbs.SolveStatic(settings)
+    turned = np.array(mbs.GetMarkerOutput(markers[1], exudyn.OutputVariableType.RotationMatrix)).reshape(3, 3)
+    angles = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
+    return angles, np.array(mbs.GetMarkerOutput(markers[1], exudyn.OutputVariableType.Position)) - places[1]
+
+
+def test_a_moment_turns_a_node_and_a_joint_holds_one(tmp_path):
+    """A beam held at one end, with a moment at the other: M L / EI, by markers on the four points around each node."""
     length, rod, moment = 0.5, Rod(), np.array([1.0, 2.0, 3.0])
     inputs = [(node, d) for node in (1, 9) for d in ("x", "y", "z", "rx", "ry", "rz")]
     basis = [Modes(index=tuple(range(7, 13))), Krylov(frequency=0.0)]
@@ -80,35 +110,37 @@ def test_a_moment_turns_a_node_and_a_joint_holds_one(tmp_path):
     body.nodes[1].rotates = False
     notes = write_exudyn(tmp_path / "body.npz", body)
     assert any(note.startswith("rotations of nodes 9, 1: by MarkerSuperElementRigid") for note in notes)
-    file = np.load(tmp_path / "body.npz")
-    assert file["nodes"].tolist() == [9, 4, 1] and file["markerNodes"][1].tolist() == [-1] * 4
-    around = dict(zip(file["nodes"], file["markerNodes"], strict=True))
-    interface = ObjectFFRFreducedOrderInterface()
-    interface.LoadFromFile(str(tmp_path / "body.npz"))
-    mbs = exudyn.SystemContainer().AddSystem()
-    own = interface.AddObjectFFRFreducedOrder(mbs, positionRef=[0, 0, 0])["oFFRFreducedOrder"]
-    held, loaded = (
-        mbs.AddMarker(items.MarkerSuperElementRigid(
-            bodyNumber=own, meshNodeNumbers=around[node].tolist(), weightingFactors=[0.25] * 4
-        ))
-        for node in (1, 9)
-    )  # fmt: skip
-    ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.AddObject(items.ObjectGround())))
-    mbs.AddObject(items.GenericJoint(markerNumbers=[ground, held]))
-    mbs.AddLoad(items.LoadTorqueVector(markerNumber=loaded, loadVector=moment.tolist()))
-    mbs.Assemble()
-    settings = exudyn.SimulationSettings()
-    settings.solution.file.write = False
-    settings.staticSolver.verboseMode = 0
-    mbs.SolveStatic(settings)
-    turned = np.array(mbs.GetMarkerOutput(loaded, exudyn.OutputVariableType.RotationMatrix)).reshape(3, 3)
-    moved = np.array(mbs.GetMarkerOutput(loaded, exudyn.OutputVariableType.Position)) - [length, 0, 0]
+    assert np.load(tmp_path / "body.npz")["markerNodes"][1].tolist() == [-1] * 4
+    turned, moved = bent(tmp_path / "body.npz", "1", "9", moment)
     bending = rod.young * rod.second_moment
     torsion = rod.young / (1 + rod.poisson) * rod.second_moment
     angles = moment * length / np.array([torsion, bending, bending])
-    skew = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
-    assert skew == pytest.approx(angles, rel=1e-3)
+    assert turned == pytest.approx(angles, rel=1e-3)
     assert moved[1:] == pytest.approx([angles[2] * length / 2, -angles[1] * length / 2], rel=1e-3)
+
+
+def test_interfaces_of_a_solid_take_moments(tmp_path):
+    """Both ends of a bar of bricks as averaging interfaces: Exudyn's static solution is that of the reduced model."""
+    faces = {"left": 0.0, "right": 0.06}
+    interfaces = [Interface(name=name, nodes=Nodes(box=((x - 1e-6, -1, -1), (x + 1e-6, 1, 1))))
+                  for name, x in faces.items()]  # fmt: skip
+    with (
+        hpcred.solid((6, 2, 2), clamped=False, inputs=3).with_interfaces(interfaces) as plain,
+        plain.with_inputs([("left", "all"), ("right", "all")]) as model,
+        hpcred.reduce(model, [Krylov(frequency=0.0)], Buckens()) as rom,
+    ):
+        body = body_of(model, rom)
+    write_exudyn(tmp_path / "body.npz", body)
+    moment = np.array([1.0, -2.0, 3.0])
+    turned, moved = bent(tmp_path / "body.npz", "left", "right", moment)
+    # of the reduced model: K q = (psi_R - psi_L)^T M, seen from the left end
+    left, right = body.nodes
+    twist = right.psi - left.psi
+    q = np.linalg.solve(body.reduced.K, twist.T @ moment)
+    assert turned == pytest.approx(twist @ q, rel=1e-4)
+    arm = right.position - left.position
+    assert moved == pytest.approx((right.phi - left.phi) @ q - np.cross(left.psi @ q, arm), abs=1e-4 * abs(moved).max())
+    assert abs(turned).min() > 1e-7
 
 
 def test_the_surface_that_is_drawn(tmp_path):

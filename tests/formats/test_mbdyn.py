@@ -32,7 +32,7 @@ def read(path):
             words += [] if lines[at].startswith("**") else lines[at].split()
             at += 1
         assert number not in groups
-        groups[number] = words if number == 1 else np.array(words, dtype=float)
+        groups[number] = words if number == 1 else np.array(words, dtype=str if number == 2 else float)
     nodes, modes = (int(word) for word in groups[1][1:3])
     assert groups[1][3:] == ["0", "0", "0"]
     shapes = {2: (nodes,), 3: (modes,), 4: (modes,), 5: (nodes,), 6: (nodes,), 7: (nodes,), 8: (modes, nodes, 6),
@@ -89,10 +89,11 @@ def test_rotations_of_nodes_and_remarks(tmp_path):
         hpcred.reduce(model.with_inputs([(20, "z"), 7]), [Modes(index=(7, 8))], Buckens(), ModalDamping(0.01)) as rom,
     ):
         body = body_of(model, rom, [20, 1])
+    body.nodes[1].name = "bearing"
     notes = write_mbdyn(tmp_path / "body.fem", body)
     assert notes[-1] == "outputs that belong to no node are left out: dof 7"
     file = read(tmp_path / "body.fem")
-    assert file[2].tolist() == [20, 1]
+    assert file[2].tolist() == ["20", "bearing"]
     for k, shape in enumerate(body.nodes):
         assert np.array_equal(file[8][:, k], np.concatenate([shape.phi, shape.psi]).T) and shape.psi.any()
     body.reduced.loss_factor = Structural(0.02).loss_factor
