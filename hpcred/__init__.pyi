@@ -38,6 +38,9 @@ from .model.frames import Buckens as Buckens
 from .model.frames import Chord as Chord
 from .model.frames import NoFrame as NoFrame
 from .model.frames import Tangent as Tangent
+from .model.interfaces import Interface as Interface
+from .model.interfaces import InterfaceNode as InterfaceNode
+from .model.interfaces import Nodes as Nodes
 from .model.second_order_model import SecondOrderModel as SecondOrderModel
 from .multibody.body import Body as Body
 from .multibody.body import body_of as body_of
@@ -58,6 +61,11 @@ from .parallel.startup import start as start
 from .reduction.adaptive import Accuracy as Accuracy
 from .reduction.adaptive import Adaptive as Adaptive
 from .reduction.adaptive import Limits as Limits
+from .reduction.craig_bampton import ConstraintModes as ConstraintModes
+from .reduction.craig_bampton import CraigBampton as CraigBampton
+from .reduction.craig_bampton import FixedInterfaceModes as FixedInterfaceModes
+from .reduction.craig_bampton import Guyan as Guyan
+from .reduction.craig_bampton import ResidualAttachment as ResidualAttachment
 from .reduction.ingredient import Ingredient as Ingredient
 from .reduction.krylov import Krylov as Krylov
 from .reduction.krylov import StaticCorrection as StaticCorrection

@@ -35,7 +35,10 @@ Overrides = Annotated[
 ]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
-FORMATS = "sid, matlab, npz, exudyn, mbdyn, statespace-mat, statespace-npz, fmu, vtk, uff or png."
+FORMATS = (
+    "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff, png; nastran, nastran-op4, ansys, "
+    "abaqus or simscape of a model in interface coordinates."
+)
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
 
@@ -424,7 +427,9 @@ def export(
     else:
         ends = ", ".join(f"{key} {', '.join(map(str, report[key]))}" for key in ("nodes", "inputs", "outputs")
                          if key in report)  # fmt: skip
-        print(f"{report['output']}: {report['coordinates']} elastic coordinates, {ends}")
+        print(f"{report['output']}: {report['coordinates']} coordinates, {ends}")
+        for name in report.get("files", ()):
+            print(f"with {name}")
         for line in report["remarks"]:
             print(f"note: {line}")
     write_json(json, report)

@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..model.dofs import DIRECTIONS, SCALAR, target_of
-from ..multibody.body import check_damped_in_time, instability, maker
+from ..multibody.body import check_viscous, instability, maker
 from ..parallel.failures import ComputationError, InputError
 from ..reduction.reduced_model import ReducedModel
 
@@ -49,7 +49,7 @@ def write_fmu(path, reduced: ReducedModel) -> list[str]:
     Raises InputError for structural damping, a model without inputs or outputs, or a machine without C compiler, and
     ComputationError when the compiler fails.
     """
-    check_damped_in_time(reduced, "an FMU")
+    check_viscous(reduced, "an FMU")
     if not reduced.input_names or not reduced.output_names:
         raise InputError("an FMU needs inputs and outputs; reduce with `inputs` in the job, or convert with --inputs")
     compiler, (folder, suffix) = _compiler(), _platform()

@@ -14,14 +14,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..multibody.body import check_damped_in_time, instability, maker
+from ..multibody.body import check_viscous, instability, maker
 from ..reduction.reduced_model import ReducedModel
 from .matlab import save_mat
 
 
 def state_space(reduced: ReducedModel) -> dict:
     """The matrices by name. Raises InputError for structural damping."""
-    check_damped_in_time(reduced, "a state space")
+    check_viscous(reduced, "a state space")
     M, D, K, B, C, size = reduced.M, reduced.D, reduced.K, reduced.B, reduced.C, reduced.size
     zero, one = np.zeros((size, size)), np.eye(size)
     still, silent = np.zeros((size, B.shape[1])), np.zeros_like(C)

@@ -61,7 +61,7 @@ def check_moving(body: Body, where: str):
 
     It needs a damping that exists in time, mass and inertia in all directions, and no rigid-body motion in its basis.
     """
-    check_damped_in_time(body.reduced, where)
+    check_viscous(body.reduced, where)
     masses = body.floating_frame.masses
     missing = [name for name, mass in zip("xyz", masses, strict=True) if mass <= 0]
     if missing:
@@ -73,8 +73,8 @@ def check_moving(body: Body, where: str):
     check_elastic(body)
 
 
-def check_damped_in_time(reduced: ReducedModel, where: str):
-    """Raise InputError where a reduced model has structural damping, which `where` cannot hold."""
+def check_viscous(reduced, where: str):
+    """Raise InputError for a model with structural damping, which `where` (such as "a SID file") cannot hold."""
     if reduced.loss_factor:
         raise InputError(
             f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no meaning in time and no place in "
