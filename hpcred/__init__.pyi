@@ -10,6 +10,7 @@ from .analysis.summary import inspect as inspect
 from .examples.crank import crank as crank
 from .examples.linkage import linkage as linkage
 from .examples.solid import solid as solid
+from .formats.fmu import write_fmu as write_fmu
 from .formats.job_file import Job as Job
 from .formats.job_file import read_job as read_job
 from .formats.model_file import read_model as read_model
@@ -25,6 +26,7 @@ from .formats.result_file import read_result as read_result
 from .formats.result_file import write_result as write_result
 from .formats.sid import read_sid as read_sid
 from .formats.sid import write_sid as write_sid
+from .formats.state_space import state_space as state_space
 from .linalg.factorisation import Factoring as Factoring
 from .model.damping import Caughey as Caughey
 from .model.damping import GivenDamping as GivenDamping

@@ -35,6 +35,10 @@ Overrides = Annotated[
 ]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
+FORMATS = (
+    "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff, png; nastran, nastran-op4, ansys, "
+    "abaqus or simscape of a model in interface coordinates."
+)
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
 
@@ -426,8 +430,7 @@ def response(
 @app.command()
 def export(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff, png; nastran, "
-                   "nastran-op4, ansys, abaqus or simscape of a model in interface coordinates.")] = "sid",
+    kind: Annotated[str, typer.Option("--format", help=FORMATS)] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
     json: JsonFile = None,
@@ -438,7 +441,9 @@ def export(
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")
     else:
-        print(f"{report['output']}: {report['coordinates']} coordinates, nodes {report['nodes']}")
+        ends = ", ".join(f"{key} {', '.join(map(str, report[key]))}" for key in ("nodes", "inputs", "outputs")
+                         if key in report)  # fmt: skip
+        print(f"{report['output']}: {report['coordinates']} coordinates, {ends}")
         for name in report.get("files", ()):
             print(f"with {name}")
         for line in report["remarks"]:

@@ -22,8 +22,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from ..linalg.blocks import create_block, local_rows
 from ..model.dofs import SCALAR
+from ..model.elements import surface_triangles
 from ..model.interfaces import InterfaceNode
-from ..multibody.body import Body, body_of
+from ..multibody.body import Body, Surface, body_of
 from ..multibody.floating_frame import FloatingFrame
 from ..multibody.node_shapes import NodeShape, shapes_of_rows
 from ..parallel.failures import InputError, agreed
@@ -39,6 +40,7 @@ ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
 NAMES = ("input_names", "output_names")
 QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
 CHUNK = 2**22  # rows looked through at a time
+LARGE = 100_000  # dofs of a body whose surface is no longer drawn without being asked for
 
 
 @dataclass
@@ -94,6 +96,19 @@ class Result:
                          for key, part in zip(LABELS, parts, strict=True)]  # fmt: skip
                 basis = np.concatenate([basis, np.zeros((len(held), basis.shape[1]))])
         return shapes_of_rows(nodes, *parts, basis, str(self.path))
+
+    def surface(self) -> Surface | None:
+        """The surface of the body, or None: without elements or basis in the file, or above LARGE dofs. On one rank."""
+        with reading(self.path, FORMAT, VERSION) as file:
+            if "basis/V" not in file or "elements" not in file or file["basis/V"].shape[1] > LARGE:
+                return None
+            shapes = Shapes(file, self.path)
+            triangles = surface_triangles(shapes.cells)
+            nodes, places = np.unique(triangles, return_inverse=True)
+            phi = [shapes.displacement(column)[nodes] for column in range(self.reduced.size)]
+        if not len(nodes):
+            return None
+        return Surface(shapes.points[nodes], places.reshape(triangles.shape), np.stack(phi, axis=-1))
 
     @contextmanager
     def shapes(self):

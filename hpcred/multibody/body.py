@@ -16,12 +16,22 @@ from .node_shapes import NodeShape, interface_nodes, node_shapes
 
 
 @dataclass
+class Surface:
+    """What is drawn of a body: `points` (s, 3) in m, their displacements `phi` (s, 3, m), `triangles` (t, 3)."""
+
+    points: np.ndarray
+    triangles: np.ndarray
+    phi: np.ndarray
+
+
+@dataclass
 class Body:
-    """What a multibody program needs of a flexible body: plain arrays, the same on all ranks."""
+    """What a multibody program needs of a flexible body: plain arrays, the same on all ranks. `surface` may be None."""
 
     reduced: ReducedModel
     floating_frame: FloatingFrame
     nodes: list[NodeShape]
+    surface: Surface | None = None
 
 
 def body_of(model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lumped=False) -> Body:
@@ -110,6 +120,12 @@ def inputs_without_node(body: Body) -> list[str]:
     return found
 
 
-def maker(body: Body) -> str:
-    """Program and version that made the reduced body."""
-    return f"hpcred {body.reduced.record.versions['hpcred']}"
+def instability(reduced: ReducedModel) -> list[str]:
+    """A remark on poles in the right half-plane, where there are any."""
+    count = len(reduced.unstable_poles())
+    return [f"the model is unstable: {count} poles in the right half-plane, so that motion grows in time"] * bool(count)
+
+
+def maker(reduced: ReducedModel) -> str:
+    """Program and version that made the reduced model."""
+    return f"hpcred {reduced.record.versions['hpcred']}" if reduced.record is not None else "hpcred"
