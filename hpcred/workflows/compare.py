@@ -108,8 +108,8 @@ def _check_alike(results, reduced):
             mine, other = getattr(first, key), getattr(record, key)
             if mine != other:
                 raise InputError(
-                    f"{path}: its {key} are {other}, but those of {results[0]} are {mine}; compare results of one model "
-                    "with the same loads and frame"
+                    f"{path}: its {key} are {other}, but those of {results[0]} are {mine}; compare results of one "
+                    "model with the same loads and frame"
                 )
         for key, expected in first.signature.items():
             values = np.array(record.signature.get(key, ()))

@@ -12,7 +12,7 @@ FREQUENCIES = (500.0, 4000.0, 9000.0)
 
 
 def test_each_result_has_its_own_error_and_the_modes_of_the_model(comm, folder):
-    with block_with_ends(comm, cells=(4, 2, 2)) as model:
+    with block_with_ends(comm, cells=(4, 2, 3)) as model:  # no repeated modes
         K, M, _ = dense_model(model)
         hpcred.write_model(folder / "model.h5", model)
         bases = {"modes": [Modes(count=8)], "cb": [CraigBampton(count=6)], "moments": [Krylov(6000.0, 1)]}
