@@ -89,10 +89,13 @@ def check_elastic(body: Body):
     M = FlexibleBody(body.floating_frame, reduced.K, reduced.D).mass_matrix(np.zeros(reduced.size))
     rest = M[6:, 6:] - M[6:, :6] @ np.linalg.pinv(M[:6, :6], rcond=1e-12) @ M[:6, 6:]
     if np.linalg.eigvalsh(rest).min() < 1e-9 * np.linalg.eigvalsh(body.floating_frame.Me).max():
+        advice = (
+            "leave coordinates = 'interface' out of the job" if reduced.interfaces
+            else "reduce with frame 'buckens' and modes from number 7, or hold the body"
+        )  # fmt: skip
         raise InputError(
             f"the reduced body contains rigid-body motions (lowest pseudo-frequency {reduced.frequencies.min():.3g} "
-            "Hz), which the floating frame has already; reduce with frame 'buckens' and modes from number 7, or hold "
-            "the body"
+            f"Hz), which the floating frame has already; {advice}"
         )
 
 
