@@ -36,6 +36,7 @@ EDGES = {
     "wedge": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
     "hexahedron": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
 }  # fmt: skip
+SHELLS = ("triangle", "triangle6", "quad", "quad8")
 
 
 def abaqus_kind(name: str) -> str | None:
@@ -48,6 +49,27 @@ def abaqus_kind(name: str) -> str | None:
 def edges(kind: str) -> list[tuple[int, int]]:
     """Pairs of places in the list of an element's nodes; straight edges of the corners for curved kinds."""
     return EDGES.get(kind) or EDGES[kind.rstrip("0123456789")]
+
+
+def surface_triangles(cells: dict[str, np.ndarray]) -> np.ndarray:
+    """The triangles (t, 3) of shells, and of the faces that belong to one solid element only; nodes as in `cells`.
+
+    `cells`: nodes (elements, k) by kind; curved kinds count by their corners, and lines have no surface.
+    """
+    shells, solids = [], {3: [], 4: []}
+    for kind, nodes in cells.items():
+        for face in FACES.get(kind, ()):
+            corners = face[: CORNERS[len(face)]]
+            (shells if kind in SHELLS else solids[len(corners)]).append(nodes[:, corners])
+    for parts in solids.values():
+        if parts:
+            faces = np.concatenate(parts)
+            _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+            shells.append(faces[np.sort(first[count == 1])])
+    triangles = [face[:, corner] for face in shells for corner in ([0, 1, 2], [0, 2, 3])[: face.shape[1] - 2]]
+    found = np.concatenate([np.zeros((0, 3), dtype=int), *triangles])
+    a, b, c = found.T
+    return found[(a != b) & (b != c) & (c != a)]  # elements may have been made by putting corners together
 
 
 def in_vtk_order(kind: str, nodes: np.ndarray) -> np.ndarray:

@@ -121,12 +121,13 @@ class Interface:
 class InterfaceNode:
     """A reference node: its `name`, its number `node`, which no node of the body has, and its `position` in m.
 
-    `definition`: what it was made from, None after reading a result.
+    `directions`: those in which its set moves it. `definition`: what it was made from, None after reading a result.
     """
 
     name: str
     node: int
     position: Vector
+    directions: tuple[str, ...] = SIX
     definition: Interface | None = field(default=None, compare=False)
 
 
@@ -150,8 +151,8 @@ def with_interfaces(model, interfaces):
     found, entries = [], []
     for item, number in zip(interfaces, numbers, strict=True):
         members = _members(model, item)
-        position, rows, weights = _reference(model, item, members)
-        found.append(InterfaceNode(item.name, number, tuple(position.tolist()), item))
+        position, directions, rows, weights = _reference(model, item, members)
+        found.append(InterfaceNode(item.name, number, tuple(position.tolist()), directions, item))
         entries.append((rows, weights))
     _check_overlaps(model, interfaces)
     return model._with(Gt=_sparse_columns(model, entries), interfaces=tuple(found))
@@ -183,7 +184,7 @@ def single_targets(model, target) -> list:
         node = model.interfaces[place].name
     elif direction == "all":
         raise InputError(f"node {node}: direction 'all' belongs to interfaces; name those of a node one by one")
-    return [(node, name) for name in (SIX if direction == "all" else (direction,))]
+    return [(node, name) for name in (model.interfaces[place].directions if direction == "all" else (direction,))]
 
 
 def interface_column(model, target) -> int | None:
@@ -191,8 +192,9 @@ def interface_column(model, target) -> int | None:
     place = find_interface(model, target[0]) if isinstance(target, tuple) else None
     if place is None:
         return None
-    if target[1] not in SIX:
-        raise InputError(f"interface '{target[0]}': direction: found {target[1]!r}, expected {', '.join(SIX)} or all")
+    known = model.interfaces[place].directions
+    if target[1] not in known:
+        raise InputError(f"interface '{target[0]}': direction: found {target[1]!r}, expected {', '.join(known)} or all")
     return 6 * place + SIX.index(target[1])
 
 
@@ -254,7 +256,10 @@ def _rigid_rows(direction, arm) -> np.ndarray:
 
 
 def _reference(model, item, members):
-    """Position (3,) of the reference node, rows of this rank, and their rows (rows, 6) of G^T. Collective."""
+    """Position (3,) and directions of the reference node, rows of this rank, and their rows (rows, 6) of G^T.
+
+    Collective.
+    """
     comm = model.comm
     rows, direction, position = _coupled(model, item, members)
     weight = _weights(model, item, rows, members)
@@ -264,20 +269,28 @@ def _reference(model, item, members):
     at = centre if item.at is None else np.array(item.at)
     spread = comm.allreduce(share @ ((position - centre) ** 2).sum(axis=1))
     length = np.sqrt(spread / total) if total and spread else 1.0
-    E = _rigid_rows(direction, position - centre)
+    engaged = np.any(comm.allgather((_rigid_rows(direction, position - at) != 0).any(axis=0)), axis=0)
+    engaged[:] |= engaged[:3].all()  # only a set that does not move in some direction may leave others out
+    # about the centre, which is better conditioned, and moved along, unless a direction has no part in the motion
+    shift = np.eye(6)
+    if engaged.all():
+        shift[:3, 3:] = np.cross(np.eye(3), at - centre).T  # theta x (at - centre)
+    E = _rigid_rows(direction, position - (centre if engaged.all() else at))
     weight = weight * np.where(direction < 3, 1.0, length**2)
     gram = comm.allreduce(E.T @ (weight[:, None] * E))
-    inverse = decided(comm, _inverse, gram, length, item)
-    # the motion about `at` is that about the centre, moved along
-    shift = np.eye(6)
-    shift[:3, 3:] = np.cross(np.eye(3), at - centre).T  # theta x (at - centre)
-    return at, rows, weight[:, None] * (E @ inverse) @ shift.T
+    inverse = decided(comm, _inverse, gram, length, engaged, item)
+    directions = tuple(name for name, there in zip(SIX, engaged, strict=True) if there)
+    return at, directions, rows, weight[:, None] * (E @ inverse) @ shift.T
 
 
-def _inverse(gram, length, item):
-    """(sum w E^T E)^-1 of a set with a radius of gyration `length`. Raises InputError where there is none."""
+def _inverse(gram, length, engaged, item):
+    """(sum w E^T E)^-1 on the engaged directions, zero in the others, for a set with a radius of gyration `length`.
+
+    Raises InputError where there is none.
+    """
     scale = np.array([1.0] * 3 + [1 / length] * 3) / np.sqrt(max(np.diag(gram)[:3].max(), 1e-300))
-    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
+    # an eigenvalue of one stands for a direction that has no part
+    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale) + np.diag(1.0 - engaged))
     if values[0] < DEPENDENT:
         free = (vectors[:, values < DEPENDENT] ** 2).sum(axis=1)
         named = ", ".join(name for name, part in zip(SIX, free, strict=True) if part > 0.1)
@@ -287,7 +300,7 @@ def _inverse(gram, length, item):
             else "take nodes that are not all on one line, or with rotations, and more directions"
         )  # fmt: skip
         raise InputError(f"interface '{item.name}': its nodes do not define the motion in {named}; {advice}")
-    return scale[:, None] * (vectors / values) @ vectors.T * scale
+    return scale[:, None] * (vectors / values) @ vectors.T * scale * np.outer(engaged, engaged)
 
 
 def _weights(model, item, rows, members) -> np.ndarray:
@@ -345,7 +358,7 @@ def _sparse(model, parts, width):
 def couple(model):
     """The model in which the dofs of rigid sets follow their reference nodes, and T (n, n^) with q = T q^.
 
-    The six dofs of each reference node come last. Without rigid sets the model itself, with references of its own, and
+    The dofs of the reference nodes come last. Without rigid sets the model itself, with references of its own, and
     None. Collective.
     """
     rigid = [item for item in model.interfaces if item.definition.kind == "rigid"]
@@ -369,18 +382,21 @@ def _coupling(model, rigid):
     for item in rigid:
         rows, direction, position = _coupled(model, item.definition, _members(model, item.definition))
         follow[rows] = True
-        entries.append((rows, _rigid_rows(direction, position - np.array(item.position))))
+        places = [SIX.index(name) for name in item.directions]
+        entries.append((rows, places, _rigid_rows(direction, position - np.array(item.position))[:, places]))
     free = np.flatnonzero(~follow)
     kept = comm.allreduce(len(free))
     parts = [(free, (comm.exscan(len(free)) or 0) + np.arange(len(free)), np.ones(len(free)))]
-    parts += [(np.repeat(rows, 6), kept + 6 * i + np.tile(np.arange(6), len(rows)), E.ravel())
-              for i, (rows, E) in enumerate(entries)]  # fmt: skip
-    more = 6 * len(rigid)
-    T = _sparse(model, parts, (len(free) + (more if last else 0), kept + more))
+    counts = [len(places) for _, places, _ in entries]
+    for (rows, places, E), count, more in zip(entries, counts, np.cumsum(counts), strict=True):
+        columns = kept + more - count + np.arange(count)
+        parts.append((np.repeat(rows, len(places)), np.tile(columns, len(rows)), E.ravel()))
+    T = _sparse(model, parts, (len(free) + (sum(counts) if last else 0), kept + sum(counts)))
     dofs = model.dofs.take(free)
     if last:
-        more = Dofs(np.repeat([item.node for item in rigid], 6), np.tile(np.arange(6), len(rigid)),
-                    np.repeat([item.position for item in rigid], 6, axis=0))  # fmt: skip
-        dofs = Dofs(*(np.concatenate([getattr(dofs, key), getattr(more, key)])
-                      for key in ("node", "direction", "position")))  # fmt: skip
+        number, position = ([getattr(item, key) for item in rigid] for key in ("node", "position"))
+        places = np.concatenate([places for _, places, _ in entries])
+        more = Dofs(np.repeat(number, counts), places, np.repeat(position, counts, axis=0))
+        pairs = [(getattr(dofs, key), getattr(more, key)) for key in ("node", "direction", "position")]
+        dofs = Dofs(*(np.concatenate(pair).astype(pair[0].dtype) for pair in pairs))  # the same on all ranks
     return T, dofs

@@ -19,12 +19,17 @@ from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ..parallel.progress import Timing
 from .adaptive import Accuracy
+from .craig_bampton import ConstraintModes, CraigBampton, FixedInterfaceModes, Guyan, ResidualAttachment
 from .krylov import Krylov, StaticCorrection
 from .modes import Modes
 from .run import IngredientRecord
 from .second_order_krylov import SecondOrderKrylov
 
-AnyIngredient = Annotated[Modes | Krylov | SecondOrderKrylov | StaticCorrection, Field(discriminator="kind")]
+AnyIngredient = Annotated[
+    Modes | Krylov | SecondOrderKrylov | StaticCorrection | ConstraintModes | FixedInterfaceModes | CraigBampton | Guyan
+    | ResidualAttachment,
+    Field(discriminator="kind"),
+]  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
