@@ -277,7 +277,8 @@ def reduce(
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
     store: Annotated[
-        str | None, typer.Option(metavar="DIR", help="Keep expansion points there, and take those that are there.")
+        str | None,
+        typer.Option("--store", "--restart", metavar="DIR", help="Keep expansion points there, and go on from those."),
     ] = None,
     json: JsonFile = None,
 ):
