@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import redirect_stdout
 from dataclasses import asdict
 from typing import Annotated
 
@@ -14,21 +15,23 @@ import hpcred
 from .parallel import startup
 from .parallel.failures import InputError, fail
 from .report.profile import show_profile, start_profile
-from .report.tables import in_words, show_table, show_timing, write_json
+from .report.tables import as_json, in_words, show_table, show_timing, write_json
 
+HELP = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(
-    add_completion=False,
     no_args_is_help=False,
     rich_markup_mode=None,
+    context_settings=HELP,
     help="Reduced flexible bodies by moment matching, in parallel. Without a command: the built-in example. "
     "PETSc, SLEPc and MUMPS options follow after --, such as: hpcred reduce job.toml -- -log_view",
-    epilog="Everywhere: --scalar real|complex insists on a PETSc build, --traceback shows where an error arose, "
-    "--profile the events of PETSc in each stage, --quiet no progress.",
+    epilog="Everywhere: --verbose shows progress from the beginning, --quiet errors and warnings only, --json - the "
+    "numbers alone on standard output, --scalar real|complex insists on a PETSc build, --profile shows the events of "
+    "PETSc in each stage, --traceback where an error arose.",
 )
-example = typer.Typer(help="Write a model to try things on.", rich_markup_mode=None)
+example = typer.Typer(help="Write a model to try things on.", rich_markup_mode=None, context_settings=HELP)
 app.add_typer(example, name="example")
 
-JsonFile = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write the numbers as JSON.")]
+JsonFile = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write the numbers; - prints them.")]
 Frequencies = Annotated[str | None, typer.Option(metavar="F1,F2,...", help="Frequencies in Hz.")]
 Overrides = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of the file: basis.0.order=2")
@@ -39,10 +42,14 @@ ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file
 
 
 class _Session:
-    """What the options that stand everywhere say, and the progress of the command."""
+    """What the options that stand everywhere say, the progress of the command, and where --json - prints."""
 
-    profile = quiet = False
+    profile = quiet = verbose = False
     progress: hpcred.Progress
+    out = sys.stdout
+
+
+WORDS = ("--traceback", "--profile", "--quiet", "--verbose")  # they may stand anywhere
 
 
 def run(arguments: list[str]) -> int:
@@ -53,28 +60,59 @@ def run(arguments: list[str]) -> int:
         cut = arguments.index("--") if "--" in arguments else len(arguments)
         arguments, petsc_args = arguments[:cut], arguments[cut + 1 :]
         startup.insist(_take(arguments, "--scalar"), petsc_args)
-        for word in ("--traceback", "--profile", "--quiet"):
+        for word in WORDS:
             given = word in arguments
-            if given:
-                arguments.remove(word)
-            if word == "--traceback" and given:
-                os.environ["HPCRED_TRACEBACK"] = "1"
+            arguments = [item for item in arguments if item != word]
             setattr(_Session, word[2:], given)
-        _Session.progress = hpcred.Progress(comm, show=False if _Session.quiet else None)
-        if comm.rank:
-            sys.stdout = open(os.devnull, "w")  # noqa: SIM115
-        try:
-            status = app(arguments, prog_name="hpcred", standalone_mode=False)
-        except Exception as error:
-            if hasattr(error, "format_message"):  # a usage error of the parser
-                raise InputError(f"{error.format_message()} (see hpcred --help)") from error
-            raise
-        if _Session.profile and startup.started():
-            show_profile(comm, _Session.progress)
-        sys.stdout.flush()
+        if _Session.traceback:
+            os.environ["HPCRED_TRACEBACK"] = "1"
+        if _Session.quiet and _Session.verbose:
+            raise InputError("--quiet: cannot be combined with --verbose")
+        _Session.progress = hpcred.Progress(comm, show=False if _Session.quiet else _Session.verbose or None)
+        with redirect_stdout(_stdout(comm, arguments)):
+            try:
+                status = app(arguments, prog_name="hpcred", standalone_mode=False)
+            except Exception as error:
+                if hasattr(error, "format_message"):  # a usage error of the parser
+                    raise InputError(f"{error.format_message()} (see hpcred --help)") from error
+                raise
+            if _Session.profile and startup.started():
+                show_profile(comm, _Session.progress)
+            _warn(_unused_options(petsc_args))
+            sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except (Exception, KeyboardInterrupt) as error:
         return fail(error)
+
+
+def _stdout(comm, arguments):
+    """Where tables go: nowhere but on rank 0, and to stderr where JSON is printed."""
+    printed = "--json=-" in arguments or ("--json", "-") in zip(arguments, arguments[1:], strict=False)
+    _Session.out = sys.stdout
+    if printed and sys.stdout is sys.__stdout__:
+        sys.stdout.flush()
+        _Session.out = os.fdopen(os.dup(1), "w")
+        os.dup2(2, 1)  # what PETSc and MUMPS print
+    if comm.rank:
+        _Session.out = open(os.devnull, "w")  # noqa: SIM115
+    if comm.rank or _Session.quiet:
+        return open(os.devnull, "w")  # noqa: SIM115
+    return sys.stderr if printed else sys.stdout
+
+
+def _unused_options(petsc_args):
+    """A sentence on PETSc options that nothing asked for."""
+    left = startup.unused_options() if startup.started() else [item for item in petsc_args if item.startswith("-")]
+    if not left:
+        return []
+    return [f"nothing used the PETSc option{'s' * (len(left) > 1)} {', '.join(left)}; check the names and prefixes"]
+
+
+def _write_json(path, data):
+    if path == "-":
+        print(as_json(data), file=_Session.out, flush=True)
+    else:
+        write_json(path, data)
 
 
 def _take(arguments, option):
@@ -95,8 +133,9 @@ def _progress():
 
 
 def _warn(sentences):
-    for sentence in sentences:
-        print(f"warning: {sentence}")
+    if _Session.progress.comm.rank == 0:
+        for sentence in sentences:
+            print(f"warning: {sentence}", file=sys.stderr if _Session.quiet else sys.stdout)
 
 
 def _numbers(text, option):
@@ -168,10 +207,10 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
         print(f"hpcred {version_of('hpcred')}")
         raise typer.Exit
     if context.invoked_subcommand is None:
-        progress, output = _progress(), "result.h5"
+        progress, output = _progress(), "demo_result.h5"
         rows = hpcred.run_demo(output, progress=progress)
         show_table("Stabilisation linkage, force at node 20, chord frame, 0 to 300 Hz, and the paper's Table 1", rows)
-        write_json(json, rows)
+        _write_json(json, rows)
         print(f"model of row 0 written to {output}")
         show_timing(progress.timing())
 
@@ -234,7 +273,7 @@ def convert(
     for sentence in report["sentences"]:
         print(sentence)
     _warn(report["warnings"])
-    write_json(json, report)
+    _write_json(json, report)
 
 
 @app.command()
@@ -242,16 +281,50 @@ def info(
     file: Annotated[str, typer.Argument(metavar="FILE")],
     below: Annotated[str | None, typer.Option(metavar="F1,F2", help="Count modes below (Hz).")] = None,
     band_top: Annotated[float | None, typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
+    modes: Annotated[int | None, typer.Option(help="Find so many of the lowest frequencies.")] = None,
     json: JsonFile = None,
 ):
     """Say what a file is: what a model contains and needs, and the format and matrices of any other file."""
     report = hpcred.describe_file(
-        file, frequencies=_numbers(below, "--below"), band_top=band_top, progress=_progress()
+        file, frequencies=_numbers(below, "--below"), band_top=band_top, modes=modes, progress=_progress()
     )
     rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key != "warnings"]
     show_table(None, rows)
     _warn(report["warnings"])
-    write_json(json, report)
+    _write_json(json, report)
+
+
+@app.command()
+def modes(
+    model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
+    count: Annotated[int, typer.Option(help="How many of the lowest modes, rigid-body modes included.")] = 20,
+    frame: Annotated[str, typer.Option(help="auto, or as for response.")] = "auto",
+    figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png of the first six elastic modes.")] = None,
+    out_of_core: OutOfCore = None,
+    low_rank: LowRank = None,
+    json: JsonFile = None,
+):
+    """Lowest natural frequencies, effective masses and participation factors of a model.
+
+    A free body shows its rigid-body modes at 0 Hz, unless a frame other than auto holds it.
+    """
+    report = hpcred.modes_of_file(
+        model, count, frame=None if frame == "auto" else _frame(frame), figure=figure,
+        factoring=_factoring(out_of_core, low_rank), progress=_progress(),
+    )  # fmt: skip
+    f = report["frequencies_hz"]
+    if "masses" in report:
+        share, factors = hpcred.tables_of_modes(report)
+        show_table(f"{model}: effective masses in % of the mass along x, y, z and of the inertia about them", share)
+        show_table("Participation factors (kg^(1/2); kg^(1/2) m)", factors)
+        print(f"mass {in_words(report['masses'][:3])} kg; inertia {in_words(report['masses'][3:])} kg m^2")
+    else:
+        show_table(model, [{"mode": i, "f (Hz)": value} for i, value in enumerate(f, 1)])
+    print(f"{report['rigid_body_modes']} rigid-body modes; largest residual {report['residual']:.1e}")
+    if figure:
+        print(f"written to {figure}")
+    _warn(report["warnings"])
+    _write_json(json, report)
 
 
 @app.command()
@@ -296,7 +369,7 @@ def reduce(
     _warn(record.warnings)
     print(f"{record.scalar} PETSc {record.versions['petsc']}, {record.ranks} rank(s)")
     show_timing(record.timing, record.factorisations)
-    write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
+    _write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
                       "frequencies_hz": found.frequencies})  # fmt: skip
     return int(accuracy is not None and not accuracy.reached)
 
@@ -338,7 +411,7 @@ def evaluate(
         report = hpcred.estimate_of_result(result, frequencies=_numbers(frequencies, "--frequencies"), parts=points)
         show_table(result, report["rows"])
         print(f"{report['sentence']}\nQ = {report['Q']:.6g}; {report['measured']}")
-        write_json(json, report)
+        _write_json(json, report)
         return None
     if check is not None:
         report = hpcred.check_result(
@@ -346,7 +419,7 @@ def evaluate(
         )
         show_table(result, report["rows"])
         print(f"{report['claim']}\n{report['sentence']}; {report['measured']}")
-        write_json(json, report)
+        _write_json(json, report)
         return 0 if report["passed"] else 1
     report = hpcred.evaluate_result(
         result, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits, points=points,
@@ -357,7 +430,7 @@ def evaluate(
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if full:
         print(f"Q = {report['Q']:.6g}, largest eps = {report['eps_max']:.6g}; {report['arithmetic']}")
-    write_json(json, report)
+    _write_json(json, report)
     return None
 
 
@@ -403,7 +476,7 @@ def response(
             print(f"written to {name}")
     _warn(report["warnings"])
     show_timing(_Session.progress.timing())
-    write_json(json, report)
+    _write_json(json, report)
     return 0 if report["reached"] else 1
 
 
@@ -424,7 +497,7 @@ def export(
         print(f"{report['output']}: {report['coordinates']} elastic coordinates, nodes {report['nodes']}")
         for line in report["remarks"]:
             print(f"note: {line}")
-    write_json(json, report)
+    _write_json(json, report)
 
 
 @app.command()
@@ -441,7 +514,7 @@ def simulate(
     print(f"constraint drift {report['constraint_drift_m']:.1e} m, energy defect {report['energy_defect']:.1e}")
     for line in report["notes"]:
         print(f"note: {line}")
-    write_json(json, report)
+    _write_json(json, report)
 
 
 @app.command()
@@ -459,7 +532,7 @@ def paper(
     show_table("Figure 5. u_y of node 20 in time, against all elastic modes", data["figure_5"][1:])
     print(f"figures 3 to 5 (png, svg), section5.h5 and section5.json written to {output}")
     show_timing(progress.timing())
-    write_json(json, data)
+    _write_json(json, data)
 
 
 @app.command()
@@ -474,7 +547,7 @@ def bench(
                                 if key != "hints"])  # fmt: skip
     for line in report["hints"]:
         print(f"hint: {line}")
-    write_json(json, report)
+    _write_json(json, report)
 
 
 @example.command("solid")

@@ -85,7 +85,7 @@ class Modes(Ingredient):
             if self.dominant is not None and block is not None:
                 values, block, dominance = _dominant(run, values, block, self.dominant)
                 more["dominance"] = tuple(dominance.tolist())
-            residual = _residual(run, values, block)
+            residual = float(residuals(run, values, block).max(initial=0.0))
         frequencies = tuple((np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)).tolist())
         found = Extension()
         if block is not None:
@@ -124,12 +124,20 @@ class Modes(Ingredient):
 
 def _lowest(run, count):
     try:
-        run.solver.factor(0.0)
+        return lowest(run, count)
     except SingularMatrix as error:
         raise InputError(
             f"basis: K of {run.model.name} is singular, so the body can move freely; "
             "take frame kind 'buckens', 'chord' or 'tangent'"
         ) from error
+
+
+def lowest(run, count, shift=0.0):
+    """The `count` lowest elastic eigenvalues (count,) of (K, M), and the M-orthonormal modes as a block. Collective.
+
+    Found by solves with K + shift M. Raises SingularMatrix.
+    """
+    run.solver.factor(shift)
     with Owned(run.model.comm) as owned:
         right, left = (owned.owns(create_block(run.model.K, 1)) for _ in range(2))
 
@@ -207,15 +215,15 @@ def _without_rigid(run, values, block):
     return values[elastic], block
 
 
-def _residual(run, values, block):
-    """Largest ||K x - lambda M x|| / (lambda ||M x||) over the modes."""
+def residuals(run, values, block) -> np.ndarray:
+    """||K x - lambda M x|| / (lambda ||M x||) of the modes. Collective."""
     if block is None:
-        return 0.0
+        return np.zeros(0)
     product, force = run.times_mass(block), create_block(run.model.K, len(values))
     apply(run.model.K, block, force)
     size = column_norms(product)
     add_product(force, product, np.diag(values), alpha=-1.0)
-    residual = float((column_norms(force) / (np.abs(values) * size)).max())
+    found = column_norms(force) / np.maximum(np.abs(values) * size, 1e-300)
     product.destroy()
     force.destroy()
-    return residual
+    return found

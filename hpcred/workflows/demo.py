@@ -11,7 +11,7 @@ from ..parallel import startup
 from ..parallel.progress import Progress
 
 
-def run_demo(output="result.h5", *, comm=None, progress: Progress | None = None) -> list[dict]:
+def run_demo(output="demo_result.h5", *, comm=None, progress: Progress | None = None) -> list[dict]:
     """Reduce the linkage in four ways and write the first model, the automatic one, to `output`; returns the table.
 
     Collective.
