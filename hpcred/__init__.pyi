@@ -39,6 +39,9 @@ from .model.frames import Chord as Chord
 from .model.frames import NoFrame as NoFrame
 from .model.frames import Tangent as Tangent
 from .model.second_order_model import SecondOrderModel as SecondOrderModel
+from .model.units import Units as Units
+from .model.units import in_si as in_si
+from .model.units import units_of as units_of
 from .multibody.body import Body as Body
 from .multibody.body import body_of as body_of
 from .multibody.floating_frame import FloatingFrame as FloatingFrame

@@ -238,6 +238,7 @@ def convert(
     inputs: Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")] = None,
     outputs: Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")] = None,
     variables: Annotated[str | None, typer.Option(metavar="K=...,M=...", help="Names of matrices in a file.")] = None,
+    units: Annotated[str, typer.Option(help="Units of the files: SI; mm,t,s; mm-kg-ms; inch-lbf-s; ...")] = "SI",
     list_formats: Annotated[bool, typer.Option("--list-formats", help="Say what can be read, and stop.")] = False,
     json: JsonFile = None,
 ):
@@ -265,7 +266,7 @@ def convert(
     source = files[0] if files else hpcred.Source(stiffness, mass, damping, input_file, output_file, nodes, dofs, names)
     report = hpcred.convert(
         source, output, inputs=_targets(inputs, "--inputs"), outputs=_targets(outputs, "--outputs"), variables=names,
-        progress=_progress(),
+        units=units, progress=_progress(),
     )  # fmt: skip
     told = ("output", "sentences", "warnings")
     show_table(None, [{"": key.replace("_", " "), output: in_words(value)} for key, value in report.items()
@@ -486,11 +487,12 @@ def export(
     kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff or png.")] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
+    units: Annotated[str, typer.Option(help="Units of the file: SI; mm,t,s; ...")] = "SI",
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
     chosen = [int(number) for number in _numbers(nodes, "--nodes")] if nodes else None
-    report = hpcred.export_result(result, kind, output, nodes=chosen, progress=_progress())
+    report = hpcred.export_result(result, kind, output, nodes=chosen, units=units, progress=_progress())
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")
     else:

@@ -15,6 +15,8 @@ from ..formats.result_file import Result, read_result
 from ..formats.sid import write_sid
 from ..formats.uff import write_uff
 from ..formats.vtk import write_vtk
+from ..model.units import SI, units_of
+from ..multibody.body_units import in_units
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
@@ -41,11 +43,12 @@ EXPORTS = {
 }
 
 
-def export_result(result, kind, path=None, *, nodes=None, comm=None, progress=None) -> dict:
+def export_result(result, kind, path=None, *, nodes=None, units: str = "SI", comm=None, progress=None) -> dict:
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
     `kind`: one of EXPORTS; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of
-    the interface nodes, by default those of the inputs and outputs. Returns what was written: output, format, and
+    the interface nodes, by default those of the inputs and outputs. `units`: of the
+    file, see model.units.units_of; pictures and shapes are in SI. Returns what was written: output, format, and
     shapes (their names), or coordinates (their number), nodes and remarks on what the format does not hold.
     """
     comm = comm or startup.start_mpi()
@@ -58,6 +61,9 @@ def export_result(result, kind, path=None, *, nodes=None, comm=None, progress=No
         raise InputError(f"--nodes: '{kind}' shows all nodes; leave it out")
     if nodes is not None and (not len(nodes) or len(set(nodes)) < len(nodes)):
         raise InputError(f"--nodes: found {list(nodes)}, expected at least one node, and each once")
+    system = units_of(units)
+    if export.all_nodes and system != SI:
+        raise InputError(f"--units: '{kind}' is in SI, found '{units}'; leave it out")
     path = Path(path) if path else Path(result).with_name(Path(result).stem + export.suffix)
     if path.resolve() == Path(result).resolve():
         raise InputError(f"output {path}: this is the result itself; choose another name")
@@ -66,11 +72,11 @@ def export_result(result, kind, path=None, *, nodes=None, comm=None, progress=No
     report = None
     with atomic_output(path, comm) as temporary, agreed(comm):
         if comm.rank == 0:
-            report = {"output": str(path), "format": kind, **_write(export, result, temporary, nodes)}
+            report = {"output": str(path), "format": kind, **_write(export, result, temporary, nodes, system)}
     return comm.bcast(report)
 
 
-def _write(export, path, target, nodes) -> dict:
+def _write(export, path, target, nodes, system) -> dict:
     """Write one format on one rank."""
     result = read_result(path, MPI.COMM_SELF)
     if export.all_nodes:
@@ -80,7 +86,10 @@ def _write(export, path, target, nodes) -> dict:
     with _naming(path):
         if not body.nodes:
             raise InputError("no interface nodes, since no input or output belongs to a node; name some by --nodes")
-        remarks = export.write(target, body)
+        if system == SI:
+            remarks = export.write(target, body)
+        else:
+            remarks = export.write(target, in_units(body, system)) + [f"in {system.name}; frequencies in Hz"]
     return {"coordinates": body.reduced.size, "nodes": [shape.node for shape in body.nodes], "remarks": remarks}
 
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import closing
-
 import h5py
 import numpy as np
 
-from ..analysis.natural_modes import natural_modes
 from ..analysis.summary import inspect
 from ..formats import abaqus_input, node_table
 from ..formats.entries import LabelledEntries
@@ -41,11 +38,7 @@ def inspect_file(
     with progress.stage("read", str(path)):
         model = read_model(path, comm)
     with model, progress.stage("inspect"):
-        report = inspect(model, frequencies, band_top, progress=progress)
-        if modes is not None:
-            with closing(natural_modes(model, min(modes, model.size), progress=progress)) as found:
-                report["lowest_frequencies_hz"] = found.frequencies.tolist()
-        return report
+        return inspect(model, frequencies, band_top, modes=modes, progress=progress)
 
 
 def describe_file(
