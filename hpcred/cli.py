@@ -12,6 +12,7 @@ import typer
 
 import hpcred
 
+from .formats.outputs import JSON, check_outputs, keep_files
 from .parallel import startup
 from .parallel.failures import InputError, fail
 from .report.profile import show_profile, start_profile
@@ -25,13 +26,24 @@ app = typer.Typer(
     help="Reduced flexible bodies by moment matching, in parallel. Without a command: the built-in example. "
     "PETSc, SLEPc and MUMPS options follow after --, such as: hpcred reduce job.toml -- -log_view",
     epilog="Everywhere: --verbose shows progress from the beginning, --quiet errors and warnings only, --json - the "
-    "numbers alone on standard output, --scalar real|complex insists on a PETSc build, --profile shows the events of "
-    "PETSc in each stage, --traceback where an error arose.",
+    "numbers alone on standard output; --keep replaces no file; --scalar real|complex insists on a PETSc build; "
+    "--profile shows the events of PETSc in each stage, --traceback where an error arose.",
 )
 example = typer.Typer(help="Write a model to try things on.", rich_markup_mode=None, context_settings=HELP)
 app.add_typer(example, name="example")
 
-JsonFile = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write the numbers; - prints them.")]
+
+
+def _checked(path: str | None):
+    """The name of a file for JSON, refused early where it cannot be written."""
+    if path not in (None, "-"):
+        check_outputs({path: JSON}, _Session.progress.comm, progress=_Session.progress)
+    return path
+
+
+JsonFile = Annotated[
+    str | None, typer.Option("--json", metavar="FILE", help="Write the numbers; - prints them.", callback=_checked)
+]
 Frequencies = Annotated[str | None, typer.Option(metavar="F1,F2,...", help="Frequencies in Hz.")]
 Overrides = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of the file: basis.0.order=2")
@@ -44,12 +56,12 @@ ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file
 class _Session:
     """What the options that stand everywhere say, the progress of the command, and where --json - prints."""
 
-    profile = quiet = verbose = False
+    profile = quiet = verbose = keep = False
     progress: hpcred.Progress
     out = sys.stdout
 
 
-WORDS = ("--traceback", "--profile", "--quiet", "--verbose")  # they may stand anywhere
+WORDS = ("--traceback", "--profile", "--quiet", "--verbose", "--keep")  # they may stand anywhere
 
 
 def run(arguments: list[str]) -> int:
@@ -64,6 +76,7 @@ def run(arguments: list[str]) -> int:
             given = word in arguments
             arguments = [item for item in arguments if item != word]
             setattr(_Session, word[2:], given)
+        keep_files(_Session.keep)
         if _Session.traceback:
             os.environ["HPCRED_TRACEBACK"] = "1"
         if _Session.quiet and _Session.verbose:
@@ -571,5 +584,5 @@ def example_linkage(output: ModelOutput = "model.h5"):
 
 
 def _example(name, output, **keywords):
-    report = hpcred.write_example(name, output, **keywords)
+    report = hpcred.write_example(name, output, progress=_progress(), **keywords)
     print(f"{output}: {report['size']} dofs, inputs {', '.join(report['inputs'])}")

@@ -13,6 +13,7 @@ from ..model.damping import ModalDamping
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import is_complex
+from ..parallel.ranges import COUNT, FREQUENCY, within
 from .ingredient import Ingredient
 from .projection import diagonalise, project, project_columns
 
@@ -42,13 +43,15 @@ class Modes(Ingredient):
             raise InputError("modes: expected exactly one of count, band and index")
         if self.band is not None and not 0 <= self.band[0] < self.band[1]:
             raise InputError(f"modes.band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
+        within("modes.band", self.band, FREQUENCY)
         if self.count is not None and self.count < 1:
             raise InputError(f"modes.count: found {self.count}, expected at least 1")
         if self.index is not None and (not self.index or min(self.index) < 1):
             raise InputError(f"modes.index: found {list(self.index)}, expected numbers from 1")
-
         if self.dominant is not None and self.dominant < 1:
             raise InputError(f"modes.dominant: found {self.dominant}, expected at least 1")
+        for key in ("count", "index", "dominant"):
+            within(f"modes.{key}", getattr(self, key), COUNT)
 
     def columns(self, inputs: int, rigid: int) -> int:
         """Number of vectors known beforehand (0 for a band)."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..analysis.check import check
-from ..formats.hdf5 import check_writable
 from ..formats.matrix_formats import FORMATS
-from ..formats.model_file import write_model
+from ..formats.model_file import FORMAT, write_model
 from ..formats.model_source import EXPORTS, Source, load_export, load_source
+from ..formats.outputs import check_outputs, hdf5_kind
 from ..model.units import SI, in_si, units_of
 from ..parallel import startup
 from ..parallel.progress import Progress
@@ -28,7 +28,8 @@ def convert(
     comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
     system = units_of(units)
-    check_writable(output, comm)
+    reads = source.files if isinstance(source, Source) else [source]
+    check_outputs({output: hdf5_kind(FORMAT)}, comm, reads, progress=progress)
     name = Path(output).name
     with progress.stage("read", source.K if isinstance(source, Source) else str(source)):
         if isinstance(source, Source):

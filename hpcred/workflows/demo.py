@@ -6,7 +6,8 @@ from dataclasses import replace
 
 from ..examples.linkage import linkage
 from ..examples.section5 import AUTOMATIC, SISO, compare, table
-from ..formats.result_file import write_result
+from ..formats.outputs import check_outputs, hdf5_kind
+from ..formats.result_file import FORMAT, write_result
 from ..parallel import startup
 from ..parallel.progress import Progress
 
@@ -18,6 +19,7 @@ def run_demo(output="demo_result.h5", *, comm=None, progress: Progress | None = 
     """
     comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
+    check_outputs({output: hdf5_kind(FORMAT)}, comm, progress=progress)
     with linkage(comm) as model:
 
         def keep(row, reduced, loaded):

@@ -9,9 +9,9 @@ import numpy as np
 from ..analysis.error import error_integral, relative_error
 from ..analysis.error_check import accuracy_of, check_reduced, said_at
 from ..analysis.frequency_response import frequency_response
-from ..formats.hdf5 import check_writable
 from ..formats.model_file import read_model
-from ..formats.response_file import Responses, check_response_name, write_responses
+from ..formats.outputs import check_outputs
+from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
 from ..formats.result_file import read_result
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
@@ -44,7 +44,9 @@ def evaluate_result(
     grid = frequencies_over(frequencies, band or _band_of(reduced), points)
     if output is not None:
         check_response_name(output)
-        check_writable(output, comm)
+        given = [(record.job or {}).get(key) for key in ("inputs", "outputs")]
+        reads = [result, full, *(name for name in given if isinstance(name, str))]
+        check_outputs({output: kind_of_responses(output)}, comm, reads, progress=progress)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     arrays = {"frequencies": grid, "reduced": frequency_response(reduced, grid)}
     report["reduced_norm"] = np.linalg.norm(arrays["reduced"], axis=(1, 2)).tolist()

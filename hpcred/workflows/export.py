@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..formats import outputs
 from ..formats.body_npz import write_npz
 from ..formats.exudyn import write_exudyn
 from ..formats.hdf5 import atomic_output
@@ -29,17 +30,18 @@ class Export:
 
     write: Callable  # (path, Body) -> remarks; or, with all nodes, (path, shapes) -> names of the shapes
     suffix: str
+    kind: str  # see formats.outputs
     all_nodes: bool = False
 
 
 EXPORTS = {
-    "sid": Export(write_sid, ".SID_FEM"),
-    "matlab": Export(write_matlab, ".mat"),
-    "npz": Export(write_npz, ".npz"),
-    "exudyn": Export(write_exudyn, "_exudyn.npz"),
-    "vtk": Export(write_vtk, ".vtu", all_nodes=True),
-    "uff": Export(write_uff, ".uff", all_nodes=True),
-    "png": Export(draw_shapes, ".png", all_nodes=True),
+    "sid": Export(write_sid, ".SID_FEM", outputs.SID),
+    "matlab": Export(write_matlab, ".mat", outputs.MATLAB),
+    "npz": Export(write_npz, ".npz", outputs.NPZ),
+    "exudyn": Export(write_exudyn, "_exudyn.npz", outputs.NPZ),
+    "vtk": Export(write_vtk, ".vtu", outputs.VTK, all_nodes=True),
+    "uff": Export(write_uff, ".uff", outputs.UFF, all_nodes=True),
+    "png": Export(draw_shapes, ".png", outputs.PNG, all_nodes=True),
 }
 
 
@@ -65,8 +67,7 @@ def export_result(result, kind, path=None, *, nodes=None, units: str = "SI", com
     if export.all_nodes and system != SI:
         raise InputError(f"--units: '{kind}' is in SI, found '{units}'; leave it out")
     path = Path(path) if path else Path(result).with_name(Path(result).stem + export.suffix)
-    if path.resolve() == Path(result).resolve():
-        raise InputError(f"output {path}: this is the result itself; choose another name")
+    outputs.check_outputs({path: export.kind}, comm, [result], progress=progress)
     if progress is not None:
         progress.say(f"export: {path}")
     report = None

@@ -10,8 +10,9 @@ import h5py
 import numpy as np
 
 from ..analysis.natural_modes import NaturalModes, natural_modes
-from ..formats.hdf5 import atomic_output, check_writable, writing
+from ..formats.hdf5 import atomic_output, writing
 from ..formats.model_file import read_model, write_nodes
+from ..formats.outputs import PNG, check_outputs
 from ..formats.result_file import Shapes
 from ..linalg.blocks import local_rows
 from ..linalg.factorisation import Factoring
@@ -37,14 +38,14 @@ def modes_of_file(
     the centre of mass.
     """
     comm = comm or startup.start_mpi()
+    progress = progress or Progress(comm, show=False)
     if figure is not None:
         if not str(figure).endswith(".png"):
             raise InputError(f"figure {figure}: expected a name that ends in .png")
-        check_writable(figure, comm)
+        check_outputs({figure: PNG}, comm, [model], progress=progress)
         with agreed(comm):
             pyplot()  # refused early where there is none
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
-    progress = progress or Progress(comm, show=False)
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm)
     with loaded, closing(natural_modes(loaded, count, frame, factoring=factoring, progress=progress)) as found:

@@ -58,7 +58,7 @@ def replaced(old, new):
         ('[frame]\nkind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"', "", None),
         ("frequency", "frequency =", "not a TOML file"),
         ("[frame]", '[damping]\nkind = "structural"\nloss_factor = -0.1\n[frame]', "loss_factor: found -0.1"),
-        ("[frame]", '[damping]\nkind = "modal"\nratio = -0.1\n[frame]', "found the ratio -0.1; it may not be negative"),
+        ("[frame]", '[damping]\nkind = "modal"\nratio = -0.1\n[frame]', "damping.ratio: found -0.1, expected 0"),
         ("[frame]", '[damping]\nkind = "modal"\n[frame]', "exactly one of ratio, ratios and table"),
         ("[frame]", '[damping]\nkind = "caughey"\ncoefficients = []\n[frame]', "at least one number"),
         ("[frame]", 'projection = "oblique"\n[frame]', "found 'oblique', expected 'one_sided' or 'two_sided'"),
