@@ -15,6 +15,7 @@ import hpcred
 from .formats.outputs import JSON, check_outputs, keep_files
 from .parallel import startup
 from .parallel.failures import InputError, fail
+from .parallel.ranges import ANYTHING, FREQUENCY, within
 from .report.profile import show_profile, start_profile
 from .report.tables import as_json, in_words, show_table, show_timing, write_json
 
@@ -152,11 +153,13 @@ def _warn(sentences):
 
 
 def _numbers(text, option):
-    """Numbers separated by commas."""
+    """Finite numbers separated by commas."""
     try:
-        return [float(part) for part in text.split(",")] if text else []
+        numbers = [float(part) for part in text.split(",")] if text else []
     except ValueError as error:
-        raise InputError(f"{option}: found '{text}', expected numbers separated by commas") from error
+        raise InputError(f"{option}: found '{text[:80]}', expected numbers separated by commas") from error
+    within(option, numbers, ANYTHING)
+    return numbers
 
 
 def _targets(text, option):
@@ -171,6 +174,7 @@ def _targets(text, option):
 def _band(text):
     """Two frequencies, or None."""
     limits = _numbers(text, "--band")
+    within("--band", limits, FREQUENCY)
     if limits and (len(limits) != 2 or not 0 <= limits[0] < limits[1]):
         raise InputError(f"--band: found '{text}', expected two frequencies in Hz such as 0,300")
     return tuple(limits) or None
@@ -201,8 +205,6 @@ def _damping(text):
     """A damping law from none, given, rayleigh:20,1e-7 or loss:0.02."""
     kind, colon, rest = text.partition(":")
     numbers = _numbers(rest, "--damping")
-    if not all(abs(number) < float("inf") for number in numbers):
-        raise InputError(f"--damping: found '{text}', expected finite numbers")
     if kind in ("none", "given") and not colon:
         return hpcred.GivenDamping() if kind == "given" else hpcred.NoDamping()
     if kind == "rayleigh" and len(numbers) == 2:

@@ -125,7 +125,7 @@ def writing(path, comm):
 def reading(path, kind: str, version: int | None = None):
     """The file opened for reading by this rank; `kind` and `version` are its attributes. Raises InputError."""
     path = Path(path)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(f"{path}: no such file")
     try:
         file = h5py.File(path, "r")

@@ -117,7 +117,7 @@ def _check_targets(key, targets):
     for target in targets:
         within(key, target[0] if isinstance(target, tuple) else target, LABEL)
         if isinstance(target, tuple):
-            direction_index(target[1])
+            direction_index(target[1], key)
 
 
 def read_job(path, overrides=()) -> Job:

@@ -8,6 +8,7 @@ state: JSON of what the search knows; job: JSON of what it was asked for, which 
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import asdict
 from pathlib import Path
 
@@ -37,7 +38,7 @@ class RestartFile:
         Raises InputError where the file is damaged or of another job or model.
         """
         self._model = {key: list(values) for key, values in signature_of(model).items()}
-        if not self._comm.bcast(self._path.is_file()):
+        if not self._comm.bcast(os.path.isfile(self._path)):
             return None
         first = model.first_row
         with agreed(self._comm), reading(self._path, FORMAT, VERSION) as file:

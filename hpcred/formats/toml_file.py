@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 import sys
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -28,7 +29,7 @@ WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or
 def read_table(path, overrides=()) -> dict:
     """The tables of a TOML file; `overrides` are texts "key.path=value". Raises InputError."""
     path = Path(path)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(f"{path}: no such file")
     try:
         table = tomllib.loads(path.read_text())
@@ -79,7 +80,7 @@ def _sentence(kind, table, details) -> str:
         return str(details["ctx"]["error"])
     where, kind, found, names = _place(kind, table, details["loc"])
     if details["type"] == UNKNOWN:
-        return f"{where[:80]}: unknown key{_near(details['loc'][-1], names)}; known are {', '.join(names)}"
+        return f"{where[:40]}: unknown key{_near(details['loc'][-1], names)}; known are {', '.join(names)}"
     if details["type"].startswith("union_tag"):
         kinds = {_kind_of(item): item for item in get_args(kind)}
         if "kind" not in found:

@@ -74,7 +74,7 @@ class Buckens:
     def __post_init__(self):
         for node, direction in self.supports or ():
             within("frame.supports", node, LABEL)
-            direction_index(direction)
+            direction_index(direction, "frame.supports")
 
 
 @dataclass(frozen=True, eq=False)

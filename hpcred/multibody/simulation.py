@@ -34,6 +34,7 @@ class ConstantForce:
     kind: Literal["constant"] = field(default="constant", kw_only=True, repr=False)
 
     def __post_init__(self):
+        within("force.node", self.node, LABEL)
         _require_finite("force.", value=self.value)
 
     def __call__(self, t):
@@ -54,6 +55,7 @@ class SineForce:
     kind: Literal["sine"] = field(default="sine", kw_only=True, repr=False)
 
     def __post_init__(self):
+        within("force.node", self.node, LABEL)
         _require_finite("force.", amplitude=self.amplitude, frequency=self.frequency, phase=self.phase)
         if self.frequency <= 0:
             raise InputError(f"force.frequency: found {self.frequency:g}, expected a positive frequency in Hz")
@@ -77,6 +79,7 @@ class TableForce:
     kind: Literal["table"] = field(default="table", kw_only=True, repr=False)
 
     def __post_init__(self):
+        within("force.node", self.node, LABEL)
         _require_finite("force.", times=self.times, values=self.values)
         if len(self.times) != len(self.values) or not self.times:
             raise InputError(
@@ -146,7 +149,7 @@ class Simulation:
         within("steps", self.steps, COUNT)
         within("relative_tolerance", self.relative_tolerance, (1e-14, 0.5, ""))
         within("absolute_tolerance", self.absolute_tolerance, (1e-30, 1.0, ""))
-        within("observe", (*self.observe, *(item.node for item in self.force)), LABEL)
+        within("observe", self.observe, LABEL)
         moving = ("velocity", "angular_velocity", "elastic", "elastic_velocity")
         _require_finite("", **{key: getattr(self, key) for key in ("gravity", "position", "rotation", *moving)})
         if self.start not in ("given", "static"):

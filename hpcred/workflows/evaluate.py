@@ -20,9 +20,11 @@ from ..parallel import startup
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
+from ..parallel.ranges import FREQUENCY, within
 from ..reduction.record import signature_of, versions
 from .reduce import with_targets
 
+MOST = (1, 10**7, "")  # frequencies
 SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
 
 
@@ -143,6 +145,8 @@ def frequencies_over(frequencies, band, points) -> np.ndarray:
     """The frequencies in ascending order, or else `points` over the band (Hz). Raises InputError."""
     if not len(frequencies) and points < 2:
         raise InputError(f"points: found {points}, expected at least 2 frequencies over the band")
+    within("points", points, MOST)
+    within("band", band, FREQUENCY)
     grid = np.sort(np.asarray(frequencies, dtype=float)) if len(frequencies) else np.linspace(*band, points)
     if not np.isfinite(grid).all() or grid.min() < 0:
         raise InputError(f"frequencies: found {grid[0]:g} to {grid[-1]:g} Hz, expected finite ones, none negative")

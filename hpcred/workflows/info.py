@@ -17,6 +17,7 @@ from ..formats.text import first_bytes, first_line
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
+from ..parallel.ranges import FREQUENCY, within
 from .info_of_output import OUTPUTS, read_whole, sid
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -33,6 +34,8 @@ def inspect_file(
     progress = progress or Progress(comm, show=False)
     if (band_top is not None and band_top <= 0) or any(f <= 0 for f in frequencies):
         raise InputError("info: frequencies must be positive")
+    within("--below", frequencies, FREQUENCY)
+    within("--band-top", band_top, FREQUENCY)
     if modes is not None and modes < 1:
         raise InputError(f"--modes: found {modes}, expected at least 1")
     with progress.stage("read", str(path)):
