@@ -9,6 +9,8 @@ from ..parallel.lookup import repeated_key
 from .entries import joined, label_name, label_of
 from .text import LARGEST_LABEL, numbers, pieces, places, whole
 
+LARGEST_COORDINATE = 1e15  # more than a body has, in any unit
+
 
 @dataclass
 class Nodes:
@@ -42,8 +44,8 @@ def read(path, comm) -> Nodes:
 
 
 def finite(piece, values, lines):
-    """Raise InputError that names the line for a coordinate that is NaN or Inf."""
-    wrong = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    """Raise InputError that names the line for a coordinate that is NaN, Inf, or beyond all units."""
+    wrong = np.flatnonzero(~(np.abs(values) <= LARGEST_COORDINATE).all(axis=1))
     if wrong.size:
         raise piece.refusal(lines[wrong[0]], "finite node coordinates")
 
