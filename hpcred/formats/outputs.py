@@ -9,20 +9,26 @@ from __future__ import annotations
 import os
 import shutil
 import stat
+import zipfile
 from pathlib import Path
 
 import h5py
+import scipy.io
 
 from ..parallel.failures import ComputationError, InputError, agreed
-from . import sid
+from . import nastran_op4, sid
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 JSON, CSV_OF_RESPONSES, CSV_OF_MOTION = "JSON file", ".csv file of responses", ".csv file of a simulation"
 PNG, SVG, PDF = "PNG picture", "SVG picture", "PDF file"
-NPZ, MATLAB, SID, UFF, VTK = "NumPy .npz file", "MATLAB .mat file", "SID file", "universal file", "VTK file"
+ZIP, MATLAB, SID, UFF, VTK = "zip archive", "MATLAB .mat file", "SID file", "universal file", "VTK file"
+SUPERELEMENT, MBDYN, MARKET, OP4 = "superelement", ".fem file for MBDyn", "Matrix Market file", "Nastran OP4 file"
+OTHER = "file of another kind"
 PICTURES = {".png": PNG, ".svg": SVG, ".pdf": PDF}
 BEGINNINGS = (
-    (b"\x89PNG", PNG), (b"%PDF", PDF), (b"PK\x03\x04", NPZ), (b"MATLAB", MATLAB), (b"    -1\n", UFF),
+    (b"\x89PNG", PNG), (b"%PDF", PDF), (b"    -1\n", UFF), (b"%%MatrixMarket", MARKET),
+    (b"** superelement", SUPERELEMENT), (b"! superelement", SUPERELEMENT), (b"$ superelement", SUPERELEMENT),
+    (b"$ external superelement", SUPERELEMENT), (b"** hpcred ", MBDYN),
     (b"<VTKFile", VTK), (b"f_hz,", CSV_OF_RESPONSES), (b"t,position_x,", CSV_OF_MOTION), (b"{\n", JSON), (b"[\n", JSON),
     (b"[]", JSON), (b"{}", JSON),
 )  # fmt: skip
@@ -44,7 +50,7 @@ def hdf5_kind(name: str) -> str:
 
 
 def kind_of(path) -> str:
-    """What a file is, by its first bytes, in words."""
+    """What a file is, by its first bytes, in words; of archives of arrays with the first of their names."""
     with open(path, "rb") as file:
         start = file.read(4096)
     if not start:
@@ -57,9 +63,25 @@ def kind_of(path) -> str:
             return "damaged HDF5 file"
     if start.startswith(b"<?xml"):
         return SVG if b"<svg" in start else VTK if b"<VTKFile" in start else "XML file"
+    if start.startswith((b"PK\x03\x04", b"MATLAB")):
+        return _archive_kind(path, ZIP if start.startswith(b"PK") else MATLAB)
     if sid.begins(start):
         return SID
-    return next((kind for begins, kind in BEGINNINGS if start.startswith(begins)), "file of another kind")
+    kind = next((kind for begins, kind in BEGINNINGS if start.startswith(begins)), None)
+    return kind or (OP4 if nastran_op4.begins(start) else OTHER)
+
+
+def _archive_kind(path, kind) -> str:
+    """The kind of an archive with some of the names in it: arrays of a body are not matrices of a user."""
+    try:
+        if kind == ZIP:
+            with zipfile.ZipFile(path) as archive:
+                names = archive.namelist()
+        else:
+            names = [name for name, *_ in scipy.io.whosmat(path)]
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+        return f"damaged {kind}"
+    return f"{kind} of {', '.join(sorted(names)[:3])}"
 
 
 def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int = 0):
@@ -130,9 +152,14 @@ def _check_writable(path):
 
 
 def check_kind(path, kind: str):
-    """Raise InputError where an existing file is of another kind; an empty one may become anything. On one rank."""
+    """Raise InputError where an existing file is of another kind; an empty one may become anything. On one rank.
+
+    Archives without names, as they are known before they are written, are compared again when they are there; None is
+    any kind that hpcred writes.
+    """
     found = kind_of(path)
-    if found not in (kind, EMPTY):
+    alike = kind is not None and (found == kind or (kind in (ZIP, MATLAB) and found.startswith(kind)))
+    if found == OTHER or not (alike or found == EMPTY or kind is None):
         article = "an" if found[0] in "aeiouH" else "a"
         raise InputError(
             f"output {path}: found {article} {found} there, which is not replaced by {kind}; remove it or choose "

@@ -98,6 +98,8 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
             f"units: {model.name} has no nodes, so that translations cannot be told from rotations; give --nodes (and "
             "--dofs)"
         )
+    if model.interfaces:
+        raise InputError(f"units: {model.name} has interface nodes already; convert it before they are made")
     direction = np.zeros(model.local_rows, int) if model.dofs is None else model.dofs.direction
     moved = ~rotational(direction) & (direction != SCALAR)
     scale = np.where(moved, units.length, 1.0)

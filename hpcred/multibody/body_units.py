@@ -41,6 +41,7 @@ def in_units(body: Body, units: Units) -> Body:
             Me=both * quantities.Me / inertia, origin=quantities.origin / L,
         ),
         [replace(shape, position=shape.position / L, phi=shape.phi * g / L, psi=shape.psi * g) for shape in body.nodes],
+        body.surface and replace(body.surface, points=body.surface.points / L, phi=body.surface.phi * g / L),
     )  # fmt: skip
 
 

@@ -33,6 +33,8 @@ def made(tmp_path_factory):
             package.write_model("model.h5", model)
         for key in "KM":
             scipy.io.mmwrite(f"{key}.mtx", scipy.sparse.coo_matrix(np.diag([2.0, 2, 2, 1])))
+        scipy.sparse.save_npz("matrix.npz", scipy.sparse.eye(4, format="csr"))
+        scipy.io.savemat("matrix.mat", {"K": np.eye(4), "M": np.eye(4)})
         scipy.io.mmwrite("B.mtx", scipy.sparse.coo_matrix(np.eye(120)[:, :1]))
         Path("job.toml").write_text(RAYLEIGH)
         Path("sim.toml").write_text(SIMULATION.replace("end = 0.05", "end = 0.01"))
@@ -57,8 +59,8 @@ def made(tmp_path_factory):
 KINDS = {
     "model.h5": "'hpcred-model'", "result.h5": "'hpcred-result'", "simulation.h5": "'hpcred-simulation'",
     "simulation.csv": "simulation", "e.csv": "responses", "f.csv": "responses", "r.json": "JSON", "f.png": "PNG",
-    "simulation.png": "PNG", "result.SID_FEM": "SID", "result.npz": "npz", "result.mat": "MATLAB", "result.vtu": "VTK",
-    "result.uff": "universal", "K.mtx": "another kind", "job.toml": "another kind",
+    "simulation.png": "PNG", "result.SID_FEM": "SID", "result.npz": "zip archive of", "result.mat": "MATLAB", "result.vtu": "VTK",
+    "result.uff": "universal", "K.mtx": "Matrix Market", "job.toml": "another kind",
 }  # fmt: skip
 
 
@@ -128,6 +130,8 @@ READS, KIND, THERE = "which this run reads", "which is not replaced by", "this r
         ("convert -K K.mtx -M M.mtx -o K.mtx", READS),
         ("convert -K K.mtx -M M.mtx x/../M.mtx", READS),
         ("convert -K K.mtx -M M.mtx job.toml", KIND),
+        ("export result.h5 --format npz -o matrix.npz", KIND),
+        ("export result.h5 --format matlab -o matrix.mat", KIND),
         ("convert -K K.mtx -M M.mtx result.h5", KIND),
         ("simulate sim.toml --set output=sim.toml", READS),
         ("simulate sim.toml --set output=result.h5", "which is the body"),
