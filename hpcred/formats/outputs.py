@@ -107,7 +107,8 @@ def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int =
                         continue
                     if _keep:
                         raise InputError(f"output {path}: it exists, and --keep leaves it; choose another name")
-                    replaced.append(path)
+                    if kind not in (ZIP, MATLAB, None):  # of these it is seen at the end
+                        replaced.append(path)
             if outputs:
                 check_room(next(iter(outputs)), needed)
     for path in replaced:

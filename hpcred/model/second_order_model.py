@@ -250,7 +250,7 @@ class SecondOrderModel:
         B, Ct = (None if local is None else dense_matrix(mats["K"], local) for local in (inputs, outputs))
         return cls(
             mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, tuple(input_names), tuple(output_names), name,
-            elements or {}, held, sets or {}, tuple(remarks), converted_from,
+            elements or {}, held, sets or {}, tuple(remarks), converted_from=converted_from,
         )  # fmt: skip
 
     @classmethod

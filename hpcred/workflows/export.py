@@ -102,6 +102,7 @@ def export_result(result, kind, path=None, *, nodes=None, units: str = "SI", com
         raise InputError(f"--units: '{kind}' is in SI, found '{units}'; leave it out")
     path = Path(path) if path else Path(result).with_name(Path(result).stem + export.suffix)
     outputs.check_outputs({path: export.kind}, comm, [result], progress=progress)
+    seen_later = export.kind in (outputs.ZIP, outputs.MATLAB) and comm.bcast(path.exists())
     if progress is not None:
         progress.say(f"export: {path}")
     if export.takes == "superelement":
@@ -110,6 +111,8 @@ def export_result(result, kind, path=None, *, nodes=None, units: str = "SI", com
     with atomic_output(path, comm) as temporary, agreed(comm):
         if comm.rank == 0:
             report = {"output": str(path), "format": kind, **_write(export, result, temporary, nodes, system)}
+    if seen_later and progress is not None:
+        progress.tell(f"{path} existed and was replaced")
     return comm.bcast(report)
 
 

@@ -41,7 +41,7 @@ def replaced(old, new):
         ),
         ("[1, 7, 14]", "[5, 7, 14]", "collinear: node 5 at"),
         ("[1, 7, 14]", "[1, 7, 99]", "node 99 does not exist in model.h5; its nodes are numbered 1 to 20"),
-        ("[1, 7, 14]", "[1, 7]", r"frame.nodes: found \[1, 7\], expected \[a whole number, a whole number"),
+        ("[1, 7, 14]", "[1, 7]", r"frame.nodes: found \[1, 7\], expected \[a whole number"),
         ('"yxz"', '"zyx"', "leave a rotation free"),
         ('"yxz"', '"yyz"', "expected an order of x, y and z"),
         ('[[20, "z"]]', '[[20, "w"]]', "inputs: found the direction 'w', expected one of x, y, z"),

@@ -59,8 +59,8 @@ def made(tmp_path_factory):
 KINDS = {
     "model.h5": "'hpcred-model'", "result.h5": "'hpcred-result'", "simulation.h5": "'hpcred-simulation'",
     "simulation.csv": "simulation", "e.csv": "responses", "f.csv": "responses", "r.json": "JSON", "f.png": "PNG",
-    "simulation.png": "PNG", "result.SID_FEM": "SID", "result.npz": "zip archive of", "result.mat": "MATLAB", "result.vtu": "VTK",
-    "result.uff": "universal", "K.mtx": "Matrix Market", "job.toml": "another kind",
+    "simulation.png": "PNG", "result.SID_FEM": "SID", "result.npz": "zip archive of", "result.mat": "MATLAB",
+    "result.vtu": "VTK", "result.uff": "universal", "K.mtx": "Matrix Market", "job.toml": "another kind",
 }  # fmt: skip
 
 
