@@ -58,8 +58,8 @@ def test_an_archive(comm, folder):
         (archive(shape=np.array([3.0, 3.5])), "'shape' of type float64, expected whole numbers"),
         (archive(shape=np.array([2**40, 3])), "found 4 numbers in the array 'indptr', expected 1099511627777"),
         (archive(indptr=np.array([0, -1, 3, 4])), "'indptr' that does not ascend from 0"),
-        (archive(indptr=np.array([0, 9, 9, 4])), "'indptr' that does not ascend from 0"),
-        (archive(indptr=np.array([0, 2**62, 2**62, 4])), "'indptr' that does not ascend from 0"),
+        (archive(indptr=np.array([0, 9, 9, 4])), "'indptr' (that does not ascend|beyond)"),
+        (archive(indptr=np.array([0, 2**62, 2**62, 4])), "'indptr' (that does not ascend|beyond)"),
     ],
 )
 def test_archives_that_do_not_add_up_are_refused(comm, folder, content, says):
