@@ -6,6 +6,8 @@ from .analysis.error_check import check_reduced as check_reduced
 from .analysis.frequency_response import frequency_response as frequency_response
 from .analysis.full_response import FullResponse as FullResponse
 from .analysis.full_response import full_response as full_response
+from .analysis.natural_modes import NaturalModes as NaturalModes
+from .analysis.natural_modes import natural_modes as natural_modes
 from .analysis.summary import inspect as inspect
 from .examples.crank import crank as crank
 from .examples.linkage import linkage as linkage
@@ -44,6 +46,9 @@ from .model.interfaces import Interface as Interface
 from .model.interfaces import InterfaceNode as InterfaceNode
 from .model.interfaces import Nodes as Nodes
 from .model.second_order_model import SecondOrderModel as SecondOrderModel
+from .model.units import Units as Units
+from .model.units import in_si as in_si
+from .model.units import units_of as units_of
 from .multibody.body import Body as Body
 from .multibody.body import body_of as body_of
 from .multibody.floating_frame import FloatingFrame as FloatingFrame
@@ -89,6 +94,8 @@ from .workflows.example import write_example as write_example
 from .workflows.export import export_result as export_result
 from .workflows.info import describe_file as describe_file
 from .workflows.info import inspect_file as inspect_file
+from .workflows.modes import modes_of_file as modes_of_file
+from .workflows.modes import tables_of_modes as tables_of_modes
 from .workflows.paper import reproduce as reproduce
 from .workflows.reduce import reduce_job as reduce_job
 from .workflows.response import response_file as response_file

@@ -46,6 +46,7 @@ from .entries import Entries, LabelledEntries, label_name, label_of, node_and_di
 from .matrix_formats import format_of, read_entries
 from .parts import Parts
 from .text import first_bytes
+from .toml_file import check_file_names
 
 LARGEST_VALUE = 1e60
 HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports, and what counts as that
@@ -69,6 +70,14 @@ class Source:
     nodes: str | None = None
     dofs: str | None = None
     variables: dict[str, str] | None = None
+
+    def __post_init__(self):
+        check_file_names(**{key: getattr(self, key) for key in ("K", "M", "D", "B", "C", "nodes", "dofs")})
+
+    @property
+    def files(self) -> list[str]:
+        """All that are given."""
+        return [name for name in (self.K, self.M, self.D, self.B, self.C, self.nodes, self.dofs) if name is not None]
 
 
 def abaqus_source(path) -> Source:

@@ -20,7 +20,7 @@ import numpy as np
 from ..multibody.simulation import AXES, Motion, Simulation
 from ..parallel.failures import InputError
 from .hdf5 import writing
-from .toml_file import CONFIG, parse, read_table
+from .toml_file import CONFIG, check_file_names, parse, read_table
 
 FORMAT = "hpcred-simulation"
 VERSION = 1
@@ -37,6 +37,10 @@ class SimulationJob(Simulation):
     output: str = "simulation.h5"
 
     __pydantic_config__ = CONFIG
+
+    def __post_init__(self):
+        check_file_names(body=self.body, output=self.output)
+        super().__post_init__()
 
 
 def read_simulation(path, overrides=()) -> SimulationJob:

@@ -28,7 +28,7 @@ class SecondOrderModel:
     wrote the matrices holds at zero, and which have no row; `sets`: node numbers by the name of the set; of both, this
     rank has a part, in any order. `remarks`: what the readers of the files had to say. `name` is for messages.
     `interfaces`: the interface nodes (see model.interfaces), and Gt = G^T (n, 6k), sparse, with their motions G q. SI
-    units.
+    units; `converted_from`: the units that the numbers came in, where they were converted.
 
     A model does not change after it was made; with_inputs and the like give another one on the same matrices. Each owns
     its PETSc objects, which are counted references: call close() or use it in a `with` block; both are collective.
@@ -49,6 +49,7 @@ class SecondOrderModel:
     remarks: tuple[str, ...] = ()
     Gt: PETSc.Mat | None = None
     interfaces: tuple[InterfaceNode, ...] = ()
+    converted_from: str = ""
 
     def __post_init__(self):
         watched(self.comm)
@@ -257,13 +258,14 @@ class SecondOrderModel:
         held=None,
         sets=None,
         remarks=(),
+        converted_from="",
     ):
         """A model from the rows of this rank. Collective.
 
         `indptr` (rows + 1,), `indices` (nonzeros,) sorted global columns, `values`: dict of "K", "M" and
         perhaps "D" -> (nonzeros,) on that one pattern. `inputs` (rows, p) and `outputs` (rows, r) are the rows
-        of B and C^T; `elements`, `held`, `sets` and `remarks` as of the model. Raises InputError for NaN, Inf, a
-        negative diagonal of M, or rows that are empty.
+        of B and C^T; `elements`, `held`, `sets`, `remarks` and `converted_from` as of the model. Raises InputError
+        for NaN, Inf, a negative diagonal of M, or rows that are empty.
         """  # fmt: skip
         rows = len(indptr) - 1
         first = comm.exscan(rows) or 0
@@ -284,7 +286,7 @@ class SecondOrderModel:
         B, Ct = (None if local is None else dense_matrix(mats["K"], local) for local in (inputs, outputs))
         return cls(
             mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, tuple(input_names), tuple(output_names), name,
-            elements or {}, held, sets or {}, tuple(remarks),
+            elements or {}, held, sets or {}, tuple(remarks), converted_from=converted_from,
         )  # fmt: skip
 
     @classmethod

@@ -10,6 +10,7 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from ..parallel.failures import ComputationError, InputError
+from ..parallel.ranges import ANYTHING, COUNT, FREQUENCY, LABEL, within
 from .body import Body, check_moving, remarks
 from .equations_of_motion import FlexibleBody, Force, PointConstraint, rotation
 
@@ -19,10 +20,9 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 def _require_finite(where, **values):
-    """Raise InputError for NaN and Inf, which TOML can write."""
+    """Raise InputError for NaN and Inf, which TOML can write, and for numbers beyond all units."""
     for key, value in values.items():
-        if not np.isfinite(np.asarray(value, dtype=float)).all():
-            raise InputError(f"{where}{key}: found NaN or Inf among {value}, expected finite numbers")
+        within(f"{where}{key}", value, ANYTHING)
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ class ConstantForce:
     kind: Literal["constant"] = field(default="constant", kw_only=True, repr=False)
 
     def __post_init__(self):
+        within("force.node", self.node, LABEL)
         _require_finite("force.", value=self.value)
 
     def __call__(self, t):
@@ -54,9 +55,12 @@ class SineForce:
     kind: Literal["sine"] = field(default="sine", kw_only=True, repr=False)
 
     def __post_init__(self):
+        within("force.node", self.node, LABEL)
         _require_finite("force.", amplitude=self.amplitude, frequency=self.frequency, phase=self.phase)
         if self.frequency <= 0:
             raise InputError(f"force.frequency: found {self.frequency:g}, expected a positive frequency in Hz")
+        within("force.frequency", self.frequency, FREQUENCY)
+        within("force.phase", self.phase, (-1e6, 1e6, "rad"))
 
     def __call__(self, t):
         return np.asarray(self.amplitude) * np.sin(2 * np.pi * self.frequency * t + self.phase)
@@ -75,6 +79,7 @@ class TableForce:
     kind: Literal["table"] = field(default="table", kw_only=True, repr=False)
 
     def __post_init__(self):
+        within("force.node", self.node, LABEL)
         _require_finite("force.", times=self.times, values=self.values)
         if len(self.times) != len(self.values) or not self.times:
             raise InputError(
@@ -103,6 +108,7 @@ class Joint:
 
     def __post_init__(self):
         _require_finite("constraint.", at=self.at or ())
+        within("constraint.node", self.node, LABEL)
         if not self.directions or any(name not in AXES for name in self.directions):
             raise InputError(f"constraint.directions: found {list(self.directions)}, expected some of x, y, z")
         if len(set(self.directions)) < len(self.directions):
@@ -139,10 +145,15 @@ class Simulation:
         for key in ("end", "steps", "relative_tolerance", "absolute_tolerance"):
             if not 0 < getattr(self, key) < np.inf:
                 raise InputError(f"{key}: found {getattr(self, key):g}, expected a finite number of more than 0")
+        within("end", self.end, (1e-15, 1e9, "s"))
+        within("steps", self.steps, COUNT)
+        within("relative_tolerance", self.relative_tolerance, (1e-14, 0.5, ""))
+        within("absolute_tolerance", self.absolute_tolerance, (1e-30, 1.0, ""))
+        within("observe", self.observe, LABEL)
         moving = ("velocity", "angular_velocity", "elastic", "elastic_velocity")
         _require_finite("", **{key: getattr(self, key) for key in ("gravity", "position", "rotation", *moving)})
         if self.start not in ("given", "static"):
-            raise InputError(f"start: found '{self.start}', expected 'given' or 'static'")
+            raise InputError(f"start: found '{self.start[:40]}', expected 'given' or 'static'")
         if self.start == "static" and any(any(getattr(self, key)) for key in moving):
             raise InputError(f"start: 'static' is a state of rest; leave out {', '.join(moving)}")
 

@@ -10,6 +10,7 @@ import os
 import re
 import sys
 
+import numpy as np
 from mpi4py import MPI
 
 from . import failures
@@ -80,8 +81,7 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
         start_mpi()
         import petsc4py
 
-        # at the end PETSc names the options that nothing used; signals are for Python
-        options = ["hpcred", *_petsc_args, "-no_signal_handler", *(["-options_left"] if _petsc_args else [])]
+        options = ["hpcred", *_petsc_args, "-no_signal_handler"]  # signals are for Python
         petsc4py.init(options)
         import slepc4py
 
@@ -112,6 +112,20 @@ def _choose(builds, preferred):
 def started() -> bool:
     """Whether PETSc is loaded."""
     return _scalar is not None
+
+
+def unused_options() -> list[str]:
+    """PETSc options of the user, such as "-mod_eps_tol 1e-9", that nothing has asked for until now."""
+    from petsc4py import PETSc
+
+    library = ctypes.CDLL(PETSc.__file__)
+    count = np.zeros(1, PETSc.IntType)
+    names, values = (ctypes.POINTER(ctypes.c_char_p)() for _ in range(2))
+    pointers = count.ctypes.data_as(ctypes.c_void_p), ctypes.byref(names), ctypes.byref(values)
+    library.PetscOptionsLeftGet(None, *pointers)
+    found = [f"-{names[i].decode()} {(values[i] or b'').decode()}".rstrip() for i in range(int(count[0]))]
+    library.PetscOptionsLeftRestore(None, *pointers)
+    return found
 
 
 def check_low_rank():

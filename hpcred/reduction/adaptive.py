@@ -31,6 +31,7 @@ from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Struc
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
 from ..parallel.petsc import PETSc, is_complex
+from ..parallel.ranges import COUNT, FREQUENCY, within
 from .chain import Entry
 from .compression import columns, compressed
 from .error_estimate import (
@@ -86,11 +87,12 @@ class Limits:
                 raise InputError(f"adaptive.{key}: found {getattr(self, key)}, expected more than 0")
         if self.factorisations < 2:
             raise InputError(f"adaptive.factorisations: found {self.factorisations}, expected at least 2")
-        if self.zeta0 >= 1:
+        if not 1e-12 <= self.zeta0 < 1:
             raise InputError(f"adaptive.zeta0: found {self.zeta0:g}, expected a damping ratio below 1")
-        for point in self.points:
-            if not 0 <= point < np.inf:
-                raise InputError(f"adaptive.points: found {point:g} Hz, expected finite frequencies, none negative")
+        for key in ("factorisations", "columns", "size"):
+            within(f"adaptive.{key}", getattr(self, key), COUNT)
+        within("adaptive.seconds", self.seconds, (1e-6, 1e9, "s"))
+        within("adaptive.points", self.points, FREQUENCY)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +104,8 @@ class Adaptive(Limits):
 
     def __post_init__(self):
         super().__post_init__()
-        if not 0 < self.tolerance < 1:
+        within("band", self.band, FREQUENCY)
+        if not 1e-15 <= self.tolerance < 1:
             raise InputError(f"tolerance: found {self.tolerance:g}, expected a relative error such as 1e-4")
         if not 0 <= self.band[0] < self.band[1] < np.inf:
             raise InputError(f"band: found {list(self.band)}, expected 0 <= lower < upper in Hz")

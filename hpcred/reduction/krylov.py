@@ -14,6 +14,7 @@ from ..linalg.blocks import apply, as_pairs, copy_of, create_block
 from ..linalg.factorisation import SingularMatrix
 from ..model.damping import is_proportional
 from ..parallel.failures import InputError
+from ..parallel.ranges import COUNT, within
 from .chain import Chain
 from .ingredient import PointIngredient
 from .points import laplace, point_name
@@ -88,6 +89,7 @@ class Krylov(PointIngredient):
             raise InputError("krylov: expected frequency (Hz), decay (1/s) or both, or infinity = true")
         if self.order < 0:
             raise InputError(f"krylov.order: found {self.order}, expected 0 or more")
+        within("krylov.order", self.order, (0, COUNT[1], ""))
         self.point  # noqa: B018  (refused early)
 
     @property

@@ -124,14 +124,19 @@ def reduce(
 
 def check_model(model):
     """Refuse a model that cannot be reduced: an unsymmetric M or K, no inputs."""
+    check_symmetric(model)
+    if model.B is None or not model.input_names:
+        raise InputError(f"{model.name} has no inputs; name them by `inputs`, as dof numbers or [node, direction]")
+
+
+def check_symmetric(model):
+    """Refuse an unsymmetric M or K."""
     for key in ("M", "K"):
         if model.symmetry_defects[key] > SYMMETRIC_TO:
             raise InputError(
                 f"{model.name}: matrix {key} is not symmetric: ||A - A^T|| / ||A|| = "
                 f"{model.symmetry_defects[key]:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
             )
-    if model.B is None or not model.input_names:
-        raise InputError(f"{model.name} has no inputs; name them by `inputs`, as dof numbers or [node, direction]")
 
 
 def warnings_of(model, frame) -> tuple[str, ...]:
@@ -207,10 +212,10 @@ def _project(model, framed, vectors, run, settings):
             frequencies = np.concatenate([np.zeros(rigid), frequencies])
             reduced = _reduced_model(model, framed, small, moved.B, moved.C, frequencies)
             reduced.interfaces = full.interfaces
-            reduced.columns = _everywhere(model, framed, moved.columns)
+            reduced.columns = everywhere(model, framed, moved.columns)
             return reduced, defect
     reduced = _reduced_model(model, framed, small, inputs, outputs, frequencies)
-    reduced.columns = _everywhere(model, framed, columns)
+    reduced.columns = everywhere(model, framed, columns)
     return reduced, defect
 
 
@@ -233,7 +238,7 @@ def _project_two_sided(model, framed, right, left, run, allow_unstable):
             f"half-plane ({listed}{', ...' if len(unstable) > 6 else ''} rad/s); take projection = 'one_sided', "
             "which keeps stability, or allow_unstable = true for frequency responses only"
         )
-    reduced.columns, reduced.left_columns = (_everywhere(model, framed, block) for block in (V, W))
+    reduced.columns, reduced.left_columns = (everywhere(model, framed, block) for block in (V, W))
     return reduced, defect
 
 
@@ -247,8 +252,8 @@ def _reduced_model(model, framed, small, inputs, outputs, frequencies):
     )  # fmt: skip
 
 
-def _everywhere(model, framed, columns):
-    """A basis in all dofs of the model, as a new block."""
+def everywhere(model, framed, columns):
+    """A basis of the framed model in all dofs of `model`, as a new block. Collective."""
     if framed.restore is None:
         return copy_of(columns, model.K)
     first, last = columns.getActiveColumns()

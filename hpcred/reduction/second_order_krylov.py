@@ -17,6 +17,7 @@ from ..linalg.factorisation import SingularMatrix
 from ..model.damping import caughey_terms
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
+from ..parallel.ranges import COUNT, within
 from .chain import Chain
 from .ingredient import PointIngredient
 from .krylov import Krylov
@@ -42,6 +43,7 @@ class SecondOrderKrylov(PointIngredient):
     def __post_init__(self):
         if self.order < 0:
             raise InputError(f"second_order_krylov.order: found {self.order}, expected 0 or more")
+        within("second_order_krylov.order", self.order, (0, COUNT[1], ""))
         if self.frequency is None and self.decay is None and self.s is None:
             raise InputError("second_order_krylov: expected a point: frequency (Hz), decay (1/s), or s = [re, im]")
         self.point  # noqa: B018  (refused early)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats.hdf5 import atomic_output, check_writable
+from ..formats.hdf5 import atomic_output
+from ..formats.outputs import CSV_OF_MOTION, PNG, check_outputs, hdf5_kind
 from ..formats.result_file import read_result
-from ..formats.simulation_file import read_simulation, write_motion, write_motion_csv
+from ..formats.simulation_file import FORMAT, read_simulation, write_motion, write_motion_csv
 from ..multibody.simulation import simulate
 from ..parallel import startup
 from ..parallel.failures import agreed
@@ -30,7 +31,10 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     with agreed(comm):
         setup = read_simulation(path, overrides)
     output = Path(setup.output)
-    check_writable(output, comm)
+    written = {output: hdf5_kind(FORMAT), output.with_suffix(".csv"): CSV_OF_MOTION}
+    if has_matplotlib():
+        written[output.with_suffix(".png")] = PNG
+    check_outputs(written, comm, [path, setup.body], progress=progress)
     motion = None
     with agreed(comm):
         if comm.rank == 0:
