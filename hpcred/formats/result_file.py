@@ -23,7 +23,7 @@ from pydantic import TypeAdapter, ValidationError
 from ..linalg.blocks import local_rows
 from ..model.dofs import SCALAR
 from ..model.interfaces import InterfaceNode
-from ..multibody.body import Body, body_of
+from ..multibody.body import Body, body_of, number_of
 from ..multibody.floating_frame import FloatingFrame
 from ..multibody.node_shapes import NodeShape, shapes_of_rows
 from ..parallel.failures import InputError, agreed
@@ -58,7 +58,7 @@ class Result:
         return f"{self.path}: {self.reduced}"
 
     def body(self, nodes=None) -> Body:
-        """The body with chosen interface nodes, by default those of the inputs and outputs.
+        """The body with chosen interface nodes, by number or name, by default those of the inputs and outputs.
 
         On one rank. Raises InputError where the file has no floating-frame quantities or no such node.
         """
@@ -68,11 +68,12 @@ class Result:
                 "was two-sided"
             )
         known = {shape.node: shape for shape in self.nodes}
-        nodes = list(known) if nodes is None else list(nodes)
+        names = {item.name: item.node for item in self.reduced.interfaces}
+        nodes = list(known) if nodes is None else list(dict.fromkeys(number_of(names, node) for node in nodes))
         missing = [node for node in nodes if node not in known]
         if missing:
             known |= {shape.node: shape for shape in self._shapes_of_nodes(missing)}
-        return Body(self.reduced, self.floating_frame, [known[node] for node in nodes])
+        return Body(self.reduced, self.floating_frame, [known[node] for node in nodes], names)
 
     def _shapes_of_nodes(self, nodes):
         with reading(self.path, FORMAT, VERSION) as file:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,11 +17,33 @@ from .node_shapes import NodeShape, interface_nodes, node_shapes
 
 @dataclass
 class Body:
-    """What a multibody program needs of a flexible body: plain arrays, the same on all ranks."""
+    """What a multibody program needs of a flexible body: plain arrays, the same on all ranks.
+
+    `names`: the numbers of the nodes that have a name, the interfaces.
+    """
 
     reduced: ReducedModel
     floating_frame: FloatingFrame
     nodes: list[NodeShape]
+    names: dict[str, int] = field(default_factory=dict)
+
+    def number(self, node) -> int:
+        """The number of a node that is given by its number or name. Raises InputError for an unknown name."""
+        return number_of(self.names, node)
+
+    def name(self, node: int) -> str:
+        """The name of a node, or its number where it has none."""
+        return next((name for name, number in self.names.items() if number == node), str(node))
+
+
+def number_of(names: dict, node) -> int:
+    """The number of a node that is given by its number or by one of `names`. Raises InputError for another name."""
+    if isinstance(node, str):
+        if node not in names:
+            known = f"its interfaces are {', '.join(names)}" if names else "no node of the body has a name"
+            raise InputError(f"node '{node}': no interface of this name; {known}")
+        return names[node]
+    return int(node)
 
 
 def body_of(model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lumped=False) -> Body:

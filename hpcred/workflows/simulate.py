@@ -58,10 +58,11 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
 def _figures(motion):
     return {
         "constraint_drift_m": motion.drift,
+        "constraint_drift_rad": motion.rotation_drift,
         "energy_defect": motion.balance,
         "factorisations": motion.factorisations,
         "largest_displacement_m": {
-            str(node): float(np.linalg.norm(motion.node_displacement[:, i], axis=-1).max())
-            for i, node in enumerate(motion.nodes)
+            name: float(np.linalg.norm(motion.node_displacement[:, i], axis=-1).max())
+            for i, name in enumerate(motion.node_names)
         },
     }

@@ -31,7 +31,7 @@ def test_settings_arrive(path):
         ("start=rest", "start: found 'rest', expected 'given' or 'static'"),
         ("force.0.kind=cosine", r"force\[0\].kind: found 'cosine', expected one of constant, sine, table"),
         ("force.0.frequency=0.0", "force.frequency: found 0, expected a positive frequency"),
-        ("force.1.times=[0.0]", "found 2 forces for 1 times"),
+        ("force.1.times=[0.0]", "force.values: found 2 values for 1 times"),
         ("force.1.times=[1.0, 0.0]", "expected ascending times"),
         ("constraint.1.directions=['x', 'q']", r"constraint.directions: found \['x', 'q'\]"),
         ("gravity=[0.0, 1.0]", r"gravity: found \[0.0, 1.0\], expected \[a number, a number, a number\]"),
