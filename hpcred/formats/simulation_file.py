@@ -31,7 +31,7 @@ from .hdf5 import writing
 from .toml_file import CONFIG, parse, read_table
 
 FORMAT = "hpcred-simulation"
-VERSION = 2
+VERSION = 1
 
 
 @dataclass(frozen=True, kw_only=True)
