@@ -20,7 +20,7 @@ import numpy as np
 from ..parallel.failures import ComputationError, InputError
 from .floating_frame import FloatingFrame
 from .node_shapes import NodeShape
-from .rotations import of_vector, quaternion_rate, rate_matrix, rotation, skew
+from .rotations import cross, of_vector, quaternion_rate, rate_matrix, rotation, skew
 
 ROUND_OFF = 1e-14
 
@@ -100,7 +100,7 @@ class FlexibleBody:
         Cr = body.Cr + np.tensordot(self._Cr1, q, axes=(1, 0))
         M = np.zeros((6 + m, 6 + m))
         M[:3, :3] = self.mass * np.eye(3)
-        M[3:6, :3] = np.cross(mc, np.eye(3)).T  # skew(mc)
+        M[3:6, :3] = skew(mc)
         M[:3, 3:6] = M[3:6, :3].T
         M[3:6, 3:6] = self.inertia(q)
         M[6:, :3], M[6:, 3:6], M[6:, 6:] = body.Ct, Cr, body.Me
@@ -115,16 +115,16 @@ class FlexibleBody:
         flow = self.floating_frame.Ct.T @ u
         gyroscopic = self._Cr1 @ w  # [i, k]: (integral of Phi_k x Phi_i) . w
         h = np.zeros_like(z)
-        h[:3] = np.cross(w, flow) + np.cross(w, P[:3])
-        h[3:6] = np.cross(flow, v) + np.tensordot(u, slope, axes=(0, 0)) @ w + np.cross(w, P[3:6]) + np.cross(v, P[:3])
-        h[6:] = gyroscopic @ u - (self.floating_frame.Ct @ np.cross(v, w) + 0.5 * slope @ w @ w + gyroscopic.T @ u)
+        h[:3] = cross(w, flow) + cross(w, P[:3])
+        h[3:6] = cross(flow, v) + np.tensordot(u, slope, axes=(0, 0)) @ w + cross(w, P[3:6]) + cross(v, P[:3])
+        h[6:] = gyroscopic @ u - (self.floating_frame.Ct @ cross(v, w) + 0.5 * slope @ w @ w + gyroscopic.T @ u)
         return h
 
     def applied(self, t, A, q, z, motions):
         """Generalised forces of gravity, loads and springs (6 + m,); powers of loads and of springs' dampers."""
         body = self.floating_frame
         g = A.T @ self.gravity
-        total = np.concatenate([self.mass * g, np.cross(self.first_moment(q), g), body.Ct @ g])
+        total = np.concatenate([self.mass * g, cross(self.first_moment(q), g), body.Ct @ g])
         power = loss = 0.0
         for load in self.loads:
             node = motions[load.shape.node]

@@ -19,7 +19,7 @@ from .checks import require_finite, unit
 from .drives import Drive
 from .loads import Vector
 from .node_shapes import NodeShape
-from .rotations import of_vector, vector_of
+from .rotations import cross, of_vector, vector_of
 
 AXES = ("x", "y", "z")
 ONE_AXIS = ("revolute", "prismatic", "cylindrical")
@@ -153,7 +153,7 @@ class Hold:
             N[k:, 3:] = self.rotations @ G.T
         else:
             mine, other = self._cross(R, G)
-            N[k, 3:] = np.cross(other, mine) / np.linalg.norm(np.cross(*self.cross))
+            N[k, 3:] = cross(other, mine) / np.linalg.norm(np.cross(*self.cross))
         return N
 
     def velocity(self, t, x):
@@ -161,7 +161,7 @@ class Hold:
         shift, rate, _, omega = self.support.state(t)
         if not omega.any():
             return np.concatenate([rate, omega])
-        return np.concatenate([rate + np.cross(omega, x - self.support.centre - shift), omega])
+        return np.concatenate([rate + cross(omega, x - self.support.centre - shift), omega])
 
     def gap(self, t, x, R):
         """How far (c,) the node is from where it is held: m for displacements, rad for rotations."""
@@ -175,7 +175,7 @@ class Hold:
             return np.append(away, angle)
         if len(self.rotations) == 2:
             axis = np.cross(*self.rotations)
-            turned = np.cross(G @ axis, R @ self.turned.T @ axis)
+            turned = cross(G @ axis, R @ self.turned.T @ axis)
         elif len(self.rotations):
             turned = vector_of(R @ self.turned.T @ G.T)
         else:

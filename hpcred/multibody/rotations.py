@@ -28,6 +28,11 @@ def skew(v: np.ndarray) -> np.ndarray:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a x b (3,), in a fraction of numpy's time."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
 def of_vector(vector) -> np.ndarray:
     """The rotation matrix exp(skew(vector)) of a rotation vector (3,), exactly (Rodrigues)."""
     return Rotation.from_rotvec(vector).as_matrix()
