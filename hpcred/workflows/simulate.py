@@ -32,11 +32,11 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     output = Path(setup.output)
     check_writable(output, comm)
     motion = None
-    with agreed(comm):
+    # the stage on all ranks, because the first one starts PETSc, which is collective
+    with progress.stage("simulate", setup.body), agreed(comm):
         if comm.rank == 0:
-            with progress.stage("simulate", setup.body):
-                body = read_result(setup.body, MPI.COMM_SELF).body(setup.nodes)
-                motion = simulate(body, setup, progress)
+            body = read_result(setup.body, MPI.COMM_SELF).body(setup.nodes)
+            motion = simulate(body, setup, progress)
     motion = comm.bcast(motion)
     files = [(output.with_suffix(".csv"), write_motion_csv)]
     notes = list(motion.notes)
