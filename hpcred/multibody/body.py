@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,34 +16,37 @@ from .node_shapes import NodeShape, interface_nodes, node_shapes
 
 
 @dataclass
-class Body:
-    """What a multibody program needs of a flexible body: plain arrays, the same on all ranks.
+class Surface:
+    """What is drawn of a body: `points` (s, 3) in m, their displacements `phi` (s, 3, m), `triangles` (t, 3)."""
 
-    `names`: the numbers of the nodes that have a name, the interfaces.
-    """
+    points: np.ndarray
+    triangles: np.ndarray
+    phi: np.ndarray
+
+
+@dataclass
+class Body:
+    """What a multibody program needs of a flexible body: plain arrays, the same on all ranks. `surface` may be None."""
 
     reduced: ReducedModel
     floating_frame: FloatingFrame
     nodes: list[NodeShape]
-    names: dict[str, int] = field(default_factory=dict)
+    surface: Surface | None = None
 
     def number(self, node) -> int:
         """The number of a node that is given by its number or name. Raises InputError for an unknown name."""
-        return number_of(self.names, node)
-
-    def name(self, node: int) -> str:
-        """The name of a node, or its number where it has none."""
-        return next((name for name, number in self.names.items() if number == node), str(node))
+        return number_of(self.nodes, node)
 
 
-def number_of(names: dict, node) -> int:
-    """The number of a node that is given by its number or by one of `names`. Raises InputError for another name."""
-    if isinstance(node, str):
-        if node not in names:
-            known = f"its interfaces are {', '.join(names)}" if names else "no node of the body has a name"
-            raise InputError(f"node '{node}': no interface of this name; {known}")
-        return names[node]
-    return int(node)
+def number_of(shapes, node) -> int:
+    """The number of a node that is given by its number or by the name of one of some NodeShapes. Raises InputError."""
+    if not isinstance(node, str):
+        return int(node)
+    names = {shape.name: shape.node for shape in shapes if shape.name}
+    if node not in names:
+        known = f"its interfaces are {', '.join(names)}" if names else "no node of the body has a name"
+        raise InputError(f"node '{node}': no interface of this name; {known}")
+    return names[node]
 
 
 def body_of(model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lumped=False) -> Body:
@@ -73,13 +76,8 @@ def check_moving(body: Body, where: str):
 
     It needs a damping that exists in time, mass and inertia in all directions, and no rigid-body motion in its basis.
     """
-    loss_factor, masses = body.reduced.loss_factor, body.floating_frame.masses
-    if loss_factor:
-        raise InputError(
-            f"damping: structural damping (loss factor {loss_factor:g}) has no meaning in time and no place in "
-            f"{where}; reduce with damping of kind 'modal' and ratio = {loss_factor / 2:g}, half the loss factor, "
-            "which is the same at resonance"
-        )
+    check_viscous(body.reduced, where)
+    masses = body.floating_frame.masses
     missing = [name for name, mass in zip("xyz", masses, strict=True) if mass <= 0]
     if missing:
         raise InputError(
@@ -90,16 +88,29 @@ def check_moving(body: Body, where: str):
     check_elastic(body)
 
 
+def check_viscous(reduced, where: str):
+    """Raise InputError for a model with structural damping, which `where` (such as "a SID file") cannot hold."""
+    if reduced.loss_factor:
+        raise InputError(
+            f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no meaning in time and no place in "
+            f"{where}; reduce with damping of kind 'modal' and ratio = {reduced.loss_factor / 2:g}, half the loss "
+            "factor, which is the same at resonance"
+        )
+
+
 def check_elastic(body: Body):
     """Raise InputError if the reduced body can move as a rigid one: the floating frame does that already."""
     reduced = body.reduced
     M = FlexibleBody(body.floating_frame, reduced.K, reduced.D).mass_matrix(np.zeros(reduced.size))
     rest = M[6:, 6:] - M[6:, :6] @ np.linalg.pinv(M[:6, :6], rcond=1e-12) @ M[:6, 6:]
     if np.linalg.eigvalsh(rest).min() < 1e-9 * np.linalg.eigvalsh(body.floating_frame.Me).max():
+        advice = (
+            "leave coordinates = 'interface' out of the job" if reduced.interfaces
+            else "reduce with frame 'buckens' and modes from number 7, or hold the body"
+        )  # fmt: skip
         raise InputError(
             f"the reduced body contains rigid-body motions (lowest pseudo-frequency {reduced.frequencies.min():.3g} "
-            "Hz), which the floating frame has already; reduce with frame 'buckens' and modes from number 7, or hold "
-            "the body"
+            f"Hz), which the floating frame has already; {advice}"
         )
 
 
@@ -127,6 +138,12 @@ def inputs_without_node(body: Body) -> list[str]:
     return found
 
 
-def maker(body: Body) -> str:
-    """Program and version that made the reduced body."""
-    return f"hpcred {body.reduced.record.versions['hpcred']}"
+def instability(reduced: ReducedModel) -> list[str]:
+    """A remark on poles in the right half-plane, where there are any."""
+    count = len(reduced.unstable_poles())
+    return [f"the model is unstable: {count} poles in the right half-plane, so that motion grows in time"] * bool(count)
+
+
+def maker(reduced: ReducedModel) -> str:
+    """Program and version that made the reduced model."""
+    return f"hpcred {reduced.record.versions['hpcred']}" if reduced.record is not None else "hpcred"

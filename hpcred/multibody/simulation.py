@@ -212,6 +212,11 @@ def _steps(system, t, states):
     return zip(t, r, rotation(p), q, z, strict=True)
 
 
+def _names(body) -> dict:
+    """The name of each node, or its number where it has none, by number."""
+    return {shape.node: shape.name or str(shape.node) for shape in body.nodes}
+
+
 def _motion(system, t, states, rates):
     """What a Motion says of the body frame, elastic coordinates, energies and errors."""
     r, p, q, z, _, powers = (part.T for part in system.split(states))
@@ -243,7 +248,7 @@ def _nodes(body, undeformed, t, states, system):
     turned = [node.R @ start.R.T for nodes in moved for node, start in zip(nodes, first, strict=True)]
     return {
         "nodes": [item.node for item in body.nodes],
-        "node_names": [body.name(item.node) for item in body.nodes],
+        "node_names": list(_names(body).values()),
         "node_rotates": [item.rotates for item in body.nodes],
         "node_position": places,
         "node_displacement": places - np.array([start.x for start in first]).reshape(shape[1:]),
@@ -261,10 +266,10 @@ def _reactions(body, system, t, states, rates):
     able = {}
     for hold in system.holds:
         able[hold.shape.node] = able.get(hold.shape.node, False) | hold.components()
-    names, columns = ([], []), ([], [])
+    names_of, names, columns = _names(body), ([], []), ([], [])
     for node, components in able.items():
         for i in np.flatnonzero(components):
-            names[i // 3].append(f"{body.name(node)}:{'r' * (i // 3)}{AXES[i % 3]}")
+            names[i // 3].append(f"{names_of[node]}:{'r' * (i // 3)}{AXES[i % 3]}")
             columns[i // 3].append([reaction[node][i] for reaction in found])
     force, moment = (np.array(part).reshape(-1, len(t)).T for part in columns)
     return {
@@ -274,7 +279,7 @@ def _reactions(body, system, t, states, rates):
 
 def _springs(body, setup, system, t, states):
     """What a Motion says of springs. Raises ComputationError where a bushing was twisted too far."""
-    count = len(system.springs)
+    names_of, count = _names(body), len(system.springs)
     wrenches, energies = np.zeros((len(t), count, 6)), np.zeros((len(t), count))
     for i, (now, r, A, q, z) in enumerate(_steps(system, t, states)):
         motions = system.node_motions(r, A, q)
@@ -288,6 +293,6 @@ def _springs(body, setup, system, t, states):
                     f"t = {now:.4g} s, and knows rotations up to {MOST_TWIST:g} rad; stiffen it, or load it less"
                 )
     return {
-        "spring_names": [f"{k + 1}:{body.name(item.node)}" for k, item in enumerate(setup.spring)],
+        "spring_names": [f"{k + 1}:{names_of[item.node]}" for k, item in enumerate(setup.spring)],
         "spring_force": wrenches[:, :, :3], "spring_moment": wrenches[:, :, 3:], "spring_energy": energies,
     }  # fmt: skip

@@ -324,7 +324,7 @@ def test_what_needs_rotations_is_refused_at_solid_nodes(comm):
 
 
 def test_nodes_have_names(stiff):
-    body = replace(stiff, names={"bearing": 1})
+    body = replace(stiff, nodes=[replace(stiff.nodes[0], name="bearing"), *stiff.nodes[1:]])
     setup = Simulation(
         end=0.01, steps=2, constraint=(Joint("bearing", kind="fixed"),), observe=("bearing", 3),
         spring=(Bushing("bearing", (1.0, 1.0, 1.0)),),
