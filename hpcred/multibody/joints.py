@@ -201,21 +201,21 @@ def holds_of(joints, drives, start) -> list[Hold]:
         shape, place, turned = start[node]
         own = [item for item in joints if item.node == node]
         moved = [item for item in drives if item.node == node]
-        support = _support(node, moved, place if not own or own[0].at is None else np.array(own[0].at))
+        support = _support(shape.label, moved, place if not own or own[0].at is None else np.array(own[0].at))
         for item in own:
             if item.turns_with and not shape.rotates:
                 raise InputError(
-                    f"constraint.kind: node {node} has no rotations, which a joint of kind '{item.kind}' holds; give "
+                    f"constraint.kind: node {shape.label} has no rotations, which a joint of kind '{item.kind}' holds; give "
                     "the model an [[interface]] there, or hold several nodes by joints of kind 'point'"
                 )
             at = place if item.at is None else np.array(item.at)
             cross = tuple(item.unit_axes) if item.kind == "universal" else None
-            holds.append(Hold(shape, f"{item.kind} at {node}", support, at, turned, *item.held(), cross))
+            holds.append(Hold(shape, f"{item.kind} at {shape.label}", support, at, turned, *item.held(), cross))
         if moved:
-            translations, rotations = _driven(node, own, support)
+            translations, rotations = _driven(shape.label, own, support)
             at = place if not own or own[0].at is None else np.array(own[0].at)
             if len(translations) + len(rotations):
-                holds.append(Hold(shape, f"drive of {node}", support, at, turned, translations, rotations))
+                holds.append(Hold(shape, f"drive of {shape.label}", support, at, turned, translations, rotations))
     return holds
 
 

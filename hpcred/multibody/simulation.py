@@ -214,7 +214,7 @@ def _steps(system, t, states):
 
 def _names(body) -> dict:
     """The name of each node, or its number where it has none, by number."""
-    return {shape.node: shape.name or str(shape.node) for shape in body.nodes}
+    return {shape.node: shape.label for shape in body.nodes}
 
 
 def _motion(system, t, states, rates):
@@ -289,7 +289,7 @@ def _springs(body, setup, system, t, states):
             energies[i, k] = spring.energy(node.x, node.R)
             if spring.angle(node.R) > MOST_TWIST:
                 raise ComputationError(
-                    f"spring: the bushing at node {spring.shape.node} was twisted by {spring.angle(node.R):.3g} rad at "
+                    f"spring: the bushing at node {spring.shape.label} was twisted by {spring.angle(node.R):.3g} rad at "
                     f"t = {now:.4g} s, and knows rotations up to {MOST_TWIST:g} rad; stiffen it, or load it less"
                 )
     return {

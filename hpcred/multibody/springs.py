@@ -179,14 +179,14 @@ def element_of(spring, shape: NodeShape, place, turned):
         length = float(np.linalg.norm(place - at))
         if length == 0 and spring.length != 0:
             raise InputError(
-                f"spring.at: the spring at node {spring.node} begins with no length, which has no direction; give "
+                f"spring.at: the spring at node {shape.label} begins with no length, which has no direction; give "
                 "another point, or take kind = 'bushing'"
             )
         free = length if spring.length is None else spring.length
         return LineElement(shape, at, spring.stiffness, spring.damping, free)
     if spring.turns_with and not shape.rotates:
         raise InputError(
-            f"spring.rotational_stiffness: node {spring.node} has no rotations; give the model an [[interface]] there, "
+            f"spring.rotational_stiffness: node {shape.label} has no rotations; give the model an [[interface]] there, "
             "or leave out rotational_stiffness and rotational_damping"
         )
     stiffness = np.array([*spring.stiffness, *spring.rotational_stiffness])

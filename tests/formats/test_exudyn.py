@@ -75,7 +75,7 @@ def pendulum(kind):
             hpcred.linkage() as model,
             hpcred.reduce(model, [Modes(index=tuple(range(7, 13)))], Buckens(), Rayleigh(2.0, 1e-4)) as rom,
         ):
-            return body_of(model, rom, [1, 20]), 1, 0.2, 1e-3, 3e-5
+            return body_of(model, rom, [1, 14]), 1, 0.2, 1e-3, 3e-5
     face = Nodes(box=((-1e-6, -1, -1), (1e-6, 1, 1)))
     with (
         hpcred.solid((6, 1, 1), [1.0, 0.1, 0.1], 3, False, young=2e7) as block,
@@ -123,7 +123,7 @@ def test_exudyn_swings_a_pendulum_as_we_do(tmp_path, kind):
                        absolute_tolerance=1e-9)  # fmt: skip
     ours = simulate(body, setup)
     assert ours.node_position[-1] == pytest.approx(np.array(theirs), abs=tolerance)
-    assert np.linalg.norm(ours.node_displacement[-1], axis=1).max() > 0.01
+    assert np.linalg.norm(ours.node_displacement[-1], axis=1).max() > 0.1
     assert np.abs(ours.elastic @ body.nodes[place].psi.T).max() > bending  # rad
     assert ours.balance < 1e-4 and ours.rotation_drift < 1e-6
 
