@@ -205,8 +205,8 @@ def holds_of(joints, drives, start) -> list[Hold]:
         for item in own:
             if item.turns_with and not shape.rotates:
                 raise InputError(
-                    f"constraint.kind: node {shape.label} has no rotations, which a joint of kind '{item.kind}' holds; give "
-                    "the model an [[interface]] there, or hold several nodes by joints of kind 'point'"
+                    f"constraint.kind: node {shape.label} has no rotations, which a joint of kind '{item.kind}' holds; "
+                    "give the model an [[interface]] there, or hold several nodes by joints of kind 'point'"
                 )
             at = place if item.at is None else np.array(item.at)
             cross = tuple(item.unit_axes) if item.kind == "universal" else None

@@ -137,7 +137,7 @@ def load_of(item, shape: NodeShape) -> Load:
     if not shape.rotates and (moment or item.axes == "body"):
         needs = "a moment" if moment else "axes = 'body'"
         raise InputError(
-            f"{item.key}.node: node {shape.label} has no rotations, which {needs} needs; give the model an [[interface]] "
-            "there, or take forces at nodes in inertial axes"
+            f"{item.key}.node: node {shape.label} has no rotations, which {needs} needs; give the model an "
+            "[[interface]] there, or take forces at nodes in inertial axes"
         )
     return Load(shape, item, moment, item.axes == "body")

@@ -289,8 +289,8 @@ def _springs(body, setup, system, t, states):
             energies[i, k] = spring.energy(node.x, node.R)
             if spring.angle(node.R) > MOST_TWIST:
                 raise ComputationError(
-                    f"spring: the bushing at node {spring.shape.label} was twisted by {spring.angle(node.R):.3g} rad at "
-                    f"t = {now:.4g} s, and knows rotations up to {MOST_TWIST:g} rad; stiffen it, or load it less"
+                    f"spring: the bushing at node {spring.shape.label} was twisted by {spring.angle(node.R):.3g} rad "
+                    f"at t = {now:.4g} s, and knows rotations up to {MOST_TWIST:g} rad; stiffen it, or load it less"
                 )
     return {
         "spring_names": [f"{k + 1}:{names_of[item.node]}" for k, item in enumerate(setup.spring)],
