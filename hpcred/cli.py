@@ -598,12 +598,13 @@ def simulate(
     set_: Overrides = None,
     json: JsonFile = None,
 ):
-    """Simulate a reduced body in time, with large rigid motion, forces and point constraints."""
+    """Simulate a reduced body in time, with large rigid motion, loads, joints, drives and springs."""
     report = hpcred.simulate_file(file, overrides=set_ or [], progress=_progress())
-    rows = [{"node": int(node), "largest displacement (m)": value}
+    rows = [{"node": node, "largest displacement (m)": value}
             for node, value in report["largest_displacement_m"].items()]  # fmt: skip
     show_table(", ".join(report["output"]), rows)
-    print(f"constraint drift {report['constraint_drift_m']:.1e} m, energy defect {report['energy_defect']:.1e}")
+    print(f"constraint drift {report['constraint_drift_m']:.1e} m and {report['constraint_drift_rad']:.1e} rad, "
+          f"energy defect {report['energy_defect']:.1e}")  # fmt: skip
     for line in report["notes"]:
         print(f"note: {line}")
     _write_json(json, report)

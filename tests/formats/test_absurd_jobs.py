@@ -81,7 +81,8 @@ MOTIONS = [
                                                            "angular_velocity", "constraint.0.at", "force.0.amplitude")),
     (simulation("sine"), "force.0.phase", NUMBER), (simulation("constant"), "force.0.value", NUMBER + PAIR),
     (simulation("table"), "force.0.times", LIST), (simulation("table"), "force.0.values", LIST),
-    *((simulation("sine"), key, [*NUMBER, "0", "-1"]) for key in ("force.0.node", "constraint.0.node")),
+    *((simulation("sine"), key, [*(value for value in NUMBER if '"' not in value), "0", "-1"])  # a text is a name
+      for key in ("force.0.node", "constraint.0.node")),
     *((simulation("sine"), key, LIST) for key in ("elastic", "elastic_velocity")),
     (simulation("sine"), "observe", [*LIST, "[0]", "[-1]"]),
     (simulation("sine"), "constraint.0.directions", ["[]", '["w"]', '["x", "x"]', "1", "nan", '"x"', "{}"]),
