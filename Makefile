@@ -66,7 +66,7 @@ test-dolfinx: install
 # the peers need numpy 2 and MKL, in an environment of their own
 .venv-peers/.ready: Makefile
 	/usr/bin/python3 -m venv --clear .venv-peers
-	.venv-peers/bin/python -m pip install -q numpy scipy h5py pypardiso pymor
+	.venv-peers/bin/python -m pip install -q numpy scipy h5py pypardiso pymor pyyeti ansys-mapdl-reader
 	@touch $@
 
 bench: install .venv-peers/.ready
