@@ -25,10 +25,9 @@ def taken(given: dict[str, PETSc.Mat], held, name: str) -> tuple[dict[str, PETSc
     AIJ on one structurally symmetric pattern with a full diagonal, without the rows and columns `held` (global, from 0,
     of any rank). Raises InputError.
     """
-    with agreed(MPI.COMM_WORLD):
-        for key, mat in given.items():
-            if not isinstance(mat, PETSc.Mat):
-                raise InputError(f"{name}: found {type(mat).__name__} for {key}, expected an assembled PETSc.Mat")
+    for key, mat in given.items():  # on all ranks alike; there is no communicator yet to agree on
+        if not isinstance(mat, PETSc.Mat):
+            raise InputError(f"{name}: found {type(mat).__name__} for {key}, expected an assembled PETSc.Mat")
     comm = given["K"].comm.tompi4py()
     watched(comm)
     with agreed(comm):
