@@ -410,14 +410,17 @@ def response(
 @app.command()
 def export(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff or png.")] = "sid",
+    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff, or a picture: png, svg, pdf; "
+                                     "gif or webp moves.")] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
+    modes: Annotated[str | None, typer.Option(help="Shapes of a picture, from 1, such as 7,8.")] = None,
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
     chosen = [int(number) for number in _numbers(nodes, "--nodes")] if nodes else None
-    report = hpcred.export_result(result, kind, output, nodes=chosen, progress=_progress())
+    shapes = [int(number) for number in _numbers(modes, "--modes")] if modes else None
+    report = hpcred.export_result(result, kind, output, nodes=chosen, modes=shapes, progress=_progress())
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")
     else:

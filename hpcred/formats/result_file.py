@@ -107,7 +107,7 @@ class Shapes:
 
     `nodes` (k,) their numbers, with those that are held, which do not move; `points` (k, 3) in m, `cells` by kind as
     indices of points, `names` and `frequencies` (m,) of the columns: the stored basis is the diagonalised one (54), so
-    that they are the pseudo-modes.
+    that they are the pseudo-modes. `interface`: numbers of the interface nodes.
     """
 
     def __init__(self, file, name):
@@ -125,6 +125,7 @@ class Shapes:
         self.points = position[first]
         self._place = place[: len(self._direction)]
         self._basis = file["basis/V"]
+        self.interface = file["interface/node"][...] if "interface" in file else np.zeros(0, dtype=int)
         kind = "basis vector" if "basis/W" in file else "pseudo-mode"
         self.frequencies = file["reduced/frequencies"][...]
         width = len(str(len(self.frequencies)))

@@ -18,7 +18,7 @@ from ..formats.vtk import write_vtk
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
-from ..report.mode_pictures import draw_shapes
+from ..report.mode_pictures import picture_of
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,7 @@ class Export:
     write: Callable  # (path, Body) -> remarks; or, with all nodes, (path, shapes) -> names of the shapes
     suffix: str
     all_nodes: bool = False
+    picture: bool = False  # shows chosen shapes
 
 
 EXPORTS = {
@@ -37,16 +38,17 @@ EXPORTS = {
     "exudyn": Export(write_exudyn, "_exudyn.npz"),
     "vtk": Export(write_vtk, ".vtu", all_nodes=True),
     "uff": Export(write_uff, ".uff", all_nodes=True),
-    "png": Export(draw_shapes, ".png", all_nodes=True),
+    **{kind: Export(picture_of(kind), f".{kind}", all_nodes=True, picture=True)
+       for kind in ("png", "svg", "pdf", "gif", "webp")},
 }
 
 
-def export_result(result, kind, path=None, *, nodes=None, comm=None, progress=None) -> dict:
+def export_result(result, kind, path=None, *, nodes=None, modes=None, comm=None, progress=None) -> dict:
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
     `kind`: one of EXPORTS; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of
-    the interface nodes, by default those of the inputs and outputs. Returns what was written: output, format, and
-    shapes (their names), or coordinates (their number), nodes and remarks on what the format does not hold.
+    the interface nodes, by default those of the inputs and outputs. `modes`: numbers from 1 of the shapes of a picture,
+    by default the first six, of a moving one (gif, webp) the first. Returns what was written: output, format, and shapes (their names), or coordinates (their number), nodes and remarks on what the format does not hold.
     """
     comm = comm or startup.start_mpi()
     if isinstance(result, Result):
@@ -56,6 +58,8 @@ def export_result(result, kind, path=None, *, nodes=None, comm=None, progress=No
     export = EXPORTS[kind]
     if export.all_nodes and nodes is not None:
         raise InputError(f"--nodes: '{kind}' shows all nodes; leave it out")
+    if modes is not None and not export.picture:
+        raise InputError(f"--modes: '{kind}' shows all shapes or none; leave it out")
     if nodes is not None and (not len(nodes) or len(set(nodes)) < len(nodes)):
         raise InputError(f"--nodes: found {list(nodes)}, expected at least one node, and each once")
     path = Path(path) if path else Path(result).with_name(Path(result).stem + export.suffix)
@@ -66,16 +70,16 @@ def export_result(result, kind, path=None, *, nodes=None, comm=None, progress=No
     report = None
     with atomic_output(path, comm) as temporary, agreed(comm):
         if comm.rank == 0:
-            report = {"output": str(path), "format": kind, **_write(export, result, temporary, nodes)}
+            report = {"output": str(path), "format": kind, **_write(export, result, temporary, nodes, modes)}
     return comm.bcast(report)
 
 
-def _write(export, path, target, nodes) -> dict:
+def _write(export, path, target, nodes, modes) -> dict:
     """Write one format on one rank."""
     result = read_result(path, MPI.COMM_SELF)
     if export.all_nodes:
         with result.shapes() as shapes, _naming(path):
-            return {"shapes": export.write(target, shapes)}
+            return {"shapes": export.write(target, shapes, modes) if export.picture else export.write(target, shapes)}
     body = result.body(nodes)
     with _naming(path):
         if not body.nodes:
