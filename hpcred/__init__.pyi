@@ -78,5 +78,6 @@ from .workflows.info import describe_file as describe_file
 from .workflows.info import inspect_file as inspect_file
 from .workflows.paper import reproduce as reproduce
 from .workflows.reduce import reduce_job as reduce_job
+from .workflows.report import report_file as report_file
 from .workflows.response import response_file as response_file
 from .workflows.simulate import simulate_file as simulate_file

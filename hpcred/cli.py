@@ -362,6 +362,31 @@ def evaluate(
 
 
 @app.command()
+def report(
+    results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
+    full: Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")] = None,
+    output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="The HTML file.")] = "report.html",
+    band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
+    exact: Annotated[int, typer.Option(help="Frequencies at which the full model is solved.")] = 21,
+    pairs: Annotated[str | None, typer.Option(help="Responses, such as 20:z/20:z,20:z/1:x.")] = None,
+    modes: Annotated[int, typer.Option(help="Number of shapes to look at.")] = 10,
+    groups: Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")] = None,
+    out_of_core: OutOfCore = None,
+    low_rank: LowRank = None,
+    json: JsonFile = None,
+):
+    """Write a report on results beside each other, one HTML file to look at in a browser, without a network."""
+    told = hpcred.report_file(
+        results, full, output=output, band=_band(band), exact=exact, pairs=pairs.split(",") if pairs else (),
+        modes=modes, groups=groups, factoring=_factoring(out_of_core, low_rank), progress=_progress(),
+    )  # fmt: skip
+    for line in told["notes"]:
+        print(f"note: {line}")
+    print(f"{told['output']}: {told['megabytes']:.1f} MB")
+    write_json(json, told)
+
+
+@app.command()
 def response(
     model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz.")] = None,

@@ -18,7 +18,7 @@ from .surface import Surface, surface_of
 FIRST = 6  # shapes that a picture shows unless others are named
 SWING = 0.10  # largest displacement in a picture, relative to the diagonal of the body
 FRAMES = 24  # of an animation
-DOTS = 150  # per inch
+DOTS, MOVING_DOTS = 150, 80  # per inch
 FINE = 2  # pixels are drawn in each direction for one that is shown
 WIDTH, TALLEST = 10.0, 3.4  # inches: of the figure, and of a panel at most
 TITLE, FOOT, GAP = 0.32, 0.75, 0.12  # inches
@@ -59,18 +59,21 @@ def animate_shapes(path, shapes, modes=None, kind="gif") -> list[str]:
     plt = pyplot()
     from PIL import Image
 
-    stage = _Stage(shapes, _chosen(shapes, modes, 1))
+    stage = _Stage(shapes, _chosen(shapes, modes, 1), MOVING_DOTS)
     figure, images = stage.figure()
-    figure.set_dpi(DOTS)
-    frames = []
-    for phase in np.linspace(0, 2 * np.pi, FRAMES, endpoint=False):
-        for k, image in enumerate(images):
-            image.set_data(stage.picture(k, np.sin(phase)))
-        figure.canvas.draw()
-        frames.append(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()))
+    frames = {}
+    amplitudes = np.sin(2 * np.pi * np.arange(FRAMES) / FRAMES).round(12)
+    for amplitude in amplitudes:
+        if amplitude not in frames:  # most are passed twice
+            for k, image in enumerate(images):
+                image.set_data(stage.picture(k, amplitude))
+            figure.canvas.draw()
+            frames[amplitude] = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
     plt.close(figure)
     if kind == "gif":
-        frames = [frame.quantize(255, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE) for frame in frames]
+        palette = frames[1.0].quantize(256, method=Image.Quantize.MEDIANCUT)
+        frames = {key: frame.quantize(palette=palette, dither=Image.Dither.NONE) for key, frame in frames.items()}
+    frames = [frames[amplitude] for amplitude in amplitudes]
     frames[0].save(path, format=kind, save_all=True, append_images=frames[1:], duration=60, loop=0)
     return [shapes.names[k] for k in stage.modes]
 
@@ -117,8 +120,8 @@ def axes_of_view(points) -> np.ndarray:
 class _Stage:
     """The body, the chosen shapes on its surface, and how they are laid out in one figure."""
 
-    def __init__(self, shapes, modes):
-        self.shapes, self.modes = shapes, modes
+    def __init__(self, shapes, modes, dots=DOTS):
+        self.shapes, self.modes, self.dots = shapes, modes, dots
         self.surface = surface_of(shapes.points, shapes.cells)
         points = self.surface.points
         self.marked = np.flatnonzero(np.isin(shapes.nodes, shapes.interface))
@@ -138,7 +141,7 @@ class _Stage:
         self.rows = -(-len(modes) // self.columns)
         wide = (WIDTH - GAP * (self.columns + 1)) / self.columns
         self.panel = wide, min(wide * room[1] / room[0], TALLEST if self.columns > 1 else 1.6 * TALLEST)
-        width, height = (int(DOTS * FINE * length) // FINE * FINE for length in self.panel)
+        width, height = (int(dots * FINE * length) // FINE * FINE for length in self.panel)
         self.view = View(axes, min(width / room[0], height / room[1]), (low + high) / 2 @ axes, width, height)
 
     def _columns(self, aspect):
@@ -153,7 +156,7 @@ class _Stage:
         """An empty matplotlib figure with titles, axes, scale bar and colour bar, and its images, one a shape."""
         plt = pyplot()
         tall = self.rows * (self.panel[1] + TITLE) + FOOT
-        figure = plt.figure(figsize=(WIDTH, tall))
+        figure = plt.figure(figsize=(WIDTH, tall), dpi=self.dots)
         images = []
         for place, k in enumerate(self.modes):
             row, column = divmod(place, self.columns)
@@ -178,7 +181,7 @@ class _Stage:
                                                                     "shrinkA": 0, "shrinkB": 0, "mutation_scale": 8})  # fmt: skip
                 axes.text(*(origin + end * (1 + 0.09 / np.linalg.norm(end))), name, fontsize=9, color=INK, ha="center",
                           va="center")  # fmt: skip
-        inch = self.view.scale / (DOTS * FINE)  # inches a metre
+        inch = self.view.scale / (self.dots * FINE)  # inches a metre
         length = round_length(1.6 / inch)
         axes.plot([1.1, 1.1 + length * inch], [0.28, 0.28], color=INK, linewidth=2.5, solid_capstyle="butt")
         axes.text(1.1 + length * inch / 2, 0.35, in_metres(length), fontsize=9, color=INK, ha="center", va="bottom")

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..model.elements import SHELLS, edges, faces, linear_kind
 
-SHARP = np.cos(np.radians(30.0))  # of the angle between two faces whose edge belongs to the outline
+SHARP = np.cos(np.radians(40.0))  # of the angle between two faces whose edge belongs to the outline
 SIDES = 8  # of a tube
 THICK = 0.008  # radius of a tube relative to the diagonal of the body, at most
 

@@ -41,7 +41,7 @@ def evaluate_result(
     comm = comm or startup.start_mpi()
     reduced = read_result(result, comm).reduced
     record = reduced.record
-    grid = frequencies_over(frequencies, band or _band_of(reduced), points)
+    grid = frequencies_over(frequencies, band or band_of(reduced), points)
     if output is not None:
         check_response_name(output)
         check_writable(output, comm)
@@ -50,7 +50,7 @@ def evaluate_result(
     report["reduced_norm"] = np.linalg.norm(arrays["reduced"], axis=(1, 2)).tolist()
     if full is not None:
         damped = not isinstance(record.damping, NoDamping)
-        factoring = factoring or _factoring_of(record)
+        factoring = factoring or factoring_of(record)
         startup.start(preferred="complex" if damped else "real", low_rank=factoring.low_rank is not None)
         with model_of_record(full, record, result, comm) as model:
             arrays["full"] = frequency_response(
@@ -121,7 +121,7 @@ def check_result(
     comm = comm or startup.start_mpi()
     reduced = read_result(result, comm).reduced
     accuracy, record = accuracy_of(reduced, result), reduced.record
-    factoring = factoring or _factoring_of(record)
+    factoring = factoring or factoring_of(record)
     startup.start(preferred="complex", low_rank=factoring.low_rank is not None)
     with model_of_record(full, record, result, comm) as model:
         check = check_reduced(reduced, model, count, seed=seed, factoring=factoring, groups=groups, progress=progress)
@@ -147,14 +147,14 @@ def frequencies_over(frequencies, band, points) -> np.ndarray:
     return grid
 
 
-def _band_of(reduced) -> tuple[float, float]:
+def band_of(reduced) -> tuple[float, float]:
     """The band of the job, of the accuracy, or up to the highest pseudo-frequency, in Hz."""
     record = reduced.record
     known = record.accuracy.band if record.accuracy is not None else (0.0, float(reduced.frequencies[-1]))
     return (record.job or {}).get("band") or known
 
 
-def _factoring_of(record) -> Factoring:
+def factoring_of(record) -> Factoring:
     job = record.job or {}
     return Factoring(**{key: job.get(key) for key in ("out_of_core", "low_rank", "memory_mb")})
 
