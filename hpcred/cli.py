@@ -309,6 +309,7 @@ def evaluate(
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
     points: Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")] = 61,
     output: Annotated[str | None, typer.Option("-o", help="Write the responses to this .csv or HDF5 file.")] = None,
+    figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw responses: .png, .svg, .pdf.")] = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
     check: Annotated[int | None, typer.Option(help="Set said against exact at so many fresh frequencies.")] = None,
     seed: Annotated[int | None, typer.Option(help="The fresh frequencies of an earlier --check.")] = None,
@@ -322,7 +323,8 @@ def evaluate(
     Of a model that was reduced to a tolerance: --estimate shows the error that is known, largest in each of --points
     parts of the band; --full MODEL.h5 --check 5 sets it against full solves.
     """
-    given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check}
+    given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check,
+             "--figure": figure}
     allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
     wrong = [option for option, value in given.items() if value is not None and option not in allowed]
     if wrong or (estimate and check is not None):
@@ -350,13 +352,15 @@ def evaluate(
         return 0 if report["passed"] else 1
     report = hpcred.evaluate_result(
         result, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits, points=points,
-        output=output, groups=groups, factoring=factoring, progress=_progress(),
+        output=output, figure=figure, groups=groups, factoring=factoring, progress=_progress(),
     )  # fmt: skip
     columns = {"f (Hz)": "frequencies_hz", "|H| reduced": "reduced_norm", "|H| full": "full_norm", "eps": "eps"}
     columns = {title: report[key] for title, key in columns.items() if key in report}
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if full:
         print(f"Q = {report['Q']:.6g}, largest eps = {report['eps_max']:.6g}; {report['arithmetic']}")
+    for name in report.get("figures", ()):
+        print(f"drawn: {name}")
     write_json(json, report)
     return None
 

@@ -23,8 +23,10 @@ FINE = 2  # pixels are drawn in each direction for one that is shown
 WIDTH, TALLEST = 10.0, 3.4  # inches: of the figure, and of a panel at most
 TITLE, FOOT, GAP = 0.32, 0.75, 0.12  # inches
 ISOMETRIC = (0.5, -0.75, 0.45)
-FLAT = {0: (0.85, -0.4, 0.4), 1: (0.35, -0.85, 0.42), 2: (0.35, -0.6, 0.72)}  # from where a flat body is seen, by normal
+# from where bodies are seen, flat ones by the direction in which they are thin
+FLAT = {0: (0.85, -0.4, 0.4), 1: (0.35, -0.85, 0.42), 2: (0.35, -0.6, 0.72)}
 LIGHT = np.array([-0.35, -0.45, -0.82])  # direction towards the light in right, down, away from the viewer
+ARROW = {"arrowstyle": "-|>", "color": INK, "lw": 1.0, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 8}
 OUTLINE, UNDEFORMED, EDGE = (0.13, 0.13, 0.13), (0.62, 0.62, 0.62), (0.25, 0.25, 0.25)
 MARK = tuple(int(COLOURS[1][k : k + 2], 16) / 255 for k in (1, 3, 5))
 
@@ -177,8 +179,7 @@ class _Stage:
         origin = np.array([0.42, 0.30])
         for name, end in zip("xyz", tip.T, strict=True):
             if np.linalg.norm(end) > 0.02:
-                axes.annotate("", origin + end, origin, arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 1.0,
-                                                                    "shrinkA": 0, "shrinkB": 0, "mutation_scale": 8})  # fmt: skip
+                axes.annotate("", origin + end, origin, arrowprops=ARROW)
                 axes.text(*(origin + end * (1 + 0.09 / np.linalg.norm(end))), name, fontsize=9, color=INK, ha="center",
                           va="center")  # fmt: skip
         inch = self.view.scale / (self.dots * FINE)  # inches a metre

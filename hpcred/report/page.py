@@ -12,7 +12,7 @@ from .mode_pictures import SWING, axes_of_view
 from .surface import surface_of, thinned
 from .tables import in_words
 
-MOST_POINTS = 50_000  # of all bodies of a page together
+MOST_POINTS = 60_000  # of all bodies of a page together
 MOST_EDGES = 150_000  # more are not seen as lines
 KINDS = {"f4": "<f4", "f8": "<f8", "u4": "<u4"}
 

@@ -48,7 +48,8 @@ def export_result(result, kind, path=None, *, nodes=None, modes=None, comm=None,
 
     `kind`: one of EXPORTS; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of
     the interface nodes, by default those of the inputs and outputs. `modes`: numbers from 1 of the shapes of a picture,
-    by default the first six, of a moving one (gif, webp) the first. Returns what was written: output, format, and shapes (their names), or coordinates (their number), nodes and remarks on what the format does not hold.
+    by default the first six, of a moving one (gif, webp) the first. Returns what was written: output, format, and
+    shapes (their names), or coordinates (their number), nodes and remarks on what the format does not hold.
     """
     comm = comm or startup.start_mpi()
     if isinstance(result, Result):

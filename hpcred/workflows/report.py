@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from ..analysis.error import relative_error
 from ..analysis.error_check import BESIDE, as_measured, measuring_damping
 from ..analysis.frequency_response import frequency_response
 from ..formats.hdf5 import atomic_output, check_writable
-from ..formats.response_file import Responses
 from ..formats.result_file import Result, read_result
 from ..linalg.factorisation import Factoring
 from ..model.damping import ModalDamping, NoDamping
@@ -26,6 +24,7 @@ from ..reduction.reduce import reduce
 from ..report.page import MOST_POINTS, body_for_page, packed, render_page
 from ..report.tables import in_words
 from .evaluate import band_of, factoring_of, model_of_record
+from .pair_figures import pairs_to_show
 
 FREQUENCIES = 801  # equally spaced; more around the pseudo-frequencies
 AROUND = 1e-4 * np.array([1, 3, 10, 30, 100])  # relative distances from a pseudo-frequency
@@ -160,9 +159,7 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
         return
     beside = BESIDE * sheet.reduced.frequencies
     beside = beside[(beside > low) & (beside < high)][:BESIDE_AT_MOST]
-    key = (record.frame, law, record.inputs, record.outputs, sheet.band)
-    same = next((item for item in before if item.full is not None and
-                 key == (item.record.frame, _law(item.result), item.record.inputs, item.record.outputs, item.band)), None)  # fmt: skip
+    same = next((item for item in before if item.full is not None and _question(item) == _question(sheet)), None)
     factoring = factoring or factoring_of(record)
     with model_of_record(path, record, sheet.result.path, comm) as model:
         if same is not None:
@@ -182,6 +179,12 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
     sheet.eps = relative_error(sheet.full, frequency_response(_measured(sheet.result), sheet.exact))
 
 
+def _question(sheet):
+    """What the response of the full model depends on."""
+    record = sheet.record
+    return record.frame, _law(sheet.result), record.inputs, record.outputs, sheet.band
+
+
 def _take_body(sheet, modes, most):
     """The shapes of a result that has nodes; on one rank."""
     try:
@@ -192,26 +195,19 @@ def _take_body(sheet, modes, most):
 
 
 def choose_pairs(sheet, wanted=(), most=MOST_PAIRS) -> list[tuple[str, int, int]]:
-    """Name, output and input of the responses that are shown: the `wanted` ones, or else the largest; of a symmetric
-    response one of the two that are equal. Raises InputError."""
-    reduced, H = sheet.reduced, sheet.response
-    pairs = Responses(
-        frequencies=sheet.frequencies, input_names=reduced.input_names, output_names=reduced.output_names
-    ).pairs
-    if wanted:
-        known = {name: (name, i, j) for name, i, j in pairs}
-        for name in wanted:
-            if name not in known:
-                raise InputError(f"pairs: found '{name}', expected output/input of {sheet.name}, such as {pairs[0][0]}")
-        return [known[name] for name in wanted]
-    reciprocal = reduced.input_names == reduced.output_names and np.allclose(
-        H, H.transpose(0, 2, 1), rtol=1e-6, atol=1e-6 * np.abs(H).max()
-    )
-    pairs = [(name, i, j) for name, i, j in pairs if i <= j or not reciprocal]
-    largest = sorted(pairs, key=lambda pair: -np.abs(H[:, pair[1], pair[2]]).max())[:most]
-    if len(largest) < len(pairs):
-        sheet.notes.append(f"{sheet.name}: the {most} largest of {len(pairs)} responses are shown")
-    return [pair for pair in pairs if pair in largest]
+    """Name, output and input of the responses that are shown: the `wanted` ones, or else those of pairs_to_show.
+
+    Raises InputError."""
+    outputs, inputs = sheet.reduced.output_names, sheet.reduced.input_names
+    known = {f"{outputs[i]}/{inputs[j]}": (i, j) for i in range(len(outputs)) for j in range(len(inputs))}
+    for name in wanted:
+        if name not in known:
+            first = next(iter(known))
+            raise InputError(f"pairs: found '{name}', expected output/input of {sheet.name}, such as {first}")
+    shown = [known[name] for name in wanted] or pairs_to_show(sheet.response, outputs, inputs, most)
+    if not wanted and len(shown) == most:
+        sheet.notes.append(f"{sheet.name}: the {most} largest responses are shown")
+    return [(f"{outputs[i]}/{inputs[j]}", i, j) for i, j in shown]
 
 
 def page_of(sheets, chosen, full) -> tuple[dict, dict]:
@@ -271,7 +267,7 @@ def _drawn(sheet, pairs):
 
 
 def _shown(sheet):
-    record, accuracy, reduced = sheet.record, sheet.record.accuracy, sheet.reduced
+    record, accuracy = sheet.record, sheet.record.accuracy
     timing = record.timing
     effort = f"{timing.elapsed:.3g} s on {record.ranks} rank(s), at most {max(timing.memory_mb_per_rank):.0f} MB a rank"
     return {
@@ -325,11 +321,11 @@ def _facts(sheet):
     body = dict.fromkeys(("mass (kg)", "centre of mass (m)", "inertia about the centre of mass (kg m^2)"), "not known")
     if frame is not None and frame.mass > 0:
         centre = frame.mc / frame.mass
-        about = frame.J - frame.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+        about = _clean(frame.J - frame.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre)))
         body = {
             "mass (kg)": in_words(frame.mass) if np.ptp(frame.masses) <= 1e-9 * frame.mass
             else in_words(frame.masses.tolist()) + " in x, y, z",
-            "centre of mass (m)": in_words((centre + frame.origin).tolist()),
+            "centre of mass (m)": in_words(_clean(centre + frame.origin).tolist()),
             "inertia about the centre of mass (kg m^2)": in_words(
                 {"xx": about[0, 0], "yy": about[1, 1], "zz": about[2, 2], "xy": about[0, 1], "xz": about[0, 2],
                  "yz": about[1, 2]}
@@ -356,6 +352,11 @@ def _facts(sheet):
         "made": f"{record.date}, {record.scalar} PETSc {record.versions['petsc']}, hpcred {record.versions['hpcred']}, "
                 f"{record.ranks} rank(s)",
     }  # fmt: skip
+
+
+def _clean(values):
+    """Without round-off where there is nothing."""
+    return np.where(np.abs(values) > 1e-12 * np.abs(values).max(), values, 0.0)
 
 
 def _kind(value):

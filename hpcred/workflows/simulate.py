@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import numpy as np
 from ..formats.hdf5 import atomic_output, check_writable
 from ..formats.result_file import read_result
 from ..formats.simulation_file import read_simulation, write_motion, write_motion_csv
+from ..formats.vtk import write_motion_vtk
 from ..multibody.simulation import simulate
 from ..parallel import startup
 from ..parallel.failures import agreed
@@ -52,7 +55,25 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
             with atomic_output(target, comm) as temporary, agreed(comm):
                 if comm.rank == 0:
                     write(temporary, motion)
+    if setup.paraview:
+        with progress.stage("write", str(output.with_suffix(".pvd"))):
+            report["output"].append(_write_paraview(output, setup.body, motion, comm))
     return report
+
+
+def _write_paraview(output, body, motion, comm):
+    """A .pvd, and one .vtu a time in a folder beside it, made new. Collective. Returns the name of the .pvd."""
+    target, folder = output.with_suffix(".pvd"), output.with_name(f"{output.stem}_vtu")
+    with atomic_output(target, comm) as temporary, agreed(comm):
+        if comm.rank == 0:
+            result = read_result(body, MPI.COMM_SELF)
+            with result.shapes() as shapes, tempfile.TemporaryDirectory(dir=output.parent) as fresh:
+                made = Path(fresh) / folder.name
+                made.mkdir()
+                write_motion_vtk(temporary, made, shapes, motion, result.floating_frame.origin)
+                shutil.rmtree(folder, ignore_errors=True)
+                made.rename(folder)
+    return str(target)
 
 
 def _figures(motion):

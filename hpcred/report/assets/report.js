@@ -22,10 +22,7 @@ const powers = { type: "log", exponentformat: "power", dtick: undefined, nticks:
 
 // ---------------------------------------------------------------- responses
 function magnitude(re, im) { return Array.from(re, (x, k) => positive(Math.hypot(x, im[k]))); }
-function phase(re, im) {
-  const angle = Array.from(re, (x, k) => (Math.atan2(im[k], x) * 180) / Math.PI);
-  return angle;
-}
+function phase(re, im) { return Array.from(re, (x, k) => (Math.atan2(im[k], x) * 180) / Math.PI); }
 function broken(frequency, angle) { // no line from one end of the circle to the other
   const x = [], y = [];
   angle.forEach((value, k) => {
@@ -244,8 +241,10 @@ class BodyView {
     for (const geometry of this.geometries) geometry.setAttribute("displacement", this.fields[mode]);
     this.draw();
   }
-  draw() {
-    if (!this.fields) return;
+  draw() { // once, however much has changed until the next frame
+    this.waiting ??= requestAnimationFrame(() => { this.waiting = null; this.paint(); });
+  }
+  paint() {
     this.amplitude.value = this.phase * Number(document.getElementById("amplitude").value);
     this.renderer.render(this.scene, this.camera);
     const v = new THREE.Vector3(), p = this.place.array, u = this.fields[this.mode].array, a = this.amplitude.value * this.shape.swing;
@@ -305,7 +304,7 @@ function drawBodies() {
 }
 
 drawBodies();
-Promise.all([drawResponse(), drawErrors(), drawPoints(), drawSpectrum(), drawStages()]).then(() => {
+Promise.all([drawResponse(), drawErrors(), drawPoints(), drawSpectrum(), drawStages()]).then(() => requestAnimationFrame(() => {
   document.documentElement.dataset.ready = Math.round(performance.now());
   document.documentElement.dataset.bodies = views.length;
-});
+}));
