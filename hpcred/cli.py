@@ -374,6 +374,9 @@ def report(
     exact: Annotated[int, typer.Option(help="Frequencies at which the full model is solved.")] = 21,
     pairs: Annotated[str | None, typer.Option(help="Responses, such as 20:z/20:z,20:z/1:x.")] = None,
     modes: Annotated[int, typer.Option(help="Number of shapes to look at.")] = 10,
+    png: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
+    svg: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
+    csv: Annotated[str | None, typer.Option(metavar="DIR", help="The numbers as tables, too.")] = None,
     groups: Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")] = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
@@ -382,10 +385,13 @@ def report(
     """Write a report on results beside each other, one HTML file to look at in a browser, without a network."""
     told = hpcred.report_file(
         results, full, output=output, band=_band(band), exact=exact, pairs=pairs.split(",") if pairs else (),
-        modes=modes, groups=groups, factoring=_factoring(out_of_core, low_rank), progress=_progress(),
+        modes=modes, png=png, svg=svg, csv=csv, groups=groups, factoring=_factoring(out_of_core, low_rank),
+        progress=_progress(),
     )  # fmt: skip
     for line in told["notes"]:
         print(f"note: {line}")
+    for name in told["files"]:
+        print(name)
     print(f"{told['output']}: {told['megabytes']:.1f} MB")
     write_json(json, told)
 
@@ -439,8 +445,8 @@ def response(
 @app.command()
 def export(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff, or a picture: png, svg, pdf; "
-                                     "gif or webp moves.")] = "sid",
+    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff; png, svg, "
+                                     "pdf; gif or webp.")] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
     modes: Annotated[str | None, typer.Option(help="Shapes of a picture, from 1, such as 7,8.")] = None,

@@ -18,13 +18,13 @@ AT_ONCE = 2**25  # numbers of displacements that are held at a time
 
 
 def write_vtk(path, shapes) -> list[str]:
-    """Write all columns as point data, and the node numbers; call it on one rank. Returns the names of the columns.
+    """Write all columns as point data, and the node numbers; call it on one rank. Returns the names of their arrays.
 
     `shapes` has nodes (k,), points (k, 3), cells by kind (indices of points), names, and displacement(column) (k, 3).
     """
     data = {array_name(name): shapes.displacement(k) for k, name in enumerate(shapes.names)}
     _write_mesh(path, shapes.points, _cells(shapes), {**data, "node": shapes.nodes})
-    return list(shapes.names)
+    return list(data)
 
 
 def array_name(name: str) -> str:

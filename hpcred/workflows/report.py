@@ -25,6 +25,7 @@ from ..report.page import MOST_POINTS, body_for_page, packed, render_page
 from ..report.tables import in_words
 from .evaluate import band_of, factoring_of, model_of_record
 from .pair_figures import pairs_to_show
+from .report_files import check_drawing, draw_files, make_folder, write_tables
 
 FREQUENCIES = 801  # equally spaced; more around the pseudo-frequencies
 AROUND = 1e-4 * np.array([1, 3, 10, 30, 100])  # relative distances from a pseudo-frequency
@@ -66,17 +67,24 @@ class Sheet:
 
 def report_file(
     results, full=None, *, output="report.html", band=None, exact: int = 21, pairs=(), modes: int = 10,
-    groups: int | None = None, factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
+    png=None, svg=None, csv=None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
+    progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Write a report on results, names of files, as one HTML file that needs no network. Collective.
 
     `full`: the model file that they were reduced from; its response is then computed at `exact` equally spaced
     frequencies and beside pseudo-frequencies, and its modes. `band` (Hz): default that of the job. `pairs`: names
-    "output/input" of responses, by default the largest. `modes`: number of shapes that can be looked at. Returns the
-    file, its size in MB and notes. Raises InputError.
+    "output/input" of responses, by default the largest. `modes`: number of shapes that can be looked at. `png`, `svg`,
+    `csv`: folders for figures and tables of the same. Returns the file, its size in MB, the names of figures and
+    tables, and notes. Raises InputError.
     """
     comm = comm or startup.start_mpi()
     check_writable(output, comm)
+    for folder in (png, svg, csv):
+        if folder is not None:
+            make_folder(folder, comm)
+    if png is not None or svg is not None:
+        check_drawing(comm)
     sheets = sheets_of(
         results, full, band=band, exact=exact, groups=groups, factoring=factoring, comm=comm, progress=progress
     )
@@ -89,7 +97,11 @@ def report_file(
             text = render_page(*page_of(sheets, chosen, full))
             temporary.write_text(text, encoding="utf-8")
             notes = list(dict.fromkeys(note for sheet in sheets for note in sheet.notes))
-            report = {"output": str(output), "megabytes": len(text.encode()) / 1e6, "notes": notes}
+            report = {"output": str(output), "megabytes": len(text.encode()) / 1e6, "notes": notes, "files": []}
+            for kind, folder in (("png", png), ("svg", svg)):
+                report["files"] += draw_files(folder, kind, sheets, chosen) if folder is not None else []
+            if csv is not None:
+                report["files"] += write_tables(csv, sheets, frequency_rows)
     return comm.bcast(report)
 
 

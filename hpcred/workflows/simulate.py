@@ -38,7 +38,11 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     with agreed(comm):
         if comm.rank == 0:
             with progress.stage("simulate", setup.body):
-                body = read_result(setup.body, MPI.COMM_SELF).body(setup.nodes)
+                result = read_result(setup.body, MPI.COMM_SELF)
+                body = result.body(setup.nodes)
+                if setup.paraview:
+                    with result.shapes():
+                        pass  # refused early where the file has no basis
                 motion = simulate(body, setup, progress)
     motion = comm.bcast(motion)
     files = [(output.with_suffix(".csv"), write_motion_csv)]
