@@ -47,7 +47,7 @@ def draw_shapes(path, shapes, modes=None, kind="png") -> list[str]:
     is grey. Raises InputError where there is no such shape.
     """
     plt = pyplot()
-    stage = _Stage(shapes, _chosen(shapes, modes, FIRST))
+    stage = _Stage(shapes, _chosen(shapes, modes, FIRST), DOTS)
     figure, images = stage.figure()
     for k, image in enumerate(images):
         image.set_data(stage.picture(k, 1.0))
@@ -122,7 +122,7 @@ def axes_of_view(points) -> np.ndarray:
 class _Stage:
     """The body, the chosen shapes on its surface, and how they are laid out in one figure."""
 
-    def __init__(self, shapes, modes, dots=DOTS):
+    def __init__(self, shapes, modes, dots):
         self.shapes, self.modes, self.dots = shapes, modes, dots
         self.surface = surface_of(shapes.points, shapes.cells)
         points = self.surface.points

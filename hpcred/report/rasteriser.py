@@ -1,14 +1,14 @@
 """Triangles and lines become pixels with a depth buffer: screen coordinates enter, what each pixel shows leaves.
 
-Screen coordinates: x to the right and y down in pixels, z the depth, smaller in front. No loop over triangles: those
-of about the same size are looked at together.
+Screen coordinates: x to the right and y down in pixels, z the depth, smaller in front. No loop over triangles: all
+rows of pixels of many triangles are looked at together.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-AT_ONCE = 2**22  # pixels that are tried in one step
+AT_ONCE = 2**21  # pixels that are looked at in one step
 NOTHING = -1
 
 
@@ -23,34 +23,43 @@ class Canvas:
     def fill(self, points, triangles):
         """Draw `triangles` (t, 3) of `points` (v, 3) in screen coordinates."""
         corners = points[triangles]
-        low = np.floor(corners[..., :2].min(axis=1)).astype(int).clip(0)
-        high = np.ceil(corners[..., :2].max(axis=1)).astype(int).clip(max=[self.width - 1, self.height - 1])
-        span = (high - low + 1).max(axis=1, initial=0)
-        there = (high >= low).all(axis=1) & (np.abs(_double_area(corners)) > 1e-12)
-        size = 2
-        while there.any():
-            chosen = np.flatnonzero(there & (span <= size))
-            step = max(1, AT_ONCE // size**2)
-            for first in range(0, len(chosen), step):
-                part = chosen[first : first + step]
-                self._try(corners[part], low[part], part, size)
-            there[chosen] = False
-            size *= 2
+        low = np.ceil(corners[..., 1].min(axis=1)).clip(0).astype(int)
+        rows = (np.floor(corners[..., 1].max(axis=1)).clip(max=self.height - 1).astype(int) - low + 1).clip(0)
+        rows[np.abs(_double_area(corners)) < 1e-12] = 0
+        wide = np.ptp(corners[..., 0], axis=1).clip(max=self.width) + 2
+        step = (np.cumsum(rows * wide) // AT_ONCE).astype(int)  # a bound of the pixels
+        for part in np.split(np.arange(len(triangles)), np.flatnonzero(np.diff(step)) + 1):
+            self._fill(corners[part], low[part], rows[part], part)
 
-    def _try(self, corners, low, numbers, size):
-        """Triangles that fit into squares of `size` pixels from their corner `low`."""
-        y, x = np.divmod(np.arange(size * size), size)
-        x, y = low[:, :1] + x, low[:, 1:] + y
-        weights = _weights(corners, x, y)
-        inside = (weights >= -1e-9).all(axis=0) & (x < self.width) & (y < self.height)
-        depth = sum(weights[k] * corners[:, k, 2, None] for k in range(3))[inside]
-        pixel = (y * self.width + x)[inside]
-        number = np.broadcast_to(numbers[:, None], inside.shape)[inside]
-        nearer = depth < self.depth.ravel()[pixel]
-        far_first = np.argsort(-depth[nearer], kind="stable")  # of several values for a pixel the last one stays
-        pixel = pixel[nearer][far_first]
-        self.depth.ravel()[pixel] = depth[nearer][far_first]
-        self.triangle.ravel()[pixel] = number[nearer][far_first]
+    def _fill(self, corners, low, rows, numbers):
+        """Triangles (t, 3, 3) from their first row of pixels `low` (t,) on, so many `rows` (t,) of each."""
+        triangle = np.repeat(np.arange(len(corners)), rows)
+        y = low[triangle] + _ramp(rows)
+        origin, b, c = corners[triangle, 0], corners[triangle, 1], corners[triangle, 2]
+        b, c, down = b - origin, c - origin, y - origin[:, 1]
+        double = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
+        # the weights of the corners are linear in x: values below the first corner, and slopes
+        values = np.stack([-down * c[:, 0] / double, down * b[:, 0] / double])
+        slopes = np.stack([c[:, 1] / double, -b[:, 1] / double])
+        depth, change = (sum(part * z for part, z in zip(parts, (b[:, 2], c[:, 2]), strict=True))
+                         for parts in (values, slopes))  # fmt: skip
+        left, right = np.zeros(len(y)), np.full(len(y), self.width - 1.0)
+        for value, slope in zip([*values, 1 - values.sum(axis=0)], [*slopes, -slopes.sum(axis=0)], strict=True):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                zero = origin[:, 0] - value / slope
+            left = np.where(slope > 0, np.fmax(left, zero), left)
+            right = np.where(slope < 0, np.fmin(right, zero), right)
+            right = np.where((slope == 0) & (value < 0), -1.0, right)
+        left, right = np.ceil(left - 1e-9).astype(int), np.floor(right + 1e-9).astype(int)
+        count = (right - left + 1).clip(0)
+        row, along = np.repeat(np.arange(len(y)), count), _ramp(count)
+        first = depth + origin[:, 2] + change * (left - origin[:, 0])
+        depth = first[row] + change[row] * along
+        pixel = y[row] * self.width + left[row] + along
+        nearer = np.flatnonzero(depth < self.depth.ravel()[pixel])
+        far_first = nearer[np.argsort(-depth[nearer], kind="stable")]  # of several for a pixel the last one stays
+        self.depth.ravel()[pixel[far_first]] = depth[far_first]
+        self.triangle.ravel()[pixel[far_first]] = numbers[triangle[row[far_first]]]
 
     def weights(self, points, triangles):
         """Pixels (2, k) that show a triangle, its number (k,), and weights (3, k) of its corners there."""
@@ -91,6 +100,12 @@ class Canvas:
                 x, y, depth = x[fits], y[fits], place[fits, 2]
                 seen = depth - towards <= self.depth[y, x]
                 shown[y[seen], x[seen]] = True
+
+
+def _ramp(counts):
+    """0, 1, ... counts - 1 for each count, end to end."""
+    ends = np.cumsum(counts)
+    return np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - counts, counts)
 
 
 def _double_area(corners):

@@ -181,10 +181,13 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
             sheet.full = frequency_response(
                 model, sheet.exact, record.frame, law, factoring=factoring, groups=groups, progress=progress
             )
-            wanted = int(np.clip((sheet.reduced.frequencies <= high).sum(), 1, MOST_MODES))
+            # a few more than the reduced model has in the band, which some modes may be missing in
+            wanted = min(2 * int((sheet.reduced.frequencies <= high).sum()) + 4, MOST_MODES)
             wanted = min(wanted, record.free_size - record.rigid_body_modes)
             with reduce(model, [Modes(count=wanted)], record.frame, factoring=factoring, progress=progress) as modal:
                 sheet.modes = modal.frequencies
+            if sheet.modes[-1] < high:
+                sheet.notes.append(f"{sheet.name}: the {wanted} lowest modes of the model are shown")
         if model.dofs is not None:
             units = check(model)["units"]
             sheet.notes += [f"{path} looks like {units}: from its mass, size, and speed of waves"] if units else []
