@@ -79,6 +79,9 @@ def report_file(
     tables, and notes. Raises InputError.
     """
     comm = comm or startup.start_mpi()
+    read = {Path(name).resolve() for name in (*results, *([full] if full is not None else []))}
+    if Path(output).resolve() in read:
+        raise InputError(f"output {output}: the report is about this file; choose another name, such as report.html")
     check_writable(output, comm)
     for folder in (png, svg, csv):
         if folder is not None:
@@ -267,7 +270,9 @@ def _drawn(sheet, pairs):
         ],
         "full_as_before": sheet.full_as_before,
         "pseudo": packed(sheet.reduced.frequencies),
-        "points": [] if accuracy is None else [asdict(point) for point in accuracy.points],
+        "points": [] if accuracy is None else [
+            {"frequency": point.frequency, "estimate": _finite(point.estimate)} for point in accuracy.points
+        ],
         "tolerance": None if accuracy is None else accuracy.tolerance,
         "seconds": sheet.record.timing.seconds,
         "shape": sheet.body,
@@ -279,6 +284,11 @@ def _drawn(sheet, pairs):
             "full_frequencies": packed(sheet.exact), "exact_eps": packed(sheet.eps), "modes": packed(sheet.modes)
         }  # fmt: skip
     return drawn
+
+
+def _finite(value):
+    """A number that JSON can hold, or None."""
+    return value if value is not None and np.isfinite(value) else None
 
 
 def _shown(sheet):
