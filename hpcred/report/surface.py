@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.elements import SHELLS, edges, faces, linear_kind
+from ..model.elements import CORNERS, FACES, SHELLS, edges
 
 SHARP = np.cos(np.radians(40.0))  # of the angle between two faces whose edge belongs to the outline
 SIDES = 8  # of a tube
@@ -57,12 +57,13 @@ def _all_faces(cells):
     """Corners (f, 4) and middles (f, 4) of the faces of all elements, -1 where there is none; indices of solid ones."""
     corners, middles, solid = [np.zeros((0, 4), dtype=int)], [np.zeros((0, 4), dtype=int)], [np.zeros(0, dtype=bool)]
     for kind, nodes in cells.items():
-        for face, middle in faces(kind):
-            for found, places in ((corners, face), (middles, middle)):
+        for face in FACES.get(kind, ()):
+            count = CORNERS[len(face)]
+            for found, places in ((corners, face[:count]), (middles, face[count:])):
                 part = np.full((len(nodes), 4), -1)
                 part[:, : len(places)] = nodes[:, list(places)]
                 found.append(part)
-            solid.append(np.full(len(nodes), linear_kind(kind) not in SHELLS))
+            solid.append(np.full(len(nodes), kind not in SHELLS))
     return np.concatenate(corners), np.concatenate(middles), np.flatnonzero(np.concatenate(solid))
 
 
@@ -129,7 +130,7 @@ def _through_middles(pairs, middle):
 
 
 def _lines(cells):
-    parts = [np.asarray(nodes)[:, list(pair)] for kind, nodes in cells.items() if not faces(kind)
+    parts = [np.asarray(nodes)[:, list(pair)] for kind, nodes in cells.items() if kind not in FACES
              for pair in (edges(kind) if kind != "vertex" else ())]  # fmt: skip
     return np.concatenate([np.zeros((0, 2), dtype=int), *parts])
 

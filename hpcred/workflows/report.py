@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ..model.dofs import target_of
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
+from ..reduction.interface_coordinates import elastic_part
 from ..reduction.modes import Modes
 from ..reduction.record import versions
 from ..reduction.reduce import reduce
@@ -58,7 +60,8 @@ class Sheet:
 
     @property
     def reduced(self):
-        return self.result.reduced
+        """Without the rigid-body motion that interface coordinates have, as estimates and the full response are."""
+        return elastic_part(self.result.reduced)
 
     @property
     def record(self):
@@ -128,7 +131,7 @@ def sheets_of(
     sheets = []
     for name, result in zip(_names(read), read, strict=True):
         limits = tuple(band or band_of(result.reduced))
-        grid = _grid(limits, result.reduced.frequencies)
+        grid = _grid(limits, elastic_part(result.reduced).frequencies)
         sheet = Sheet(name, result, limits, grid, frequency_response(_measured(result), grid))
         if full is not None:
             with progress.stage("full model", name):
@@ -146,8 +149,8 @@ def _names(read):
 
 
 def _measured(result):
-    accuracy = result.reduced.record.accuracy
-    return as_measured(result.reduced, accuracy) if accuracy is not None else result.reduced
+    reduced, accuracy = elastic_part(result.reduced), result.reduced.record.accuracy
+    return as_measured(reduced, accuracy) if accuracy is not None else reduced
 
 
 def _law(result):
