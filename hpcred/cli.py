@@ -36,8 +36,8 @@ Overrides = Annotated[
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
 FORMATS = (
-    "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff; png, svg, pdf, gif, webp; nastran, "
-    "nastran-op4, ansys, abaqus or simscape of a model in interface coordinates."
+    "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff; png, svg, pdf, gif, webp; "
+    "nastran, nastran-op4, ansys, abaqus or simscape of a model in interface coordinates."
 )
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
