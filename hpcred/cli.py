@@ -60,7 +60,7 @@ def run(arguments: list[str]) -> int:
             if word == "--traceback" and given:
                 os.environ["HPCRED_TRACEBACK"] = "1"
             setattr(_Session, word[2:], given)
-        _Session.progress = hpcred.Progress(comm, show=False if _Session.quiet else None)
+        _Session.progress = hpcred.Progress(comm, show=False if _Session.quiet else None, bars=True)
         if comm.rank:
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115
         try:
@@ -69,6 +69,8 @@ def run(arguments: list[str]) -> int:
             if hasattr(error, "format_message"):  # a usage error of the parser
                 raise InputError(f"{error.format_message()} (see hpcred --help)") from error
             raise
+        finally:
+            _Session.progress.close()
         if _Session.profile and startup.started():
             show_profile(comm, _Session.progress)
         sys.stdout.flush()

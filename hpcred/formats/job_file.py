@@ -17,6 +17,7 @@ from ..reduction.settings import Reduction
 from .model_source import Source
 from .toml_file import CONFIG, parse, read_table
 
+PLACES = ("output", "inputs", "outputs", "out_of_core")  # keys that may be names of files, besides the model
 Targets = str | tuple[int | tuple[int, str], ...]
 
 
@@ -123,5 +124,20 @@ def _with_folder(job, folder):
     model = at(job.model) if isinstance(job.model, str) else Source(
         **{key: at(name) for key, name in asdict(job.model).items()}
     )  # fmt: skip
-    moved = {key: at(getattr(job, key)) for key in ("output", "inputs", "outputs", "out_of_core")}
+    moved = {key: at(getattr(job, key)) for key in PLACES}
     return replace(job, model=model, **moved)
+
+
+def plain(job: Job) -> dict:
+    """The job as plain types, with absolute names of files, which stay right wherever they are used."""
+    table = asdict(job)
+
+    def absolute(name):
+        return str(Path(name).absolute()) if isinstance(name, str) else name
+
+    for key in (*PLACES, "model"):
+        if key in table:
+            table[key] = absolute(table[key])
+    if isinstance(table["model"], dict):
+        table["model"] = {key: absolute(name) for key, name in table["model"].items()}
+    return table

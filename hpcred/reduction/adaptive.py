@@ -33,6 +33,7 @@ from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Struc
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
 from ..parallel.petsc import PETSc, is_complex
+from ..parallel.stopping import stop_if_asked
 from .compression import columns, compressed
 from .error_estimate import (
     estimate,
@@ -288,6 +289,7 @@ class Search:
                 self.before = self._hold(), self.basis.size
             if checkpoint is not None:
                 checkpoint.save(self._state(), self.basis.columns)
+            stop_if_asked(self.run.model.comm, f"point {len(self.points)}")
 
     STATE = ("starts", "before", "noise", "rest", "lack", "closing", "waiting", "_random")
 
@@ -350,6 +352,7 @@ class Search:
     def _expand(self, f, closing):
         """Factor at a point and add blocks until the estimate over the band is small. Returns what was judged last."""
         run, progress = self.run, self.run.progress
+        progress.step("points", len(self.points))
         f, count, seconds = self._factor(f)
         before, history, last, judged = self.basis.size, [], None, {"est": np.inf, "exact": np.inf, "hold": 0}
         order = -1

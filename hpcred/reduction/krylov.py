@@ -100,6 +100,7 @@ class Krylov(PointIngredient):
         vectors = kind(model.M, tolerance=run.tolerance, room=inputs * (self.order + 1))
         blocks, load = PointBlocks(vectors), load(run.loads, model.K)
         for j in range(self.order + 1):
+            progress.step("blocks", j, self.order + 1)
             with Owned(model.comm) as owned:
                 owned.owns(load)
                 columns = load.getActiveColumns()[1]

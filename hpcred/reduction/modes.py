@@ -140,7 +140,9 @@ def _lowest(run, count):
             with local_rows(left) as rows:
                 y.setArray(rows[:, 0])
 
-        values, block = lowest_modes(run.model.K, run.model.M, count, solve)
+        values, block = lowest_modes(
+            run.model.K, run.model.M, count, solve, monitor=lambda found: run.progress.step("modes", found, count)
+        )
         if not count:
             return values, block
         owned.owns(block)

@@ -91,6 +91,7 @@ class SecondOrderKrylov(PointIngredient):
         upper = lower = states = None
         scale = abs(s)
         for j in range(self.order + 1):
+            progress.step("blocks", j, self.order + 1)
             with Owned(model.comm) as owned:
                 owned.owns(load)
                 block = owned.owns(create_block(model.K, load.getActiveColumns()[1]))

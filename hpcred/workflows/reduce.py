@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..formats.contents import content_of
 from ..formats.hdf5 import check_writable
-from ..formats.job_file import Job, read_job
+from ..formats.job_file import Job, plain, read_job
 from ..formats.model_file import read_model
 from ..formats.model_source import column_names, load_source, read_columns
 from ..formats.restart_file import RestartFile
@@ -14,6 +15,7 @@ from ..formats.result_file import write_result
 from ..parallel import startup
 from ..parallel.failures import ComputationError, InputError, agreed
 from ..parallel.progress import Progress
+from ..parallel.stopping import listening
 from ..reduction.record import Record
 from ..reduction.reduce import reduce
 
@@ -33,7 +35,8 @@ def reduce_job(
 ) -> Reduced:
     """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.
 
-    `restart`: a file in which an automatic reduction keeps its state after each point, and goes on from what is there.
+    `restart`: a file in which an automatic reduction keeps its state after each point, and goes on from what is there;
+    SIGTERM or SIGUSR1 to any rank then ends the run after the current point, by parallel.stopping.Stopped.
     Where a tolerance was not reached, the model is written under a name that says so, unless the job wants otherwise.
     Takes the PETSc build that fits the job, where PETSc is not loaded yet. Collective. Raises InputError or
     ComputationError.
@@ -48,20 +51,24 @@ def reduce_job(
     progress = progress or Progress(comm, show=False)
     with progress.stage("read", str(job.model)):
         model = model_of_job(job, comm)
-    checkpoint = RestartFile(restart, comm, job) if restart is not None and job.search is not None else None
-    with model, reduce(
-        model, job.basis, job.frame, job.damping, adaptive=job.search, checkpoint=checkpoint, settings=job.settings,
-        factoring=job.factoring, progress=progress,
-    ) as reduced:  # fmt: skip
-        output = _name_of(job, reduced.record.accuracy)
-        record = replace(reduced.record, job=_plain(job), timing=progress.timing())
-        reduced.record = record
-        with progress.stage("write", output):
-            write_result(
-                output, reduced, model, basis=job.write_basis, origin=job.body_origin, lumped=job.lumped_integrals
-            )
-        record = replace(record, timing=progress.timing())
-        return Reduced(output, record, reduced.size, tuple(reduced.frequencies.tolist()))
+    with model:
+        with progress.stage("read"):
+            contents = {str(Path(name).absolute()): content_of(name, comm) for name in job.files}
+        checkpoint = RestartFile(restart, comm, job) if restart is not None and job.search is not None else None
+        with listening(checkpoint is not None or getattr(job, "store", None) is not None):
+            reduced = reduce(
+                model, job.basis, job.frame, job.damping, adaptive=job.search, checkpoint=checkpoint,
+                settings=job.settings, factoring=job.factoring, progress=progress,
+            )  # fmt: skip
+        with reduced:
+            output = _name_of(job, reduced.record.accuracy)
+            reduced.record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
+            with progress.stage("write", output):
+                write_result(
+                    output, reduced, model, basis=job.write_basis, origin=job.body_origin, lumped=job.lumped_integrals
+                )
+            record = replace(reduced.record, timing=progress.timing())
+            return Reduced(output, record, reduced.size, tuple(reduced.frequencies.tolist()))
 
 
 def _name_of(job, accuracy) -> str:
@@ -72,18 +79,6 @@ def _name_of(job, accuracy) -> str:
         raise ComputationError(f"tolerance: {accuracy.sentence}")
     path = Path(job.output)
     return str(path.with_name(f"{path.stem}.not-reached{path.suffix}"))
-
-
-def _plain(job) -> dict:
-    """The job as plain types, with absolute names of files, which stay right wherever the result is used."""
-    table = asdict(job)
-    for key in ("model", "output", "inputs", "outputs", "out_of_core"):
-        if isinstance(table[key], str):
-            table[key] = str(Path(table[key]).absolute())
-    if isinstance(table["model"], dict):
-        table["model"] = {key: str(Path(name).absolute()) if isinstance(name, str) else name
-                          for key, name in table["model"].items()}  # fmt: skip
-    return table
 
 
 def model_of_job(job: Job, comm):
