@@ -304,6 +304,69 @@ def reduce(
 
 
 @app.command()
+def sweep(
+    file: Annotated[str, typer.Argument(metavar="SWEEP.toml")],
+    parallel: Annotated[int | None, typer.Option(help="Runs at the same time.")] = None,
+    index: Annotated[int | None, typer.Option(help="Only this share of the runs, from 1; with --of.")] = None,
+    of: Annotated[int | None, typer.Option(help="Number of shares.")] = None,
+    store: Annotated[str | None, typer.Option(metavar="DIR", help="Expansion points are kept and found there.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, list the runs, and stop.")] = False,
+    slurm: Annotated[bool, typer.Option("--slurm", help="Write the array script for SLURM.")] = False,
+    pbs: Annotated[bool, typer.Option("--pbs", help="Write the array script for PBS.")] = False,
+    submit: Annotated[bool, typer.Option("--submit", help="Submit that script.")] = False,
+    json: JsonFile = None,
+):
+    """Run many reductions that differ in some keys of the job; what is finished is skipped.
+
+    On this machine, one after the other or --parallel; or as an array of a batch system. See docs/sweeps.md.
+    """
+    if slurm or pbs or submit:
+        if slurm == pbs:
+            raise InputError("--submit: belongs to --slurm or --pbs" if submit and not slurm else
+                             "--slurm: write one script after the other, --slurm or --pbs")  # fmt: skip
+        if dry_run or parallel is not None or index is not None or of is not None:
+            raise InputError("--slurm, --pbs: a script is written and nothing runs; leave the other options out")
+        report = hpcred.write_script(file, "slurm" if slurm else "pbs", store=store, submit=submit)
+        print(f"{report['script']} written; " + (report["said"] or f"submit it by: {report['command']}"))
+        write_json(json, report)
+        return 0
+    report = hpcred.run_sweep(
+        file, parallel=parallel, index=index, of=of, store=store, dry_run=dry_run, progress=_progress()
+    )
+    columns = [key for key in report["runs"][0] if key not in ("sentence", "output")] if report["runs"] else []
+    show_table(report["folder"], [{key: row.get(key, "") for key in columns} for row in report["runs"]])
+    for row in report["failed"]:
+        print(f"FAILED {row['run']}: {row['sentence']}")
+    if not dry_run:
+        print(f"{report['finished']} finished, {report['skipped']} skipped, {len(report['failed'])} failed; "
+              f"{report['factorisations']} factorisations made, {report['saved_factorisations']} saved")  # fmt: skip
+    write_json(json, report)
+    return int(bool(report["failed"]) and not dry_run)
+
+
+@app.command()
+def collect(
+    file: Annotated[str, typer.Argument(metavar="SWEEP.toml")],
+    output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help=".csv, .json or .h5")] = None,
+    figures: Annotated[str | None, typer.Option(metavar="DIR", help="Draw errors over size, keys, frequency.")] = None,
+    store: Annotated[str | None, typer.Option(metavar="DIR", help="As for sweep.")] = None,
+    json: JsonFile = None,
+):
+    """One table of the results of a sweep, and figures that compare them."""
+    report = hpcred.collect_sweep(file, output=output, figures=figures, store=store)
+    show_table(file, [{key: "" if value is None else value for key, value in row.items()} for row in report["rows"]])
+    for line in report["remarks"]:
+        print(f"note: {line}")
+    for name in (*([output] if output else []), *report["figures"]):
+        print(f"written to {name}")
+    if report["missing"]:
+        print(f"{len(report['missing'])} of {len(report['rows'])} runs have no result of their job: "
+              f"{', '.join(report['missing'])}")  # fmt: skip
+    write_json(json, report)
+    return int(bool(report["missing"]))
+
+
+@app.command()
 def evaluate(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
     full: Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")] = None,

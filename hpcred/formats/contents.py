@@ -8,7 +8,7 @@ CHUNK = 2**25  # bytes; each rank reads every size-th of them
 
 
 def content_of(path, comm) -> str:
-    """The BLAKE2 hash of the hashes of the chunks of a file, as 32 hexadecimal digits. Collective. Raises InputError."""
+    """The BLAKE2 hash of the hashes of the chunks of a file, 32 hexadecimal digits. Collective. Raises InputError."""
     own = []
     with agreed(comm):
         try:

@@ -115,6 +115,11 @@ def read_job(path, overrides=()) -> Job:
         raise InputError(f"{path}: {error}") from error
 
 
+def job_from(table: dict, folder, output) -> Job:
+    """A checked Job from the tables of a job file in `folder`, with its result at `output`. Raises InputError."""
+    return replace(_with_folder(parse(Job, table), folder), output=str(output))
+
+
 def _with_folder(job, folder):
     """The job with its file names relative to the current folder."""
 

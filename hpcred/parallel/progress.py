@@ -112,7 +112,8 @@ class Progress:
             self._bars.close()
 
     def timing(self) -> Timing:
-        """Where the time went until now. Collective."""
+        """Where the time went until now; bars are taken away. Collective."""
+        self.close()
         self._charge()
         memory = self.comm.allgather(round(memory_mb(), 1))
         seconds = {name: round(value, 4) for name, value in self.seconds.items()}
@@ -140,7 +141,10 @@ class Bars:
         from rich.progress import Progress as Display
 
         columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-        self._display = Display(*columns, console=Console(stderr=True), transient=True, auto_refresh=False)
+        self._display = Display(
+            *columns, console=Console(stderr=True), transient=True, auto_refresh=False, redirect_stdout=False,
+            redirect_stderr=False,
+        )  # fmt: skip
         self._display.start()
 
     def line(self, text):
@@ -164,4 +168,4 @@ class Bars:
     def close(self):
         if self._display is not None:
             self._display.stop()
-            self._display = None
+            self._display, self._tasks = None, {}
