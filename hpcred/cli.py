@@ -354,7 +354,10 @@ def collect(
 ):
     """One table of the results of a sweep, and figures that compare them."""
     report = hpcred.collect_sweep(file, output=output, figures=figures, store=store)
-    show_table(file, [{key: "" if value is None else value for key, value in row.items()} for row in report["rows"]])
+    rows = report["rows"]
+    short = {"factorisations": "factored", "saved_factorisations": "saved", "memory_mb": "MB"}
+    known = [key for key in rows[0] if any(row[key] is not None for row in rows)]
+    show_table(file, [{short.get(key, key): "" if row[key] is None else row[key] for key in known} for row in rows])
     for line in report["remarks"]:
         print(f"note: {line}")
     for name in (*([output] if output else []), *report["figures"]):

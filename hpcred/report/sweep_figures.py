@@ -22,7 +22,8 @@ def size_figure(stem, rows, series, error):
         axes.plot([row["size"] for row in group], [_positive(row[error]) for row in group], style["marker"],
                   color=style["color"], markersize=4, alpha=0.5)  # fmt: skip
         axes.plot(sizes, [_positive(best[size]) for size in sizes], label=label, **style)
-    _finish(figure, axes, stem, len(rows))
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    _finish(figure, axes, stem)
 
 
 def key_figure(stem, rows, key, series, error):
@@ -37,7 +38,7 @@ def key_figure(stem, rows, key, series, error):
         axes.set_xscale("log")
     elif all(isinstance(value, int) for value in values) and len(values) <= MOST:
         axes.set_xticks(values)
-    _finish(figure, axes, stem, len(groups))
+    _finish(figure, axes, stem)
 
 
 def curves_figure(stem, curves):
@@ -46,7 +47,7 @@ def curves_figure(stem, curves):
     for i, (label, (frequencies, eps)) in enumerate(curves.items()):
         style = _style(i) | {"marker": None}
         axes.plot(frequencies, [_positive(value) for value in eps], label=label, **style)
-    _finish(figure, axes, stem, len(curves))
+    _finish(figure, axes, stem)
 
 
 def stem_of(key):
@@ -79,7 +80,7 @@ def _axes(x, y, title):
     return figure, axes
 
 
-def _finish(figure, axes, stem, lines):
+def _finish(figure, axes, stem):
     handles, labels = axes.get_legend_handles_labels()
     if len(handles) > MOST:
         handles, labels = handles[:MOST], [*labels[: MOST - 1], f"{labels[MOST - 1]}, and {len(handles) - MOST} more"]

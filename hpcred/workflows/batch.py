@@ -47,19 +47,19 @@ index=${{PBS_ARRAY_INDEX{single}}}
 
 BODY = """{setup}export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 HDF5_USE_FILE_LOCKING=FALSE PYTHONUNBUFFERED=1
 
-# SIGTERM comes ahead of the time limit; USR1 has the sweep end after the current point, what is kept in its store
+# SIGTERM comes ahead of the time limit; by USR1 the runs end after the current point, which a store keeps
 {command} --index "$index" --of {shares} &
-sweep=$!
-trap 'kill -USR1 "$sweep" 2>/dev/null || true' TERM USR1
-status=0
-wait "$sweep" || status=$?
-while kill -0 "$sweep" 2>/dev/null; do  # a trap ends `wait` early
-    status=0
-    wait "$sweep" || status=$?
+run=$!
+trap 'signalled=1; kill -USR1 "$run" 2>/dev/null || true' TERM USR1
+while true; do  # a signal ends `wait` before the run ends
+    signalled=0 status=0
+    wait "$run" || status=$?
+    [ "$signalled" = 1 ] || break
 done
 """
 
-REQUEUE = """if [ "$status" = 75 ] && [ "${{SLURM_RESTART_COUNT:-0}}" -lt {again} ]; then
+REQUEUE = """# 75: it stopped as asked; 138: it was asked before it could listen
+if {{ [ "$status" = 75 ] || [ "$status" = 138 ]; }} && [ "${{SLURM_RESTART_COUNT:-0}}" -lt {again} ]; then
     scontrol requeue "${{SLURM_ARRAY_JOB_ID}}_${{SLURM_ARRAY_TASK_ID}}"
 fi
 """
