@@ -49,7 +49,8 @@ def parse(kind, table: dict):
         return TypeAdapter(kind).validate_json(text, strict=True)
     except ValidationError as error:
         # of several mistakes the deepest: of the kinds of value that a key takes, the one that was meant
-        details = max(error.errors(), key=lambda item: (len(item["loc"]), item["type"] == UNKNOWN))
+        meant = (UNKNOWN, "value_error")
+        details = max(error.errors(), key=lambda item: (len(item["loc"]), item["type"] in meant))
         raise InputError(_sentence(kind, table, details)) from error
 
 

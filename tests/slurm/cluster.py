@@ -1,4 +1,4 @@
-"""SLURM on this machine as this user: one node, configured in a folder, on free ports; stopped by the ids it started."""
+"""SLURM on this machine as this user: one node in a folder, on free ports; stopped by the ids that were started."""
 
 import os
 import secrets

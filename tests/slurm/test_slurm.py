@@ -72,9 +72,7 @@ def folder(tmp_path):
 
 
 def environment(**more):
-    root = HERE.parent.parent
-    return {key: value for key, value in mpi_environment(
-        HPCRED_PYTHON=sys.executable, PYTHONPATH=str(root), **more).items() if key != "HPCRED_TEST_SESSION"}  # fmt: skip
+    return mpi_environment(HPCRED_PYTHON=sys.executable, PYTHONPATH=str(HERE.parent.parent), **more)
 
 
 def log(folder, job):
