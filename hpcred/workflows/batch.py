@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import shutil
 import subprocess
@@ -82,7 +83,10 @@ def write_script(path, kind: str, *, store=None, submit: bool = False, comm=None
         temporary.write_text(script_of(sweep, kind, store))
     command, said = [SUBMIT[kind], str(script)], None
     if submit:
-        found = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+        # Python's own environment: MPI has put into that of the process what the ranks of the job must not find
+        found = subprocess.run(
+            command, capture_output=True, text=True, stdin=subprocess.DEVNULL, env=dict(os.environ)
+        )
         if found.returncode:
             raise ComputationError(f"{SUBMIT[kind]} {script}: {(found.stderr or found.stdout).strip()}")
         said = found.stdout.strip()

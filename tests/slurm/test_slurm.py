@@ -27,10 +27,13 @@ pytestmark = [
 ]  # fmt: skip
 LONG = """
 model = "solid.h5"
-band = [0.0, 20000.0]
-tolerance = 1e-9
+band = [0.0, 90000.0]
+tolerance = 1e-4
 [adaptive]
-points = [500.0, 2500.0, 4500.0, 6500.0, 8500.0, 10500.0, 12500.0, 14500.0, 16500.0, 19000.0]
+columns = 1200
+[damping]
+kind = "rayleigh"
+alpha = 100.0
 """
 SWEEP = """
 [job]
@@ -119,7 +122,7 @@ def test_a_requeued_reduction_goes_on(cluster, folder, launcher):
     job = cluster.submit(folder, "--ntasks=2", "--mem-per-cpu=1G", "jobs/reduce.slurm", "job.toml",
                          **environment(HPCRED_LAUNCHER=launcher))  # fmt: skip
     signal_and_release(cluster, job, folder, (folder / "job.toml.restart").exists)
-    assert "stopped as asked, after point" in log(folder, job)
+    assert "stopped as asked, after point 2" in log(folder, job)
     assert not (folder / "result.h5").exists()
     assert cluster.wait(job) == ["COMPLETED"], log(folder, job)
     again = hpcred.read_result(folder / "result.h5").reduced
@@ -127,9 +130,9 @@ def test_a_requeued_reduction_goes_on(cluster, folder, launcher):
     assert len(again.record.factorisations) < len(again.record.accuracy.points)
     undisturbed = hpcred.reduce_job(folder / "job.toml", overrides=["output=other.h5"])
     other = hpcred.read_result(undisturbed.output).reduced
-    grid = np.linspace(200.0, 20000.0, 50)
+    grid = np.linspace(200.0, 90000.0, 50)
     error = hpcred.relative_error(hpcred.frequency_response(other, grid), hpcred.frequency_response(again, grid))
-    assert error.max() < 1e-6  # at undamped poles the tolerance is much magnified
+    assert error.max() < 3e-4
 
 
 def test_a_requeued_task_goes_on_with_the_runs_that_are_left(cluster, folder):

@@ -111,8 +111,8 @@ def test_failed_runs_are_listed_with_their_sentence(linkage_folder, capsys):
 
 def test_a_tolerance_that_is_not_reached_is_said_each_time(linkage_folder, capsys):
     Path("sweep.toml").write_text(
-        '[job]\nmodel = "model.h5"\nband = [1.0, 300.0]\n[job.frame]\nkind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"\n'
-        '[[run]]\n"tolerance" = 1e-3\n[[run]]\n"tolerance" = 1e-13\n"adaptive.size" = 3\n[launch]\nlauncher = ""\n'
+        '[job]\nmodel = "model.h5"\nband = [1.0, 300.0]\n[job.frame]\nkind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"'
+        '\n[[run]]\n"tolerance" = 1e-3\n[[run]]\n"tolerance" = 1e-13\n"adaptive.size" = 3\n[launch]\nlauncher = ""\n'
     )
     for _ in range(2):
         assert run(["sweep", "sweep.toml"]) == 1
