@@ -82,8 +82,8 @@ def log(folder, job):
     return "\n".join(path.read_text() for path in sorted(folder.glob(f"slurm-{job}*.out")))
 
 
-def signal_and_release(cluster, job, folder, ready):
-    """Send SIGTERM as ahead of a time limit once there is something to keep, and start the requeued job at once."""
+def stop_and_requeue(cluster, job, folder, ready):
+    """Send SIGTERM as ahead of a time limit once there is something to keep; the job puts itself into the queue."""
     deadline = time.monotonic() + 120
     while not ready():
         assert time.monotonic() < deadline, log(folder, job)
@@ -94,7 +94,6 @@ def signal_and_release(cluster, job, folder, ready):
         time.sleep(0.2)
     assert states == ["PENDING"], log(folder, job)
     assert "Restarts=1" in cluster.ask("scontrol", "show", "job", job)
-    cluster.ask("scontrol", "update", f"JobId={job}", "StartTime=now")
 
 
 def test_an_array_does_its_shares(cluster, folder):
@@ -121,7 +120,7 @@ def test_a_requeued_reduction_goes_on(cluster, folder, launcher):
     (folder / "job.toml").write_text(LONG)
     job = cluster.submit(folder, "--ntasks=2", "--mem-per-cpu=1G", "jobs/reduce.slurm", "job.toml",
                          **environment(HPCRED_LAUNCHER=launcher))  # fmt: skip
-    signal_and_release(cluster, job, folder, (folder / "job.toml.restart").exists)
+    stop_and_requeue(cluster, job, folder, (folder / "job.toml.restart").exists)
     assert "stopped as asked, after point 2" in log(folder, job)
     assert not (folder / "result.h5").exists()
     assert cluster.wait(job) == ["COMPLETED"], log(folder, job)
@@ -139,7 +138,7 @@ def test_a_requeued_task_goes_on_with_the_runs_that_are_left(cluster, folder):
     (folder / "grid.toml").write_text(SWEEP.format(count=8, launcher="mpiexec -n {ranks}"))
     job = cluster.submit(folder, "--array=1", "--mem-per-cpu=1G", "jobs/sweep.slurm", "grid.toml", **environment())
     results = folder / "grid"
-    signal_and_release(cluster, job, folder, lambda: len(list(results.glob("*.h5"))) >= 2)
+    stop_and_requeue(cluster, job, folder, lambda: len(list(results.glob("*.h5"))) >= 2)
     made = {path: path.stat().st_mtime_ns for path in results.glob("*.h5")}
     assert 2 <= len(made) < 8
     assert cluster.wait(job) == ["COMPLETED"], log(folder, job)
