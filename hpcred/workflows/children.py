@@ -18,6 +18,8 @@ import psutil
 from ..parallel.failures import HpcredError
 from ..parallel.stopping import Stopped
 
+_libc = ctypes.CDLL(None)  # looked up here: little may be done between fork and exec
+
 PATIENCE = 5.0  # seconds that a process has to end after SIGTERM, before it is killed
 LOOK = 0.05  # seconds between two looks at the processes
 UNBOUND = {  # several launchers at once would each put their ranks on the first cores
@@ -108,7 +110,7 @@ def _start(child, environment):
     with open(child.log, "wb") as log:
         child.process = subprocess.Popen(
             child.command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, env=environment,
-            start_new_session=True, preexec_fn=_end_with_parent if sys.platform == "linux" else None,  # noqa: PLW1509
+            start_new_session=True, preexec_fn=_end_with_parent if sys.platform == "linux" else None,
         )  # fmt: skip
     return child
 
@@ -116,9 +118,6 @@ def _start(child, environment):
 def _end_with_parent():
     """Have Linux send SIGTERM when the parent is gone, whatever it died of."""
     _libc.prctl(1, signal.SIGTERM)
-
-
-_libc = ctypes.CDLL(None)
 
 
 def end(children):
