@@ -121,36 +121,69 @@ def test_a_tolerance_that_is_not_reached_is_said_each_time(linkage_folder, capsy
     assert [row["status"] for row in rows] == ["finished", "not reached"] and rows[0]["estimate"] < 1e-3
 
 
-def test_kill_9_of_a_sweep_and_the_same_command_again(hpcred, tmp_path, monkeypatch):
-    """On two ranks; the results are those of an undisturbed run, and nobody is left behind."""
-    monkeypatch.chdir(tmp_path)
+def start_sweep(count):
+    """A sweep of the linkage on two ranks each, as a process."""
     with package.linkage() as model:
         package.write_model("model.h5", model)
     Path("job.toml").write_text(CHORD_JOB)
-    Path("sweep.toml").write_text(SWEEP.format(last=3, count=4).replace('launcher = ""', "ranks = 2"))
-    command = [sys.executable, "-m", "hpcred", "sweep", "sweep.toml"]
-    process = subprocess.Popen(command, env=mpi_environment())
-    deadline = time.monotonic() + 120
-    while len(list(Path("sweep").glob("*.h5"))) < 1 or not Path("sweep/order-1.log").exists():
-        assert time.monotonic() < deadline and process.poll() is None
-        time.sleep(0.02)
-    family = psutil.Process(process.pid).children(recursive=True)
-    process.kill()
-    process.wait()
-    assert family and not psutil.wait_procs(family, timeout=20)[1]
-    assert len(list(Path("sweep").glob("*.h5"))) < 4
-    done = {path: path.stat().st_mtime_ns for path in Path("sweep").glob("*.h5")}
-    assert hpcred("sweep", "sweep.toml", "--parallel", 2, timeout=200).returncode == 0
-    assert all(path.stat().st_mtime_ns == mtime for path, mtime in done.items())
+    Path("sweep.toml").write_text(SWEEP.format(last=count - 1, count=count).replace('launcher = ""', "ranks = 2"))
+    return again()
+
+
+def again():
+    return subprocess.Popen([sys.executable, "-m", "hpcred", "sweep", "sweep.toml", "--parallel", "2"],
+                            env=mpi_environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+
+
+def check_undisturbed(count):
+    """All results are there, and are those of jobs that nobody disturbed."""
     assert not list(Path("sweep").glob("*.tmp-*"))
     found, grid = results("sweep"), np.linspace(5, 300, 30)
-    assert len(found) == 4
+    assert len(found) == count
     for name, reduced in found.items():
         alone = package.reduce_job(Path("sweep", name).with_suffix(".toml"), overrides=["output='alone.h5'"])
         undisturbed = package.read_result(alone.output).reduced
         assert reduced.record.ranks == 2 and undisturbed.size == reduced.size
         responses = [package.frequency_response(item, grid) for item in (undisturbed, reduced)]
         assert package.relative_error(*responses).max() < 1e-9
+
+
+def test_kill_9_of_a_sweep_and_the_same_command_again(tmp_path, monkeypatch):
+    """On two ranks; the results are those of an undisturbed run, and nobody is left behind."""
+    monkeypatch.chdir(tmp_path)
+    process, deadline = start_sweep(3), time.monotonic() + 120
+    while len(list(Path("sweep").glob("*.h5"))) < 1:
+        assert time.monotonic() < deadline and process.poll() is None
+        time.sleep(0.02)
+    family = psutil.Process(process.pid).children(recursive=True)
+    process.kill()
+    process.wait()
+    assert family and not psutil.wait_procs(family, timeout=20)[1]
+    done = {path: path.stat().st_mtime_ns for path in Path("sweep").glob("*.h5")}
+    assert again().wait(200) == 0
+    assert all(path.stat().st_mtime_ns == mtime for path, mtime in done.items())
+    check_undisturbed(3)
+
+
+@pytest.mark.slow
+def test_kill_9_of_launchers_and_sweeps_at_random_moments(tmp_path, monkeypatch):
+    """Ten times mpiexec or the sweep itself."""
+    monkeypatch.chdir(tmp_path)
+    random = np.random.default_rng(7)
+    for number in range(10):
+        process = start_sweep(12) if number == 0 else again()
+        time.sleep(random.uniform(1.0, 5.0))
+        family = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
+        launchers = [item for item in family if item.is_running() and item.name().startswith(("mpiexec", "orterun"))]
+        if launchers and number % 2:
+            launchers[0].kill()
+            assert process.wait(300) == 1
+        else:
+            process.kill()
+            process.wait()
+        assert not psutil.wait_procs(family, timeout=30)[1]
+    assert again().wait(300) == 0
+    check_undisturbed(12)
 
 
 STUBBORN = """
