@@ -55,7 +55,7 @@ def main(case="112k", ranks="2"):
             assert report["finished"] == len(results) == 24
             found[name] = [responses(path) for path in results]
             rows.append({"store": name, "jobs": 24, "factorisations": report["factorisations"],
-                         "saved": report["saved_factorisations"], "seconds": seconds})  # fmt: skip
+                         "saved": report["factorisations_saved"], "seconds": seconds})  # fmt: skip
     for row in rows:
         row["without / this"] = rows[0]["seconds"] / row["seconds"]
         row["difference"] = max(map(difference, found[row["store"]], found["without"]))

@@ -339,7 +339,7 @@ def sweep(
         print(f"FAILED {row['run']}: {row['sentence']}")
     if not dry_run:
         print(f"{report['finished']} finished, {report['skipped']} skipped, {len(report['failed'])} failed; "
-              f"{report['factorisations']} factorisations made, {report['saved_factorisations']} saved")  # fmt: skip
+              f"{report['factorisations']} factorisations made, {report['factorisations_saved']} saved")  # fmt: skip
     write_json(json, report)
     return int(bool(report["failed"]) and not dry_run)
 
@@ -355,7 +355,7 @@ def collect(
     """One table of the results of a sweep, and figures that compare them."""
     report = hpcred.collect_sweep(file, output=output, figures=figures, store=store)
     rows = report["rows"]
-    short = {"factorisations": "factored", "saved_factorisations": "saved", "memory_mb": "MB"}
+    short = {"factorisations": "factored", "factorisations_saved": "saved", "memory_mb": "MB"}
     known = [key for key in rows[0] if any(row[key] is not None for row in rows)]
     show_table(file, [{short.get(key, key): "" if row[key] is None else row[key] for key in known} for row in rows])
     for line in report["remarks"]:

@@ -33,7 +33,7 @@ class Record:
     Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs by
     name, and `signature` (see signature_of), by which it is known again. Of the reduction: frame, damping, basis and
     settings; what each ingredient brought; every factorisation; max |V^T M V - I|; unstable poles (re, im) in rad/s;
-    warnings; where the time went; of an automatic one its accuracy. `saved_factorisations`: points that came from a
+    warnings; where the time went; of an automatic one its accuracy. `factorisations_saved`: points that came from a
     store instead. `job`: the job file with its overrides, file names absolute, and `contents` of the files that it
     names (see formats.contents), by name.
     """
@@ -67,7 +67,7 @@ class Record:
     warnings: tuple[str, ...]
     timing: Timing
     accuracy: Accuracy | None = None
-    saved_factorisations: int = 0
+    factorisations_saved: int = 0
     job: dict[str, Any] | None = None
     contents: dict[str, str] | None = None
 

@@ -64,7 +64,7 @@ def _row(run, state, full, keys):
     row = {"run": run.name, "status": state.word}
     row |= {key: _plain(run.values.get(key), run.labels.get(key)) for key in keys}
     row |= dict.fromkeys(
-        ("size", "Q", "eps", "estimate", "seconds", "factorisations", "saved_factorisations", "memory_mb")
+        ("size", "Q", "eps", "estimate", "seconds", "factorisations", "factorisations_saved", "memory_mb")
     )
     if not state.done:
         return row, None
@@ -72,7 +72,7 @@ def _row(run, state, full, keys):
     record, curve = reduced.record, None
     row |= {
         "size": reduced.size, "seconds": record.timing.elapsed, "factorisations": len(record.factorisations),
-        "saved_factorisations": record.saved_factorisations, "memory_mb": sum(record.timing.memory_mb_per_rank),
+        "factorisations_saved": record.factorisations_saved, "memory_mb": sum(record.timing.memory_mb_per_rank),
     }  # fmt: skip
     if record.accuracy is not None:
         row["estimate"] = record.accuracy.largest

@@ -174,7 +174,7 @@ def _report(sweep, chosen, states, skipped, ended):
             sentence = f"tolerance not reached; see {state.file}"
         if state.done and run.name not in skipped:
             made += len(record.get("factorisations", ()))
-            saved += record.get("saved_factorisations", 0)
+            saved += record.get("factorisations_saved", 0)
         rows.append({
             "run": run.name, "status": "skipped" if status == "finished" and run.name in skipped else status,
             "sentence": sentence, **run.labels, "output": str(state.file or run.output),
@@ -190,7 +190,7 @@ def _report(sweep, chosen, states, skipped, ended):
         "failed": [{"run": row["run"], "sentence": row["sentence"]} for row in rows
                    if row["status"] in ("failed", "not reached")],
         "factorisations": made,
-        "saved_factorisations": saved,
+        "factorisations_saved": saved,
     }  # fmt: skip
 
 
