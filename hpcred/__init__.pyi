@@ -7,8 +7,10 @@ from .analysis.frequency_response import frequency_response as frequency_respons
 from .analysis.full_response import FullResponse as FullResponse
 from .analysis.full_response import full_response as full_response
 from .analysis.summary import inspect as inspect
+from .examples.crank import crank as crank
 from .examples.linkage import linkage as linkage
 from .examples.solid import solid as solid
+from .formats.fmu import write_fmu as write_fmu
 from .formats.job_file import Job as Job
 from .formats.job_file import read_job as read_job
 from .formats.model_file import read_model as read_model
@@ -24,6 +26,7 @@ from .formats.result_file import read_result as read_result
 from .formats.result_file import write_result as write_result
 from .formats.sid import read_sid as read_sid
 from .formats.sid import write_sid as write_sid
+from .formats.state_space import state_space as state_space
 from .linalg.factorisation import Factoring as Factoring
 from .model.damping import Caughey as Caughey
 from .model.damping import GivenDamping as GivenDamping
@@ -36,6 +39,9 @@ from .model.frames import Buckens as Buckens
 from .model.frames import Chord as Chord
 from .model.frames import NoFrame as NoFrame
 from .model.frames import Tangent as Tangent
+from .model.interfaces import Interface as Interface
+from .model.interfaces import InterfaceNode as InterfaceNode
+from .model.interfaces import Nodes as Nodes
 from .model.second_order_model import SecondOrderModel as SecondOrderModel
 from .multibody.body import Body as Body
 from .multibody.body import body_of as body_of
@@ -56,6 +62,11 @@ from .parallel.startup import start as start
 from .reduction.adaptive import Accuracy as Accuracy
 from .reduction.adaptive import Adaptive as Adaptive
 from .reduction.adaptive import Limits as Limits
+from .reduction.craig_bampton import ConstraintModes as ConstraintModes
+from .reduction.craig_bampton import CraigBampton as CraigBampton
+from .reduction.craig_bampton import FixedInterfaceModes as FixedInterfaceModes
+from .reduction.craig_bampton import Guyan as Guyan
+from .reduction.craig_bampton import ResidualAttachment as ResidualAttachment
 from .reduction.ingredient import Ingredient as Ingredient
 from .reduction.krylov import Krylov as Krylov
 from .reduction.krylov import StaticCorrection as StaticCorrection
@@ -68,6 +79,7 @@ from .reduction.settings import Reduction as Reduction
 from .workflows.batch import write_script as write_script
 from .workflows.bench import bench as bench
 from .workflows.collect import collect_sweep as collect_sweep
+from .workflows.compare import compare_results as compare_results
 from .workflows.convert import convert as convert
 from .workflows.convert import list_formats as list_formats
 from .workflows.demo import run_demo as run_demo

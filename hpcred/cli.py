@@ -35,6 +35,10 @@ Overrides = Annotated[
 ]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
+FORMATS = (
+    "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff, png; nastran, nastran-op4, ansys, "
+    "abaqus or simscape of a model in interface coordinates."
+)
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
 
@@ -371,7 +375,7 @@ def collect(
 
 @app.command()
 def evaluate(
-    result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
+    results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
     full: Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")] = None,
     frequencies: Frequencies = None,
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
@@ -387,9 +391,15 @@ def evaluate(
 ):
     """Frequency response of a reduced model; with --full its error eps(f) (55) and Q (57).
 
+    Several results of one model stand beside each other, with --full: sizes, errors, pseudo-modes against modes.
+
     Of a model that was reduced to a tolerance: --estimate shows the error that is known, largest in each of --points
     parts of the band; --full MODEL.h5 --check 5 sets it against full solves.
     """
+    result = results[0]
+    if len(results) > 1 and (estimate or check is not None or full is None):
+        raise InputError("evaluate: several results are compared with the model that --full names, and without "
+                         "--estimate or --check; call evaluate once for each result")  # fmt: skip
     given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check}
     allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
     wrong = [option for option, value in given.items() if value is not None and option not in allowed]
@@ -402,6 +412,16 @@ def evaluate(
         raise InputError("--seed: belongs to --check")
     limits = _band(band)
     factoring = _factoring(out_of_core, low_rank)
+    if len(results) > 1:
+        report = hpcred.compare_results(
+            results, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits, points=points,
+            output=output, groups=groups, factoring=factoring, progress=_progress(),
+        )  # fmt: skip
+        show_table(f"against {full}, {report['frequencies_hz'][0]:g} to {report['frequencies_hz'][-1]:g} Hz",
+                   report["rows"])  # fmt: skip
+        show_table("lowest modes of the model", report["modes"])
+        write_json(json, report)
+        return None
     if estimate:
         report = hpcred.estimate_of_result(result, frequencies=_numbers(frequencies, "--frequencies"), parts=points)
         show_table(result, report["rows"])
@@ -478,7 +498,7 @@ def response(
 @app.command()
 def export(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff or png.")] = "sid",
+    kind: Annotated[str, typer.Option("--format", help=FORMATS)] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
     json: JsonFile = None,
@@ -489,7 +509,11 @@ def export(
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")
     else:
-        print(f"{report['output']}: {report['coordinates']} elastic coordinates, nodes {report['nodes']}")
+        ends = ", ".join(f"{key} {', '.join(map(str, report[key]))}" for key in ("nodes", "inputs", "outputs")
+                         if key in report)  # fmt: skip
+        print(f"{report['output']}: {report['coordinates']} coordinates, {ends}")
+        for name in report.get("files", ()):
+            print(f"with {name}")
         for line in report["remarks"]:
             print(f"note: {line}")
     write_json(json, report)
@@ -563,6 +587,16 @@ def example_linkage(output: ModelOutput = "model.h5"):
     _example("linkage", output)
 
 
+@example.command("crank")
+def example_crank(
+    output: ModelOutput = "model.h5",
+    dofs: Annotated[int, typer.Option(help="About so many dofs.")] = 20_000,
+):
+    """A free connecting rod of hexahedra, with its bearings as the node sets BIG_EYE and SMALL_EYE."""
+    _example("crank", output, dofs=dofs)
+
+
 def _example(name, output, **keywords):
     report = hpcred.write_example(name, output, **keywords)
-    print(f"{output}: {report['size']} dofs, inputs {', '.join(report['inputs'])}")
+    known = "; ".join(f"{key} {', '.join(report[key])}" for key in ("inputs", "sets") if report[key])
+    print(f"{output}: {report['size']} dofs, {known}")

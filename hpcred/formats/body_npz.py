@@ -23,7 +23,7 @@ def arrays_of(body: Body) -> dict:
         "positions": np.array([s.position - body.floating_frame.origin for s in body.nodes]).reshape(-1, 3),
         "phi": np.array([shape.phi for shape in body.nodes]).reshape(-1, 3, count),
         "psi": np.array([shape.psi for shape in body.nodes]).reshape(-1, 3, count),
-        "comment": np.array("; ".join([maker(body), *remarks(body)])),
+        "comment": np.array("; ".join([maker(body.reduced), *remarks(body)])),
     }
 
 

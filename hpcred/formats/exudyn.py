@@ -1,7 +1,10 @@
-"""A .npz file of a Body that Exudyn's ObjectFFRFreducedOrderInterface.LoadFromFile reads; its nodes are the interface.
+"""A .npz file of a Body that Exudyn's ObjectFFRFreducedOrderInterface.LoadFromFile reads, with some keys of our own.
 
-The file has mass, stiffness and the integrals of the floating frame, and no inputs and outputs but nodes. It has no
-damping: Exudyn takes two coefficients when the object is added, which the remarks name where they say the same as D.
+Its mesh nodes are displacements only: first the interface nodes; then four points around each of them that rotates, the
+corners of a small tetrahedron fixed to it, whose mean motion is that of the node; then the surface that is drawn. The
+keys of our own are `names`, names or numbers of the interface nodes, `markerNodes`, the four mesh nodes of each for a
+MarkerSuperElementRigid, -1 where it does not rotate, and `dampingMatrixReduced`, the matrix D. Exudyn leaves them out
+of account; docs/export-exudyn.md says how to use them. Inputs and outputs but nodes have no place in the file.
 """
 
 from __future__ import annotations
@@ -10,11 +13,12 @@ import numpy as np
 
 from ..multibody.body import Body, check_moving, inputs_without_node, remarks
 
-SAME_DAMPING = 1e-8  # largest part of D that its two coefficients may leave out
+CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+RADIUS = 0.01  # of the tetrahedra, in radii of gyration of the body; what they measure does not depend on it
 
 
 def write_exudyn(path, body: Body) -> list[str]:
-    """Write a body; call it on one rank. Returns remarks: what the file does not hold, and the coefficients of D.
+    """Write a body; call it on one rank. Returns remarks: what the file does not hold, or only with a line of script.
 
     Raises InputError for a body with structural damping, rigid-body motions, or without mass in some direction.
     """
@@ -29,16 +33,17 @@ def write_exudyn(path, body: Body) -> list[str]:
     psi_tilde = tilde.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count)
     reference = trace_n[:, None, None] * identity - quantities.N.transpose(0, 2, 1)
     centre = quantities.mc / quantities.mass
+    points, phi, triangles, markers = _mesh(body)
     data = {
         "fileVersion": 1,
-        "modeBasis": np.array([shape.phi for shape in body.nodes]).reshape(-1, count),
-        "trigList": np.zeros((0, 3), dtype=int),
+        "modeBasis": phi.reshape(-1, count),
+        "trigList": triangles,
         "postProcessingModes": np.array({}, dtype=object),
         "massMatrixReduced": reduced.M,
         "stiffnessMatrixReduced": reduced.K,
-        "infoList": np.array([count, len(body.nodes), 3, 4, 7, 7 + count]),
+        "infoList": np.array([count, len(points), 3, 4, 7, 7 + count]),
         "rigidBodyNodeType": "NodeType.RotationEulerParameters",
-        "xRef": np.array([shape.position - quantities.origin for shape in body.nodes]).ravel(),
+        "xRef": (points - quantities.origin).ravel(),
         "inertiaLocal": quantities.J,
         "Mtt": quantities.mass * identity,
         "totalMass": quantities.mass,
@@ -50,40 +55,46 @@ def write_exudyn(path, body: Body) -> list[str]:
         "mPhitTPsiTilde": np.concatenate([np.cross(identity, row) for row in quantities.Ct], axis=1),
         "mXRefTildePsi": -quantities.Cr.T,
         "mXRefTildePsiTilde": reference.transpose(1, 0, 2).reshape(3, -1),
+        "names": np.array([shape.name or str(shape.node) for shape in body.nodes]),
+        "markerNodes": markers,
+        "dampingMatrixReduced": reduced.D,
     }
     with open(path, "wb") as file:
         np.savez(file, **data)
-    return [*remarks(body), *_damping(reduced), *inputs_without_node(body)]
+    return [*remarks(body), *_notes(body), *inputs_without_node(body)]
 
 
-def _damping(reduced) -> list[str]:
-    """How to give D to Exudyn, or that it cannot be given."""
-    if not reduced.D.any():
-        return []
-    coefficients = rayleigh_coefficients(reduced)
-    if coefficients is None:
-        return [
-            "the file has no damping, and D is not alpha M + beta K, so that it is lost; reduce with damping of kind "
-            "'rayleigh', or take the arrays by format 'npz' and give D to Exudyn by your own script"
-        ]
-    alpha, beta = coefficients
-    return [
-        f"the file has no damping; give it to AddObjectFFRFreducedOrder: massProportionalDamping = {alpha:.10g}, "
-        f"stiffnessProportionalDamping = {beta:.10g}"
-    ]
+def _mesh(body):
+    """Mesh nodes (n, 3), displacements (n, 3, m), triangles (t, 3), and the four around each interface node (k, 4)."""
+    frame = body.floating_frame
+    points = [shape.position[None] for shape in body.nodes]
+    phi = [shape.phi[None] for shape in body.nodes]
+    markers = np.full((len(body.nodes), 4), -1)
+    corners = RADIUS * np.sqrt(np.trace(frame.J) / frame.mass) * CORNERS
+    for k, shape in enumerate(body.nodes):
+        if shape.rotates:
+            markers[k] = np.arange(4) + sum(map(len, points))
+            points.append(shape.position + corners)
+            phi.append(shape.phi + np.cross(shape.psi.T[None], corners[:, None]).transpose(0, 2, 1))
+    triangles = np.zeros((0, 3), dtype=int)
+    if body.surface is not None:
+        triangles = body.surface.triangles + sum(map(len, points))
+        points.append(body.surface.points)
+        phi.append(body.surface.phi)
+    return np.concatenate(points), np.concatenate(phi), triangles, markers
 
 
-def rayleigh_coefficients(reduced):
-    """alpha (1/s) and beta (s) with D = alpha M + beta K of a reduced model, or None where there are none."""
-    M, D, K = reduced.M, reduced.D, reduced.K
-    own = np.abs(np.diag(D))
-    if not own.all():
-        return None
-    # each equation relative to the damping of its mode, so that alpha is not lost beside a large beta K
-    weight = 1 / own
-    system = np.stack([np.diag(M) * weight, np.diag(K) * weight], axis=1)
-    scale = np.linalg.norm(system, axis=0)
-    found = np.linalg.lstsq(system / scale, np.diag(D) * weight, rcond=None)[0] / scale
-    alpha, beta = np.where(np.abs(found * system).max(axis=0) < SAME_DAMPING, 0.0, found)
-    rest = (D - alpha * M - beta * K) / np.sqrt(np.outer(own, own))
-    return (float(alpha), float(beta)) if np.abs(rest).max() < SAME_DAMPING else None
+def _notes(body):
+    """What Exudyn learns by a line of script, and what it cannot learn from the file."""
+    notes = []
+    rotating = ", ".join(shape.name or str(shape.node) for shape in body.nodes if shape.rotates)
+    if rotating:
+        notes.append(f"rotations of nodes {rotating}: by MarkerSuperElementRigid on the mesh nodes of markerNodes")
+    if body.reduced.D.any():
+        notes.append(
+            "LoadFromFile passes over the damping: give it to the object by mbs.SetObjectParameter(object, "
+            "'dampingMatrixReduced', exudyn.MatrixContainer(numpy.load(file)['dampingMatrixReduced']))"
+        )
+    if body.surface is None:
+        notes.append("no surface is drawn: the result has no faces, no basis, or too many dofs")
+    return [*notes, "modal stresses are left out"]

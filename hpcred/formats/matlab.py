@@ -13,8 +13,13 @@ from .body_npz import arrays_of
 
 def write_matlab(path, body: Body) -> list[str]:
     """Write all arrays of a body; call it on one rank. Returns remarks on what is approximated."""
-    arrays = {key: value.astype(object) if value.dtype.kind == "U" and value.ndim else value
-              for key, value in arrays_of(body).items()}  # fmt: skip
-    with open(path, "wb") as file:
-        savemat(file, arrays, oned_as="column")
+    save_mat(path, arrays_of(body))
     return remarks(body)
+
+
+def save_mat(path, arrays: dict):
+    """Write arrays by name, lists of texts as cell arrays; call it on one rank."""
+    cells = {key: value.astype(object) if value.dtype.kind == "U" and value.ndim else value
+             for key, value in arrays.items()}  # fmt: skip
+    with open(path, "wb") as file:
+        savemat(file, cells, oned_as="column")

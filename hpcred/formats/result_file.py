@@ -7,7 +7,7 @@ basis/V (m, n), one row a basis vector in the dofs of the full model (basis/W: t
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kind> (elements, nodes), held/, as in
     model.h5
 floating_frame/: the quantities of multibody.floating_frame, for a one-sided basis of a model with nodes
-interface/node (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): see multibody.node_shapes
+interface/node (k), name (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): see multibody.node_shapes
 record: JSON of reduction.record.Record
 """
 
@@ -20,10 +20,11 @@ from pathlib import Path
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from ..linalg.blocks import local_rows
+from ..linalg.blocks import create_block, local_rows
 from ..model.dofs import SCALAR
+from ..model.elements import surface_triangles
 from ..model.interfaces import InterfaceNode
-from ..multibody.body import Body, body_of
+from ..multibody.body import Body, Surface, body_of
 from ..multibody.floating_frame import FloatingFrame
 from ..multibody.node_shapes import NodeShape, shapes_of_rows
 from ..parallel.failures import InputError, agreed
@@ -39,6 +40,7 @@ ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
 NAMES = ("input_names", "output_names")
 QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
 CHUNK = 2**22  # rows looked through at a time
+LARGE = 100_000  # dofs of a body whose surface is no longer drawn without being asked for
 
 
 @dataclass
@@ -94,6 +96,19 @@ class Result:
                          for key, part in zip(LABELS, parts, strict=True)]  # fmt: skip
                 basis = np.concatenate([basis, np.zeros((len(held), basis.shape[1]))])
         return shapes_of_rows(nodes, *parts, basis, str(self.path))
+
+    def surface(self) -> Surface | None:
+        """The surface of the body, or None: without elements or basis in the file, or above LARGE dofs. On one rank."""
+        with reading(self.path, FORMAT, VERSION) as file:
+            if "basis/V" not in file or "elements" not in file or file["basis/V"].shape[1] > LARGE:
+                return None
+            shapes = Shapes(file, self.path)
+            triangles = surface_triangles(shapes.cells)
+            nodes, places = np.unique(triangles, return_inverse=True)
+            phi = [shapes.displacement(column)[nodes] for column in range(self.reduced.size)]
+        if not len(nodes):
+            return None
+        return Surface(shapes.points[nodes], places.reshape(triangles.shape), np.stack(phi, axis=-1))
 
     @contextmanager
     def shapes(self):
@@ -175,6 +190,7 @@ def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=
             if body.nodes:
                 for key in ("node", "position", "phi", "psi", "rotates"):
                     file.small(f"interface/{key}", np.array([getattr(shape, key) for shape in body.nodes]))
+                file.small("interface/name", [shape.name for shape in body.nodes])
         file.small("record", TypeAdapter(Record | None).dump_json(reduced.record).decode())
 
 
@@ -210,11 +226,31 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
             )
         if "interface" in file:
             arrays = [file[f"interface/{key}"][...] for key in ("node", "position", "phi", "psi", "rotates")]
+            names = texts(file["interface/name"]) if "name" in file["interface"] else [""] * len(arrays[0])
             result.nodes = [
-                NodeShape(int(node), position, phi, psi, bool(rotates))
-                for node, position, phi, psi, rotates in zip(*arrays, strict=True)
+                NodeShape(int(node), position, phi, psi, bool(rotates), name)
+                for node, position, phi, psi, rotates, name in zip(*arrays, names, strict=True)
             ]
         return result
+
+
+def read_basis(path, model):
+    """The basis V (n, m) as a block with the rows of the model, or None where the file has none.
+
+    Collective; the caller destroys it. Raises InputError.
+    """
+    with agreed(model.comm), reading(path, FORMAT, VERSION) as file:
+        part = None
+        if "basis/V" in file:
+            if file["basis/V"].shape[1] != model.size:
+                raise InputError(f"{path}: its basis has {file['basis/V'].shape[1]} rows, expected {model.size}")
+            part = file["basis/V"][:, model.first_row : model.first_row + model.local_rows].T
+    if part is None:
+        return None
+    block = create_block(model.K, part.shape[1])
+    with local_rows(block) as rows:
+        rows[...] = part
+    return block
 
 
 def _interfaces(group) -> tuple[InterfaceNode, ...]:

@@ -245,7 +245,7 @@ def build_sid(body: Body) -> tuple[Sid, list[str]]:
         "De": _object(reduced.D, count),
     }
     names = [f"Eigen Mode {i:4d} : {f:12.3f} Hz" for i, f in enumerate(reduced.frequencies, 1)]
-    comment = "; ".join([f"No. nodes, No. modes: {maker(body)}", *notes])
+    comment = "; ".join([f"No. nodes, No. modes: {maker(body.reduced)}", *notes])
     return Sid(quantities.mass, names, nodes, objects, comment), notes
 
 

@@ -16,12 +16,22 @@ from .node_shapes import NodeShape, interface_nodes, node_shapes
 
 
 @dataclass
+class Surface:
+    """What is drawn of a body: `points` (s, 3) in m, their displacements `phi` (s, 3, m), `triangles` (t, 3)."""
+
+    points: np.ndarray
+    triangles: np.ndarray
+    phi: np.ndarray
+
+
+@dataclass
 class Body:
-    """What a multibody program needs of a flexible body: plain arrays, the same on all ranks."""
+    """What a multibody program needs of a flexible body: plain arrays, the same on all ranks. `surface` may be None."""
 
     reduced: ReducedModel
     floating_frame: FloatingFrame
     nodes: list[NodeShape]
+    surface: Surface | None = None
 
 
 def body_of(model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lumped=False) -> Body:
@@ -51,13 +61,8 @@ def check_moving(body: Body, where: str):
 
     It needs a damping that exists in time, mass and inertia in all directions, and no rigid-body motion in its basis.
     """
-    loss_factor, masses = body.reduced.loss_factor, body.floating_frame.masses
-    if loss_factor:
-        raise InputError(
-            f"damping: structural damping (loss factor {loss_factor:g}) has no meaning in time and no place in "
-            f"{where}; reduce with damping of kind 'modal' and ratio = {loss_factor / 2:g}, half the loss factor, "
-            "which is the same at resonance"
-        )
+    check_viscous(body.reduced, where)
+    masses = body.floating_frame.masses
     missing = [name for name, mass in zip("xyz", masses, strict=True) if mass <= 0]
     if missing:
         raise InputError(
@@ -68,16 +73,29 @@ def check_moving(body: Body, where: str):
     check_elastic(body)
 
 
+def check_viscous(reduced, where: str):
+    """Raise InputError for a model with structural damping, which `where` (such as "a SID file") cannot hold."""
+    if reduced.loss_factor:
+        raise InputError(
+            f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no meaning in time and no place in "
+            f"{where}; reduce with damping of kind 'modal' and ratio = {reduced.loss_factor / 2:g}, half the loss "
+            "factor, which is the same at resonance"
+        )
+
+
 def check_elastic(body: Body):
     """Raise InputError if the reduced body can move as a rigid one: the floating frame does that already."""
     reduced = body.reduced
     M = FlexibleBody(body.floating_frame, reduced.K, reduced.D).mass_matrix(np.zeros(reduced.size))
     rest = M[6:, 6:] - M[6:, :6] @ np.linalg.pinv(M[:6, :6], rcond=1e-12) @ M[:6, 6:]
     if np.linalg.eigvalsh(rest).min() < 1e-9 * np.linalg.eigvalsh(body.floating_frame.Me).max():
+        advice = (
+            "leave coordinates = 'interface' out of the job" if reduced.interfaces
+            else "reduce with frame 'buckens' and modes from number 7, or hold the body"
+        )  # fmt: skip
         raise InputError(
             f"the reduced body contains rigid-body motions (lowest pseudo-frequency {reduced.frequencies.min():.3g} "
-            "Hz), which the floating frame has already; reduce with frame 'buckens' and modes from number 7, or hold "
-            "the body"
+            f"Hz), which the floating frame has already; {advice}"
         )
 
 
@@ -105,6 +123,12 @@ def inputs_without_node(body: Body) -> list[str]:
     return found
 
 
-def maker(body: Body) -> str:
-    """Program and version that made the reduced body."""
-    return f"hpcred {body.reduced.record.versions['hpcred']}"
+def instability(reduced: ReducedModel) -> list[str]:
+    """A remark on poles in the right half-plane, where there are any."""
+    count = len(reduced.unstable_poles())
+    return [f"the model is unstable: {count} poles in the right half-plane, so that motion grows in time"] * bool(count)
+
+
+def maker(reduced: ReducedModel) -> str:
+    """Program and version that made the reduced model."""
+    return f"hpcred {reduced.record.versions['hpcred']}" if reduced.record is not None else "hpcred"

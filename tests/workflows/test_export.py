@@ -1,11 +1,12 @@
 """A result file in every other format, on any number of ranks, and what each says of what it cannot hold."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.io
-from helpers import MODES_JOB, names
+from helpers import MODES_JOB, interface_model, names
 
 import hpcred as package
 from hpcred import Buckens, Modes, read_sid
@@ -22,12 +23,17 @@ loss_factor = 0.02
 def test_all_formats_without_more(reduced_linkage, comm):
     result = reduced_linkage()
     for kind, export in EXPORTS.items():
+        if export.takes == "superelement":
+            continue
         report = export_result(result, kind)
         path = result.with_name("result" + export.suffix)
         assert report["output"] == str(path) and path.stat().st_size > 1000
-        if not export.all_nodes:
+        if export.takes == "body":
             assert report["nodes"] == [1, 20] and report["coordinates"] == 6
             assert "an approximation" in report["remarks"][0]
+        if export.takes == "reduced":
+            assert report["inputs"] == report["outputs"] == ["20:z", "1:x"] and report["coordinates"] == 6
+            assert "unstable" not in str(report["remarks"])
     assert result.with_suffix(".png").read_bytes()[:4] == b"\x89PNG"
     assert result.with_suffix(".png").stat().st_size > 20_000
     assert export_result(str(result), "sid", result.with_name("x.SID_FEM"), nodes=[7, 1])["nodes"] == [7, 1]
@@ -40,7 +46,7 @@ def test_structural_damping_is_carried_or_refused(reduced_linkage, comm):
     head, tail = MODES_JOB.split('kind = "rayleigh"\nalpha = 2.0\nbeta = 1e-5\n')
     result = reduced_linkage(head + STRUCTURAL + tail)
     before = names(result.parent, comm)
-    for kind in ("sid", "exudyn"):
+    for kind in ("sid", "exudyn", "mbdyn", "statespace-mat", "fmu"):
         with pytest.raises(InputError, match=r"result.h5: damping: .*loss factor 0.02.*'modal' and ratio = 0.01"):
             export_result(result, kind)
     assert names(result.parent, comm) == before
@@ -49,22 +55,52 @@ def test_structural_damping_is_carried_or_refused(reduced_linkage, comm):
         assert np.ravel(file["loss_factor"])[0] == 0.02 and not file["D"].any()
 
 
+def test_the_help_names_all_formats(capsys):
+    assert run(["export", "--help"]) == 0
+    words = capsys.readouterr().out.replace(",", " ").replace(".", " ").replace(";", " ").split()
+    assert set(EXPORTS) <= set(words)
+
+
 @pytest.mark.mpi
 def test_exports_are_refused_on_all_ranks(reduced_linkage, comm):
     result = reduced_linkage()
     before = names(result.parent, comm)
     for arguments, says in (
-        ({"kind": "sidd"}, "--format: found 'sidd', expected one of sid, matlab, npz, exudyn, vtk"),
+        ({"kind": "sidd"}, "--format: found 'sidd', expected one of sid, matlab, npz, exudyn"),
         ({"kind": "sid", "nodes": [99]}, "result.h5: node 99 does not exist"),
         ({"kind": "sid", "nodes": [1, 1]}, "expected at least one node, and each once"),
         ({"kind": "sid", "nodes": []}, "expected at least one node, and each once"),
         ({"kind": "vtk", "nodes": [1]}, "'vtk' shows all nodes"),
+        ({"kind": "statespace-npz", "nodes": [1]}, "'statespace-npz' has inputs and outputs, and no nodes"),
+        ({"kind": "abaqus", "nodes": [1]}, "'abaqus' has the interface nodes of the job"),
+        ({"kind": "nastran"}, r'result.h5: found pseudo-modal coordinates.*coordinates = "interface"'),
         ({"kind": "npz", "path": result}, "this is the result itself"),
         ({"kind": "npz", "path": result.parent / "nowhere/x.npz"}, "nowhere does not exist"),
     ):
         with pytest.raises(InputError, match=says):
             export_result(result, **arguments)
     assert names(result.parent, comm) == before
+
+
+@pytest.mark.mpi
+def test_superelements_are_written_with_the_files_beside_them(folder, comm):
+    package.write_result(folder / "arm.h5", interface_model(damping=10.0))
+    beside = {"nastran-op4": ["arm_external.pch"], "ansys": ["arm_ansys_K.mtx", "arm_ansys_M.mtx", "arm_ansys_D.mtx"]}
+    for kind in (kind for kind, export in EXPORTS.items() if export.takes == "superelement"):
+        report = export_result(folder / "arm.h5", kind)
+        assert report["coordinates"] == 17 and report["nodes"] == [101, 205]
+        assert report["files"] == [str(folder / name) for name in beside.get(kind, [])]
+        assert names(folder, comm) == sorted(
+            {folder / "arm.h5", *map(Path, [report["output"], *report["files"]])}
+        )
+        comm.Barrier()
+        if comm.rank == 0:
+            for name in [report["output"], *report["files"]]:
+                Path(name).unlink()
+        comm.Barrier()
+    with pytest.raises(InputError, match="this name is that of a file beside it"):
+        export_result(folder / "arm.h5", "nastran-op4", folder / "x.pch")
+    assert names(folder, comm) == [folder / "arm.h5"]
 
 
 def test_a_body_without_coordinates_is_no_body(reduced_linkage, folder):
@@ -86,6 +122,19 @@ def test_a_result_without_interface_needs_nodes(reduced_linkage):
     with pytest.raises(InputError, match="no interface nodes, since no input or output belongs to a node"):
         export_result(result, "npz")
     assert "inputs that belong to no node are left out: dof 1" in export_result(result, "sid", nodes=[3])["remarks"]
+
+
+def test_a_two_sided_result_has_inputs_and_outputs(reduced_linkage):
+    """It has no floating frame, and is written where none is needed."""
+    result = reduced_linkage(
+        MODES_JOB.replace('[[20, "z"], [1, "x"]]', '[[20, "z"]]\noutputs = [[7, "z"]]\nprojection = "two_sided"')
+        .replace('"modes"\nindex = [7, 8, 9, 10, 11, 12]', '"krylov"\nfrequency = 30.0')
+    )  # fmt: skip
+    for kind in ("statespace-mat", "statespace-npz", "fmu"):
+        report = export_result(result, kind)
+        assert report["inputs"] == ["20:z"] and report["outputs"] == ["7:z"]
+    with pytest.raises(InputError, match="no floating-frame quantities"):
+        export_result(result, "sid")
 
 
 def test_nodes_without_rotations_are_said(folder):
