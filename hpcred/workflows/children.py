@@ -50,9 +50,10 @@ class Child:
 
     @property
     def last_line(self) -> str:
-        """The last line of the log that is not empty, or the last sentence of hpcred in it."""
+        """The last sentence of hpcred in the log, or else the last line that has words."""
         with suppress(OSError):
-            lines = [line.strip() for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
+            lines = [line.strip() for line in self.log.read_text(errors="replace").splitlines()]
+            lines = [line for line in lines if any(map(str.isalnum, line))]
             said = [line for line in lines if line.startswith("hpcred: ")]
             return (said or lines or [""])[-1]
         return ""

@@ -5,24 +5,21 @@ import subprocess
 import sys
 import tempfile
 import time
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import numpy as np
 import pytest
 from launch import mpi_environment
+from slurm_cluster import PROGRAMS, Cluster, program
 
 import hpcred
 
-HERE = Path(__file__).parent
-JOBS = HERE.parent.parent / "jobs"
-_spec = spec_from_file_location("cluster", HERE / "cluster.py")
-cluster_module = module_from_spec(_spec)
-_spec.loader.exec_module(cluster_module)
+ROOT = Path(__file__).parent.parent.parent
+JOBS = ROOT / "jobs"
 
 pytestmark = [
     pytest.mark.slurm,
-    pytest.mark.skipif(any(cluster_module.program(name) is None for name in (*cluster_module.PROGRAMS, "sbatch")),
+    pytest.mark.skipif(any(program(name) is None for name in (*PROGRAMS, "sbatch")),
                        reason="no SLURM on this machine"),
 ]  # fmt: skip
 LONG = """
@@ -56,7 +53,7 @@ time = "00:10:00"
 @pytest.fixture(scope="module")
 def cluster():
     with tempfile.TemporaryDirectory(prefix="slurm-") as folder:
-        cluster = cluster_module.Cluster(folder)
+        cluster = Cluster(folder)
         try:
             yield cluster
         finally:
@@ -75,7 +72,7 @@ def folder(tmp_path):
 
 
 def environment(**more):
-    return mpi_environment(HPCRED_PYTHON=sys.executable, PYTHONPATH=str(HERE.parent.parent), **more)
+    return mpi_environment(HPCRED_PYTHON=sys.executable, PYTHONPATH=str(ROOT), **more)
 
 
 def log(folder, job):
