@@ -18,6 +18,7 @@ from .formats.model_file import write_model as write_model
 from .formats.model_source import Source as Source
 from .formats.model_source import load_export as load_export
 from .formats.model_source import load_source as load_source
+from .formats.point_store import PointStore as PointStore
 from .formats.response_file import Responses as Responses
 from .formats.response_file import read_responses as read_responses
 from .formats.response_file import write_responses as write_responses
@@ -94,4 +95,6 @@ from .workflows.paper import reproduce as reproduce
 from .workflows.reduce import reduce_job as reduce_job
 from .workflows.response import response_file as response_file
 from .workflows.simulate import simulate_file as simulate_file
+from .workflows.store import list_store as list_store
+from .workflows.store import prune_store as prune_store
 from .workflows.sweep import run_sweep as run_sweep

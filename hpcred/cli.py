@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Annotated
 
@@ -120,6 +121,16 @@ def _targets(text, option):
                 for part in text.split(",")] if text else None  # fmt: skip
     except ValueError as error:
         raise InputError(f"{option}: found '{text}', expected such as 20:z,1:x or dof numbers 115,1") from error
+
+
+def _amount(text, option, units):
+    """A number with a unit, or None."""
+    if text is None:
+        return None
+    with suppress(ValueError):
+        if text[-1:] in units and 0 <= (number := float(text[:-1])) < float("inf"):
+            return number * units[text[-1]]
+    raise InputError(f"{option}: found '{text}', expected a number and one of the units {', '.join(units)}")
 
 
 def _band(text):
@@ -267,23 +278,25 @@ def reduce(
     groups: Annotated[str | None, typer.Option(help="Groups of ranks for different points: a number or auto.")] = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
-    restart: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Keep the state after each point there, and go on from it.")
+    store: Annotated[
+        str | None, typer.Option(metavar="DIR", help="Keep expansion points there, and take those that are there.")
     ] = None,
     json: JsonFile = None,
 ):
     """Reduce a model as a job file says."""
-    folder = out_of_core and os.path.abspath(out_of_core)  # of the command line, not of the job file
-    given = {"groups": groups, "out_of_core": folder, "low_rank": low_rank}
+    folders = {"out_of_core": out_of_core, "store": store}  # of the command line, not of the job file
+    given = {"groups": groups, "low_rank": low_rank}
+    given |= {key: os.path.abspath(name) for key, name in folders.items() if name}
     overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
-    found = hpcred.reduce_job(job, overrides=overrides, restart=restart, progress=_progress())
+    found = hpcred.reduce_job(job, overrides=overrides, progress=_progress())
     record, accuracy = found.record, found.record.accuracy
+    stored = any(item.from_store for item in record.ingredients)
     if accuracy is not None:
-        print(f"{accuracy.sentence}, {len(accuracy.points)} factorisations, {found.size} coordinates")
+        print(f"{accuracy.sentence}, {accuracy.factorisations} factorisations, {found.size} coordinates")
     show_table(
         f"{found.output}: {found.size} coordinates for {record.size} dofs",
-        [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept}
-         for item in record.ingredients],
+        [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
+          **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.ingredients],
     )  # fmt: skip
     if accuracy is not None:
         show_table("Expansion points", [
@@ -296,8 +309,11 @@ def reduce(
     residual = max((item.residual for item in record.factorisations), default=0.0)
     print(
         f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "
-        f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; largest residual {residual:.1e}; "
-        f"{len(record.factorisations)} factorisations, {record.symbolic_analyses} analysis ({record.ordering})"
+        f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; "
+        + (f"largest residual {residual:.1e}; " if record.factorisations else "")
+        + f"{len(record.factorisations)} factorisations, "
+        + (f"{record.factorisations_saved} saved by the store, " if stored else "")
+        + f"{record.symbolic_analyses} analysis ({record.ordering})"
     )
     _warn(record.warnings)
     print(f"{record.scalar} PETSc {record.versions['petsc']}, {record.ranks} rank(s)")
@@ -305,6 +321,41 @@ def reduce(
     write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
                       "frequencies_hz": found.frequencies})  # fmt: skip
     return int(accuracy is not None and not accuracy.reached)
+
+
+@app.command()
+def store(
+    folder: Annotated[str, typer.Argument(metavar="DIR")],
+    check: Annotated[bool, typer.Option("--check", help="Verify all checksums.")] = False,
+    prune: Annotated[bool, typer.Option("--prune", help="Remove entries that fit all of the options below.")] = False,
+    older: Annotated[str | None, typer.Option(metavar="30d", help="Not used for so long (m, h, d, w).")] = None,
+    below: Annotated[
+        str | None, typer.Option(metavar="10G", help="The longest unused, until no more than this is left.")
+    ] = None,
+    model: Annotated[str | None, typer.Option(metavar="NAME", help="Of the model of this name.")] = None,
+    broken: Annotated[bool, typer.Option("--broken", help="Damaged, or left by a run that was killed.")] = False,
+    json: JsonFile = None,
+):
+    """List, check and prune a folder of expansion points (reduce --store DIR)."""
+    given = {"--older": older, "--below": below, "--model": model, "--broken": broken or None}
+    if not prune and any(value is not None for value in given.values()):
+        raise InputError(f"{next(key for key in given if given[key] is not None)}: belongs to --prune")
+    if prune:
+        rows = hpcred.prune_store(
+            folder, older=_amount(older, "--older", {"m": 60, "h": 3600, "d": 86400, "w": 604800}),
+            below=_amount(below, "--below", {"k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12}), model=model, broken=broken,
+        )  # fmt: skip
+    else:
+        rows = hpcred.list_store(folder, check=check)
+    show_table(folder, [
+        {**{key: "" if row[key] is None else row[key] for key in ("entry", "model", "point", "blocks", "columns")},
+         "MB": round(row["bytes"] / 1e6, 3), "date": row["date"] or "",
+         **({} if prune else {"valid": "yes" if row["valid"] else f"no: {row['reason']}"})} for row in rows
+    ])  # fmt: skip
+    total = sum(row["bytes"] for row in rows)
+    print(f"{len(rows)} entries{' removed' if prune else ''}, {total / 1e6:.6g} MB")
+    write_json(json, rows)
+    return int(not prune and not all(row["valid"] for row in rows if ".tmp-" not in row["entry"]))
 
 
 @app.command()

@@ -18,7 +18,7 @@ from ..reduction.settings import Reduction
 from .model_source import Source
 from .toml_file import CONFIG, parse, read_table
 
-PLACES = ("output", "inputs", "outputs", "out_of_core")  # keys that may be names of files, besides the model
+PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`
 Targets = str | tuple[int | tuple[int | str, str], ...]
 
 
@@ -34,7 +34,7 @@ class Job:
     ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result. `body_origin`
     (m), `lumped_integrals`: see multibody.floating_frame. deflation_tolerance, drop_above, projection,
     allow_unstable, groups, coordinates: see reduction.settings.Reduction. out_of_core, low_rank, memory_mb: see
-    linalg.factorisation.Factoring.
+    linalg.factorisation.Factoring. `store`: a folder of expansion points (see formats.point_store).
     """
 
     model: str | Source
@@ -61,6 +61,7 @@ class Job:
     out_of_core: str | None = None
     low_rank: float | None = None
     memory_mb: float | None = None
+    store: str | None = None
 
     __pydantic_config__ = CONFIG
 

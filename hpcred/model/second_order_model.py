@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..linalg.csr import compress
+from ..parallel.digest import digest, digest_of_block
 from ..parallel.failures import InputError, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
 from .dofs import DIRECTIONS, Dofs, row_of, target_name
@@ -84,7 +85,9 @@ class SecondOrderModel:
         """Another model with some fields changed, and references of its own to the other PETSc objects."""
         kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
-        return replace(self, **kept, **changed)
+        other = replace(self, **kept, **changed)
+        other._digests.update({key: value for key, value in self._digests.items() if key not in changed})
+        return other
 
     @cached_property
     def comm(self):
@@ -134,6 +137,39 @@ class SecondOrderModel:
     @property
     def symmetric(self) -> bool:
         return all(defect <= SYMMETRIC_TO for defect in self.symmetry_defects.values())
+
+    @cached_property
+    def _digests(self):
+        return {}
+
+    def digest_of(self, key: str) -> str | None:
+        """A digest of the content of M, K, D, B, Ct or dofs, or of node and direction of all rows ("labels"), None
+        where there is none; the same on any number of ranks and in both builds of PETSc. Collective."""
+        if key not in self._digests:
+            there = getattr(self, "dofs" if key == "labels" else key) is not None
+            self._digests[key] = self._digest(key) if there else None
+        return self._digests[key]
+
+    def _digest(self, key):
+        first = self.first_row
+        if key in ("dofs", "labels"):
+            labels = [self.dofs.node, self.dofs.direction, *([self.dofs.position] if key == "dofs" else [])]
+            return digest_of_block(self.comm, first, np.column_stack(labels).astype("<f8"))
+        item = getattr(self, key)
+        if key in ("B", "Ct"):
+            columns = np.ascontiguousarray(item.getDenseArray().real, "<f8") + 0.0
+            return digest_of_block(self.comm, first, self._rounded(columns) if self.interfaces else columns)
+        indptr, indices, values = item.getValuesCSR()
+        number = "<u4" if self.size < 2**32 else "<u8"
+        # adding zero makes -0.0 the same as 0.0
+        return digest(self.comm, first, [(indptr, indices.astype(number)), (indptr, values.real.astype("<f8") + 0.0)])
+
+    def _rounded(self, columns):
+        """Columns without the last digits, which depend on the number of ranks where interface nodes made them."""
+        most = np.zeros(columns.shape[1])
+        self.comm.Allreduce(np.abs(columns).max(axis=0, initial=0.0), most, MPI.MAX)
+        # by pi, since what comes of a division by 2, 4, 8, ... lies between two decimals
+        return np.round(columns * (np.pi * 1e7 / np.where(most > 0, most, 1.0))).astype("<i8")
 
     @cached_property
     def mean_diagonal_of_k(self) -> float:

@@ -13,6 +13,7 @@ from ..model.damping import ModalDamping
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import is_complex
+from .chain import Entry
 from .ingredient import Ingredient
 from .projection import diagonalise, project, project_columns
 
@@ -76,9 +77,10 @@ class Modes(Ingredient):
         more = {}
         with run.progress.stage("modes", self._name()):
             if self.band is not None:
-                values, block = self._in_band(run)
+                values, block, served = _kept(run, {"band": self.band}, None, lambda: self._in_band(run))
             else:
-                values, block = _lowest(run, self._highest(rigid))
+                count = self._highest(rigid)
+                values, block, served = _kept(run, {"band": None}, count, lambda: _lowest(run, count))
                 if self.index is not None:
                     chosen = np.array(sorted(set(self.index))) - rigid - 1
                     values, block = values[chosen], choose(run, block, chosen)
@@ -92,7 +94,8 @@ class Modes(Ingredient):
             with run.progress.stage("orthogonalise"):
                 found = basis.extend(block)
             block.destroy()
-        run.note(self._name(), len(values), found, frequencies_hz=frequencies, residual=residual, **more)
+        run.note(self._name(), len(values), found, frequencies_hz=frequencies, residual=residual,
+                 from_store=served, **more)  # fmt: skip
 
     def _name(self):
         if self.band is not None:
@@ -120,6 +123,24 @@ class Modes(Ingredient):
             count *= 2
         inside = np.flatnonzero((values > low) & (values < high))
         return values[inside], choose(run, block, inside)
+
+
+def _kept(run, rule, count, find):
+    """The first `count` modes, or all, from the store or by `find`, and whether they are from the store; the store then
+    has what was found, in place of fewer."""
+    key = {"kind": "modes", **rule, **run.identity_of("M", "K")}
+    entry = run.stored(key)
+    if rule["band"] is None:
+        run.needs("0.0", "0.0")
+    if entry is not None and len(entry.facts["values"]) >= (count or 0):
+        values, block = np.array(entry.facts["values"]), entry.block
+        return (values, block, True) if count is None else (values[:count], choose(run, block, np.arange(count)), True)
+    if entry is not None:
+        entry.close()
+    values, block = find()
+    widths = () if block is None else (len(values),)
+    run.keep(key, Entry({"values": values.tolist()}, widths, block))
+    return values, block, False
 
 
 def _lowest(run, count):

@@ -137,6 +137,7 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         interfaces=tuple(item.definition for item in model.interfaces),
         ingredients=tuple(runs[0].ingredients),
         factorisations=tuple(factorisations),
+        factorisations_saved=sum(run.factorisations_saved for run in runs),
         symbolic_analyses=sum(run.analyses for run in runs),
         timing=progress.timing(),
         **known,

@@ -11,7 +11,7 @@ from ..formats.job_file import Job, plain, read_job
 from ..formats.model_file import read_model
 from ..formats.model_source import column_names, load_source, read_columns
 from ..formats.node_table import read_node_numbers
-from ..formats.restart_file import RestartFile
+from ..formats.point_store import PointStore
 from ..formats.result_file import write_result
 from ..parallel import startup
 from ..parallel.failures import ComputationError, InputError, agreed
@@ -31,13 +31,11 @@ class Reduced:
     frequencies: tuple[float, ...]
 
 
-def reduce_job(
-    job: str | Path | Job, *, overrides=(), restart=None, comm=None, progress: Progress | None = None
-) -> Reduced:
+def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Progress | None = None) -> Reduced:
     """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.
 
-    `restart`: a file in which an automatic reduction keeps its state after each point, and goes on from what is there;
-    SIGTERM or SIGUSR1 to any rank then ends the run after the current point, by parallel.stopping.Stopped.
+    With a `store` in the job SIGTERM or SIGUSR1 to any rank end the run after the current point, by
+    parallel.stopping.Stopped, and the same job goes on from there.
     Where a tolerance was not reached, the model is written under a name that says so, unless the job wants otherwise.
     Takes the PETSc build that fits the job, where PETSc is not loaded yet. Collective. Raises InputError or
     ComputationError.
@@ -52,14 +50,14 @@ def reduce_job(
     progress = progress or Progress(comm, show=False)
     with progress.stage("read", str(job.model)):
         model = model_of_job(job, comm)
+    store = PointStore(job.store, comm) if job.store is not None else None
     with model:
         with progress.stage("read"):
             contents = {str(Path(name).absolute()): content_of(name, comm) for name in job.files}
-        checkpoint = RestartFile(restart, comm, job) if restart is not None and job.search is not None else None
-        with listening(checkpoint is not None or getattr(job, "store", None) is not None):
+        with listening(store is not None):
             reduced = reduce(
-                model, job.basis, job.frame, job.damping, adaptive=job.search, checkpoint=checkpoint,
-                settings=job.settings, factoring=job.factoring, progress=progress,
+                model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings,
+                factoring=job.factoring, store=store, progress=progress,
             )  # fmt: skip
         with reduced:
             output = _name_of(job, reduced.record.accuracy)

@@ -8,7 +8,7 @@ import pytest
 from helpers import CHORD_JOB
 
 import hpcred
-from hpcred.formats.restart_file import RestartFile
+from hpcred.formats.point_store import PointStore
 from hpcred.parallel.stopping import Stopped, listening, stop_if_asked
 
 pytestmark = pytest.mark.mpi
@@ -44,7 +44,7 @@ def test_a_stopped_search_goes_on_and_gives_the_same_model(comm, folder, monkeyp
         (folder / "job.toml").write_text(job)
     comm.Barrier()
     undisturbed = hpcred.reduce_job(folder / "job.toml", overrides=["output='undisturbed.h5'"], comm=comm)
-    save = RestartFile.save
+    save = PointStore.save
 
     def save_and_ask(self, *state):
         save(self, *state)
@@ -52,11 +52,11 @@ def test_a_stopped_search_goes_on_and_gives_the_same_model(comm, folder, monkeyp
             os.kill(os.getpid(), signal.SIGUSR1)
 
     with monkeypatch.context() as patch:
-        patch.setattr(RestartFile, "save", save_and_ask)
+        patch.setattr(PointStore, "save", save_and_ask)
         with pytest.raises(Stopped, match="after point 1"):
-            hpcred.reduce_job(folder / "job.toml", restart=folder / "restart", comm=comm)
+            hpcred.reduce_job(folder / "job.toml", overrides=[f"store='{folder / 'points'}'"], comm=comm)
     assert not (folder / "result.h5").exists()
-    again = hpcred.reduce_job(folder / "job.toml", restart=folder / "restart", comm=comm)
+    again = hpcred.reduce_job(folder / "job.toml", overrides=[f"store='{folder / 'points'}'"], comm=comm)
     assert len(again.record.factorisations) < len(undisturbed.record.factorisations)
     grid = np.linspace(1.0, 300.0, 40)
     one, other = (hpcred.frequency_response(hpcred.read_result(item.output, comm).reduced, grid)

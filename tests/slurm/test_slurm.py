@@ -117,12 +117,12 @@ def test_a_requeued_reduction_goes_on(cluster, folder, launcher):
     (folder / "job.toml").write_text(LONG)
     job = cluster.submit(folder, "--ntasks=2", "--mem-per-cpu=1G", "jobs/reduce.slurm", "job.toml",
                          **environment(HPCRED_LAUNCHER=launcher))  # fmt: skip
-    stop_and_requeue(cluster, job, folder, (folder / "job.toml.restart").exists)
-    assert "stopped as asked, after point 2" in log(folder, job)
+    stop_and_requeue(cluster, job, folder, lambda: any((folder / "points").glob("*.h5")))
+    assert "stopped as asked, after point" in log(folder, job)
     assert not (folder / "result.h5").exists()
     assert cluster.wait(job) == ["COMPLETED"], log(folder, job)
     again = hpcred.read_result(folder / "result.h5").reduced
-    assert "columns of an earlier run" in [item.where for item in again.record.ingredients]
+    assert again.record.factorisations_saved >= 1
     assert len(again.record.factorisations) < len(again.record.accuracy.points)
     undisturbed = hpcred.reduce_job(folder / "job.toml", overrides=["output=other.h5"])
     other = hpcred.read_result(undisturbed.output).reduced

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -119,6 +120,23 @@ def test_a_tolerance_that_is_not_reached_is_said_each_time(linkage_folder, capsy
         assert "FAILED tolerance-1e-13_size-3: tolerance not reached" in capsys.readouterr().out
     rows = package.collect_sweep("sweep.toml")["rows"]
     assert [row["status"] for row in rows] == ["finished", "not reached"] and rows[0]["estimate"] < 1e-3
+
+
+def test_a_store_saves_factorisations_and_changes_no_number(linkage_folder, capsys):
+    Path("sweep.toml").write_text(
+        'job = "job.toml"\nstore = "my points"\n[[vary]]\nkey = "basis.0.order"\nvalues = [1, 0]\n[[vary]]\n'
+        'key = "damping"\nvalues = [{kind = "none"}, {kind = "rayleigh", alpha = 2.0}]\n[launch]\nlauncher = ""\n'
+    )
+    assert run(["sweep", "sweep.toml"]) == 0
+    assert "1 factorisations made, 3 saved" in capsys.readouterr().out
+    grid = np.linspace(5, 300, 30)
+    for name, reduced in results("sweep").items():
+        job = package.read_job(Path("sweep", name).with_suffix(".toml"), overrides=["output='alone.h5'"])
+        alone = package.reduce_job(replace(job, store=None))
+        assert len(alone.record.factorisations) == 1
+        other = package.read_result(alone.output).reduced
+        responses = [package.frequency_response(item, grid) for item in (other, reduced)]
+        assert package.relative_error(*responses).max() < 1e-9
 
 
 def start_sweep(count):
