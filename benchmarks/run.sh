@@ -6,6 +6,6 @@ here=$(cd "$(dirname "$0")" && pwd)
 python="$here/../.venv/bin/python"
 mkdir -p "${1:-benchmark-results}"
 cd "${1:-benchmark-results}"
-for name in interpolation modes reading solids growth response; do
+for name in interpolation modes reading solids growth response size; do
     "$python" "$here/$name.py"
 done
