@@ -1,4 +1,4 @@
-# make demo | test | test-slow | bench | lint | install
+# make demo | test | test-slow | test-ccx | bench | lint | install
 #
 # On Debian, `install` brings the missing system packages (as root or by sudo) and a virtual environment on top
 # of them. To use an existing PETSc instead (cluster module, conda), see "Installing" in README.md.
@@ -16,7 +16,7 @@ export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 export OMPI_MCA_rmaps_base_oversubscribe := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install demo test test-slow bench lint
+.PHONY: install demo test test-slow test-ccx bench lint
 
 install: .venv/.ready
 
@@ -44,10 +44,17 @@ demo: install
 	mpiexec -n 2 $(PYTHON) -m hpcred
 
 test: install
-	$(PYTHON) -m pytest -m "not slow"
+	$(PYTHON) -m pytest -m "not slow and not ccx"
 
 test-slow: install
 	$(PYTHON) -m pytest -m slow
+
+# CalculiX and gmsh compute the example in examples/calculix
+test-ccx: install
+	@which ccx gmsh >/dev/null && $(PYTHON) -c "import gmsh" 2>/dev/null || { $(SUDO) apt-get update -qq && \
+	    $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
+	    calculix-ccx gmsh python3-gmsh; }
+	$(PYTHON) -m pytest -m ccx
 
 # the peers need numpy 2 and MKL, in an environment of their own
 .venv-peers/.ready: Makefile

@@ -1,3 +1,4 @@
+from .analysis.check import check as check
 from .analysis.error import error_integral as error_integral
 from .analysis.error import relative_error as relative_error
 from .analysis.error_check import Check as Check
@@ -66,12 +67,14 @@ from .reduction.second_order_krylov import SecondOrderKrylov as SecondOrderKrylo
 from .reduction.settings import Reduction as Reduction
 from .workflows.bench import bench as bench
 from .workflows.convert import convert as convert
+from .workflows.convert import list_formats as list_formats
 from .workflows.demo import run_demo as run_demo
 from .workflows.evaluate import check_result as check_result
 from .workflows.evaluate import estimate_of_result as estimate_of_result
 from .workflows.evaluate import evaluate_result as evaluate_result
 from .workflows.example import write_example as write_example
 from .workflows.export import export_result as export_result
+from .workflows.info import describe_file as describe_file
 from .workflows.info import inspect_file as inspect_file
 from .workflows.paper import reproduce as reproduce
 from .workflows.reduce import reduce_job as reduce_job

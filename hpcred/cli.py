@@ -176,26 +176,40 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
         show_timing(progress.timing())
 
 
+def _names(text, option):
+    """Names by K, M, D, B, C, from such as K=kaa,M=maa."""
+    pairs = [part.partition("=") for part in text.split(",")] if text else []
+    found = {key.strip(): name.strip() for key, _, name in pairs}
+    if not all(found.values()) or not set(found) <= set("KMDBC") or len(found) < len(pairs):
+        raise InputError(f"{option}: found '{text}', expected such as K=nas.kaa,M=nas.maa (K, M, D, B or C)")
+    return found or None
+
+
 @app.command()
 def convert(
-    files: Annotated[list[str] | None, typer.Argument(metavar="[BLOCK.inp] MODEL.h5")] = None,
+    files: Annotated[list[str] | None, typer.Argument(metavar="[EXPORT] MODEL.h5")] = None,
     output: Annotated[str | None, typer.Option("-o", "--output", help="The model file to write.")] = None,
     stiffness: Annotated[str | None, typer.Option("-K", "--stiffness", help="Matrix file of K.")] = None,
     mass: Annotated[str | None, typer.Option("-M", "--mass", help="Matrix file of M.")] = None,
     damping: Annotated[str | None, typer.Option("-D", "--damping", help="Matrix file of D.")] = None,
     input_file: Annotated[str | None, typer.Option("-B", help="Matrix file of B (n, p).")] = None,
     output_file: Annotated[str | None, typer.Option("-C", help="Matrix file of C (r, n).")] = None,
-    nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or an Abaqus .inp.")] = None,
+    nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or .inp, .bdf, .unv.")] = None,
     dofs: Annotated[str | None, typer.Option(help="Lines of node, direction (1-6), one a row.")] = None,
     inputs: Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")] = None,
     outputs: Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")] = None,
+    variables: Annotated[str | None, typer.Option(metavar="K=...,M=...", help="Names of matrices in a file.")] = None,
+    list_formats: Annotated[bool, typer.Option("--list-formats", help="Say what can be read, and stop.")] = False,
     json: JsonFile = None,
 ):
     """Bring matrices of another program into a model file.
 
-    Either an Abaqus input file with the matrices that Abaqus wrote beside it, or files given by -K and -M: Matrix
-    Market (also .gz), PETSc binary, SciPy .npz, or Abaqus' text of row, column, value or node, dof, node, dof, value.
+    Either the main file of a whole export (an Abaqus or CalculiX input file, ...), whose other files are found beside
+    it, or single matrices given by -K and -M. See --list-formats.
     """
+    if list_formats:
+        show_table("Formats, each told by what the file begins with", hpcred.list_formats())
+        return
     files = list(files or [])
     if output is None:
         if not files:
@@ -204,30 +218,37 @@ def convert(
     if files and (len(files) > 1 or stiffness or mass):
         raise InputError("convert: expected one input file, or the matrices by -K and -M")
     if not files and not (stiffness and mass):
-        raise InputError("convert: no matrices; give an Abaqus input file, or K and M by -K and -M")
-    source = files[0] if files else hpcred.Source(stiffness, mass, damping, input_file, output_file, nodes, dofs)
+        raise InputError("convert: no matrices; give the main file of an export, or K and M by -K and -M")
+    given = {"-D": damping, "-B": input_file, "-C": output_file, "--nodes": nodes, "--dofs": dofs}
+    if files and (besides := [option for option, value in given.items() if value]):
+        raise InputError(f"convert: {', '.join(besides)} belong to -K and -M only, found with {files[0]}")
+    names = _names(variables, "--variables")
+    source = files[0] if files else hpcred.Source(stiffness, mass, damping, input_file, output_file, nodes, dofs, names)
     report = hpcred.convert(
-        source, output, inputs=_targets(inputs, "--inputs"), outputs=_targets(outputs, "--outputs"),
+        source, output, inputs=_targets(inputs, "--inputs"), outputs=_targets(outputs, "--outputs"), variables=names,
         progress=_progress(),
     )  # fmt: skip
-    print(f"{output}: {report['size']} dofs, matrices {', '.join(report['matrices'])}, "
-          f"{len(report['inputs'])} inputs, {'with' if report['nodes'] else 'without'} nodes")  # fmt: skip
+    told = ("output", "sentences", "warnings")
+    show_table(None, [{"": key.replace("_", " "), output: in_words(value)} for key, value in report.items()
+                      if key not in told])  # fmt: skip
+    for sentence in report["sentences"]:
+        print(sentence)
     _warn(report["warnings"])
     write_json(json, report)
 
 
 @app.command()
 def info(
-    model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
+    file: Annotated[str, typer.Argument(metavar="FILE")],
     below: Annotated[str | None, typer.Option(metavar="F1,F2", help="Count modes below (Hz).")] = None,
     band_top: Annotated[float | None, typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
     json: JsonFile = None,
 ):
-    """Say what a model file contains, and what it needs."""
-    report = hpcred.inspect_file(
-        model, frequencies=_numbers(below, "--below"), band_top=band_top, progress=_progress()
+    """Say what a file is: what a model contains and needs, and the format and matrices of any other file."""
+    report = hpcred.describe_file(
+        file, frequencies=_numbers(below, "--below"), band_top=band_top, progress=_progress()
     )
-    rows = [{"": key.replace("_", " "), model: in_words(value)} for key, value in report.items() if key != "warnings"]
+    rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key != "warnings"]
     show_table(None, rows)
     _warn(report["warnings"])
     write_json(json, report)
@@ -389,7 +410,7 @@ def response(
 @app.command()
 def export(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk or png.")] = "sid",
+    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff or png.")] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
     json: JsonFile = None,

@@ -1,6 +1,9 @@
 """What the tests of the readers share: files written once for all ranks, and matrices gathered from all ranks."""
 
+import gzip
+
 import numpy as np
+from conftest import DATA
 
 from hpcred.formats.matrix_formats import read_entries
 
@@ -11,6 +14,17 @@ def write(path, content, comm):
         path.write_bytes(content if isinstance(content, bytes) else content.encode("latin-1"))
     comm.Barrier()
     return path
+
+
+def unpack(folder, comm, name):
+    """A copy of tests/data/<name>, with gzip files unpacked, made once for all ranks."""
+    if comm.rank == 0:
+        for file in (DATA / name).iterdir():
+            packed = file.suffix == ".gz"
+            content = gzip.decompress(file.read_bytes()) if packed else file.read_bytes()
+            (folder / (file.stem if packed else file.name)).write_bytes(content)
+    comm.Barrier()
+    return folder
 
 
 def assembled(path, comm):

@@ -9,6 +9,7 @@ from ..linalg.solvers import ShiftedSolver
 from ..model.rigid_body_modes import RigidBodyModes, doubts_of_nodes, rigid_body_quantities
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import is_complex
+from .check import held_count, on_held_dofs
 
 ZERO = 1e-12  # eigenvalue relative to trace(K) / trace(M) that counts as zero
 
@@ -29,7 +30,7 @@ def inspect(model, frequencies=(), band_top=None, *, factoring: Factoring | None
         "symmetry_defects": model.symmetry_defects,
         "mass_matrix": _definiteness(model.M, factoring),
     }
-    rigid_count, warnings = None, []
+    rigid_count, warnings = None, list(model.remarks)
     if model.dofs is not None:
         body = rigid_body_quantities(model)
         with closing(RigidBodyModes(model)) as rigid:
@@ -42,7 +43,9 @@ def inspect(model, frequencies=(), band_top=None, *, factoring: Factoring | None
                 "rigid_body_modes": rigid.count,
                 "rigid_body_defect": rigid.defect,
             }
-        warnings += doubts_of_nodes(model)
+            if count := held_count(model):
+                report["held_dofs"] = count
+        warnings += on_held_dofs(model, body) + doubts_of_nodes(model)
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
     if not is_complex() and (limits or rigid_count is None):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:

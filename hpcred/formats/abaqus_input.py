@@ -1,8 +1,8 @@
-"""Abaqus input files (.inp): a file enters, the nodes at their places in the assembly and the elements leave.
+"""Abaqus input files (.inp): a file enters; nodes at their places in the assembly, elements and sets leave.
 
 Each rank looks for keywords in its range of bytes; rank 0 walks through the keywords (parts, instances, includes),
-and all ranks share the data lines. Read are *Node, *Element, *Part, *Instance, *Assembly, *Include and *System;
-what else would change nodes, or the directions of dofs, is refused.
+and all ranks share the data lines. Read are *Node, *Element, *Nset, *Elset, *Part, *Instance, *Assembly, *Include and
+*System; what else would change nodes, or the directions of dofs, is refused.
 """
 
 import re
@@ -14,6 +14,7 @@ import numpy as np
 from ..model.elements import NODES, abaqus_kind, in_vtk_order
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import sort_over_ranks
+from .abaqus_sets import GROUP, read_sets
 from .node_table import Nodes, finite
 from .text import (
     COMMENT,
@@ -63,7 +64,9 @@ class Placement:
 
 @dataclass(frozen=True)
 class Block:
-    """The data lines of a *Node or *Element, where its nodes stand, and which of the `groups` of labels they are of."""
+    """The data lines of a *Node, *Element, *Nset or *Elset, where its nodes stand, and which of the `groups` of labels
+    they are of; `prefix`: what Abaqus puts before the names of sets.
+    """
 
     section: Section
     path: Path
@@ -71,6 +74,21 @@ class Block:
     stop: int | None
     placement: Placement
     group: str
+    prefix: str = ""
+
+
+@dataclass
+class Mesh:
+    """What an input file says of the mesh; each rank has a share.
+
+    `nodes` ascending by number over the ranks; `elements`: node numbers (elements, nodes) by kind, but for kinds that
+    are not known; `sets`: node numbers by name, see abaqus_sets. `sections`: all keywords, the same on all ranks.
+    """
+
+    nodes: Nodes
+    elements: dict[str, np.ndarray]
+    sets: dict[str, np.ndarray]
+    sections: list[Section]
 
 
 def begins(start: bytes) -> bool:
@@ -78,19 +96,25 @@ def begins(start: bytes) -> bool:
     return first_line(start)[:1] == b"*"
 
 
-def read(path, comm) -> tuple[Nodes, dict]:
-    """The nodes, ascending by number over the ranks, and the elements of an input file. Collective.
+def read(path, comm, calculix=False) -> Mesh:
+    """The mesh of an input file. Collective. Raises InputError.
 
-    Elements: node numbers (elements of this rank, nodes) by kind; kinds that are not known are left out.
-    Raises InputError.
+    `calculix`: whether it is read as CalculiX does: matrices are in global directions in spite of *Transform, and what
+    stands on a line behind the nodes of an element does not count.
     """
     sections = _sections(Path(path), comm, ())
     with agreed(comm):
-        blocks = _blocks(path, sections) if comm.rank == 0 else None
+        blocks = _blocks(path, sections, calculix) if comm.rank == 0 else None
     blocks = comm.bcast(blocks)
-    return _nodes(path, comm, [block for block in blocks if block.section.keyword == "node"]), _elements(
-        comm, [block for block in blocks if block.section.keyword == "element"]
+    groups = sorted({block.group for block in blocks})
+    nodes, elements, sets = (
+        [block for block in blocks if block.section.keyword in keywords]
+        for keywords in (("node",), ("element",), ("nset", "elset"))
     )
+    named = {}
+    nodes = _nodes(path, comm, nodes, named)
+    elements, keys = _elements(comm, elements, groups, named, calculix)
+    return Mesh(nodes, elements, read_sets(comm, sets, groups, named, elements, keys), sections)
 
 
 def _sections(path, comm, including):
@@ -177,9 +201,9 @@ def _numbers(section, fields, count):
     return values
 
 
-def _blocks(path, sections):
+def _blocks(path, sections, calculix):
     """The data lines of nodes and elements that are in the model, each with its place."""
-    parts, blocks, instances = {}, [], 0
+    parts, blocks, instances = {}, [], {}
     scope, name, placement = "model", "", Placement()
     for section in sections:
         keyword, given = section.keyword, section.parameters
@@ -188,7 +212,7 @@ def _blocks(path, sections):
                 f"found *{keyword.capitalize()}, which makes or moves nodes; write the input file with all nodes in "
                 "*Node lines, or give the nodes as lines of node, x, y, z"
             )
-        if keyword == "transform":
+        if keyword == "transform" and not calculix:
             raise section.refusal(
                 "found *Transform, which turns the directions of dofs; take the matrices from a model without it"
             )
@@ -200,26 +224,28 @@ def _blocks(path, sections):
         elif keyword == "assembly":
             scope = "assembly"
         elif keyword == "instance":
-            instances += 1
             scope, name, placement = "instance", given.get("name", ""), _placement(section)
+            instances[name.lower()] = name
             part = given.get("part", "").lower()
             if part not in parts or "instance" in given or "library" in given:
                 raise section.refusal(f"found an *Instance of '{part}', expected one of a *Part above")
-            blocks += [_block(item, placement, f"instance {name}") for item in parts[part]]
+            blocks += [_block(item, placement, f"instance {name}", f"{name}.") for item in parts[part]]
         elif keyword in ("endpart", "endassembly", "endinstance"):
             scope = "assembly" if keyword == "endinstance" else "model"
-        elif keyword in ("node", "element"):
+        elif keyword in ("node", "element", "nset", "elset"):
             if scope == "part":
                 parts[name].append(section)
+            elif scope == "instance":
+                blocks.append(_block(section, placement, f"instance {name}", f"{name}."))
             else:
-                group = f"instance {name}" if scope == "instance" else f"the {scope}"
-                blocks.append(_block(section, placement if scope == "instance" else Placement(), group))
+                of = instances.get(given.get("instance", "").lower()) if keyword in ("nset", "elset") else None
+                blocks.append(_block(section, Placement(), f"instance {of}" if of else f"the {scope}"))
     if parts and not instances:
         raise InputError(f"{path}: found a *Part but no *Instance of one, expected an assembly, or nodes without parts")
     return blocks
 
 
-def _block(section, placement, group):
+def _block(section, placement, group, prefix=""):
     start, stop, path = section.start, section.stop, section.path
     if "input" in section.parameters:
         path = section.path.parent / section.parameters["input"]
@@ -237,7 +263,7 @@ def _block(section, placement, group):
                 f"found *Node with {found}, expected "
                 "rectangular (system=R) or cylindrical (system=C) coordinates"
             )
-    return Block(section, path, start, stop, placement, group)
+    return Block(section, path, start, stop, placement, group, prefix)
 
 
 def _placement(section):
@@ -259,14 +285,15 @@ def _placement(section):
     return Placement(translation, a, rotation)
 
 
-def _nodes(path, comm, blocks):
-    """The nodes of all blocks, ascending by number over the ranks; each number once."""
+def _nodes(path, comm, blocks, named):
+    """The nodes of all blocks, ascending by number over the ranks; each number once. Fills `named`, see abaqus_sets."""
     groups = sorted({block.group for block in blocks})
     with agreed(comm):
         parts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.int64))]
         for block in blocks:
             for piece in pieces(block.path, comm, block.start, block.stop):
                 label, position = _node_lines(piece, block)
+                _name(named, block, "nset", label)
                 parts.append((label, block.placement(position), np.full(len(label), groups.index(block.group))))
         label, position, group = (np.concatenate(items) for items in zip(*parts, strict=True))
     label, x, y, z, group = sort_over_ranks(comm, label, [*position.T, group])
@@ -312,24 +339,52 @@ def _node_lines(piece, block):
     return label, position
 
 
-def _elements(comm, blocks):
-    """Node numbers (elements of this rank, nodes) by kind."""
-    found = {}
+def _name(named, block, kind, numbers):
+    """Keep the numbers of a *Node or *Element that names a set."""
+    if name := block.section.parameters.get(kind):
+        named.setdefault((kind, block.prefix + name), []).append(numbers)
+
+
+def _elements(comm, blocks, groups, named, calculix):
+    """Node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind. Fills `named`."""
+    found, keys = {}, {}
     with agreed(comm):
         for block in blocks:
             kind = abaqus_kind(block.section.parameters.get("type", ""))
             if kind is None:
                 continue
-            for piece in pieces(block.path, comm, block.start, block.stop, continued=True):
-                found.setdefault(kind, []).append(_element_lines(piece, NODES[kind] + 1))
+            width = NODES[kind] + 1
+            surplus = calculix and _numbers_in_first_line(block) > width
+            for piece in pieces(block.path, comm, block.start, block.stop, continued=not surplus):
+                lines = _element_lines(piece, width, surplus)
+                found.setdefault(kind, []).append(lines[:, 1:])
+                keys.setdefault(kind, []).append(GROUP * groups.index(block.group) + lines[:, 0])
+                _name(named, block, "elset", keys[kind][-1])
     kinds = sorted(set().union(*comm.allgather(set(found))))
-    return {kind: in_vtk_order(kind, np.concatenate([np.zeros((0, NODES[kind]), np.int64), *found.get(kind, [])]))
-            for kind in kinds}  # fmt: skip
+    return (
+        {kind: in_vtk_order(kind, np.concatenate([np.zeros((0, NODES[kind]), np.int64), *found.get(kind, [])]))
+         for kind in kinds},
+        {kind: np.concatenate([np.zeros(0, np.int64), *keys.get(kind, [])]) for kind in kinds},
+    )  # fmt: skip
 
 
-def _element_lines(piece, width):
-    """The node numbers of elements, each of one or more whole lines of together `width` numbers."""
+def _numbers_in_first_line(block):
+    with open(block.path, "rb") as file:
+        file.seek(block.start)
+        return len(first_line(file.read(4096)).replace(b",", b" ").split())
+
+
+def _element_lines(piece, width, surplus=False):
+    """The numbers of elements and of their nodes, each of one or more whole lines of together `width` numbers.
+
+    With `surplus` an element is the first numbers of each line.
+    """
     values, counts, lines = ragged(piece, expected=f"{width} numbers an element")
+    if surplus:
+        if (counts < width).any():
+            raise piece.refusal(lines[np.argmax(counts < width)], f"at least {width} numbers an element")
+        place = np.arange(len(values)) - np.repeat(np.cumsum(counts) - counts, counts)
+        values, counts = values[place < width], np.full(len(counts), width)
     ends = np.cumsum(counts)
     line = np.searchsorted(ends, np.arange(width, values.size + 1, width))
     wrong = np.flatnonzero(ends[line] % width) if values.size else line
@@ -337,4 +392,4 @@ def _element_lines(piece, width):
         bad = line[wrong[0]] if wrong.size else len(lines) - 1
         raise piece.refusal(lines[bad], f"{width} numbers an element")
     whole(piece, values, np.repeat(lines, counts), "the number of an element or node", 1, LARGEST_LABEL)
-    return values.reshape(-1, width)[:, 1:].astype(np.int64)
+    return values.reshape(-1, width).astype(np.int64)

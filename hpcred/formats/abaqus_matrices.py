@@ -28,6 +28,11 @@ def read(path, comm) -> Entries | LabelledEntries:
     with agreed(comm):
         line = first_line(first_bytes(path))
         columns = len(line.replace(b",", b" ").split())
+        if columns == 6 and b"." not in b"".join(line.replace(b",", b" ").split()[:5]):
+            raise InputError(
+                f"{path}: found a first line '{line.decode('latin-1')[:80]}' of 6 numbers, as of matrices element by "
+                "element, expected the assembled matrix; leave Element by Element out of *Matrix Generate"
+            )
         if columns not in (3, 5):
             raise InputError(
                 f"{path}: found a first line '{line.decode('latin-1')[:80]}' of {columns} numbers, expected "
@@ -71,13 +76,13 @@ def _read_matrix_input(path, comm):
             parts.append((*labels, table[:, 4].copy()))
         i, j, v = joined(parts, (np.int64, np.int64, float))
         del parts
-    if _is_one_triangle(comm, i, j):
+    if is_one_triangle(comm, i, j):
         off = i != j
         i, j, v = (np.concatenate(pair) for pair in ((i, j[off]), (j, i[off]), (v, v[off])))
     return LabelledEntries(i, j, v)
 
 
-def _is_one_triangle(comm, i, j):
+def is_one_triangle(comm, i, j):
     """Whether no entry has its mirror image; the order of Abaqus' rows need not be that of the node numbers."""
     below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
     if not (below and above):
@@ -91,12 +96,13 @@ def _is_one_triangle(comm, i, j):
     return not any(comm.allgather(bool(mirrored.any())))
 
 
-def files_beside(path) -> dict[str, str]:
-    """The matrix files K, M and perhaps D that Abaqus wrote beside an input file block.inp. Raises InputError.
+def is_beside(path) -> bool:
+    """Whether a matrix file that Abaqus wrote is beside an input file."""
+    return bool(_matrices_beside(Path(path)))
 
-    Their names are block_STIF1.mtx or blockSTIF1.mtx, with the number of the step; also .mtx.gz.
-    """
-    path = Path(path)
+
+def _matrices_beside(path):
+    """Files by step and by kind (STIF, MASS, ...)."""
     found = {}
     pattern = re.compile(re.escape(path.stem) + r"_?(STIF|MASS|DMPV|DMPS)(\d+)\.mtx(\.gz)?")
     folder = path.parent
@@ -104,6 +110,16 @@ def files_beside(path) -> dict[str, str]:
         match = pattern.fullmatch(file.name)
         if match:
             found.setdefault(match[2], {}).setdefault(match[1], str(file))
+    return found
+
+
+def files_beside(path) -> dict[str, str]:
+    """The matrix files K, M and perhaps D that Abaqus wrote beside an input file block.inp. Raises InputError.
+
+    Their names are block_STIF1.mtx or blockSTIF1.mtx, with the number of the step; also .mtx.gz.
+    """
+    path = Path(path)
+    found = _matrices_beside(path)
     if len(found) > 1:
         raise InputError(
             f"{path}: found matrices of the steps {', '.join(sorted(found, key=int))} beside it, expected those of one "

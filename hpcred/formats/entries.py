@@ -8,8 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.dofs import DIRECTIONS
+from ..parallel.failures import InputError
+from ..parallel.lookup import look_up
 
-STRIDE = 8  # label of a row: 8 times its node number plus its direction 0..5
+STRIDE = 16  # label of a row: 16 times its node number plus its direction, a place in DIRECTIONS
+
+CHUNK = 2**20  # entries looked at in one step
+SMALL = 1e-10
+LARGEST_VALUE = 1e60  # more than any stiffness in any units
 
 
 @dataclass
@@ -32,12 +38,12 @@ class LabelledEntries:
 
 
 def label_of(node: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Labels, ascending by node and then direction, from node numbers and directions 0..5."""
+    """Labels, ascending by node and then direction, from node numbers and directions."""
     return STRIDE * node.astype(np.int64) + direction
 
 
 def node_and_direction(label: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Node numbers and directions 0..5 of labels."""
+    """Node numbers and directions of labels."""
     node, direction = np.divmod(label, STRIDE)
     return node, direction.astype(np.int8)
 
@@ -47,8 +53,53 @@ def label_name(label: int) -> str:
     return f"{label // STRIDE}:{DIRECTIONS[label % STRIDE]}"
 
 
+def asymmetry(comm, entries: Entries | LabelledEntries) -> float:
+    """An estimate of ||S - S^T||_F / ||S||_F of S = D^-1/2 A D^-1/2, D the diagonal of A, at once for all scales in A.
+
+    From two products with numbers that look random: where A is exactly symmetric the terms cancel but for round-off.
+    Diagonals below SMALL of the largest, or missing, count as that. Collective.
+    """
+    on = (entries.rows == entries.columns) & (entries.values != 0)
+    label, first = np.unique(entries.rows[on], return_index=True)
+    diagonal = np.abs(entries.values[on][first])
+    least = SMALL * max(comm.allgather(diagonal.max(initial=0.0)))
+    total = np.zeros(3)
+    for part in chunks(comm, len(entries.values)):
+        i, j, v = entries.rows[part], entries.columns[part], entries.values[part]
+        for name in (i, j):
+            distinct, back = np.unique(name, return_inverse=True)
+            found, (size,) = look_up(comm, label, [diagonal], distinct)
+            v = v / np.sqrt(np.maximum(np.where(found, size, 0.0), least or 1.0))[back]
+        for k in range(2):
+            term = v * (_mixed(i, 2 * k) * _mixed(j, 2 * k + 1) - _mixed(j, 2 * k) * _mixed(i, 2 * k + 1))
+            total[k] += term.sum()
+        total[2] += v @ v
+    total = comm.allreduce(total)
+    return float(np.abs(total[:2]).max() / np.sqrt(total[2])) if total[2] else 0.0
+
+
+def chunks(comm, length: int) -> list[slice]:
+    """Slices of the entries of this rank, as many on all ranks, for what must be done together in little memory."""
+    count = max(comm.allgather(-(-length // CHUNK)))
+    return [slice(CHUNK * k, CHUNK * (k + 1)) for k in range(count)]
+
+
+def _mixed(number, seed):
+    """Numbers between -1 and 1 that whole numbers stand for."""
+    mixed = (number.astype(np.uint64) + np.uint64(1 + seed)) * np.uint64(0x9E3779B97F4A7C15)
+    mixed = (mixed ^ (mixed >> np.uint64(31))) * np.uint64(0xBF58476D1CE4E5B9)
+    return (mixed >> np.uint64(11)).astype(float) * 2.0**-52 - 1
+
+
 def joined(parts: list[tuple], kinds: tuple) -> list[np.ndarray]:
     """Arrays of several pieces end to end; `kinds`: types of the arrays, for a rank without pieces."""
     if not parts:
         return [np.zeros(0, kind) for kind in kinds]
     return [np.concatenate(items) for items in zip(*parts, strict=True)]
+
+
+def require_sane(values: np.ndarray, found: str, what: str):
+    """Raise InputError for values that are NaN, Inf, or beyond all units; `found`: how its sentence begins."""
+    if len(values) and not (values.max() <= LARGEST_VALUE and values.min() >= -LARGEST_VALUE):
+        wrong = values[~(np.abs(values) <= LARGEST_VALUE)][0]
+        raise InputError(f"{found} the value {wrong} in a {what} matrix, expected finite numbers")

@@ -96,7 +96,9 @@ class Job:
     @property
     def files(self) -> list[str]:
         """All files that the run reads."""
-        model = [self.model] if isinstance(self.model, str) else [name for name in asdict(self.model).values() if name]
+        model = [self.model] if isinstance(self.model, str) else [
+            name for name in asdict(self.model).values() if isinstance(name, str)
+        ]
         return [*model, *(item for item in (self.inputs, self.outputs) if isinstance(item, str))]
 
 

@@ -12,6 +12,9 @@ taken. The module has two functions:
         What is not understood to the last character raises InputError on all ranks: use `agreed` around the reading,
         and `Piece.refusal` to name the line.
 
+A format whose files hold several matrices by name has `named`: its read takes (path, comm, key, variables), where key
+is the matrix that is wanted (K, M, D, B or C) and `variables` the names that the user gave, by key.
+
 A file, or set of files, of a whole finite-element model (several matrices, row labels, nodes, elements) belongs into
 the table of model_source.
 """
@@ -20,38 +23,76 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from ..parallel.failures import InputError, agreed
-from . import abaqus_matrices, matrix_market, npz, petsc_binary
+from . import (
+    abaqus_matrices,
+    calculix_matrices,
+    harwell_boeing,
+    mat_matrices,
+    matrix_market,
+    nastran_dmig,
+    nastran_op4,
+    npz,
+    petsc_binary,
+)
 from .entries import Entries, LabelledEntries
-from .text import first_bytes, is_packed
+from .text import first_bytes, first_line, is_packed
 
 
 @dataclass(frozen=True)
 class MatrixFormat:
-    """`name` for messages, the `module` that reads it, and whether it can be read from a gzip file."""
+    """`name` for messages, the `module` that reads it, and whether it can be read from a gzip file.
+
+    `told_by`: what of its first bytes tells it, for the table of formats; `named`: see above.
+    """
 
     name: str
     module: ModuleType
     packed: bool
+    told_by: str = ""
+    named: bool = False
 
 
 FORMATS = (
-    MatrixFormat("Matrix Market", matrix_market, True),
-    MatrixFormat("PETSc binary", petsc_binary, False),
-    MatrixFormat("SciPy .npz", npz, False),
-    MatrixFormat("text lines of row, column, value or node, dof, node, dof, value", abaqus_matrices, True),
-)
+    MatrixFormat("Matrix Market", matrix_market, True, "%%MatrixMarket"),
+    MatrixFormat("PETSc binary", petsc_binary, False, "the number 1211216"),
+    MatrixFormat("SciPy .npz", npz, False, "a zip archive"),
+    MatrixFormat("MATLAB .mat (version 4 to 7.3)", mat_matrices, False, "its header, or HDF5 with one", True),
+    MatrixFormat("Nastran OP4", nastran_op4, False, "the header of its first matrix", True),
+    MatrixFormat("Nastran DMIG", nastran_dmig, False, "a DMIG card", True),
+    MatrixFormat("Harwell-Boeing or Rutherford-Boeing", harwell_boeing, True, "the four or five lines of its header"),
+    MatrixFormat("CalculiX .sti or .mas", calculix_matrices, True, "lines of an upper triangle, 14 digits each"),
+    MatrixFormat("text lines of row, column, value or node, dof, node, dof, value", abaqus_matrices, True,
+                 "a first line of numbers"),
+)  # fmt: skip
 
 
-def read_entries(path, comm) -> Entries | LabelledEntries:
-    """Read a matrix in any of the formats. Collective. Raises InputError."""
+def format_of(path) -> MatrixFormat | None:
+    """The first format that fits the first bytes of a file. Raises InputError where it cannot be read."""
+    start = first_bytes(path)
+    return next((item for item in FORMATS if item.module.begins(start)), None)
+
+
+def read_entries(path, comm, key="K", variables=None) -> Entries | LabelledEntries:
+    """Read a matrix in any of the formats. Collective. Raises InputError.
+
+    `key`: which of K, M, D, B, C is wanted, and `variables`: names by key, where the file holds several matrices.
+    """
     with agreed(comm):
-        start = first_bytes(path)
-        found = next((item for item in FORMATS if item.module.begins(start)), None)
+        found = format_of(path)
         if found is None:
+            start = first_bytes(path)
+            if first_line(start)[:1] == b"*":
+                raise InputError(
+                    f"{path}: found keywords such as '{first_line(start).decode('latin-1')[:40]}' (an input file, or "
+                    "matrices of single elements or of a substructure), expected an assembled matrix; let Abaqus "
+                    "write it by *Matrix Generate, Stiffness, Mass and *Matrix Output, Stiffness, Mass"
+                )
             raise InputError(
                 f"{path}: found a file that begins with {start[:12]!r}, expected "
                 f"{', '.join(item.name for item in FORMATS[:-1])}, or {FORMATS[-1].name}"
             )
         if is_packed(path) and not found.packed:
             raise InputError(f"{path}: found a gzip file of {found.name}; unpack it first")
+    if found.named:
+        return found.module.read(path, comm, key, variables or {})
     return found.module.read(path, comm)

@@ -5,9 +5,13 @@ matrices/K, M and, where there is one, D (nonzeros)
 inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
 elements/<kind> (elements, nodes): node numbers, where known, for pictures; kinds as meshio names them
+held/node, direction, position: as dofs/, of the dofs without row, held at zero by the program that wrote the matrices
+sets/<name>: node numbers; signs in the name that HDF5 does not take are written as in web addresses (%2F)
+remarks: sentences of the readers of the files
 """
 
 from pathlib import Path
+from urllib.parse import quote, unquote
 
 import numpy as np
 
@@ -38,11 +42,11 @@ def write_model(path, model: SecondOrderModel):
                 name = f"{group}/{'B' if group == 'inputs' else 'C'}"
                 file.rows(name, np.ascontiguousarray(mat.getDenseArray().real.T), axis=1)
                 file.small(f"{group}/names", list(names))
-        if model.dofs is not None:
-            file.rows("dofs/node", model.dofs.node)
-            file.rows("dofs/direction", model.dofs.direction)
-            file.rows("dofs/position", model.dofs.position)
-        write_elements(file, model.elements)
+        write_nodes(file, model)
+        for name in sorted(set().union(*model.comm.allgather(set(model.sets)))):
+            file.rows(f"sets/{quote(name, safe=' ')}", model.sets.get(name, np.zeros(0, np.int64)))
+        if model.remarks:
+            file.small("remarks", list(model.remarks))
 
 
 def write_csr(file, comm, indptr, indices, values):
@@ -57,9 +61,13 @@ def write_csr(file, comm, indptr, indices, values):
         file.rows(f"matrices/{key}", data)
 
 
-def write_elements(file, elements):
-    """The elements of all ranks. Collective."""
-    for kind, nodes in elements.items():
+def write_nodes(file, model):
+    """Labels of the rows and of the held dofs, and the elements, of all ranks. Collective."""
+    for group, dofs in (("dofs", model.dofs), ("held", model.held)):
+        if dofs is not None:
+            for key in ("node", "direction", "position"):
+                file.rows(f"{group}/{key}", getattr(dofs, key))
+    for kind, nodes in model.elements.items():
         file.rows(f"elements/{kind}", nodes)
 
 
@@ -77,14 +85,19 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         for group, key in (("inputs", "B"), ("outputs", "C")):
             dense[group] = file[f"{group}/{key}"][:, first:last].T if group in file else None
             names[group] = texts(file[f"{group}/names"]) if group in file else []
-        dofs = None
-        if "dofs" in file:
-            dofs = Dofs(*(file[f"dofs/{key}"][first:last] for key in ("node", "direction", "position")))
+        dofs = _dofs(file["dofs"], first, last) if "dofs" in file else None
+        held = _dofs(file["held"], *row_range(comm, len(file["held/node"]))) if "held" in file else None
         elements = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in file.get("elements", {}).items()}
+        sets = {unquote(name): part[slice(*row_range(comm, len(part)))] for name, part in file.get("sets", {}).items()}
+        remarks = texts(file["remarks"]) if "remarks" in file else ()
     return SecondOrderModel.from_csr(
         comm, size, indptr - indptr[0], indices, values, dense["inputs"], dense["outputs"], dofs,
-        names["inputs"], names["outputs"], Path(path).name, elements,
+        names["inputs"], names["outputs"], Path(path).name, elements, held, sets, remarks,
     )  # fmt: skip
+
+
+def _dofs(group, first, last):
+    return Dofs(*(group[key][first:last] for key in ("node", "direction", "position")))
 
 
 def _block(model):

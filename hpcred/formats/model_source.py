@@ -10,11 +10,12 @@ read. A new format of whole finite-element exports is one module beside this one
         file on one rank. Raises InputError on all ranks. Rows that the program removed (supports, dependent dofs)
         have no label and no entry.
 
-and one line in EXPORTS. Single matrices have a table of their own in matrix_formats.
+and one line in EXPORTS. A format whose files hold several matrices by name has `named`, and read_parts(path, comm,
+variables) with the names that the user gave by K, M, D. Single matrices have a table of their own in matrix_formats.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,23 +25,40 @@ from ..model.dofs import Dofs
 from ..model.second_order_model import SecondOrderModel, row_range
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
-from ..parallel.lookup import look_up, number_over_ranks
+from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
 from ..parallel.petsc import MPI
-from . import abaqus_input, node_table
+from . import (
+    abaqus_input,
+    abaqus_matrices,
+    ansys_full,
+    ansys_lists,
+    ansys_nodes,
+    ansys_text,
+    calculix,
+    mat_matrices,
+    nastran,
+    nastran_op4,
+    node_table,
+    uff,
+)
 from .abaqus_matrices import files_beside
-from .entries import Entries, LabelledEntries, label_of, node_and_direction
-from .matrix_formats import read_entries
-from .node_table import Nodes
+from .entries import Entries, LabelledEntries, label_name, label_of, node_and_direction
+from .matrix_formats import format_of, read_entries
+from .parts import Parts
 from .text import first_bytes
+
+LARGEST_VALUE = 1e60
+HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports, and what counts as that
 
 
 @dataclass(frozen=True)
 class Source:
     """The files of a model: K and M, perhaps D, B (n, p), C (r, n), `nodes` and `dofs`.
 
-    `nodes`: an Abaqus input file, or text lines of node, x, y, z in the order of the rows. `dofs`: text lines of
-    node, direction (1 to 6), one a row of the matrices; without it every node has the same number of dofs (1 to 3
-    displacements, or 6), unless the matrices name their rows themselves.
+    `nodes`: an Abaqus or Nastran input file, a universal file, or text lines of node, x, y, z in the order of the
+    rows. `dofs`: text lines of node, direction (1 to 6), one a row of the matrices; without it every node has the same
+    number of dofs (1 to 3 displacements, or 6), unless the matrices name their rows themselves. `variables`: names by
+    K, M, D, B, C of matrices in files that hold several.
     """
 
     K: str
@@ -50,25 +68,7 @@ class Source:
     C: str | None = None
     nodes: str | None = None
     dofs: str | None = None
-
-
-@dataclass
-class Parts:
-    """What the files of a model say; every rank has slices, in any order.
-
-    `matrices`: K, M and perhaps D, all with numbered or all with labelled rows. `files`: where each came from, for
-    messages. `nodes`, `elements` (node numbers (elements, nodes) by kind): where known. `row_labels`: labels
-    (see entries.label_of) and the rows (from 0) that have them, where rows are numbered and a file names them.
-    `removed`: labels of dofs that the program holds, which have no row. `warnings`: sentences for the user.
-    """
-
-    matrices: dict[str, Entries | LabelledEntries]
-    files: dict[str, str]
-    nodes: Nodes | None = None
-    elements: dict[str, np.ndarray] = field(default_factory=dict)
-    row_labels: tuple[np.ndarray, np.ndarray] | None = None
-    removed: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    warnings: list[str] = field(default_factory=list)
+    variables: dict[str, str] | None = None
 
 
 def abaqus_source(path) -> Source:
@@ -78,29 +78,58 @@ def abaqus_source(path) -> Source:
 
 def load_source(source: Source, comm=MPI.COMM_WORLD, name="model") -> SecondOrderModel:
     """Read the files on all ranks and assemble the model. Collective. Raises InputError."""
-    return assemble(read_source(source, comm), comm, name, source.B, source.C)
+    return assemble(read_source(source, comm), comm, name, source.B, source.C, source.variables)
 
 
-def load_export(path, comm=MPI.COMM_WORLD, name="model") -> SecondOrderModel:
-    """The model of a whole finite-element export, told by its first bytes. Collective. Raises InputError."""
+def load_export(path, comm=MPI.COMM_WORLD, name="model", variables=None) -> SecondOrderModel:
+    """The model of a whole finite-element export, told by its first bytes. Collective. Raises InputError.
+
+    `variables`: names of matrices by K, M, D, for files that hold several.
+    """
+    return assemble(read_export(path, comm, variables), comm, name)
+
+
+def export_of(path):
+    """The Export whose files begin as this one, or None. Raises InputError where the file cannot be read."""
+    start = first_bytes(path)
+    return next((item for item in EXPORTS if item.begins(start)), None)
+
+
+def read_export(path, comm, variables=None) -> Parts:
+    """The parts that a whole finite-element export holds. Collective. Raises InputError."""
     with agreed(comm):
-        start = first_bytes(path)
-        export = next((item for item in EXPORTS if item.begins(start)), None)
+        export = export_of(path)
         if export is None:
             expected = ", ".join(item.name for item in EXPORTS)
-            raise InputError(f"{path}: found a file that begins with {start[:12]!r}, expected {expected}")
-    return assemble(export.read_parts(path, comm), comm, name)
+            single = format_of(path)
+            hint = f" ({single.name}: give single matrices by -K and -M)" if single is not None else ""
+            raise InputError(
+                f"{path}: found a file that begins with {first_bytes(path)[:12]!r}{hint}, expected {expected}"
+            )
+        if variables and not export.named:
+            raise InputError(f"--variables: found names of matrices, but {path} is {export.name}, which has no names")
+    return export.read_parts(path, comm, variables or {}) if export.named else export.read_parts(path, comm)
 
 
 def read_source(source: Source, comm) -> Parts:
     """The parts that the files of a Source hold, but for B and C. Collective. Raises InputError."""
     files = {key: getattr(source, key) for key in ("K", "M", "D") if getattr(source, key)}
-    parts = Parts({key: read_entries(path, comm) for key, path in files.items()}, files)
+    parts = Parts({key: read_entries(path, comm, key, source.variables) for key, path in files.items()}, files)
+    is_input_file, turned = False, None
     if source.nodes:
         with agreed(comm):
-            is_input_file = abaqus_input.begins(first_bytes(source.nodes))
-        if is_input_file:
-            parts.nodes, parts.elements = abaqus_input.read(source.nodes, comm)
+            start = first_bytes(source.nodes)
+            is_input_file = abaqus_input.begins(start)
+        if uff.begins(start):
+            parts.nodes, parts.elements = uff.read(source.nodes, comm)
+        elif nastran.begins_bulk(start):
+            parts.nodes, parts.elements = nastran.read_nodes(source.nodes, comm)
+        elif is_input_file:
+            mesh = abaqus_input.read(source.nodes, comm)
+            parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
+        elif ansys_nodes.begins(start):
+            turned = ansys_nodes.read_nodes(source.nodes, comm)
+            parts.nodes, parts.elements = turned.nodes, turned.elements
         else:
             parts.nodes = node_table.read(source.nodes, comm)
     if source.dofs:
@@ -111,12 +140,81 @@ def read_source(source: Source, comm) -> Parts:
             for key, item in parts.matrices.items():
                 if isinstance(item, LabelledEntries):
                     raise InputError(f"{source.dofs}: not needed, since {files[key]} names node and dof of its rows")
-        parts.row_labels = node_table.read_row_labels(source.dofs, comm)
-        total = comm.allreduce(len(parts.row_labels[0]))
         size = parts.matrices["K"].shape[0]
+        parts.row_labels = _read_row_labels(source.dofs, comm, size)
+        total = comm.allreduce(len(parts.row_labels[0]))
         if total != size:
             raise InputError(f"{source.dofs}: found {total} lines, expected one for each of the {size} rows")
+        if not is_input_file:
+            _hold_nodes_without_rows(comm, parts, source)
+        if turned is not None:
+            ansys_nodes.turn_found(comm, parts, turned)
+    elif turned is not None:
+        with agreed(comm):
+            turned.refuse_turned()
+    _remove_supports(comm, parts)
     return parts
+
+
+def _remove_supports(comm, parts):
+    """Remove the rows that Abaqus holds by 1e36 on the diagonal of K, and keep their labels. Collective."""
+    K = parts.matrices["K"]
+    held = K.rows[(K.rows == K.columns) & (np.abs(K.values) >= HELD)]
+    held = np.unique(np.concatenate(comm.allgather(np.unique(held))))  # few: those of the supports
+    if not len(held):
+        return
+    what = f"{parts.files['K']}: removed {len(held)} rows that are held by {HELD_BY:g} on the diagonal of K"
+    if isinstance(K, LabelledEntries):
+        for key, item in parts.matrices.items():
+            free = ~(np.isin(item.rows, held) | np.isin(item.columns, held))
+            parts.matrices[key] = LabelledEntries(item.rows[free], item.columns[free], item.values[free])
+        parts.removed = held[comm.rank :: comm.size]
+        names = [label_name(label) for label in held[:4]]
+    else:
+        size = K.shape[0]
+        if parts.nodes is not None and parts.row_labels is None:
+            parts.row_labels = _labels_in_order(comm, parts.nodes, size, parts.files["K"])
+        for key, item in parts.matrices.items():
+            if item.shape != K.shape:
+                _common_size(parts)
+            free = ~(np.isin(item.rows, held) | np.isin(item.columns, held))
+            rows, columns = (ends[free] - np.searchsorted(held, ends[free]) for ends in (item.rows, item.columns))
+            parts.matrices[key] = Entries((size - len(held),) * 2, rows, columns, item.values[free])
+        names = [str(row + 1) for row in held[:4]]
+        if parts.row_labels is not None:
+            label, row = parts.row_labels
+            gone = np.isin(row, held)
+            parts.removed = np.concatenate([parts.removed, label[gone]])
+            parts.row_labels = label[~gone], row[~gone] - np.searchsorted(held, row[~gone])
+        else:
+            what += "; the rows behind them have new numbers"
+    parts.warnings.append(f"{what}: {', '.join(names)}{', ...' if len(held) > 4 else ''}")
+
+
+def _hold_nodes_without_rows(comm, parts, source):
+    """Nodes of a table without a row are held in the directions that the others have."""
+    node, direction = node_and_direction(parts.row_labels[0])
+    node = np.unique(sort_over_ranks(comm, node)[0])
+    there, _ = look_up(comm, node, [], parts.nodes.label)
+    directions = np.array(sorted(set().union(*comm.allgather(set(direction.tolist())))))
+    without = parts.nodes.label[~there]
+    parts.removed = label_of(np.repeat(without, len(directions)), np.tile(directions, len(without)))
+    if count := comm.allreduce(len(without)):
+        parts.warnings.append(
+            f"{source.nodes}: {count} of {comm.allreduce(len(there))} nodes have no row in {source.dofs}; they are "
+            "taken as held at zero; leave them out where they move with other nodes"
+        )
+
+
+def _read_row_labels(path, comm, size):
+    """Labels and rows of a file of --dofs: lines of node, direction, or what ANSYS writes. Collective."""
+    with agreed(comm):
+        start = first_bytes(path)
+    if ansys_lists.begins_mapping(start):
+        return ansys_lists.read_mapping(path, comm)
+    if ansys_lists.begins_vector(start):
+        return ansys_lists.read_vector(path, comm, size)
+    return node_table.read_row_labels(path, comm)
 
 
 def read_abaqus(path, comm) -> Parts:
@@ -126,22 +224,57 @@ def read_abaqus(path, comm) -> Parts:
     return read_source(source, comm)
 
 
+def read_input_file(path, comm) -> Parts:
+    """An input file of Abaqus or CalculiX, told by the matrices beside it. Collective. Raises InputError."""
+    with agreed(comm):
+        of_calculix = "K" in calculix.files_of(path)
+        if of_calculix and abaqus_matrices.is_beside(path):
+            raise InputError(
+                f"{path}: found matrices of both Abaqus and CalculiX beside it; give the .sti file in place of it, or "
+                "-K and -M of Abaqus with --nodes"
+            )
+    return calculix.read_parts(path, comm) if of_calculix else read_abaqus(path, comm)
+
+
 @dataclass(frozen=True)
 class Export:
-    """A format of whole finite-element exports; see the top of this module."""
+    """A format of whole finite-element exports; see the top of this module.
+
+    `told_by` and `companions`: what tells it, and the files beside it that are read too, for the table of formats.
+    `contents`: (path) -> names and sizes of the matrices in a file that holds several, without reading them.
+    """
 
     name: str
     begins: Callable[[bytes], bool]
     read_parts: Callable[..., Parts]
+    told_by: str = ""
+    companions: str = ""
+    named: bool = False
+    contents: Callable[[str], dict[str, str]] | None = None
 
 
-EXPORTS = (Export("an Abaqus input file with its matrices beside it", abaqus_input.begins, read_abaqus),)
+EXPORTS = (
+    Export("an Abaqus or CalculiX input file with its matrices beside it", abaqus_input.begins, read_input_file,
+           "a keyword such as *Node", "x_STIF1.mtx, x_MASS1.mtx, x_DMPV1.mtx; x.sti, x.mas, x.dof (.gz)"),
+    Export("CalculiX .sti, .mas or .dof", calculix.begins, calculix.read_parts,
+           "lines of an upper triangle, or of node.direction", "x.sti, x.mas, x.dof (.gz), x.inp"),
+    Export("MATLAB .mat (version 4 to 7.3)", mat_matrices.begins, mat_matrices.read_parts,
+           "its header, or HDF5 with one", "none: K, M, D, nodes, dofs in one file", True, mat_matrices.contents),
+    Export("ANSYS' .full file", ansys_full.begins, ansys_full.read_parts, "the header of its first record",
+           ".cdb, .rst or a list with nodes"),
+    Export("matrices of ANSYS' HBMAT or *EXPORT,...,MMF", ansys_text.begins, ansys_text.read_parts,
+           "its title, or a Matrix Market header with a mapping beside it", "the other matrices, mapping, nodes"),
+    Export("Nastran OP4", nastran_op4.begins, nastran.read_op4, "the header of its first matrix",
+           "other .op4 files, .op2, .bdf or .dat with nodes", True),
+    Export("Nastran DMIG, or an input file with the matrices beside it", nastran.begins_bulk, nastran.read_bulk,
+           "DMIG or other cards", ".pch or .op4 with the matrices, .bdf or .dat with nodes", True),
+)  # fmt: skip
 
 
-def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None) -> SecondOrderModel:
+def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variables=None) -> SecondOrderModel:
     """The model of the parts; `inputs` and `outputs`: matrix files of B (n, p) and C (r, n). Collective.
 
-    Labelled rows are ordered by node and direction. Raises InputError.
+    Labelled rows are ordered by node and direction. `variables`: see Source. Raises InputError.
     """
     _number_rows(comm, parts)
     size = _common_size(parts)
@@ -152,16 +285,28 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None) -> Sec
     first, last = ranges[comm.rank]
     if "D" in parts.matrices:
         parts.matrices["D"] = with_transposed_pattern(parts.matrices["D"])
+    with agreed(comm):
+        for key, item in parts.matrices.items():
+            if len(item.values) and np.abs(item.values).max() > LARGEST_VALUE:  # NaN and Inf are found with their row
+                raise InputError(
+                    f"{parts.files[key]}: found the value {np.abs(item.values).max():g} in {key}, more than any units "
+                    "explain; the file is damaged"
+                )
+    for key in ("K", "M"):
+        if not comm.allreduce(int(np.count_nonzero(parts.matrices[key].values))):
+            raise InputError(f"{parts.files[key]}: found no number other than zero in {key}, expected a matrix")
     mine = {key: _owned(comm, starts, parts.matrices.pop(key)) for key in list(parts.matrices)}
     with agreed(comm):
         indptr, indices, values = compress(mine, first, last, size)
     del mine
-    B = read_columns(comm, starts, size, inputs) if inputs else None
-    Ct = read_columns(comm, starts, size, outputs, transposed=True) if outputs else None
+    B = read_columns(comm, starts, size, inputs, variables=variables) if inputs else None
+    Ct = read_columns(comm, starts, size, outputs, transposed=True, variables=variables) if outputs else None
     dofs = _dofs(comm, parts, size, starts, name) if parts.nodes is not None else None
+    held = _held(comm, parts) if parts.nodes is not None else None
+    remarks = dict.fromkeys(sentence for sentences in comm.allgather(parts.warnings) for sentence in sentences)
     return SecondOrderModel.from_csr(
         comm, size, indptr, indices, values, B, Ct, dofs, column_names(inputs, B), column_names(outputs, Ct), name,
-        parts.elements,
+        parts.elements, held, parts.sets, tuple(remarks),
     )  # fmt: skip
 
 
@@ -213,6 +358,16 @@ def _dofs(comm, parts, size, starts, name):
     return Dofs(node, direction, np.array(position).T.reshape(-1, 3).copy())
 
 
+def _held(comm, parts):
+    """The dofs without row that have a place, each once, or None where there is none."""
+    label = np.unique(sort_over_ranks(comm, parts.removed)[0])
+    node, direction = node_and_direction(label)
+    found, position = look_up(comm, parts.nodes.label, list(parts.nodes.position.T), node)
+    if not comm.allreduce(int(found.sum())):
+        return None
+    return Dofs(node, direction, np.array(position).T.reshape(-1, 3)).take(found)
+
+
 def _labels_in_order(comm, nodes, size, name):
     """Labels and rows where every node has the same number of rows, one node after the other."""
     count = comm.allreduce(len(nodes.label))
@@ -239,12 +394,13 @@ def _owned(comm, starts, entries):
     return exchange(comm, owner, [entries.rows, entries.columns, entries.values])
 
 
-def read_columns(comm, starts, size, path, transposed=False):
+def read_columns(comm, starts, size, path, transposed=False, variables=None):
     """The rows of B (n, p) of this rank from a matrix file, or of C^T where the file has C (r, n). Collective.
 
-    `starts` (ranks,): first row of each rank. Raises InputError where the file does not fit n = size.
+    `starts` (ranks,): first row of each rank; `variables`: see Source. Raises InputError where the file
+    does not fit n = size.
     """
-    entries = read_entries(path, comm)
+    entries = read_entries(path, comm, "C" if transposed else "B", variables)
     if isinstance(entries, LabelledEntries):
         raise InputError(f"{path}: found lines of node, dof, node, dof, value, expected numbered rows and columns")
     if entries.shape[transposed] != size:

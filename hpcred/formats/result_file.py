@@ -3,7 +3,8 @@
 attributes: format, version; loss_factor of structural damping
 reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
 basis/V (m, n), one row a basis vector in the dofs of the full model (basis/W: the left one of a two-sided projection)
-dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kind> (elements, nodes), as in model.h5
+dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kind> (elements, nodes), held/, as in
+    model.h5
 floating_frame/: the quantities of multibody.floating_frame, for a one-sided basis of a model with nodes
 interface/node (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): see multibody.node_shapes
 record: JSON of reduction.record.Record
@@ -19,6 +20,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from ..linalg.blocks import local_rows
+from ..model.dofs import SCALAR
 from ..multibody.body import Body, body_of
 from ..multibody.floating_frame import FloatingFrame
 from ..multibody.node_shapes import NodeShape, shapes_of_rows
@@ -27,9 +29,10 @@ from ..parallel.petsc import MPI
 from ..reduction.record import Record
 from ..reduction.reduced_model import ReducedModel
 from .hdf5 import reading, texts, writing
-from .model_file import write_elements
+from .model_file import write_nodes
 
 FORMAT, VERSION = "hpcred-result", 2
+LABELS = ("node", "direction", "position")
 ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
 NAMES = ("input_names", "output_names")
 QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
@@ -80,8 +83,14 @@ class Result:
                 low + np.flatnonzero(np.isin(dofs["node"][low : low + CHUNK], nodes))
                 for low in range(0, columns.shape[1], CHUNK)
             ])  # fmt: skip
-            parts = [dofs[key][rows] for key in ("node", "direction", "position")] if len(rows) else [np.zeros(0)] * 3
+            parts = [dofs[key][rows] for key in LABELS] if len(rows) else [np.zeros((0, *dofs[key].shape[1:]))
+                                                                           for key in LABELS]  # fmt: skip
             basis = np.array([columns[:, row] for row in rows]).reshape(len(rows), columns.shape[0])
+            if "held" in file:
+                held = np.flatnonzero(np.isin(file["held/node"][...], nodes))
+                parts = [np.concatenate([part, file[f"held/{key}"][...][held]])
+                         for key, part in zip(LABELS, parts, strict=True)]  # fmt: skip
+                basis = np.concatenate([basis, np.zeros((len(held), basis.shape[1]))])
         return shapes_of_rows(nodes, *parts, basis, str(self.path))
 
     @contextmanager
@@ -94,8 +103,9 @@ class Result:
 class Shapes:
     """Shapes of the columns of a basis at the nodes, read from an open file one by one.
 
-    `nodes` (k,) their numbers, `points` (k, 3) in m, `cells` by kind as indices of points, `names` and `frequencies`
-    (m,) of the columns: the stored basis is the diagonalised one (54), so that they are the pseudo-modes.
+    `nodes` (k,) their numbers, with those that are held, which do not move; `points` (k, 3) in m, `cells` by kind as
+    indices of points, `names` and `frequencies` (m,) of the columns: the stored basis is the diagonalised one (54), so
+    that they are the pseudo-modes.
     """
 
     def __init__(self, file, name):
@@ -103,9 +113,15 @@ class Shapes:
             raise InputError(
                 f"{name}: no basis with node coordinates; reduce a model with nodes, and with write_basis = true"
             )
-        node, self._direction = file["dofs/node"][...], file["dofs/direction"][...]
-        self.nodes, first, self._place = np.unique(node, return_index=True, return_inverse=True)
-        self.points = file["dofs/position"][...][first]
+        self._rows = np.flatnonzero(file["dofs/direction"][...] != SCALAR)  # scalar dofs have no place
+        node, self._direction = (file[f"dofs/{key}"][...][self._rows] for key in ("node", "direction"))
+        position = file["dofs/position"][...][self._rows]
+        if "held" in file:
+            node = np.concatenate([node, file["held/node"][...]])
+            position = np.concatenate([position, file["held/position"][...]])
+        self.nodes, first, place = np.unique(node, return_index=True, return_inverse=True)
+        self.points = position[first]
+        self._place = place[: len(self._direction)]
         self._basis = file["basis/V"]
         kind = "basis vector" if "basis/W" in file else "pseudo-mode"
         self.frequencies = file["reduced/frequencies"][...]
@@ -120,7 +136,7 @@ class Shapes:
 
     def displacement(self, column) -> np.ndarray:
         """(k, 3); the translational dofs of a column."""
-        values, moved = self._basis[column], self._direction < 3
+        values, moved = self._basis[column][self._rows], self._direction < 3
         displaced = np.zeros((len(self.nodes), 3))
         displaced[self._place[moved], self._direction[moved]] = values[moved]
         return displaced
@@ -163,9 +179,7 @@ def _write_basis(file, reduced, model):
             with local_rows(block) as rows:
                 file.rows(f"basis/{key}", np.ascontiguousarray(rows.real.T), axis=1)
     if model is not None and model.dofs is not None:
-        for key in ("node", "direction", "position"):
-            file.rows(f"dofs/{key}", getattr(model.dofs, key))
-        write_elements(file, model.elements)
+        write_nodes(file, model)
 
 
 def read_result(path, comm=MPI.COMM_WORLD) -> Result:

@@ -133,6 +133,39 @@ def pieces(path, comm, start=0, stop: int | None = None, continued=False):
             low += len(text)
 
 
+def records(path, comm, start, stop, first: re.Pattern):
+    """As `pieces`, but cut only above lines that `first` matches at their beginning. Of files that are not packed."""
+    with open(path, "rb") as file:
+        low = start + (stop - start) * comm.rank // comm.size
+        high = start + (stop - start) * (comm.rank + 1) // comm.size
+        low = low if low == start else _next_record(file, low, stop, first)
+        high = _next_record(file, high, stop, first)
+        while low < high:
+            cut = _next_record(file, min(low + PIECE, high), high, first)
+            file.seek(low)
+            yield Piece(path, file.read(cut - low), low)
+            low = cut
+
+
+def _next_record(file, at, stop, first):
+    """The byte of the first line at or behind the byte `at` that `first` matches, or `stop`."""
+    if at >= stop:
+        return stop
+    file.seek(at - 1)
+    at += len(file.readline()) - 1
+    while at < stop:
+        text = file.read(min(PIECE, stop - at))
+        if at + len(text) < stop:
+            text += file.readline()
+        match = first.search(text)
+        if match:
+            return at + match.start()
+        if not text:
+            break
+        at += len(text)
+    return stop
+
+
 def _packed_pieces(path, comm, start):
     try:
         with gzip.open(path, "rb") as file:
@@ -179,7 +212,7 @@ def numbers(piece: Piece, columns: int, commas=True) -> tuple[np.ndarray, np.nda
 def ragged(piece: Piece, commas=True, expected="numbers") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All numbers of the lines in one array, how many are in each line, and which line of the piece each is."""
     plain = _plain(piece.text, commas)
-    values = _parse(plain)
+    values = parse(plain)
     bytes_ = np.frombuffer(plain, np.uint8)
     blank = bytes_ <= ord(" ")
     begins = ~blank
@@ -187,7 +220,7 @@ def ragged(piece: Piece, commas=True, expected="numbers") -> tuple[np.ndarray, n
     line_of_number = np.cumsum(bytes_ == ord("\n"))[begins]
     if values is None or values.size != line_of_number.size:
         for index, line in enumerate(plain.split(b"\n")):
-            found = _parse(line)
+            found = parse(line)
             if found is None or found.size != len(line.split()):
                 raise piece.refusal(index, f"{expected} a line")
     counts = np.bincount(line_of_number)
@@ -204,7 +237,7 @@ def _plain(text, commas):
     return text.replace(b"D", b"e").replace(b"d", b"e")
 
 
-def _parse(text):
+def parse(text):
     """All numbers of a text, or None if something else is in it."""
     if not text.strip():
         return np.zeros(0)  # numpy finds a -1 in a blank text

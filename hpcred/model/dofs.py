@@ -6,12 +6,17 @@ import numpy as np
 
 from ..parallel.failures import InputError
 
-DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz", "scalar", "own1", "own2", "own3", "own4", "own5", "own6")
+SCALAR = 6  # a dof that no rigid motion moves: a modal coordinate, a scalar point
+OWN = 7  # and five more: directions 1..6 of a displacement system of the node's own, which are none of x .. rz
 
 
 @dataclass
 class Dofs:
-    """Labels of the rows of this rank: `node` (rows,), `direction` (rows,) 0..5, `position` (rows, 3) in m."""
+    """Labels of the rows of this rank: `node` (rows,), `direction` (rows,) in DIRECTIONS, `position` (rows, 3) in m.
+
+    A node of a scalar dof is a number without a place; its position is zero.
+    """
 
     node: np.ndarray
     direction: np.ndarray
@@ -22,14 +27,14 @@ class Dofs:
 
 
 def direction_index(name) -> int:
-    """0..5 of "x", "y", "z", "rx", "ry", "rz". Raises InputError."""
+    """The place of a name in DIRECTIONS: 0..5 of x, y, z, rx, ry, rz. Raises InputError."""
     if name not in DIRECTIONS:
-        raise InputError(f"direction: found {name!r}, expected one of {', '.join(DIRECTIONS)}")
+        raise InputError(f"direction: found {name!r}, expected one of {', '.join(DIRECTIONS[:SCALAR])}")
     return DIRECTIONS.index(name)
 
 
 def rows_of_node(model, node: int) -> dict[int, int]:
-    """Global row of each direction (0..5) of a node. Collective. Raises InputError if there is no such node."""
+    """Global row of each direction of a node. Collective. Raises InputError if there is no such node."""
     dofs = require_dofs(model, f"node {node}")
     local = np.flatnonzero(dofs.node == node)
     mine = {int(dofs.direction[i]): int(i) + model.first_row for i in local}
@@ -37,11 +42,23 @@ def rows_of_node(model, node: int) -> dict[int, int]:
     for part in model.comm.allgather(mine):
         found |= part
     if not found:
+        held = held_directions(model, node)
+        if held:
+            raise InputError(
+                f"node {node} of {model.name} has no dof: the program that wrote the matrices holds it in "
+                f"{', '.join(DIRECTIONS[d] for d in held)}"
+            )
         low = model.comm.allgather(int(dofs.node.min()) if dofs.node.size else None)
         high = model.comm.allgather(int(dofs.node.max()) if dofs.node.size else None)
         low, high = (f([v for v in values if v is not None]) for f, values in ((min, low), (max, high)))
         raise InputError(f"node {node} does not exist in {model.name}; its nodes are numbered {low} to {high}")
     return found
+
+
+def held_directions(model, node: int) -> list[int]:
+    """The directions (0..5) in which a node is held and has no row. Collective."""
+    mine = [] if model.held is None else model.held.direction[model.held.node == node].tolist()
+    return sorted({direction for part in model.comm.allgather(mine) for direction in part})
 
 
 def position_of_node(model, node: int) -> np.ndarray:
@@ -62,7 +79,8 @@ def row_of(model, target) -> int:
     index = direction_index(direction)
     if index not in rows:
         have = ", ".join(DIRECTIONS[d] for d in sorted(rows))
-        raise InputError(f"node {node} of {model.name} has no dof in direction {direction}; it has {have}")
+        why = ", which is held by the program that wrote the matrices" if index in held_directions(model, node) else ""
+        raise InputError(f"node {node} of {model.name} has no dof in direction {direction}{why}; it has {have}")
     return rows[index]
 
 

@@ -12,7 +12,7 @@ from ..linalg.blocks import add_product, apply, column_norms, copy_of, create_bl
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc
-from .dofs import require_dofs
+from .dofs import SCALAR, require_dofs
 
 NO_MASS = 1e-12  # of the largest mass: round-off
 SAME_MASS = 1e-6  # relative difference of the masses in x, y, z that the digits of a text file explain
@@ -24,18 +24,19 @@ MOST_ROWS = 0.6  # share of rows in which supports are not believed
 def rigid_motions(model, centre=(0.0, 0.0, 0.0)) -> SLEPc.BV:
     """Unit translations and unit rotations about `centre` as a block (n, 6). Collective; the caller destroys it.
 
-    Translational dofs move by e x (r - centre), rotational dofs by e. Raises InputError without nodes.
+    Translational dofs move by e x (r - centre), rotational dofs by e, others not at all. Raises InputError without
+    nodes.
     """
     dofs = require_dofs(model, "a rigid-body motion")
     motions = create_block(model.K, 6)
     with local_rows(motions) as rows:
         axis = dofs.direction % 3
-        moved = dofs.direction < 3
+        moved, turned = dofs.direction < 3, (dofs.direction >= 3) & (dofs.direction < SCALAR)
         rows[...] = 0.0
         arm = dofs.position - np.asarray(centre)
         for k in range(3):
             rows[moved & (axis == k), k] = 1.0
-            rows[~moved & (axis == k), 3 + k] = 1.0
+            rows[turned & (axis == k), 3 + k] = 1.0
             # component `axis` of e_k x arm
             cross = np.cross(np.eye(3)[k], arm)
             rows[moved, 3 + k] = cross[moved, axis[moved]]
@@ -207,12 +208,23 @@ def _force_free(forces, overlaps, sizes):
     return float(np.sqrt(np.abs(np.diag(forces)).max())), (moving @ vectors / sizes[:, None])[:, free]
 
 
+def rigid_body_residuals(model) -> np.ndarray:
+    """||K R|| / (||K|| ||R||) (6,) of the rigid motions R, rotations about the middle of the nodes. Collective."""
+    with Owned(model.comm) as owned:
+        motions = owned.owns(rigid_motions(model, _middle(model)))
+        return np.sqrt(np.abs(np.diag(_forces(model, motions)[0])))
+
+
 def doubts_of_nodes(model) -> list[str]:
-    """Sentences where the nodes seem not to belong to the rows, or the masses in x, y and z differ. Collective."""
+    """Sentences where the nodes seem not to belong to the rows, or the masses in x, y and z differ. Collective.
+
+    Dofs that are held in some directions only make a difference of masses that is none of the nodes.
+    """
     misfit, masses = misfit_of_nodes(model), rigid_body_quantities(model).masses
     found = [misfit] if misfit else []
     there = masses[masses > 0]
-    if there.size and np.ptp(there) > SAME_MASS * there.max():
+    held = model.comm.allreduce(0 if model.held is None else len(model.held.node))
+    if there.size and not held and np.ptp(there) > SAME_MASS * there.max():
         found.append(
             f"{model.name}: the masses in x, y and z are {masses[0]:.6g}, {masses[1]:.6g} and {masses[2]:.6g} kg, "
             "expected the same: nodes or directions are not those of the rows, or the mass matrix is not one of a body"

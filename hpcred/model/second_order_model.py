@@ -22,7 +22,10 @@ class SecondOrderModel:
 
     M, D (or None), K: PETSc AIJ matrices (n, n) on one nonzero pattern. B (n, p) and C^T (n, r): dense PETSc
     matrices; `Ct` is None when C = B^T. `dofs`: labels of the rows of this rank, or None. `elements`: node numbers
-    (elements of this rank, nodes) by kind of element, where known, for pictures. `name` is for messages. SI units.
+    (elements of this rank, nodes) by kind of element, where known, for pictures. `held`: dofs that the program which
+    wrote the matrices holds at zero, and which have no row; `sets`: node numbers by the name of the set; of both, this
+    rank has a part, in any order. `remarks`: what the readers of the files had to say. `name` is for messages. SI
+    units.
 
     A model does not change after it was made; with_inputs and the like give another one on the same matrices. Each owns
     its PETSc objects, which are counted references: call close() or use it in a `with` block; both are collective.
@@ -38,6 +41,9 @@ class SecondOrderModel:
     own_output_names: tuple[str, ...] = ()
     name: str = "model"
     elements: dict[str, np.ndarray] = field(default_factory=dict)
+    held: Dofs | None = None
+    sets: dict[str, np.ndarray] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self):
         watched(self.comm)
@@ -197,13 +203,16 @@ class SecondOrderModel:
         output_names=(),
         name="model",
         elements=None,
+        held=None,
+        sets=None,
+        remarks=(),
     ):
         """A model from the rows of this rank. Collective.
 
         `indptr` (rows + 1,), `indices` (nonzeros,) sorted global columns, `values`: dict of "K", "M" and
         perhaps "D" -> (nonzeros,) on that one pattern. `inputs` (rows, p) and `outputs` (rows, r) are the rows
-        of B and C^T; `elements` as of the model. Raises InputError for NaN, Inf, a negative diagonal of M, or rows
-        that are empty.
+        of B and C^T; `elements`, `held`, `sets` and `remarks` as of the model. Raises InputError for NaN, Inf, a
+        negative diagonal of M, or rows that are empty.
         """  # fmt: skip
         rows = len(indptr) - 1
         first = comm.exscan(rows) or 0
@@ -224,7 +233,7 @@ class SecondOrderModel:
         B, Ct = (None if local is None else dense_matrix(mats["K"], local) for local in (inputs, outputs))
         return cls(
             mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, tuple(input_names), tuple(output_names), name,
-            elements or {},
+            elements or {}, held, sets or {}, tuple(remarks),
         )  # fmt: skip
 
     @classmethod

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..linalg.blocks import apply, create_block, inner, local_rows
-from ..model.dofs import require_dofs
+from ..model.dofs import SCALAR, require_dofs
 from ..model.rigid_body_modes import SAME_MASS, rigid_body_of, rigid_motions
 from ..parallel.exchange import exchange
 from ..parallel.petsc import MPI, PETSc
@@ -128,7 +128,7 @@ def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False, Me=None
         apply(model.M, motions, momentum)
         gram, coupling = inner(motions, momentum), inner(momentum, columns)
     rigid = model.comm.bcast(rigid_body_of(gram))
-    rotations = model.comm.allreduce(bool((dofs.direction > 2).any()), op=MPI.LOR)
+    rotations = model.comm.allreduce(bool(((dofs.direction > 2) & (dofs.direction < SCALAR)).any()), op=MPI.LOR)
     bases = np.flatnonzero(rigid.masses > 0) if rotations else _heaviest(rigid.masses)
     with ExitStack() as stack:
         mass = model.M

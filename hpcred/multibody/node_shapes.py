@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..linalg.blocks import local_rows
-from ..model.dofs import require_dofs, target_of
+from ..model.dofs import SCALAR, require_dofs, target_of
 from ..parallel.failures import InputError
 
 
@@ -24,11 +24,19 @@ class NodeShape:
 
 
 def node_shapes(model, columns, nodes) -> list[NodeShape]:
-    """The shapes of nodes from the basis `columns` (a block (n, m)). Collective. Raises InputError."""
+    """The shapes of nodes from the basis `columns` (a block (n, m)), zero where the model is held.
+
+    Collective. Raises InputError.
+    """
     dofs = require_dofs(model, "an interface node")
     found = np.flatnonzero(np.isin(dofs.node, list(nodes)))
     with local_rows(columns) as rows:
         part = dofs.node[found], dofs.direction[found], dofs.position[found], rows.real[found].copy()
+    if model.held is not None:
+        held = model.held.take(np.isin(model.held.node, list(nodes)))
+        zero = np.zeros((len(held.node), part[3].shape[1]))
+        part = tuple(np.concatenate(pair) for pair in zip(part, (held.node, held.direction, held.position, zero),
+                                                          strict=True))  # fmt: skip
     parts = model.comm.allgather(part)
     return shapes_of_rows(nodes, *(np.concatenate(items) for items in zip(*parts, strict=True)), model.name)
 
@@ -52,7 +60,8 @@ def shapes_of_rows(nodes, labels, directions, positions, rows, name) -> list[Nod
         phi, psi = np.zeros((3, rows.shape[1])), np.zeros((3, rows.shape[1]))
         for i in mine:
             direction = int(directions[i])
-            (phi if direction < 3 else psi)[direction % 3] = rows[i]
-        rotates = bool((directions[mine] > 2).any())
+            if direction < SCALAR:
+                (phi if direction < 3 else psi)[direction % 3] = rows[i]
+        rotates = bool(((directions[mine] > 2) & (directions[mine] < SCALAR)).any())
         shapes.append(NodeShape(int(node), np.array(positions[mine[0]]), phi, psi, rotates))
     return shapes

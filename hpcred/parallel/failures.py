@@ -61,9 +61,10 @@ def agreed(comm):
     elif not _in_time(request):
         end_job(error)
     if any(failed):
-        first = private.bcast(_sendable(error), root=failed.index(1))
-        if error is None or type(error) is not type(first):
-            error, first.__cause__ = first, error
+        first = failed.index(1)
+        told = private.bcast(_sendable(error), root=first)
+        if comm.rank != first:
+            error, told.__cause__ = told, error
         raise common_to(comm, error)
 
 

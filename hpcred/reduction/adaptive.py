@@ -458,7 +458,7 @@ class Search:
         if self.before is not None:
             result |= self._check(f, inner_model, _places(hold), outer)
         history.append(est)
-        if order < 1 and new and not closing:
+        if order < 1 and new and not (closing and new >= HELD_BACK):
             return result
         done = est <= goal and (
             not closing or result["own"] <= max(result["exact"] / 10, self.goal / 100, noise)

@@ -38,6 +38,8 @@ def in_words(value) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{key} {in_words(item)}" for key, item in value.items())
     if isinstance(value, list):
+        if not value:
+            return "none"
         nested = bool(value) and isinstance(value[0], list)
         return ("; " if nested else ", ").join(in_words(item) for item in value)
     return f"{value:.6g}" if isinstance(value, float) else "not known" if value is None else str(value)

@@ -1,41 +1,58 @@
-"""Files of other programs enter, model.h5 leaves."""
+"""Files of other programs enter; model.h5 leaves, and what to look at of it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from ..analysis.check import check
 from ..formats.hdf5 import check_writable
+from ..formats.matrix_formats import FORMATS
 from ..formats.model_file import write_model
-from ..formats.model_source import Source, load_export, load_source
-from ..model.rigid_body_modes import doubts_of_nodes
+from ..formats.model_source import EXPORTS, Source, load_export, load_source
 from ..parallel import startup
 from ..parallel.progress import Progress
 
 
 def convert(
-    source: Source | str | Path, output, *, inputs=None, outputs=None, comm=None, progress: Progress | None = None,
+    source: Source | str | Path, output, *, inputs=None, outputs=None, variables=None, comm=None,
+    progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Write a model file from matrix files (a Source), or from the main file of a finite-element export. Collective.
 
-    `inputs`, `outputs`: dofs as for SecondOrderModel.with_inputs. Returns plain numbers for a table or JSON, with
-    `warnings` of what is doubtful. Raises InputError.
+    `inputs`, `outputs`: dofs as for SecondOrderModel.with_inputs. `variables`: names of matrices by K, M, D, where the
+    main file of an export holds several. Returns what analysis.check says of the model: plain numbers for a table or
+    JSON, with `sentences` on them and `warnings` of what is doubtful. Raises InputError.
     """
     comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
     check_writable(output, comm)
-    load = load_source if isinstance(source, Source) else load_export
-    with progress.stage("read", str(source)):
-        model = load(source, comm, Path(output).name)
+    name = Path(output).name
+    with progress.stage("read", source.K if isinstance(source, Source) else str(source)):
+        if isinstance(source, Source):
+            model = load_source(source, comm, name)
+        else:
+            model = load_export(source, comm, name, variables)
     for key, targets in (("inputs", inputs), ("outputs", outputs)):
         if targets:
             with model:
                 loaded = getattr(model, f"with_{key}")(targets)
             model = loaded
     with model:
-        warnings = doubts_of_nodes(model) if model.dofs is not None else []
+        with progress.stage("check"):
+            report = check(model)
         with progress.stage("write", str(output)):
             write_model(output, model)
-        return {
-            "output": str(output), "size": model.size, "nonzeros": model.nonzeros, "matrices": sorted(model.matrices),
-            "nodes": model.dofs is not None, "inputs": list(model.input_names), "warnings": warnings,
-        }  # fmt: skip
+        return {"output": str(output), "inputs": list(model.input_names), **report}
+
+
+def list_formats() -> list[dict]:
+    """The formats that `convert` reads, a row each: name, what it holds, what tells it, and the files beside it."""
+    exports = [
+        {"format": item.name, "holds": "a whole model", "told by": item.told_by, "with it": item.companions}
+        for item in EXPORTS
+    ]
+    single = [
+        {"format": item.name, "holds": "a matrix", "told by": item.told_by, "with it": "-K, -M, --nodes, --dofs"}
+        for item in FORMATS
+    ]
+    return exports + single

@@ -1,4 +1,4 @@
-"""A result file enters; a file for another program leaves: SID, MATLAB, NumPy, Exudyn, ParaView, or a picture."""
+"""A result file enters; a file for another program leaves: SID, MATLAB, NumPy, Exudyn, ParaView, UFF, or a picture."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ..formats.hdf5 import atomic_output
 from ..formats.matlab import write_matlab
 from ..formats.result_file import Result, read_result
 from ..formats.sid import write_sid
+from ..formats.uff import write_uff
 from ..formats.vtk import write_vtk
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
@@ -35,6 +36,7 @@ EXPORTS = {
     "npz": Export(write_npz, ".npz"),
     "exudyn": Export(write_exudyn, "_exudyn.npz"),
     "vtk": Export(write_vtk, ".vtu", all_nodes=True),
+    "uff": Export(write_uff, ".uff", all_nodes=True),
     "png": Export(draw_shapes, ".png", all_nodes=True),
 }
 

@@ -1,12 +1,25 @@
-"""A model file enters; what there is to know of it before it is reduced leaves."""
+"""Any file that hpcred reads enters; what it is, and of a model what there is to know before it is reduced, leaves."""
 
 from __future__ import annotations
 
+import h5py
+import numpy as np
+
 from ..analysis.summary import inspect
+from ..formats import abaqus_input, node_table
+from ..formats.entries import LabelledEntries
+from ..formats.matrix_formats import format_of, read_entries
+from ..formats.model_file import FORMAT as MODEL
 from ..formats.model_file import read_model
+from ..formats.model_source import export_of, read_export
+from ..formats.result_file import FORMAT as RESULT
+from ..formats.result_file import read_result
+from ..formats.text import first_bytes, first_line
 from ..parallel import startup
-from ..parallel.failures import InputError
+from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def inspect_file(path, *, frequencies=(), band_top=None, comm=None, progress: Progress | None = None) -> dict:
@@ -19,3 +32,111 @@ def inspect_file(path, *, frequencies=(), band_top=None, comm=None, progress: Pr
         model = read_model(path, comm)
     with model, progress.stage("inspect"):
         return inspect(model, frequencies, band_top, progress=progress)
+
+
+def describe_file(
+    path, *, frequencies=(), band_top=None, variables=None, comm=None, progress: Progress | None = None
+) -> dict:  # fmt: skip
+    """What a file is: of a model file what inspect_file says, of others their format, matrices and sizes. Collective.
+
+    `variables`: names of matrices by K, M, D in a file that holds several. Raises InputError.
+    """
+    comm = comm or startup.start_mpi()
+    progress = progress or Progress(comm, show=False)
+    with agreed(comm):
+        kind, export = _kind_of(path), export_of(path)
+        single = None if export else format_of(path)
+        if kind != MODEL and (frequencies or band_top):
+            raise InputError(f"{path}: modes can be counted in a model file only; convert it first")
+    if kind == MODEL:
+        return inspect_file(path, frequencies=frequencies, band_top=band_top, comm=comm, progress=progress)
+    with progress.stage("read", str(path)):
+        if kind == RESULT:
+            return _result(read_result(path, comm))
+        if kind:
+            return {"format": f"HDF5 file of format '{kind}'", "warnings": []}
+        if export:
+            return _export(path, export, comm, variables)
+        if single:
+            return _matrix(path, single, comm)
+    raise InputError(
+        f"{path}: found a file that begins with {first_bytes(path)[:12]!r}, which is none of the formats of "
+        "`hpcred convert --list-formats`"
+    )
+
+
+def _kind_of(path) -> str | None:
+    """The format that an HDF5 file of hpcred names, or None."""
+    if not first_bytes(path).startswith(HDF5):
+        return None
+    try:
+        with h5py.File(path, "r") as file:
+            return str(file.attrs.get("format", "")) or None
+    except OSError as error:
+        raise InputError(f"{path}: not a readable HDF5 file ({error})") from error
+
+
+def _result(result):
+    reduced = result.reduced
+    return {
+        "format": "hpcred result",
+        "coordinates": reduced.size,
+        "frequencies_hz": reduced.frequencies.tolist(),
+        "inputs": list(reduced.input_names),
+        "outputs": list(reduced.output_names),
+        "interface_nodes": [shape.node for shape in result.nodes],
+        "warnings": [],
+    }
+
+
+def _export(path, export, comm, variables):
+    report = {"format": export.name}
+    if export.contents is not None:
+        with agreed(comm):
+            return report | {"matrices": export.contents(path), "warnings": []}
+    try:
+        parts = read_export(path, comm, variables)
+    except InputError as error:
+        if not abaqus_input.begins(first_bytes(path)):
+            raise
+        mesh = abaqus_input.read(path, comm, calculix=True)
+        report["format"] = "Abaqus or CalculiX input file"
+        return report | _mesh(comm, mesh.nodes, mesh.elements, mesh.sets) | {"warnings": [str(error)]}
+    report |= {key: f"{parts.files[key]}: {_size(comm, item)}" for key, item in parts.matrices.items()}
+    report |= _mesh(comm, parts.nodes, parts.elements, parts.sets)
+    if held := len(set().union(*comm.allgather(set(parts.removed.tolist())))):
+        report["held_dofs"] = held
+    return report | {"warnings": list(dict.fromkeys(sum(comm.allgather(parts.warnings), [])))}
+
+
+def _mesh(comm, nodes, elements, sets):
+    if nodes is None:
+        return {"nodes": "none"}
+    found = {"nodes": comm.allreduce(len(nodes.label))}
+    if elements:
+        found["elements"] = {kind: comm.allreduce(len(part)) for kind, part in elements.items()}
+    if sets:
+        found["sets"] = {name: comm.allreduce(len(part)) for name, part in sets.items()}
+    return found
+
+
+def _matrix(path, single, comm):
+    with agreed(comm):
+        numbers = first_line(first_bytes(path)).replace(b",", b" ").split()
+    if single.module.__name__.endswith("abaqus_matrices") and len(numbers) in (2, 4):
+        if len(numbers) == 4:
+            return {"format": "lines of node, x, y, z"} | _mesh(comm, node_table.read(path, comm), {}, {}) | {
+                "warnings": []}  # fmt: skip
+        labels, _ = node_table.read_row_labels(path, comm)
+        return {"format": "lines of node, direction", "rows": comm.allreduce(len(labels)), "warnings": []}
+    return {"format": single.name, "matrix": _size(comm, read_entries(path, comm)), "warnings": []}
+
+
+def _size(comm, item):
+    """Rows, columns and entries of a matrix in words."""
+    entries = comm.allreduce(len(item.values))
+    largest = max(comm.allgather(float(np.abs(item.values).max(initial=0.0))))
+    if isinstance(item, LabelledEntries):
+        return f"{entries} entries between named dofs, the largest {largest:.6g}"
+    return f"{item.shape[0]} x {item.shape[1]}, {entries} entries, the largest {largest:.6g}"
+

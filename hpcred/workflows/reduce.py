@@ -81,7 +81,8 @@ def _plain(job) -> dict:
         if isinstance(table[key], str):
             table[key] = str(Path(table[key]).absolute())
     if isinstance(table["model"], dict):
-        table["model"] = {key: name and str(Path(name).absolute()) for key, name in table["model"].items()}
+        table["model"] = {key: str(Path(name).absolute()) if isinstance(name, str) else name
+                          for key, name in table["model"].items()}  # fmt: skip
     return table
 
 

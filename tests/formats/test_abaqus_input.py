@@ -11,7 +11,7 @@ pytestmark = pytest.mark.mpi
 
 
 def nodes_of(path, comm):
-    nodes, _ = read(path, comm)
+    nodes = read(path, comm).nodes
     label, position, place = gathered(comm, nodes.label, nodes.position, nodes.place)
     assert np.array_equal(place, np.arange(len(label))) and (np.diff(label) > 0).all()
     return dict(zip(label.tolist(), position.tolist(), strict=True))
@@ -77,7 +77,7 @@ def test_a_rotation_keeps_its_axis_and_lengths(comm, folder):
 def test_equal_numbers_in_two_instances_are_refused(comm, folder):
     text = ASSEMBLY.replace("*End Assembly", "*Instance, name=r-2, part=rod\n*End Instance\n*End Assembly")
     path = write(folder / "a.inp", text, comm)
-    with pytest.raises(InputError, match="found the node 1 in instance r-1 and instance r-2; .* without parts"):
+    with pytest.raises(InputError, match="found the node [12] in instance r-1 and instance r-2; .* without parts"):
         read(path, comm)
     path = write(folder / "b.inp", ASSEMBLY.replace("*End Assembly", "*Node\n2, 0., 0., 0.\n*End Assembly"), comm)
     with pytest.raises(InputError, match="found the node 2 in .*the assembly"):
@@ -155,6 +155,71 @@ def test_elements_of_several_lines(comm, folder, monkeypatch):
     numbers = np.arange(1, 21)
     element = ", ".join(map(str, numbers[:15])) + ",\n " + ", ".join(map(str, numbers[15:]))
     text = "*Node\n1, 1.\n*Element, type=C3D20R, elset=all\n" + "".join(f"{k}, {element}\n" for k in range(1, 8))
-    _, elements = read(write(folder / "a.inp", text + "*Element, type=XYZ\n1, 2\n*Step\n", comm), comm)
+    elements = read(write(folder / "a.inp", text + "*Element, type=XYZ\n1, 2\n*Step\n", comm), comm).elements
     (found,) = gathered(comm, elements["hexahedron20"])
     assert np.array_equal(found, np.tile(numbers, (7, 1))) and set(elements) == {"hexahedron20"}
+
+
+SETS = """*Part, name=rod
+*Node, nset=every
+1, 1., 0., 0.
+2, 2., 0., 0.
+3, 3., 0., 0.
+*Element, type=B31, elset=bars
+1, 1, 2
+2, 2, 3
+*Nset, nset=ends
+1, 3
+*Nset, nset=both
+ends, 2
+*Elset, elset=second
+ 2
+*End Part
+*Assembly, name=A
+*Instance, name=r-1, part=rod
+*End Instance
+*Node
+11, 0., 0., 0.
+12, 0., 0., 0.
+13, 0., 0., 0.
+14, 0., 0., 0.
+*Nset, nset=row, generate
+ 11, 14, 2
+*Nset, nset="of instance", instance=R-1
+ 2,
+ 3
+*Nset, nset=mixed
+ r-1.1, row
+*Nset, nset=_Picked, internal
+ 1
+*Elset, elset=all-bars, instance=r-1, generate
+ 1, 2
+*End Assembly
+"""
+
+
+def test_sets_of_nodes_and_elements(comm, folder, monkeypatch):
+    for size in (2**21, 8):
+        monkeypatch.setattr("hpcred.formats.text.PIECE", size)
+        sets = read(write(folder / "a.inp", SETS, comm), comm).sets
+        found = {name: np.sort(np.concatenate(comm.allgather(part))).tolist() for name, part in sets.items()}
+        assert found == {
+            "r-1.every": [1, 2, 3], "r-1.ends": [1, 3], "r-1.both": [1, 2, 3], "row": [11, 13],
+            "of instance": [2, 3], "mixed": [1, 11, 13], "elements of r-1.bars": [1, 2, 3],
+            "elements of r-1.second": [2, 3], "elements of all-bars": [1, 2, 3],
+        }  # fmt: skip
+        comm.Barrier()
+
+
+@pytest.mark.parametrize(
+    "lines, says",
+    [
+        ("*Nset\n1\n", "found \\*Nset without a name"),
+        ("*Nset, nset=a\n1.5\n", "line 4: found '1.5', expected a number as a whole number"),
+        ("*Nset, nset=a, generate\n1, 2, 3, 4\n", "expected first, last and step"),
+        ("*Nset, nset=a, generate\n5, 2\n", "the first not above the last"),
+    ],
+)
+def test_sets_that_cannot_be_are_refused(comm, folder, lines, says):
+    with pytest.raises(InputError, match=says):
+        read(write(folder / "a.inp", "*Node\n1, 0., 0., 0.\n" + lines, comm), comm)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from foreign import assembled, write
+from foreign import assembled, gathered, write
 from helpers import to_dense
 
 from hpcred import InputError
@@ -56,7 +56,7 @@ def test_an_unsymmetric_matrix_stays_so(comm, folder):
     together = {}
     for part in comm.allgather(found):
         together |= part
-    assert together == {(8, 8): 1, (8, 9): 2, (9, 8): 3, (9, 9): 4}
+    assert together == {(16, 16): 1, (16, 17): 2, (17, 16): 3, (17, 17): 4}
 
 
 @pytest.mark.parametrize(
@@ -112,3 +112,41 @@ def test_files_that_are_not_one_set_are_refused(comm, folder, names, says):
         write(folder / f"x{name}", "", comm)
     with pytest.raises(InputError, match=says):
         files_beside(folder / "x.inp")
+
+
+@pytest.mark.parametrize("named", [True, False], ids=["node, dof", "numbered"])
+def test_supports_of_1e36_are_removed_and_named(comm, folder, named):
+    """What is left are K and M without the held rows; the held node keeps its place."""
+    held = [1, 4]  # 2:y and 30:x
+    penalised = K + np.diag([0, 1e36, 0, 0, 1e36])
+    text = {}
+    for key, mat in (("K", penalised), ("M", M)):
+        lines = "".join(f"{i + 1} {j + 1} {float(mat[i, j])!r}\n" for i in range(5) for j in range(5))
+        text[key] = matrix_input(mat, lambda i, j: i >= j) if named else lines
+    files = {key: str(write(folder / f"{key}.mtx", lines, comm)) for key, lines in text.items()}
+    free = np.delete(np.arange(5), held)
+    expected = K[np.ix_(free, free)], M[np.ix_(free, free)]
+    with load_source(Source(**files), comm) as model:
+        assert np.array_equal(to_dense(model.K), expected[0]) and np.array_equal(to_dense(model.M), expected[1])
+        assert "removed 2 rows that are held by 1e+36 on the diagonal of K" in model.remarks[0]
+        assert model.remarks[0].endswith("2:y, 30:x" if named else "have new numbers: 2, 5")
+    lines = "".join(f"{n} {x} {y} {z}\n" for n, (x, y, z) in NODES.items() if n != 31)
+    nodes = write(folder / "nodes.txt", lines, comm)
+    dofs = write(folder / "dofs.txt", "".join(f"{n} {d}\n" for n, d in ROWS), comm)
+    with load_source(Source(**files, nodes=str(nodes), dofs=None if named else str(dofs)), comm) as model:
+        assert np.array_equal(to_dense(model.K), expected[0])
+        node, direction = gathered(comm, model.dofs.node, model.dofs.direction)
+        assert list(zip(node, direction + 1, strict=True)) == [ROWS[k] for k in free]
+        node, direction, position = gathered(comm, model.held.node, model.held.direction, model.held.position)
+        assert set(zip(node, direction + 1, strict=True)) == {ROWS[k] for k in held}
+        assert {n: tuple(p) for n, p in zip(node, position, strict=True)} == {n: NODES[n] for n in (2, 30)}
+
+
+def test_element_matrices_are_refused(comm, folder):
+    """Of single elements, as Abaqus writes them in two ways."""
+    path = write(folder / "K.mtx", "** ELEMENT NUMBER 1\n*USER ELEMENT, NODES=8, LINEAR\n", comm)
+    with pytest.raises(InputError, match="keywords such as '.USER ELEMENT, NODES=8, LINEAR' .*Matrix Generate"):
+        assembled(path, comm)
+    path = write(folder / "K.mtx", "1, 1, 1, 1, 1, 2.0\n1, 1, 1, 1, 2, 3.0\n", comm)
+    with pytest.raises(InputError, match="of 6 numbers, as of matrices element by element"):
+        assembled(path, comm)

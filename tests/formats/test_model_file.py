@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+from foreign import gathered
 from helpers import columns_of, to_dense
 
 import hpcred
+from hpcred.model.dofs import Dofs
+from hpcred.model.second_order_model import SecondOrderModel
+from hpcred.parallel.petsc import MPI
 
 pytestmark = pytest.mark.mpi
 
@@ -20,5 +24,69 @@ def test_model_file_keeps_everything(comm, folder):
             assert np.array_equal(to_dense(mat), expected)
         assert np.array_equal(columns_of(model.B), B)
         assert model.input_names == ("20:z", "1:rx") and model.output_names == ("5:y",)
-        assert columns_of(model.Ct)[25 + 0, 0] == 1.0 or columns_of(model.Ct).sum() == 1.0
+        assert np.flatnonzero(columns_of(model.Ct)[:, 0]).tolist() == [25]
         assert (model.dofs.node == (np.arange(120) // 6 + 1)[model.first_row :][: model.local_rows]).all()
+        assert model.held is None and model.sets == {} and model.remarks == ()
+
+
+def chain(comm, **more):
+    """Nodes 2 to 5 of a chain along x; node 1, and node 5 but for x, are held."""
+    K = np.diag([2.0, 2, 2, 1]) - np.eye(4, k=1) - np.eye(4, k=-1)
+    node, position = np.arange(2, 6), np.arange(1.0, 5.0)[:, None] * [1.0, 0, 0]
+    dofs = Dofs(node, np.zeros(4, np.int8), position)
+    places = np.array([[0.0, 0, 0]] * 3 + [[4.0, 0, 0]] * 2)
+    held = Dofs(np.array([1, 1, 1, 5, 5]), np.array([0, 1, 2, 1, 2], np.int8), places)
+    mine = slice(comm.rank, None, comm.size)
+    elements = {"line": np.array([[1, 2], [2, 3], [3, 4], [4, 5]])[mine]}
+    return SecondOrderModel.from_scipy(
+        K, np.eye(4), comm=comm, dofs=dofs, held=held.take(mine), elements=elements, **more
+    )  # fmt: skip
+
+
+def test_held_dofs_sets_and_remarks_are_kept(comm, folder):
+    sets = {"all": np.array([1, 2, 3])[comm.rank :: comm.size], "part/1.A b%": np.full(int(comm.rank == 0), 4)}
+    with chain(comm, sets=sets, remarks=("ten digits", "größer")) as model:
+        hpcred.write_model(folder / "a.h5", model)
+    with hpcred.read_model(folder / "a.h5", comm) as model:
+        node, direction, position = gathered(comm, model.held.node, model.held.direction, model.held.position)
+        order = np.lexsort((direction, node))
+        assert node[order].tolist() == [1, 1, 1, 5, 5] and direction[order].tolist() == [0, 1, 2, 1, 2]
+        assert position[order][:, 0].tolist() == [0, 0, 0, 4, 4]
+        assert model.remarks == ("ten digits", "größer")
+        assert set(model.sets) == set(sets)
+        assert sorted(gathered(comm, model.sets["all"])[0]) == [1, 2, 3]
+        assert gathered(comm, model.sets["part/1.A b%"])[0].tolist() == [4]
+        with pytest.raises(hpcred.InputError, match="node 1 of a.h5 has no dof: .* holds it in x, y, z"):
+            model.with_inputs([(1, "x")])
+        with pytest.raises(hpcred.InputError, match="node 5 of a.h5 has no dof in direction y, which is held"):
+            model.with_inputs([(5, "y")])
+        with pytest.raises(hpcred.InputError, match="node 6 does not exist"):
+            model.with_inputs([(6, "y")])
+
+
+def test_nodes_that_are_held_stand_still_in_shapes_and_exports(comm, folder):
+    """All nodes and elements are in pictures, and a held node can be an interface."""
+    with (
+        chain(comm) as model,
+        model.with_inputs([(5, "x")]) as loaded,
+        hpcred.reduce(loaded, [hpcred.Modes(count=2)]) as rom,
+    ):
+        (here,) = hpcred.node_shapes(loaded, rom.columns, [1])
+        assert not here.phi.any() and here.position.tolist() == [0, 0, 0]
+        hpcred.write_result(folder / "r.h5", rom, loaded)
+    if comm.rank == 0:
+        result = hpcred.read_result(folder / "r.h5", MPI.COMM_SELF)
+        with result.shapes() as shapes:
+            assert shapes.nodes.tolist() == [1, 2, 3, 4, 5]
+            assert shapes.points[:, 0].tolist() == [0, 1, 2, 3, 4]
+            assert len(shapes.cells["line"]) == 4
+            moved = shapes.displacement(0)
+            assert not moved[0].any() and not moved[:, 1:].any()
+            # the first mode of four equal masses on springs, held at one end
+            ratio = moved[1:, 0] / moved[-1, 0]
+            assert np.allclose(ratio, np.sin(np.arange(1, 5) * np.pi / 9) / np.sin(4 * np.pi / 9), atol=1e-9)
+        body = result.body([1, 5])
+        assert not body.nodes[0].phi.any() and body.nodes[1].phi[0].any() and not body.nodes[1].phi[1:].any()
+        with pytest.raises(hpcred.InputError, match="node 7 does not exist"):
+            result.body([7])
+

@@ -91,7 +91,7 @@ def test_exports_are_refused_on_all_ranks(made, comm):
     result = made()
     before = names(result.parent, comm)
     for arguments, says in (
-        ({"kind": "sidd"}, "--format: found 'sidd', expected one of sid, matlab, npz, exudyn, vtk, png"),
+        ({"kind": "sidd"}, "--format: found 'sidd', expected one of sid, matlab, npz, exudyn, vtk"),
         ({"kind": "sid", "nodes": [99]}, "result.h5: node 99 does not exist"),
         ({"kind": "sid", "nodes": [1, 1]}, "expected at least one node, and each once"),
         ({"kind": "sid", "nodes": []}, "expected at least one node, and each once"),

@@ -1,0 +1,217 @@
+"""What to look at when matrices have come from another program: a model enters; numbers and sentences leave."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.dofs import DIRECTIONS
+from ..model.rigid_body_modes import (
+    FORCE_FREE,
+    doubts_of_nodes,
+    rigid_body_quantities,
+    rigid_body_residuals,
+)
+from ..model.second_order_model import SYMMETRIC_TO
+from ..parallel.petsc import MPI
+
+SPEEDS = (200.0, 3e4)  # m/s: waves in plastics to ceramics, with an order of magnitude for the estimate
+DENSITIES = (50.0, 3e4)  # kg/m^3: mass over the volume of the surrounding box
+CLEARLY_FREE, NEARLY_FREE = 1e-12, 1e-5  # ||K R|| / (||K|| ||R||)
+
+
+@dataclass(frozen=True)
+class Units:
+    """A consistent system of units: sizes of its units of length (m), mass (kg) and time (s)."""
+
+    name: str
+    length: float
+    mass: float
+    time: float
+
+
+UNITS = (
+    Units("m, kg, s", 1.0, 1.0, 1.0),
+    Units("mm, t, s (N, MPa)", 1e-3, 1e3, 1.0),
+    Units("mm, kg, ms (kN, GPa)", 1e-3, 1.0, 1e-3),
+    Units("mm, kg, s (mN, kPa)", 1e-3, 1.0, 1.0),
+    Units("mm, g, ms (N, MPa)", 1e-3, 1e-3, 1e-3),
+    Units("inch, lbf s^2/inch, s (lbf, psi)", 0.0254, 175.126835, 1.0),
+)
+
+
+def check(model) -> dict:
+    """Size, nonzeros, symmetry, and with nodes: rigid-body test, masses, centre, extent, units. Collective.
+
+    Plain numbers for a table or JSON; `sentences` on what they mean and `warnings` of what is doubtful.
+    """
+    sentences, warnings = [], list(model.remarks)
+    report = {
+        "size": model.size,
+        "nonzeros": model.nonzeros,
+        "matrices": sorted(model.matrices),
+        "symmetry_defects": model.symmetry_defects,
+        "nodes": 0 if model.dofs is None else model.node_count,
+    }
+    sentences.append(_on_symmetry(model))
+    for key in ("K", "M"):
+        if model.symmetry_defects[key] > SYMMETRIC_TO:
+            warnings.append(f"{model.name}: {key} is not symmetric, and cannot be reduced; a damaged file looks so too")
+    warnings += _on_signs(model)
+    if model.dofs is not None:
+        residuals = rigid_body_residuals(model)
+        body = rigid_body_quantities(model)
+        low, high = extent(model)
+        report |= {
+            "rigid_body_residuals": residuals.tolist(),
+            "masses_in_x_y_z": body.masses.tolist(),
+            "centre_of_mass": [None if np.isnan(value) else value for value in body.centre.tolist()],
+            "extent": [low.tolist(), high.tolist()],
+            "held_dofs": held_count(model),
+            "units": likely_units(model, body.mass, high - low),
+        }
+        sentences.append(_on_rigid_motions(residuals))
+        warnings += on_held_dofs(model, body) + doubts_of_nodes(model)
+        if report["units"]:
+            sentences.append(
+                f"looks like {report['units']}: from the mass, the size, and the speed of waves between neighbouring "
+                "nodes"
+            )
+    return report | {"sentences": sentences, "warnings": list(dict.fromkeys(warnings))}
+
+
+def _on_symmetry(model):
+    worst = {key: defect for key, defect in model.symmetry_defects.items() if defect > 0}
+    if not worst:
+        return f"{', '.join(model.matrices)} are symmetric"
+    listed = ", ".join(f"{key} {defect:.1e}" for key, defect in worst.items())
+    what = "symmetric to round-off" if model.symmetric else "not symmetric"
+    return f"{', '.join(model.matrices)} are {what}: ||A - A^T|| / ||A|| is {listed}"
+
+
+def _on_signs(model):
+    found = []
+    with closing(_Diagonal(model.K)) as K, closing(_Diagonal(model.M)) as M:
+        size = model.comm.allreduce(int((K.values > 0).sum()))
+        negative = model.comm.allreduce(int((K.values < 0).sum()))
+        massless = model.comm.allreduce(int((M.values == 0).sum()))
+    if negative > size:
+        found.append(
+            f"{model.name}: K has {negative} negative and {size} positive diagonal entries; is its sign turned round? "
+            "Expected M q'' + D q' + K q = B u"
+        )
+    elif negative:
+        found.append(f"{model.name}: K has {negative} negative diagonal entries, so that it is not a stable body's")
+    if model.D is not None:
+        with closing(_Diagonal(model.D)) as D:
+            if model.comm.allreduce(float(D.values.sum())) < 0:
+                found.append(f"{model.name}: D has a negative trace; is its sign turned round?")
+    if massless:
+        found.append(f"{model.name}: {massless} rows have no mass on the diagonal of M, which is singular")
+    return found
+
+
+class _Diagonal:
+    """The diagonal entries of this rank's rows, while it is open."""
+
+    def __init__(self, mat):
+        self._vector = mat.getDiagonal()
+        self.values = self._vector.getArray().real
+
+    def close(self):
+        self._vector.destroy()
+
+
+def _on_rigid_motions(residuals):
+    worst = residuals.max()
+    text = f"||K R|| / (||K|| ||R||) of the rigid-body motions R is at most {worst:.1e}"
+    if worst < FORCE_FREE:
+        exact = "" if worst < CLEARLY_FREE else ", to the digits of the files"
+        return f"{text}: a free body, which no rigid-body motion loads{exact}"
+    if worst < NEARLY_FREE:
+        return (
+            f"{text}: neither clearly free nor held; a free body whose K came with few digits looks so, and its "
+            "rigid-body modes are then not at 0 Hz"
+        )
+    free = [name for name, value in zip(DIRECTIONS[:6], residuals, strict=True) if value < FORCE_FREE]
+    return f"{text}: a held body" + (f", free in {', '.join(free)}" if free else "")
+
+
+def held_count(model) -> int:
+    """Number of dofs that the program held. Collective."""
+    return model.comm.allreduce(0 if model.held is None else len(model.held.node))
+
+
+def on_held_dofs(model, body) -> list[str]:
+    """A sentence where the program that wrote the matrices held dofs: the mass is without theirs. Collective."""
+    count = held_count(model)
+    if not count:
+        return []
+    return [
+        f"{model.name}: the program that wrote the matrices holds {count} dofs, which have no row; the mass of "
+        f"{body.mass:.6g} is without theirs, too small for the floating frame of a body; export the body free, without "
+        "supports, and hold it here by a frame or by joints"
+    ]
+
+
+def extent(model) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest coordinates (3,) of the nodes, those that are held included. Collective."""
+    parts = [model.dofs.position] + ([] if model.held is None else [model.held.position])
+    position = np.concatenate(parts)
+    low = np.min(model.comm.allgather(position.min(axis=0, initial=np.inf)), axis=0)
+    return low, np.max(model.comm.allgather(position.max(axis=0, initial=-np.inf)), axis=0)
+
+
+def likely_units(model, mass, size) -> str | None:
+    """The only system of UNITS in which the body is of a usual material, or None where none or several are.
+
+    `mass` of the body and `size` (3,) of its box. Cautious: bodies that fill little of their box, or whose stiffness
+    is not that of elements between neighbouring nodes, fit no system. Collective.
+    """
+    volume = float(np.prod(size))
+    speed = wave_speed(model)
+    if not volume or not speed:
+        return None
+    density = mass / volume
+    fitting = [
+        units.name for units in UNITS
+        if SPEEDS[0] <= speed * units.length / units.time <= SPEEDS[1]
+        and DENSITIES[0] <= density * units.mass / units.length**3 <= DENSITIES[1]
+    ]  # fmt: skip
+    return fitting[0] if len(fitting) == 1 else None
+
+
+def wave_speed(model) -> float | None:
+    """The speed of waves between neighbouring nodes, within an order of magnitude, or None. Collective.
+
+    The mean distance of nodes that K couples times the median of (K_ii / M_ii)^(1/2), of the stiffest direction, by 4:
+    about what elements of first and second order have.
+    """
+    with closing(_Diagonal(model.K)) as K, closing(_Diagonal(model.M)) as M:
+        ratio = np.divide(K.values, M.values, out=np.zeros(len(K.values)), where=M.values > 0)
+    direction, medians = model.dofs.direction, []
+    for k in range(3):
+        part = ratio[(direction == k) & (ratio > 0)]
+        found = [value for value in model.comm.allgather(float(np.median(part)) if part.size else None) if value]
+        medians.append(float(np.median(found)) if found else 0.0)
+    total, count = model.comm.allreduce(_distances(model), op=MPI.SUM)
+    if not count or not max(medians):
+        return None
+    return float(total / count * np.sqrt(max(medians)) / 4)
+
+
+def _distances(model):
+    """Sum and number of the distances between nodes of this rank that K couples, of its first rows."""
+    first = model.first_row
+    most = min(model.local_rows, 30_000)
+    indptr, indices, values = model.K.getValuesCSR()
+    indices, values = indices[: indptr[most]], values[: indptr[most]]
+    rows = np.repeat(np.arange(most), np.diff(indptr[: most + 1]))
+    columns = indices.astype(np.int64) - first
+    near = (columns >= 0) & (columns < model.local_rows) & (values != 0)
+    position = model.dofs.position
+    length = np.linalg.norm(position[rows[near]] - position[columns[near]], axis=1)
+    return np.array([length.sum(), np.count_nonzero(length)])
+

@@ -1,0 +1,219 @@
+"""Bulk data of Nastran: pieces of text enter, the fields of their cards leave, in small, large and free form.
+
+A card begins where a line begins with a letter; the lines below it that do not continue it.
+"""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from .text import LARGEST_LABEL, Piece, parse
+
+CARD = re.compile(rb"(?m)^[A-Za-z]")
+REMARK = re.compile(rb"\$[^\n]*")
+# an exponent without its letter, 1.5-3, and Fortran's 1.5D-3
+EXPONENT = re.compile(rb"(?<=[0-9.])([+-])")
+WIDTH = 24  # of a field in free form, without blanks around
+SMALL, LARGE = 8, 4  # data fields a line
+
+
+@dataclass
+class Lines:
+    """Lines of some cards of a piece.
+
+    `card` (lines,): which card of the piece each belongs to; `name` (lines,) of that card, `starts` (lines,) whether
+    the card begins here, `number` (lines,) in the piece, `count` (lines,) of data fields and `fields` (lines, 8).
+    `total`: number of all cards of the piece.
+    """
+
+    piece: Piece
+    card: np.ndarray
+    name: np.ndarray
+    starts: np.ndarray
+    number: np.ndarray
+    count: np.ndarray
+    fields: np.ndarray
+    total: int
+
+    def of(self, name: str) -> "Lines":
+        """Only those of the cards of one name."""
+        mine = self.name == name.encode()
+        parts = (getattr(self, key)[mine] for key in ("card", "name", "starts", "number", "count", "fields"))
+        return Lines(self.piece, *parts, self.total)
+
+    def table(self, width: int) -> tuple[np.ndarray, np.ndarray]:
+        """The first `width` fields (cards, width) of each card, and the lines (cards,) where they begin."""
+        first = np.flatnonzero(self.starts)
+        which = np.cumsum(self.starts) - 1
+        before = np.cumsum(self.count) - self.count
+        place = (before - before[first][which])[:, None] + np.arange(SMALL)
+        have = (np.arange(SMALL) < self.count[:, None]) & (place < width)
+        table = np.full((len(first), width), b"", dtype=self.fields.dtype)
+        table[np.broadcast_to(which[:, None], have.shape)[have], place[have]] = self.fields[have]
+        return table, self.number[first]
+
+    def listed(self) -> list[tuple[str, list[str], int]]:
+        """Name, fields without the empty ones at the end, and line of each card; of cards that are few."""
+        found = []
+        for name, starts, number, count, fields in zip(
+            self.name, self.starts, self.number, self.count, self.fields, strict=True
+        ):
+            if starts:
+                found.append((name.decode(), [], int(number)))
+            found[-1][1].extend(field.decode("latin-1") for field in fields[:count])
+        for _, fields, _ in found:
+            while fields and not fields[-1]:
+                fields.pop()
+        return found
+
+
+def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
+    """The lines of cards whose name (upper case) `wanted` matches wholly. Raises InputError.
+
+    `strict`: for cards that a program wrote: refused are remarks behind them, what is behind the 80th column, lines
+    that continue a card and begin with other than a blank, + or *, and other cards between those of one first field.
+    """
+    plain = REMARK.sub(b"", piece.text).upper().replace(b"\r", b" ")
+    if b"\t" in plain:
+        plain = plain.expandtabs(8)
+    text = np.frombuffer(plain if plain.endswith(b"\n") else plain + b"\n", np.uint8)
+    stop = np.flatnonzero(text == ord("\n"))
+    start = np.concatenate([[0], stop[:-1] + 1])
+    visible = np.concatenate([[0], np.cumsum(text > ord(" "))])
+    used = visible[stop] > visible[start]
+    number = np.flatnonzero(used)
+    start, stop = start[used], stop[used]
+    head = _gather(text, start, np.minimum(start + 8, stop), 8)
+    starts = (head[:, 0] >= ord("A")) & (head[:, 0] <= ord("Z"))
+    card = np.cumsum(starts) - 1
+    total = int(np.count_nonzero(starts))
+    ended = np.maximum.accumulate((head == ord(" ")) | (head == ord(",")) | (head == ord("*")), axis=1)
+    names = np.where(ended, 0, head).astype(np.uint8)[starts].copy().view("S8").ravel()
+    distinct, back = np.unique(names, return_inverse=True)
+    fits = np.array([wanted.fullmatch(name) is not None for name in distinct], bool)[back] if len(names) else []
+    mine = (card >= 0) & np.asarray(fits, bool)[card] if len(names) else np.zeros(len(card), bool)
+    card, start, stop, number, head, starts = (part[mine] for part in (card, start, stop, number, head, starts))
+    if strict:
+        odd = ~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8))
+        odd |= visible[stop] > visible[np.minimum(start + 80, stop)]
+        if odd.any():
+            raise piece.refusal(int(number[odd][0]), "a card of at most 80 columns, or a line that continues it")
+        lines = piece.text.split(b"\n") if b"$" in piece.text else ()
+        for k in [k for k, line in enumerate(lines) if b"$" in line.lstrip()[1:]]:
+            if k in number:
+                raise piece.refusal(k, "a card without a remark behind it")
+    count, fields = _fields(piece, text, start, stop, head, number)
+    if strict and starts.any():
+        first, label = card[starts], fields[starts, 0]
+        gap = (np.diff(first) > 1) & (label[1:] == label[:-1])
+        if gap.any():
+            raise piece.refusal(int(number[starts][1:][gap][0]) - 1, "none but cards of one matrix here")
+    name = names[card] if len(names) else np.zeros(0, "S8")
+    return Lines(piece, card, name, starts, number, count, fields, total)
+
+
+def _fields(piece, text, start, stop, head, number):
+    """Number of data fields (lines,) and the fields (lines, 8) without blanks around."""
+    commas = np.concatenate([[0], np.cumsum(text == ord(","))])
+    free = commas[stop] > commas[start]
+    star = (head == ord("*")).any(axis=1)
+    first_comma = np.where((head == ord(",")).any(axis=1), (head == ord(",")).argmax(axis=1), 8)
+    star &= (head == ord("*")).argmax(axis=1) < first_comma
+    count = np.where(star, LARGE, SMALL)
+    width = np.where(star, 16, 8)
+    low = start[:, None] + 8 + width[:, None] * np.arange(SMALL)
+    high = np.minimum(low + width[:, None], stop[:, None])
+    if free.any():
+        at = np.flatnonzero(text == ord(","))
+        line = np.searchsorted(start, at, side="right") - 1
+        within = (line >= 0) & (at < stop[line]) & free[line]
+        at, line = at[within], line[within]
+        place = np.arange(len(at)) - np.searchsorted(line, line)
+        end = np.where(np.append(line[1:] == line[:-1], False), np.append(at[1:], 0), stop[line]) if len(at) else at
+        data = place < count[line]
+        low[free], high[free] = 0, 0
+        low[line[data], place[data]], high[line[data], place[data]] = at[data] + 1, end[data]
+        visible = np.concatenate([[0], np.cumsum(text > ord(" "))])
+        beyond = (place > count[line]) & (visible[end] > visible[np.minimum(at + 1, end)])
+        if beyond.any():
+            raise piece.refusal(int(number[line[beyond][0]]), f"at most {SMALL + 2} fields a line")
+    low, high = np.minimum(low, stop[:, None]), np.maximum(high, np.minimum(low, stop[:, None]))
+    last = len(text) - 1
+    while (blank := (low < high) & (text[np.minimum(low, last)] == ord(" "))).any():  # in front
+        low = low + blank
+    far = np.minimum(low + WIDTH, high)
+    visible = np.concatenate([[0], np.cumsum(text > ord(" "))])
+    long = (visible[high] > visible[far]).any(axis=1)
+    if long.any():
+        raise piece.refusal(int(number[long][0]), f"fields of at most {WIDTH} characters")
+    flat = _gather(text, low.ravel(), far.ravel(), WIDTH)
+    flat = np.where(np.maximum.accumulate(flat[:, ::-1] > ord(" "), axis=1)[:, ::-1], flat, 0)  # blanks behind
+    fields = flat.astype(np.uint8).view(f"S{WIDTH}").reshape(len(start), SMALL)
+    return count, fields
+
+
+def _gather(text, low, high, width):
+    """Characters (lines, width) of the places low..high of a text, with blanks behind."""
+    at = low[:, None] + np.arange(width)
+    return np.where(at < high[:, None], text[np.minimum(at, len(text) - 1)], ord(" ")).astype(np.uint8)
+
+
+def reals(piece: Piece, fields: np.ndarray, lines: np.ndarray, what: str, empty=0.0) -> np.ndarray:
+    """Finite numbers of fields (n,); `lines` (n,) for messages. Raises InputError that names the line."""
+    filled = np.where(fields == b"", str(empty).encode(), fields)
+    plain = EXPONENT.sub(rb"e\1", b"\n".join(filled.tolist()).replace(b"D", b"E"))
+    values = parse(plain)
+    if values is None or len(values) != len(fields) or not np.isfinite(values).all():
+        for field, line in zip(filled.tolist(), lines, strict=True):
+            value = parse(EXPONENT.sub(rb"e\1", field.replace(b"D", b"E")))
+            if value is None or len(value) != 1 or not np.isfinite(value).all():
+                raise piece.refusal(int(line), f"{what}, a number")
+    return values
+
+
+def _characters(fields):
+    """Fields (n,) as codes (n, width), 0 behind the last character."""
+    return np.ascontiguousarray(fields).view(np.uint8).reshape(len(fields), fields.dtype.itemsize)
+
+
+def wholes(piece, fields, lines, what, low=0, high=LARGEST_LABEL, empty=None) -> np.ndarray:
+    """Whole numbers low..high of fields (n,); an empty field is `empty`, or refused. Raises InputError."""
+    filled = fields if empty is None else np.where(fields == b"", str(empty).encode(), fields)
+    characters = _characters(filled)
+    digit = (characters >= ord("0")) & (characters <= ord("9"))
+    good = (digit | (characters == 0)).all(axis=1) & digit.any(axis=1) & (digit.sum(axis=1) <= 10)
+    value = np.zeros(len(filled), np.int64)
+    for k in range(characters.shape[1]):
+        value = np.where(digit[:, k] & good, 10 * value + characters[:, k] - ord("0"), value)
+    wrong = np.flatnonzero(~good | (value < low) | (value > high))
+    if wrong.size:
+        raise piece.refusal(int(lines[wrong[0]]), f"{what}, a whole number of {low} to {high}")
+    return value
+
+
+def components(piece, fields, lines, what) -> np.ndarray:
+    """Which of the directions 1 to 6 (n, 6) the digits of fields (n,) name; 0 or none: no direction."""
+    characters = _characters(fields)
+    wrong = np.flatnonzero(~((characters == 0) | ((characters >= ord("0")) & (characters <= ord("6")))).all(axis=1))
+    if wrong.size:
+        raise piece.refusal(int(lines[wrong[0]]), f"{what}, digits of 1 to 6")
+    return (characters[:, :, None] == ord("1") + np.arange(6)).any(axis=1)
+
+
+def number_of(field: str, where, what: str, empty=None) -> float:
+    """The number in a field of a card of which there are few. Raises InputError; `where` makes it from a sentence."""
+    text = field or ("" if empty is None else str(empty))
+    value = parse(EXPONENT.sub(rb"e\1", text.encode().replace(b"D", b"E")))
+    if not text or value is None or len(value) != 1 or not np.isfinite(value[0]):
+        raise where(f"found '{field}' for {what}, expected a number")
+    return float(value[0])
+
+
+def whole_of(field: str, where, what: str, empty=None) -> int:
+    """The whole number, not negative, in a field of a card of which there are few. Raises InputError."""
+    text = field or ("" if empty is None else str(empty))
+    if not (text.isascii() and text.isdigit() and len(text) < 11):
+        raise where(f"found '{field}' for {what}, expected a whole number")
+    return int(text)
+

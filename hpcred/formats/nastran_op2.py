@@ -1,0 +1,254 @@
+"""Tables of Nastran's OUTPUT2: a file enters, the points of each superelement, with the sets of their dofs, leave.
+
+A file is a chain of Fortran records: single whole numbers (keys) say what follows. Rank 0 follows the chain once; of
+the tables BGPDT (places), USET (sets), EQEXIN (numbers) and CSTM (coordinate systems) each rank reads its share.
+"""
+
+import mmap
+import os
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..parallel.failures import InputError, agreed
+from .nastran_points import DEPENDENT, HELD, OMITTED, SUPPORTED, TINY, Points, System
+from .text import LARGEST_LABEL, first_bytes
+
+NAMES = ("SLIST", "BGPDT", "USET", "EQEXIN", "CSTM")
+# bits of USET that the sets have: m; s, by cards and by points; o; r
+SCALAR_CODE = 2
+MEMBERS = {DEPENDENT: 1, HELD: 1 << 9 | 1 << 10, OMITTED: 1 << 2, SUPPORTED: 1 << 3}
+
+
+@dataclass(frozen=True)
+class Table:
+    """The records of a table: of each, pieces as (byte, bytes) of the file. `order`, `size`: see nastran_op4."""
+
+    path: str
+    name: str
+    order: str
+    size: int
+    records: list
+
+    def words(self, record: int, low: int, high: int) -> np.ndarray:
+        """The bytes of words low..high of a record, as array of bytes."""
+        return self.bytes(record, low * self.size, high * self.size)
+
+    def length(self, record: int) -> int:
+        """Bytes of a record; 0 where there is none."""
+        return sum(count for _, count in self.records[record]) if record < len(self.records) else 0
+
+    def bytes(self, record: int, low: int, high: int) -> np.ndarray:
+        parts, before = [np.zeros(0, np.uint8)], 0
+        for at, count in self.records[record]:
+            a, b = max(low - before, 0), min(high - before, count)
+            if a < b:
+                parts.append(np.fromfile(self.path, np.uint8, b - a, offset=at + a))
+            before += count
+        return np.concatenate(parts)
+
+    def integers(self, record: int, low=0, high=None) -> np.ndarray:
+        """Words low..high of a record as whole numbers."""
+        high = self.length(record) // self.size if high is None else high
+        return self.words(record, low, high).view(f"{self.order}i{self.size}").astype(np.int64)
+
+
+def begins(start: bytes) -> bool:
+    """Whether a file that starts so is one of OUTPUT2: a record of one word, 3 (a header) or 2 (a name)."""
+    return _layout(start) is not None
+
+
+def _layout(start):
+    for order in "<>":
+        for size in (4, 8):
+            if len(start) >= size + 12 and struct.unpack_from(order + "i", start)[0] == size:
+                key = struct.unpack_from(order + ("i" if size == 4 else "q"), start, 4)[0]
+                if key in (2, 3) and struct.unpack_from(order + "i", start, 4 + size)[0] == size:
+                    return order, size
+    return None
+
+
+def points_by_superelement(path, comm) -> list[tuple[int | None, Points]]:
+    """The points, in the order of their rows, of each superelement of a file. Collective. Raises InputError.
+
+    The number of the superelement is None where the file does not say; without points the list is empty.
+    """
+    with agreed(comm):
+        tables = _tables(path) if comm.rank == 0 else None
+    tables = comm.bcast(tables)
+    groups, group = [], {}
+    for table in tables:
+        key = next((name for name in NAMES if table.name.startswith(name)), None)
+        if key in (None, "SLIST") or table.name.startswith("EQEXINX"):
+            continue
+        if key in group:
+            groups.append(group)
+            group = {}
+        group[key] = table
+    groups.append(group)
+    slist = next((table for table in tables if table.name == "SLIST"), None)
+    numbers = slist.integers(0)[::7].tolist() if slist is not None else []
+    groups = [group for group in groups if "BGPDT" in group]
+    if len(numbers) != len(groups):
+        numbers = [None] * len(groups)
+    return [(number, _points(path, comm, group)) for number, group in zip(numbers, groups, strict=True)]
+
+
+def _tables(path):
+    """The wanted tables of a file, from one walk along its records on one rank."""
+    start = first_bytes(path)
+    if not begins(start):
+        raise InputError(f"{path}: found a file that begins with {start[:12]!r}, expected one of OUTPUT2")
+    order, size = _layout(start)
+    number = struct.Struct(order + ("i" if size == 4 else "q")).unpack_from
+    end, at, found = os.path.getsize(path), 0, []
+
+    def damaged(expected):
+        return InputError(f"{path}: found no {expected} at byte {at} of {end}; the file is damaged or cut off")
+
+    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+
+        def record():
+            nonlocal at
+            if at + 8 > end:
+                raise damaged("record")
+            count = struct.unpack_from(order + "i", data, at)[0]
+            if count < 0 or at + count + 8 > end or struct.unpack_from(order + "i", data, at + 4 + count)[0] != count:
+                raise damaged("whole record")
+            at += count + 8
+            return at - count - 4, count
+
+        def key():
+            place, count = record()
+            if count != size:
+                raise damaged("key of one word")
+            return number(data, place)[0]
+
+        def pieces(first):
+            parts = []
+            while first > 0:
+                place, count = record()
+                if count != first * size:
+                    raise damaged(f"record of {first} words")
+                parts.append((place, count))
+                first = key()
+            return parts
+
+        def text(place, count):
+            letters = data[place : place + count]
+            if size == 8:  # four letters a word
+                letters = b"".join(letters[k : k + 4] for k in range(0, count, 8))
+            return letters.decode("latin-1").strip()
+
+        while at < end:
+            first = key()
+            if first == 0:  # the end of what one run wrote
+                continue
+            if first == 3:  # date, title and label
+                pieces(3)
+                if key() != 0:
+                    raise damaged("end of the header")
+                continue
+            name = text(*pieces(first)[0])
+            if key() != 7:
+                raise damaged("trailer of 7 words")
+            pieces(7)
+            records, first = [], _next_record(key, damaged)
+            while first > 0:
+                records.append(pieces(first))
+                first = _next_record(key, damaged)
+            if any(name.startswith(wanted) for wanted in NAMES):
+                found.append(Table(str(path), name, order, size, records[1:]))  # the first one is the name again
+    return found
+
+
+def _next_record(key, damaged):
+    """The number of words of the next record, 0 at the end of the table."""
+    if key() != 1:
+        raise damaged("start of a record")
+    if key() not in (0, 1):
+        raise damaged("kind of a record")
+    return key()
+
+
+def _points(path, comm, group):
+    """The Points of one set of tables: this rank's share of the places, in their order."""
+    table = group["BGPDT"]
+
+    def damaged(what):
+        return InputError(f"{path}: found {what} in the table {table.name}; the file is damaged or of a kind that is "
+                          "not read")  # fmt: skip
+
+    width = 6 * table.size + 24
+    with agreed(comm):
+        total = table.length(0) // width
+        if table.length(0) % width:
+            raise damaged(f"{table.length(0)} bytes, which are not {width} a point,")
+        first, last = (total * rank // comm.size for rank in (comm.rank, comm.rank + 1))
+        kind = np.dtype([("whole", f"{table.order}i{table.size}", 6), ("place", f"{table.order}f8", 3)])
+        rows = table.bytes(0, first * width, last * width).view(kind)
+        system, dof, label, code = (rows["whole"][:, k].astype(np.int64) for k in range(4))
+        position = rows["place"].astype(float)
+        scalar = code % 10 == SCALAR_CODE
+        known = scalar & (code == 12) | (code == 61)
+        if not known.all() or (dof < 1).any() or (label < 1).any() or (label > LARGEST_LABEL).any():
+            raise damaged("points that are neither grids nor scalars")
+        if not np.isfinite(position).all():
+            raise damaged("places that are no numbers")
+        dofs = np.where(scalar, 1, 6)
+        before = dof[0] if len(dof) else 0
+        if (dof != before + np.cumsum(dofs) - dofs).any():
+            raise damaged("dofs that do not follow each other")
+        systems = _systems(group["CSTM"]) if "CSTM" in group else {}
+    counts = comm.allgather(int(dofs.sum()))
+    with agreed(comm):
+        if len(dof) and before != 1 + sum(counts[: comm.rank]):
+            raise damaged("dofs that do not follow each other")
+        marks = np.zeros((len(label), 6), np.uint8)
+        if "USET" in group:
+            uset = group["USET"]
+            if uset.length(0) != sum(counts) * uset.size:
+                raise InputError(
+                    f"{path}: found {uset.length(0) // uset.size} dofs in the table {uset.name}, expected the "
+                    f"{sum(counts)} of {table.name}"
+                )
+            low = sum(counts[: comm.rank])
+            members = uset.integers(0, low, low + counts[comm.rank])
+            have = ~scalar[:, None] | (np.arange(6) == 0)
+            for mark, bits in MEMBERS.items():
+                marks[have] |= np.where(members & bits, mark, 0).astype(np.uint8)
+        turned = np.flatnonzero(~scalar & (system != 0))
+        axes = np.zeros((len(turned), 3, 3))
+        for number in np.unique(system[turned]):
+            if number not in systems:
+                raise InputError(f"{path}: found points in the coordinate system {number}, which no table CSTM has")
+            mine = system[turned] == number
+            axes[mine] = systems[number].directions(position[turned[mine]])
+        axes[np.abs(axes) < TINY] = 0.0
+        same = (axes == np.eye(3)).all(axis=(1, 2))
+    return Points(label, position, scalar, marks, turned[~same], axes[~same])
+
+
+def _systems(table):
+    """Coordinate systems by number: pairs of whole numbers with 12 reals each, or both in a record of its own."""
+    if len(table.records) > 1:
+        heads = table.integers(0).reshape(-1, 4)
+        reals = table.bytes(1, 0, table.length(1)).view(f"{table.order}f8")
+        items = [(number, kind, reals[at - 1 : at + 11]) for number, kind, _, at in heads]
+    else:
+        kind = np.dtype([("whole", f"{table.order}i{table.size}", 2), ("real", f"{table.order}f{table.size}", 12)])
+        if table.length(0) % kind.itemsize:
+            raise InputError(f"{table.path}: found {table.length(0)} bytes in the table {table.name}, expected "
+                             f"{kind.itemsize} a coordinate system")  # fmt: skip
+        items = [(*row["whole"], row["real"]) for row in table.bytes(0, 0, table.length(0)).view(kind)]
+    found = {}
+    for number, kind, values in items:
+        axes = np.array(values[3:], dtype=float).reshape(-1, 3)
+        if kind not in (1, 2, 3) or axes.shape != (3, 3) or np.abs(axes.T @ axes - np.eye(3)).max() > 1e-5:
+            raise InputError(
+                f"{table.path}: found no axes of the coordinate system {number} in the table {table.name}; the file is "
+                "damaged"
+            )
+        found[int(number)] = System(int(kind), np.array(values[:3], dtype=float), axes)
+    return found

@@ -1,0 +1,227 @@
+"""Universal files (UFF, .unv): nodes and elements of a file enter; shapes of a result leave as one.
+
+Read are the nodes of datasets 15, 781 and 2411 and the elements of 780 and 2412; written are units (164), nodes (2411),
+elements (2412) and the shapes (55, displacements of normal modes). A dataset stands between two lines of -1.
+"""
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..model.elements import NODES
+from ..parallel.failures import InputError, agreed
+from ..parallel.lookup import repeated_key
+from .node_table import Nodes, finite
+from .text import LARGEST_LABEL, Piece, is_packed, ragged, records, whole
+
+MARK = re.compile(rb"(?m)^ {0,4}-1[ \t]*\r?$")
+START = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{1,5}[ \tb]*\r?\n")
+NUMBER = re.compile(rb"[ \t]*(\d{1,5})\b")
+# numbers in the lines of a node: label, two systems and a colour, and the coordinates
+NODE_LINES = {15: (7,), 781: (4, 3), 2411: (4, 3)}
+ELEMENTS = (780, 2412)
+# kinds by the number of the finite element; those of WITH_SECTION have a line about the section before the nodes
+KINDS = {
+    11: "line", 21: "line", 22: "line", 23: "line3", 24: "line3", 41: "triangle", 42: "triangle6", 44: "quad",
+    45: "quad8", 51: "triangle", 52: "triangle6", 54: "quad", 55: "quad8", 61: "triangle", 62: "triangle6", 64: "quad",
+    65: "quad8", 91: "triangle", 92: "triangle6", 94: "quad", 95: "quad8", 111: "tetra", 112: "wedge", 113: "wedge15",
+    115: "hexahedron", 116: "hexahedron20", 118: "tetra10",
+}  # fmt: skip
+WITH_SECTION = (11, 21, 22, 23, 24)
+CODES = {"line": 21, "line3": 24, "triangle": 91, "triangle6": 92, "quad": 94, "quad8": 95, "tetra": 111,
+         "tetra10": 118, "wedge": 112, "wedge15": 113, "hexahedron": 115, "hexahedron20": 116}  # fmt: skip
+# places of the nodes in the file: round each face, corners and middles in turn; kinds that are not here are as in VTK
+ORDER = {
+    "line3": [0, 2, 1], "triangle6": [0, 3, 1, 4, 2, 5], "quad8": [0, 4, 1, 5, 2, 6, 3, 7],
+    "tetra10": [0, 4, 1, 5, 2, 6, 7, 8, 9, 3],
+    "wedge15": [0, 6, 1, 7, 2, 8, 12, 13, 14, 3, 9, 4, 10, 5, 11],
+    "hexahedron20": [0, 8, 1, 9, 2, 10, 3, 11, 16, 17, 18, 19, 4, 12, 5, 13, 6, 14, 7, 15],
+}  # fmt: skip
+LINES = 2**16  # written at a time
+UNITS = """    -1
+   164
+         1                   1         2
+  1.00000000000000000E+00  1.00000000000000000E+00  1.00000000000000000E+00
+  2.73149999999999977E+02
+    -1
+"""
+
+
+def begins(start: bytes) -> bool:
+    """Whether a text that starts so is a universal file: a line of -1 and the number of a dataset."""
+    return START.match(start) is not None
+
+
+def read(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
+    """Nodes in the order of the file, and elements (node numbers (elements of this rank, nodes) by kind).
+
+    Collective. Raises InputError.
+    """
+    with agreed(comm):
+        if is_packed(path):
+            raise InputError(f"{path}: found a gzip file; unpack it first")
+        size = os.path.getsize(path)
+        mine = [piece.start + match.start() for piece in records(path, comm, 0, size, re.compile(rb"(?m)^"))
+                for match in MARK.finditer(piece.text)]  # fmt: skip
+    marks = sum(comm.allgather(mine), [])
+    with agreed(comm):
+        sets = _datasets(path, marks)
+        nodes = [item for item in sets if item[0] in NODE_LINES]
+        if len(nodes) != 1:
+            numbers = ", ".join(str(number) for number, *_ in sets)
+            raise InputError(
+                f"{path}: found {len(nodes)} datasets of nodes (of the datasets {numbers or 'none'}), expected one of "
+                "15, 781 or 2411"
+            )
+    label, position = _nodes(path, comm, *nodes[0])
+    twice = repeated_key(comm, label)
+    if twice is not None:
+        raise InputError(f"{path}: found the node {twice} more than once, expected each node once")
+    with agreed(comm):
+        elements = _elements(path, [item for item in sets if item[0] in ELEMENTS]) if comm.rank == 0 else {}
+    kinds = comm.bcast(sorted(elements))
+    empty = {kind: np.zeros((0, NODES[kind]), np.int64) for kind in kinds}
+    return Nodes(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label))), {**empty, **elements}
+
+
+def _datasets(path, marks):
+    """Number, first and last byte of the lines of the datasets."""
+    found = []
+    with open(path, "rb") as file:
+        if len(marks) % 2:
+            raise InputError(f"{path}: found {len(marks)} lines of -1, expected two a dataset; the file is cut off")
+        for low, high in zip(marks[::2], marks[1::2], strict=True):
+            file.seek(low)
+            file.readline()
+            line = file.readline()
+            match = NUMBER.match(line)
+            if match is None or b"b" in line:
+                shown = line.decode("latin-1").strip()[:20]
+                if match is not None and int(match[1]) not in (*NODE_LINES, *ELEMENTS):
+                    continue  # binary functions
+                raise InputError(f"{path}: found '{shown}' below a line of -1, expected the number of a dataset")
+            found.append((int(match[1]), file.tell(), high))
+    return found
+
+
+def _nodes(path, comm, number, start, stop):
+    """Numbers and coordinates of the nodes of this rank."""
+    widths = NODE_LINES[number]
+    # a node begins where a line holds no point
+    first = re.compile(rb"(?m)^") if len(widths) == 1 else re.compile(rb"(?m)^[ \t0-9+-]*\r?$")
+    labels, positions = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
+    with agreed(comm):
+        for piece in records(path, comm, start, stop, first):
+            values, counts, lines = ragged(piece, commas=False)
+            expected = np.resize(widths, len(counts))
+            wrong = np.flatnonzero(counts != expected)
+            if wrong.size or len(counts) % len(widths):
+                bad = lines[wrong[0]] if wrong.size else lines[-1]
+                raise piece.refusal(int(bad), f"lines of {' and '.join(map(str, widths))} numbers a node")
+            table, lines = values.reshape(-1, 7), lines[:: len(widths)]
+            finite(piece, table[:, 4:], lines)
+            system = np.flatnonzero(table[:, 1] > 1)
+            if system.size and number == 15:
+                raise piece.refusal(int(lines[system[0]]), "coordinates in the global system (0 or 1)")
+            labels.append(whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL))
+            positions.append(table[:, 4:])
+    label, position = np.concatenate(labels), np.concatenate(positions)
+    if not comm.allreduce(len(label)):
+        raise InputError(f"{path}: found no nodes in the dataset {number}")
+    return label, position
+
+
+def _elements(path, sets):
+    """Node numbers (elements, nodes) by kind, read on one rank: where an element begins is seen from the one before."""
+    found = {}
+    for number, start, stop in sets:
+        with open(path, "rb") as file:
+            file.seek(start)
+            piece = Piece(Path(path), file.read(stop - start), start)
+        values, counts, lines = ragged(piece, commas=False)
+        if not len(values):
+            continue
+        at = np.cumsum(counts) - counts
+        # what each line would say if it were the first of an element
+        kind, nodes = (np.where(counts > 5, values[np.minimum(at + k, len(values) - 1)], 0) for k in (1, 5))
+        if number == 780:
+            nodes = np.where(counts == 8, values[np.minimum(at + 7, len(values) - 1)], 0)
+        skip = 1 + np.isin(kind, WITH_SECTION)
+        following = np.arange(len(counts)) + skip + np.ceil(nodes / 8).astype(np.int64)
+        heads, line, jumps = [], 0, following.tolist()
+        while line < len(jumps):
+            heads.append(line)
+            line = jumps[line] if jumps[line] > line + 1 else len(jumps) + 1
+        heads = np.array(heads, dtype=np.int64)
+        wrong = heads[(nodes[heads] < 1) | (nodes[heads] > 1000)]
+        if wrong.size or line != len(jumps):
+            bad = wrong[0] if wrong.size else heads[-1]
+            raise piece.refusal(int(lines[bad]), "number, kind and number of nodes of an element, and its nodes")
+        first = np.minimum(heads + skip[heads], len(at) - 1)
+        given = np.append(at, len(values))[np.minimum(following[heads], len(at))] - at[first]
+        wrong = heads[given != nodes[heads]]
+        if wrong.size:
+            raise piece.refusal(int(lines[wrong[0]]), "as many nodes below as it says")
+        for code, name in KINDS.items():
+            mine = (kind[heads] == code) & (nodes[heads] == NODES[name])
+            if mine.any():
+                table = values[at[first[mine]][:, None] + np.arange(NODES[name])]
+                whole(piece, table.ravel(), np.repeat(lines[heads[mine]], NODES[name]), "a node of an element", 1)
+                found.setdefault(name, []).append(table.astype(np.int64))
+    result = {}
+    for kind, nodes in found.items():
+        table = np.concatenate(nodes)
+        ordered = np.empty_like(table)
+        ordered[:, ORDER.get(kind, list(range(NODES[kind])))] = table
+        result[kind] = ordered
+    return result
+
+
+def write_uff(path, shapes) -> list[str]:
+    """Write all columns as normal modes with their nodes and elements; call it on one rank. Returns their names.
+
+    `shapes` has nodes (k,), points (k, 3), cells by kind (indices of points), names, frequencies in Hz, and
+    displacement(column) (k, 3). SI units.
+    """
+    nodes = shapes.nodes
+    with open(path, "w", newline="\n") as file:
+        file.write(UNITS)
+        file.write("    -1\n  2411\n")
+        for low in range(0, len(nodes), LINES):
+            part = zip(nodes[low : low + LINES], shapes.points[low : low + LINES], strict=True)
+            file.writelines(f"{node:10d}{0:10d}{0:10d}{11:10d}\n{x:25.16E}{y:25.16E}{z:25.16E}\n"
+                            for node, (x, y, z) in part)  # fmt: skip
+        file.write("    -1\n")
+        _write_elements(file, shapes)
+        for k, (name, frequency) in enumerate(zip(shapes.names, shapes.frequencies, strict=True)):
+            file.write(f"    -1\n    55\n{name}\nNONE\nNONE\nNONE\nNONE\n")
+            # structural, normal mode, three translations, displacement, real, three numbers a node
+            file.write("".join(f"{code:10d}" for code in (1, 2, 2, 8, 2, 3)) + "\n")
+            file.write(f"{2:10d}{4:10d}{1:10d}{k + 1:10d}\n")
+            file.write(f"{frequency:13.5E}{1.0:13.5E}{0.0:13.5E}{0.0:13.5E}\n")
+            moved = shapes.displacement(k)
+            for low in range(0, len(nodes), LINES):
+                part = zip(nodes[low : low + LINES], moved[low : low + LINES], strict=True)
+                file.writelines(f"{node:10d}\n{x:13.5E}{y:13.5E}{z:13.5E}\n" for node, (x, y, z) in part)
+            file.write("    -1\n")
+    return list(shapes.names)
+
+
+def _write_elements(file, shapes):
+    number = 0
+    if not any(kind in CODES for kind in shapes.cells):
+        return
+    file.write("    -1\n  2412\n")
+    for kind, cells in shapes.cells.items():
+        if kind not in CODES:
+            continue
+        for cell in shapes.nodes[cells[:, ORDER.get(kind, slice(None))]]:
+            number += 1
+            file.write("".join(f"{item:10d}" for item in (number, CODES[kind], 1, 1, 7, len(cell))) + "\n")
+            if kind in ("line", "line3"):
+                file.write(f"{0:10d}{1:10d}{1:10d}\n")
+            for low in range(0, len(cell), 8):
+                file.write("".join(f"{node:10d}" for node in cell[low : low + 8]) + "\n")
+    file.write("    -1\n")

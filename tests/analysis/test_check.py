@@ -1,0 +1,77 @@
+"""What is said of matrices from another program."""
+
+import numpy as np
+import pytest
+from conftest import DATA
+
+import hpcred
+from hpcred.formats.model_source import Source, load_export, load_source
+from hpcred.model.dofs import Dofs
+from hpcred.model.second_order_model import SecondOrderModel
+
+pytestmark = pytest.mark.mpi
+
+KRATOS = DATA / "kratos"
+
+
+def cantilever(comm):
+    files = {key: str(KRATOS / name) for key, name in
+             (("K", "K.mm.gz"), ("M", "M.mm.gz"), ("nodes", "nodes.txt"), ("dofs", "dofs.txt"))}  # fmt: skip
+    return load_source(Source(**files), comm, "cantilever")
+
+
+def scaled(model, length, mass, time):
+    """The same body in other units, whose sizes in SI are given."""
+    indptr, indices, K = model.K.getValuesCSR()
+    M = model.M.getValuesCSR()[2].real
+    dofs, held = (part and Dofs(part.node, part.direction, part.position / length) for part in (model.dofs, model.held))
+    values = {"K": K.real / (mass / time**2), "M": M / mass}
+    return SecondOrderModel.from_csr(model.comm, model.size, indptr, indices, values, dofs=dofs, held=held)
+
+
+def test_kratos_cantilever(comm):
+    """Frequencies of the program, held nodes, and a mass that is too small."""
+    with cantilever(comm) as model, model.with_inputs([(99, "z")]) as loaded:
+        with hpcred.reduce(loaded, [hpcred.Modes(count=4)]) as rom:
+            assert np.allclose(rom.frequencies, [100.0459, 100.0459, 608.565, 608.565], rtol=5e-7)
+        report = hpcred.check(model)
+        assert report["masses_in_x_y_z"] == pytest.approx([73.26667] * 3) and report["held_dofs"] == 27
+        assert np.allclose(report["extent"], [[0, 0, 0], [1, 0.1, 0.1]])
+        assert report["nodes"] == 90 or comm.size > 1
+        assert any("9 of 99 nodes have no row" in line for line in report["warnings"])
+        assert any("mass of 73.2667 is without theirs" in line for line in report["warnings"])
+        assert any("without theirs" in line for line in hpcred.inspect(model)["warnings"])
+        assert any(line.endswith("a held body") for line in report["sentences"])
+
+
+@pytest.mark.parametrize(
+    "name, sizes",
+    [("m, kg, s", (1, 1, 1)), ("mm, t, s (N, MPa)", (1e-3, 1e3, 1)), ("mm, kg, ms (kN, GPa)", (1e-3, 1, 1e-3)),
+     ("mm, kg, s (mN, kPa)", (1e-3, 1, 1)), ("mm, g, ms (N, MPa)", (1e-3, 1e-3, 1e-3)),
+     ("inch, lbf s^2/inch, s (lbf, psi)", (0.0254, 175.1268, 1))],
+)  # fmt: skip
+def test_units_are_recognised(comm, name, sizes):
+    """Three bodies (steel, an unknown material, bricks and tetrahedra) in all systems: the right one, or none."""
+    blocks = [load_export(DATA / f"{block}.inp", comm) for block in ("blockC3D8", "blockC3D10")]
+    found = []
+    for model in (cantilever(comm), *blocks):
+        with model, scaled(model, *sizes) as other:
+            found.append(hpcred.check(other)["units"])
+    assert set(found) <= {name, None} and name in found
+
+
+def test_a_body_of_no_usual_material_has_no_units(comm):
+    with cantilever(comm) as model, scaled(model, 1, 1e5, 1) as other:
+        report = hpcred.check(other)
+        assert report["units"] is None and not any("looks like" in line for line in report["sentences"])
+
+
+def test_a_free_body_with_few_digits_is_told_from_a_held_one(comm):
+    with load_export(DATA / "blockC3D8.inp", comm) as model:
+        assert any("a free body, which no rigid-body motion loads" in line for line in hpcred.check(model)["sentences"])
+        indptr, indices, K = model.K.getValuesCSR()
+        rounded = np.array([float(f"{value:.6e}") for value in K.real])
+        values = {"K": rounded, "M": model.M.getValuesCSR()[2].real}
+        with SecondOrderModel.from_csr(comm, model.size, indptr, indices, values, dofs=model.dofs) as coarse:
+            lines = hpcred.check(coarse)["sentences"]
+            assert any("few digits" in line or "to the digits of the files" in line for line in lines)

@@ -1,0 +1,222 @@
+"""MATLAB files of all versions against what was put into them, and against scipy.io."""
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse
+from conftest import DATA
+from fe_data import FE, needs_fe
+from foreign import assembled, gathered, write
+from helpers import to_dense
+
+import hpcred
+from hpcred import InputError
+from hpcred.formats.mat_matrices import contents, read, read_parts
+from hpcred.formats.model_source import Source, load_export, load_source
+from hpcred.parallel.petsc import is_complex
+
+pytestmark = pytest.mark.mpi
+
+SIZE = 12
+RNG = np.random.default_rng(8)
+ROOT = RNG.standard_normal((SIZE, SIZE)) * (RNG.random((SIZE, SIZE)) < 0.3)
+K, M = ROOT @ ROOT.T + 40 * np.eye(SIZE), np.diag(np.arange(1.0, SIZE + 1))
+NODES = np.array([[7, 0.0, 0.0, 1.0], [3, 2.0, 0.0, 0.0], [30, 0.0, 3.0, 0.0], [4, 1.0, 1.0, 1.0]])
+DOFS = np.array([(n, d) for n in (30, 7, 3, 4) for d in (1, 2, 3)])
+
+
+def write_hdf5(path, tree):
+    """What MATLAB's save -v7.3 makes of nested dicts of arrays and sparse matrices."""
+
+    def put(group, name, item):
+        if isinstance(item, dict):
+            inner = group.create_group(name)
+            inner.attrs["MATLAB_class"] = np.bytes_("struct")
+            for key, part in item.items():
+                put(inner, key, part)
+        elif scipy.sparse.issparse(item):
+            item = item.tocsc()
+            inner = group.create_group(name)
+            inner.attrs["MATLAB_sparse"] = np.uint64(item.shape[0])
+            inner["jc"] = item.indptr.astype(np.uint64)
+            if item.nnz:
+                inner["ir"], inner["data"] = item.indices.astype(np.uint64), item.data
+        else:
+            group[name] = np.asarray(item).T
+            group[name].attrs["MATLAB_class"] = np.bytes_("double")
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, item in tree.items():
+            put(file, name, item)
+    with open(path, "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+WRITERS = {
+    "v5 packed": lambda path, tree: scipy.io.savemat(path, tree, do_compression=True),
+    "v5": lambda path, tree: scipy.io.savemat(path, tree),
+    "v7.3": write_hdf5,
+    "v4": lambda path, tree: scipy.io.savemat(path, tree, format="4"),
+}
+
+
+def saved(comm, folder, kind, tree):
+    path = folder / "a.mat"
+    if comm.rank == 0:
+        WRITERS[kind](path, tree)
+    comm.Barrier()
+    return path
+
+
+def model_matrices(path, comm, **keywords):
+    with load_export(path, comm, **keywords) as model:
+        return to_dense(model.K), to_dense(model.M)
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_sparse_and_dense_matrices_of_all_versions(comm, folder, kind):
+    for change in (scipy.sparse.csc_matrix, np.asarray):
+        path = saved(comm, folder, kind, {"Kgg": change(K), "MGG": change(M), "x": np.arange(3.0)})
+        found_K, found_M = model_matrices(path, comm)
+        assert np.array_equal(found_K, K) and np.array_equal(found_M, M)
+        comm.Barrier()
+
+
+@pytest.mark.parametrize("kind", ["v5 packed", "v5", "v7.3"])
+def test_matrices_in_structs_are_chosen_by_name(comm, folder, kind):
+    tree = {"s": {"kaa": {"k0": scipy.sparse.csc_matrix(K), "k101": M}, "maa": {"k0": M, "k101": K}}, "phi": K[:, :3]}
+    path = saved(comm, folder, kind, tree)
+    assert contents(path)["s.kaa.k0"].startswith(f"{SIZE} x {SIZE} sparse, {np.count_nonzero(K)} entries")
+    found_K, found_M = model_matrices(path, comm)  # k0: the residual structure
+    assert np.array_equal(found_K, K) and np.array_equal(found_M, M)
+    found_K, found_M = model_matrices(path, comm, variables={"K": "s.kaa.k101", "M": "s.maa.k101"})
+    assert np.array_equal(found_K, M) and np.array_equal(found_M, K)
+    source = Source(str(path), str(path), B=str(path), variables={"B": "phi"})
+    with load_source(source, comm) as model:
+        assert np.array_equal(to_dense(model.K), K) and model.input_names == ("a.mat:1", "a.mat:2", "a.mat:3")
+
+
+@pytest.mark.parametrize("kind", ["v5 packed", "v5", "v7.3", "v4"])
+def test_nodes_and_dofs_name_the_rows(comm, folder, kind):
+    tree = {"K": scipy.sparse.csc_matrix(K), "M": M, "nodes": NODES, "dofs": DOFS.astype(float)}
+    path = saved(comm, folder, kind, tree)
+    with load_export(path, comm) as model:
+        node, direction, position = gathered(comm, model.dofs.node, model.dofs.direction, model.dofs.position)
+    assert np.array_equal(np.column_stack([node, direction + 1]), DOFS)
+    place = {int(row[0]): row[1:] for row in NODES}
+    assert np.array_equal(position, [place[n] for n in node])
+
+
+def test_damping_is_taken_and_the_rest_is_spoken_of(comm, folder):
+    path = saved(comm, folder, "v5", {"K": K, "M": M, "D": -M, "V": K, "C": np.ones((1, SIZE))})
+    with load_export(path, comm) as model:
+        assert np.array_equal(to_dense(model.D), -M)
+        assert any("not read, though of the same size: V" in remark for remark in model.remarks)
+        assert any("D has a negative trace" in line for line in hpcred.check(model)["warnings"])
+
+
+def test_a_stiffness_of_the_wrong_sign_is_spoken_of(comm, folder):
+    path = saved(comm, folder, "v5", {"K": -K, "M": M})
+    with load_export(path, comm) as model:
+        assert np.array_equal(to_dense(model.K), -K)
+        assert any(f"K has {SIZE} negative and 0 positive" in line for line in hpcred.check(model)["warnings"])
+    with pytest.raises(InputError, match="negative diagonal entries"):
+        load_export(saved(comm, folder, "v5", {"K": K, "M": -M}), comm)
+
+
+def test_empty_sparse_matrices(comm, folder):
+    tree = {"K": scipy.sparse.csc_matrix(K), "M": M, "D": scipy.sparse.csc_matrix((SIZE, SIZE))}
+    path = saved(comm, folder, "v7.3", tree)
+    with load_export(path, comm) as model:
+        assert not to_dense(model.D).any()
+
+
+@pytest.mark.parametrize(
+    "tree, says",
+    [
+        ({"stiff1": K, "M": M}, r"no matrix with a usual name of K .*stiff1 \(12 x 12 dense\).*--variables K=NAME"),
+        ({"a": {"K": K}, "b": {"K": K}, "M": M}, r"several matrices for K: a.K, b.K; choose by --variables"),
+        ({"K": K + 1j, "M": M}, "found complex numbers in 'K' for K, expected real ones"),
+        ({"K": K, "M": M[:3, :3]}, r"M: found 3 rows, but K .* has 12"),
+        ({"K": K, "M": M, "nodes": NODES[[0, 0]]}, "found the node 7 more than once"),
+        ({"K": K, "M": M, "nodes": NODES, "dofs": DOFS[:3]}, "found 3 rows of 'dofs', expected one for each of the 12"),
+        ({"K": K, "M": M, "nodes": NODES, "dofs": DOFS * 1.5}, "found numbers in 'dofs' that are not whole"),
+        ({"text": "abc"}, "the file has no numeric matrix"),
+    ],
+)
+def test_files_without_a_model_are_refused(comm, folder, tree, says):
+    with pytest.raises(InputError, match=says):
+        load_export(saved(comm, folder, "v5 packed", tree), comm)
+
+
+def test_names_that_are_not_there_are_refused(comm, folder):
+    path = saved(comm, folder, "v5", {"K": K, "M": M})
+    with pytest.raises(InputError, match="found no variable 'kk' for K; the file has K .*, M "):
+        load_export(path, comm, variables={"K": "kk"})
+    with pytest.raises(InputError, match="--variables: found B for"):
+        read_parts(path, comm, {"B": "K"})
+    mtx = write(folder / "K.mtx", "1 1 1.0\n", comm)
+    with pytest.raises(InputError, match="give single matrices by -K and -M"):
+        load_export(mtx, comm, variables={"K": "kk"})
+
+
+@pytest.mark.parametrize("version", ["4.2c_SOL2", "7.4_GLNX86"])
+def test_both_byte_orders_against_scipy(comm, version):
+    path = DATA / "matlab" / f"testsparse_{version}.mat"
+    entries = read(path, comm, "K", {"K": "testsparse"})
+    local = np.zeros(entries.shape)
+    np.add.at(local, (entries.rows, entries.columns), entries.values)
+    assert np.array_equal(comm.allreduce(local), scipy.io.loadmat(path)["testsparse"].toarray())
+
+
+@needs_fe
+def test_sparse_matrices_of_matlab_itself(comm):
+    folder = FE / "matlab" / "v73_sparse"
+    entries = read(folder / "testfile1.mat", comm, "K", {"K": "data.sparse_"})
+    rows, columns, values = gathered(comm, entries.rows, entries.columns, entries.values)
+    assert entries.shape == (10, 8)
+    assert set(zip(rows, columns, values, strict=True)) == {(1, 4, 6.0), (3, 7, 7.0)}
+    entries = read(folder / "testfile13.mat", comm, "K", {"K": "A"})
+    assert entries.shape == (2, 3) and comm.allreduce(len(entries.values)) == 0
+
+
+@pytest.mark.skipif(is_complex(), reason="modes in a band of a free body without nodes need a real build")
+def test_nastran_matrices_by_way_of_matlab(comm):
+    """The frequencies that the program wrote beside the matrices."""
+    path = DATA / "matlab" / "nas2cam.mat"
+    table = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)["nas"]
+    expected = np.sqrt(np.sort(getattr(table, "lambda").k0)[6:10]) / (2 * np.pi)
+    with load_export(path, comm) as model, model.with_inputs([1]) as loaded:
+        assert model.size == 54
+        with hpcred.reduce(loaded, [hpcred.Modes(band=(1.0, 5.0))]) as rom:
+            assert np.allclose(rom.frequencies[:4], expected, rtol=3e-8)
+
+
+DAMAGE = np.random.default_rng(5)
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.mpi(ranks=(1, 3))
+def test_damaged_copies_are_refused_or_the_same(comm, folder, kind):
+    """Cut anywhere, bits flipped, bytes added: InputError, or finite numbers in rows that ascend.
+
+    An entry that moves within its column is seen by the symmetry of K only, a digit of a value by nothing.
+    """
+    path = saved(comm, folder, kind, {"K": scipy.sparse.csc_matrix(K), "M": scipy.sparse.csc_matrix(M)})
+    whole = path.read_bytes()
+    comm.Barrier()
+    copies = [whole[:cut] for cut in {*DAMAGE.integers(0, len(whole), 25).tolist(), len(whole) - 1, 127, 130}]
+    copies += [whole + b"garbage"] if kind != "v7.3" else []  # HDF5 says itself how long it is
+    for place in DAMAGE.integers(0, len(whole), 60).tolist():
+        copies.append(whole[:place] + bytes([whole[place] ^ (1 << int(DAMAGE.integers(8)))]) + whole[place + 1 :])
+    for content in comm.bcast(copies):
+        write(path, content, comm)
+        try:
+            entries = assembled(path, comm)
+        except InputError:
+            continue
+        assert kind != "v5 packed" or np.array_equal(entries, K)  # which has a checksum
+        if entries.shape == K.shape and not np.array_equal(entries != 0, K != 0):
+            assert not np.array_equal(entries, entries.T)
+

@@ -1,0 +1,208 @@
+"""Exports of Nastran become models: frequencies as the programs computed them, nodes, sets and displacement systems."""
+
+import numpy as np
+import pytest
+from foreign import gathered, unpack, write
+from helpers import to_dense
+
+import hpcred
+from hpcred import Buckens, InputError, Modes
+from hpcred.formats import nastran, nastran_op4
+from hpcred.formats.model_source import EXPORTS, assemble, load_export
+from hpcred.formats.text import first_bytes
+from hpcred.model.dofs import DIRECTIONS
+from hpcred.model.rigid_body_modes import doubts_of_nodes
+
+pytestmark = pytest.mark.mpi
+
+# file, n, entries, lowest frequencies that the program itself gives, relative digits, rigid-body modes
+MODELS = {
+    "extseout": ("nas2cam.op4", 54, 2046, [1.6988, 1.767487, 1.85772, 3.419612], 1e-6, 6),
+    "notall6": ("nas2cam_notall6_msc2017.op4", 29, 751, [11.30124, 16.91482, 19.794, 23.07029], 1e-6, 6),
+    "plate": ("plate.OU1", 216, 3260, [19.29137, 107.7586, 117.4312, 340.4766], 5e-7, 0),
+    "test_1": ("test_case.pch1", 10, 46, [21.14057, 21.35569, 128.7332, 129.7476], 1e-6, 2),
+    "maewing1": ("sol103_maewing1_femv5p1.pch1", 426, 3466, [7.949976, 12.54754, 15.91975, 18.67089], 3.5e-3, 6),
+}
+
+
+def parts_of(path, comm):
+    export = next(item for item in EXPORTS if item.begins(first_bytes(path)))
+    return export.read_parts(path, comm)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_frequencies_are_those_of_the_program(comm, folder, name):
+    file, size, entries, expected, digits, rigid = MODELS[name]
+    unpack(folder, comm, f"nastran/{name}")
+    with load_export(folder / file, comm) as model:
+        assert (model.size, model.nonzeros) == (size, entries)
+        report = hpcred.inspect(model)
+        assert report["rigid_body_modes"] == rigid and doubts_of_nodes(model) == []
+        # the ten digits of the punch file are too few for an inertia relief
+        frame, band = (None, [3.0, 20.0]) if name == "maewing1" else (Buckens() if rigid else None, None)
+        basis = [Modes(band=band) if band else Modes(count=4)]
+        with hpcred.reduce(model.with_inputs([1]), basis, *([frame] if frame else [])) as rom:
+            assert np.allclose(rom.frequencies[:4], expected, rtol=digits, atol=0)
+
+
+@pytest.mark.parametrize("name", ["extseout", "notall6"])
+def test_all_eigenvalues_are_those_in_the_file(comm, folder, name):
+    """The eigenvalues that Nastran computed lie beside the matrices; a dense eigensolver is the second method."""
+    unpack(folder, comm, f"nastran/{name}")
+    path = folder / MODELS[name][0]
+    known = [item for item in nastran_op4.contents(path, comm) if item.name == "LAMBDA"][-1]
+    entries = nastran_op4.read_matrix(path, comm, known)
+    place, values = gathered(comm, entries.rows, entries.values)
+    with load_export(path, comm) as model:
+        K, M = to_dense(model.K), to_dense(model.M)
+    L = np.linalg.cholesky(M)
+    found = np.linalg.eigvalsh(np.linalg.solve(L, np.linalg.solve(L, K).T))
+    expected = values[np.argsort(place)][6:]
+    assert np.allclose(found[6 : 6 + len(expected)], expected, rtol=1e-7)
+    assert np.abs(found[:6]).max() < 1e-7 * expected[0]
+
+
+def test_fixed_interface_modes_of_a_superelement(comm, folder):
+    """Rows of modal coordinates are scalar; with the interface held their frequencies are those of the run."""
+    unpack(folder, comm, "nastran/drm12")
+    with load_export(folder / "inboard_nas2cam.op4", comm) as model:
+        (direction,) = gathered(comm, model.dofs.direction)
+        K, M = to_dense(model.K), to_dense(model.M)
+        assert hpcred.inspect(model)["rigid_body_modes"] == 6
+    scalar = direction == DIRECTIONS.index("scalar")
+    assert scalar.sum() == 60 and (np.abs(M[np.ix_(scalar, scalar)] - np.eye(60)) < 1e-12).all()
+    found = np.sqrt(np.diag(K)[scalar]) / (2 * np.pi)
+    assert np.allclose(np.sort(found)[:4], [6.129346, 6.130134, 23.63188, 70.19714], rtol=2e-7)
+
+
+def test_rows_are_turned_to_the_global_axes(comm, folder, monkeypatch):
+    """The free plate with nodes in a cylindrical system has rigid-body modes; without turning it has none."""
+    unpack(folder, comm, "nastran/plate")
+    path, names = folder / "plate.OU1", {"K": "KGG", "M": "mgg"}
+    parts = nastran.read_op4(path, comm, names)
+    said = " ".join(parts.warnings)
+    assert "no supports (SPC) and no rigid elements" in said and "3 rows without stiffness and mass" in said
+    assert "4 nodes have displacement systems of their own (CD)" in said
+    with assemble(parts, comm) as model:
+        report = hpcred.inspect(model)
+        assert report["rigid_body_modes"] == 6 and doubts_of_nodes(model) == [] and model.size == 273
+        assert np.allclose(report["masses_in_x_y_z_kg"], 0.4 * 0.2 * 0.005 * 7850 + 0.5)
+        turned = to_dense(model.K)
+    monkeypatch.setattr(nastran, "turned_entries", lambda comm, turn, *entries: entries)
+    with assemble(nastran.read_op4(path, comm, names), comm) as model:
+        report = hpcred.inspect(model)
+        assert report["rigid_body_modes"] < 6 and report["rigid_body_defect"] > 1e-3
+        straight = to_dense(model.K)
+    assert np.allclose(np.linalg.eigvalsh(turned), np.linalg.eigvalsh(straight), atol=1e-9 * np.abs(turned).max())
+
+
+def test_the_input_file_stands_for_its_matrices(comm, folder):
+    unpack(folder, comm, "nastran/plate")
+    with load_export(folder / "plate.bdf", comm) as model:
+        assert model.size == 216 and comm.allreduce(len(model.elements["quad"])) == 32
+    parts = nastran.read_bulk(folder / "plate.bdf", comm)
+    assert comm.allreduce(len(parts.removed)) == 30
+    said = " ".join(parts.warnings)
+    assert "K is KAA, M is MAA; not read: KGG, KLL, MGG" in said and "30 dofs are held by supports" in said
+    assert "30 dofs have no row, since they depend on others" in said
+
+
+def test_a_mass_in_another_file_of_the_same_name(comm, folder):
+    unpack(folder, comm, "nastran/plate")
+    if comm.rank == 0:
+        (folder / "plate.OU1").rename(folder / "other.OU1")
+        content = (folder / "other.OU1").read_bytes()
+        (folder / "plate.OU1").write_bytes(content[content.index(b"KLL     ") - 20 :])
+    comm.Barrier()
+    parts = nastran.read_op4(folder / "plate.OU1", comm)
+    assert parts.files["K"].endswith("plate.OU1, matrix KLL") and parts.files["M"].endswith("plate.OU2, matrix MLL")
+
+
+@pytest.mark.parametrize(
+    "remove, names, says",
+    [
+        (["plate.bdf"], {}, None),
+        ([], {"K": "KAA", "M": "MXX"}, "but none that is M = MXX"),
+        ([], {"K": "KAA:2"}, "but none that is K = KAA:2"),
+        ([], {"K": "KAA", "M": "MGG"}, "expected square matrices of one size"),
+    ],
+)
+def test_names_that_are_given(comm, folder, remove, names, says):
+    unpack(folder, comm, "nastran/plate")
+    if comm.rank == 0:
+        for name in remove:
+            (folder / name).unlink()
+    comm.Barrier()
+    if says is None:
+        parts = nastran.read_op4(folder / "plate.OU1", comm, names)
+        assert parts.nodes is None and "the nodes are not known" in " ".join(parts.warnings)
+    else:
+        with pytest.raises(InputError) as error:
+            nastran.read_op4(folder / "plate.OU1", comm, names)
+        assert says in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "old, new, says",
+    [
+        ("SPC1,1,123456,1,2,3,4,5", "SPC1,1,12345,1,2,3,4,5", "has 221 dofs in the set A"),
+        ("GRID,38,", "GRIL,38,", "has 210 dofs in the set A"),
+        ("SPC = 1", "", "has 246 dofs in the set A"),
+        ("SPC1,1,", "SEQGP,1,2\nSPC1,1,", "whose dofs are not known from the input file alone"),
+        ("ENDDATA", "", "found BEGIN BULK but no ENDDATA"),
+        ("GRID,38,", "GRID,37,", "found the point 37 more than once"),
+        ("GRID,21,,0.2,0.,0.,5", "GRID,21,,0.2,0.,0.,6", "in the coordinate system 6, which no CORD card defines"),
+    ],
+)
+def test_an_input_file_that_does_not_fit_is_refused(comm, folder, old, new, says):
+    unpack(folder, comm, "nastran/plate")
+    deck = (folder / "plate.bdf").read_text()
+    assert old in deck
+    comm.Barrier()
+    write(folder / "plate.bdf", deck.replace(old, new, 1), comm)
+    with pytest.raises(InputError) as error:
+        nastran.read_op4(folder / "plate.OU1", comm, {"K": "KAA", "M": "MAA"})
+    assert says in str(error.value) and str(folder) in str(error.value)
+    if "set A" in says and "SPC" in old:  # what nobody insists on is read as the G-set
+        said = " ".join(nastran.read_op4(folder / "plate.OU1", comm).warnings)
+        assert "K is KGG, M is MGG" in said and says in said
+
+
+def test_an_index_that_is_wrong_shows_as_missing_symmetry(comm, folder):
+    unpack(folder, comm, "nastran/extseout")
+    path = folder / "nas2cam.op4"
+    content = bytearray(path.read_bytes())
+    matrix = [item for item in nastran_op4.contents(path, comm) if item.name == "KAA"][-1]
+    at = matrix.starts[0] + 4 + 4  # the first row of the first column
+    assert content[at] == 1
+    content[at] = 2
+    comm.Barrier()
+    with pytest.raises(InputError, match="expected a symmetric matrix; the file is damaged"):
+        nastran.read_op4(write(path, bytes(content), comm), comm)
+
+
+@pytest.mark.parametrize("length", [100, 5000, 9000, 12000])
+def test_a_cut_op2_is_refused(comm, folder, length):
+    unpack(folder, comm, "nastran/extseout")
+    content = (folder / "nas2cam.op2").read_bytes()
+    comm.Barrier()
+    write(folder / "nas2cam.op2", content[:length], comm)
+    with pytest.raises(InputError) as error:
+        nastran.read_op4(folder / "nas2cam.op4", comm)
+    assert "nas2cam.op2: found no" in str(error.value) and "damaged or cut off" in str(error.value)
+
+
+def test_companions_without_the_rows_are_refused(comm, folder):
+    unpack(folder, comm, "nastran/notall6")
+    unpack(folder, comm, "nastran/extseout")
+    content = (folder / "nas2cam.op2").read_bytes()
+    comm.Barrier()
+    write(folder / "nas2cam_notall6_msc2017.op2", content, comm)
+    with pytest.raises(InputError, match="which dofs the rows are cannot be told"):
+        nastran.read_op4(folder / "nas2cam_notall6_msc2017.op4", comm)
+
+
+def test_a_stiffness_alone_is_refused(comm, folder):
+    unpack(folder, comm, "nastran/testplate")
+    with pytest.raises(InputError, match="found the matrices KGG, expected a stiffness and a mass matrix"):
+        nastran.read_op4(folder / "testplate_kgg.op4", comm)

@@ -1,0 +1,132 @@
+"""Universal files: what is written is read back by fixed columns and by the reader; real nodes and elements."""
+
+import numpy as np
+import pytest
+from conftest import DATA
+from foreign import gathered, write
+
+import hpcred
+from hpcred import InputError, Modes
+from hpcred.formats import text as text_module
+from hpcred.formats import uff
+from hpcred.formats.result_file import read_result
+from hpcred.model.elements import NODES
+from hpcred.parallel.petsc import MPI
+from hpcred.workflows.export import export_result
+
+pytestmark = pytest.mark.mpi(ranks=(1, 3))
+
+FILE = DATA / "uff" / "heat_engine_housing.uff"
+
+
+def test_nodes_and_elements_of_a_real_file(comm, monkeypatch):
+    monkeypatch.setattr(text_module, "PIECE", 150)
+    nodes, elements = uff.read(FILE, comm)
+    label, place, position = gathered(comm, nodes.label, nodes.place, nodes.position)
+    assert label.tolist() == list(range(1, 11)) and place.tolist() == list(range(10))
+    assert position[0].tolist() == [-1.711755676269531e2, 1.036403427124023e2, 1.384829101562500e2]
+    found = {kind: np.concatenate(comm.allgather(part)).tolist() for kind, part in elements.items()}
+    assert found == {
+        "tetra": [[1, 3, 6, 7], [2, 3, 4, 8], [6, 7, 9, 10], [1, 3, 9, 10]],
+        "triangle": [[1, 2, 4], [8, 9, 10], [6, 8, 9], [2, 3, 8]],
+    }
+
+
+def test_shapes_of_a_result(comm, folder):
+    with hpcred.solid((2, 2, 2), inputs=2, comm=comm) as model, hpcred.reduce(model, [Modes(count=3)]) as rom:
+        hpcred.write_result(folder / "r.h5", rom, model)
+    report = export_result(folder / "r.h5", "uff", comm=comm)
+    assert report["output"] == str(folder / "r.uff") and len(report["shapes"]) == 3
+    lines = (folder / "r.uff").read_text().split("\n")
+    with read_result(folder / "r.h5", MPI.COMM_SELF).shapes() as shapes:
+        starts = [k for k, line in enumerate(lines) if line == "    55"]
+        assert len(starts) == 3
+        for k, at in enumerate(starts):
+            assert lines[at + 1] == shapes.names[k]
+            assert [int(lines[at + 6][10 * c : 10 * c + 10]) for c in range(6)] == [1, 2, 2, 8, 2, 3]
+            assert float(lines[at + 8][:13]) == pytest.approx(shapes.frequencies[k], rel=1e-5)
+            count = len(shapes.nodes)
+            rows = lines[at + 9 : at + 9 + 2 * count]
+            assert [int(row) for row in rows[::2]] == shapes.nodes.tolist() and lines[at + 9 + 2 * count] == "    -1"
+            found = [[float(row[13 * c : 13 * c + 13]) for c in range(3)] for row in rows[1::2]]
+            moved = shapes.displacement(k)
+            assert np.abs(found - moved).max() < 1e-5 * np.abs(moved).max()
+        nodes, elements = uff.read(folder / "r.uff", comm)
+        label, position = gathered(comm, nodes.label, nodes.position)
+        assert np.array_equal(label, shapes.nodes) and np.array_equal(position, shapes.points)
+        cells = np.concatenate(comm.allgather(elements["hexahedron"]))
+        assert np.array_equal(cells, shapes.nodes[shapes.cells["hexahedron"]])
+
+
+class Cells:
+    """One element of each kind that a file can hold."""
+
+    nodes = np.arange(1, 21) * 3
+    points = np.random.default_rng(1).standard_normal((20, 3))
+    cells = {kind: np.random.default_rng(2).permutation(20)[: NODES[kind]][None] for kind in uff.CODES}
+    names, frequencies = [], []
+
+
+def test_every_kind_of_element_comes_back(comm, folder):
+    if comm.rank == 0:
+        assert uff.write_uff(folder / "a.unv", Cells) == []
+    comm.Barrier()
+    _, elements = uff.read(folder / "a.unv", comm)
+    assert sorted(elements) == sorted(uff.CODES)
+    for kind, nodes in Cells.cells.items():
+        assert np.array_equal(np.concatenate(comm.allgather(elements[kind])), Cells.nodes[nodes])
+
+
+def test_middles_lie_between_their_corners():
+    """In the file the nodes of edges go corner, middle, corner."""
+    edges = {"triangle6": [(0, 1), (1, 2), (2, 0)], "quad8": [(0, 1), (1, 2), (2, 3), (3, 0)], "line3": [(0, 1)],
+             "tetra10": [(0, 1), (1, 2), (2, 0)], "hexahedron20": [(0, 1), (1, 2), (2, 3), (3, 0)],
+             "wedge15": [(0, 1), (1, 2), (2, 0)]}  # fmt: skip
+    for kind, pairs in edges.items():
+        corners = max(map(max, edges[kind])) + 1
+        first = {"tetra10": 4, "hexahedron20": 8, "wedge15": 6}.get(kind, corners)
+        for k, (a, _) in enumerate(pairs):
+            assert uff.ORDER[kind][2 * k : 2 * k + 2] == [a, first + k]
+
+
+NODES_15 = """    -1
+    15
+         1         0         0         8  1.00000E+00  2.00000E+00 -3.00000E+00
+         5         0         0         8  1.50000D+00  2.00000E+00  3.00000E+00
+    -1
+"""
+
+
+def test_nodes_of_dataset_15(comm, folder):
+    nodes, elements = uff.read(write(folder / "a.unv", NODES_15, comm), comm)
+    label, position = gathered(comm, nodes.label, nodes.position)
+    assert label.tolist() == [1, 5] and position.tolist() == [[1, 2, -3], [1.5, 2, 3]] and not elements
+
+
+@pytest.mark.parametrize(
+    "old, new, says",
+    [
+        ("-3.00000E+00\n", "\n", "line 3: "),
+        ("         5 ", "         1 ", "found the node 1 more than once"),
+        ("         5         0", "         5         7", "coordinates in the global system"),
+        ("3.00000E+00\n    -1", "3.00000E+00\n", "found 1 lines of -1, expected two a dataset"),
+        ("    15\n", "    55\n", "found 0 datasets of nodes"),
+        (" 2.00000E+00 -3", " nan -3", "expected finite node coordinates"),
+        ("1.50000D+00", "1.5_000D+00", "expected numbers a line"),
+    ],
+)
+def test_damaged_files_are_refused(comm, folder, old, new, says):
+    assert old in NODES_15
+    path = write(folder / "a.unv", NODES_15.replace(old, new, 1), comm)
+    with pytest.raises(InputError) as error:
+        uff.read(path, comm)
+    assert says in str(error.value) and str(path) in str(error.value)
+
+
+def test_damaged_elements_are_refused(comm, folder):
+    content = FILE.read_text()
+    for old, new in (("         1         3         6         7\n", "         1         3         6\n"),
+                     ("         1         1         4\n", "         1         1         9\n")):  # fmt: skip
+        assert old in content
+        with pytest.raises(InputError, match="expected (number, kind|as many nodes|a node)"):
+            uff.read(write(folder / "a.uff", content.replace(old, new, 1), comm), comm)

@@ -1,0 +1,104 @@
+"""Files of other programs on the command line: convert, its table of formats, and info of any file."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import DATA
+from helpers import refused, write_matrices
+
+import hpcred as package
+from hpcred.cli import run
+from hpcred.formats.matrix_formats import FORMATS
+from hpcred.formats.model_source import EXPORTS
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def said(capsys, *arguments):
+    capsys.readouterr()
+    assert run(list(arguments)) == 0
+    return " ".join(capsys.readouterr().out.split())
+
+
+def test_every_format_is_in_the_table_with_what_tells_it(capsys):
+    table = said(capsys, "convert", "--list-formats")
+    rows = package.list_formats()
+    assert len(rows) == len(EXPORTS) + len(FORMATS)
+    assert all(row["format"] and row["told by"] for row in rows)
+    assert "MATLAB .mat" in table and "CalculiX" in table and "%%MatrixMarket" in table
+
+
+def test_convert_ends_with_a_check(capsys):
+    """By options, as for Kratos; the last lines are for people, the JSON for scripts."""
+    for name in ("K.mm.gz", "M.mm.gz", "nodes.txt", "dofs.txt"):
+        shutil.copy(DATA / "kratos" / name, name)
+    text = said(capsys, "convert", "-K", "K.mm.gz", "-M", "M.mm.gz", "--nodes", "nodes.txt", "--dofs", "dofs.txt",
+                "model.h5", "--inputs", "99:z", "--json", "report.json")  # fmt: skip
+    for expected in ("size 270", "masses in x y z 73.2667, 73.2667, 73.2667", "looks like m, kg, s", "a held body",
+                     "M, K are symmetric", "extent 0, 0, 0; 1, 0.1, 0.1", "the mass of 73.2667 is without theirs",
+                     "export the body free"):  # fmt: skip
+        assert expected in text
+    report = json.loads(Path("report.json").read_text())
+    assert report["held_dofs"] == 27 and report["units"] == "m, kg, s" and report["inputs"] == ["99:z"]
+    again = said(capsys, "info", "model.h5")
+    assert "held dofs 27" in again and "9 of 99 nodes have no row" in again and "the mass of 73.2667" in again
+
+
+@pytest.mark.parametrize(
+    "name, expected",
+    [
+        ("kratos/K.mm.gz", ["Matrix Market", "270 x 270, 12348 entries"]),
+        ("kratos/nodes.txt", ["lines of node, x, y, z", "nodes 99"]),
+        ("kratos/dofs.txt", ["lines of node, direction", "rows 270"]),
+        ("matlab/nas2cam.mat", ["MATLAB .mat", "nas.kaa.k0 54 x 54 dense"]),
+        ("blockC3D8.inp", ["Abaqus or CalculiX input file", "528 x 528, 27478 entries", "nodes 176", "hexahedron 90"]),
+        ("blockC3D8_MASS1.mtx.gz", ["text lines of row, column, value", "528 x 528, 528 entries"]),
+    ],
+)
+def test_info_says_what_any_file_is(capsys, name, expected):
+    text = said(capsys, "info", str(DATA / name))
+    assert all(part in text for part in expected), text
+
+
+def test_info_of_an_input_file_without_matrices(capsys):
+    shutil.copy(DATA / "blockC3D8.inp", "b.inp")
+    text = said(capsys, "info", "b.inp")
+    assert "nodes 176" in text and "found no matrix K beside it" in text
+
+
+def test_info_of_results(capsys):
+    with package.linkage() as model, package.reduce(model, [package.Modes(count=3)], package.Buckens()) as rom:
+        package.write_result("r.h5", rom, model)
+    assert "format hpcred result coordinates 3" in said(capsys, "info", "r.h5")
+    assert "convert it first" in refused(capsys, "info", "r.h5", "--below", "10")
+
+
+def test_matrices_are_chosen_by_name(capsys):
+    import scipy.io
+
+    K = np.diag([2.0, 2, 2, 1]) - np.eye(4, k=1) - np.eye(4, k=-1)
+    scipy.io.savemat("a.mat", {"nas": {"stiff_ness": K, "kaa": 2 * K}, "mass": np.eye(4)})
+    assert "took K = nas.kaa" in said(capsys, "convert", "a.mat", "model.h5")
+    said(capsys, "convert", "a.mat", "model.h5", "--variables", "K=nas.stiff_ness,M=mass")
+    with package.read_model("model.h5") as model:
+        assert model.K.getDiagonal().array.real.tolist() == [2, 2, 2, 1]
+    said(capsys, "convert", "-K", "a.mat", "-M", "a.mat", "model.h5", "--variables", "K=nas.stiff_ness")
+    with package.read_model("model.h5") as model:
+        assert model.K.getDiagonal().array.real.tolist() == [2, 2, 2, 1]
+    for text, says in (("K", "--variables: found 'K'"), ("Q=a", "found 'Q=a'"), ("K=", "found 'K='")):
+        assert says in refused(capsys, "convert", "a.mat", "m.h5", "--variables", text)
+
+
+def test_what_stands_beside_an_export_is_refused(capsys):
+    write_matrices(lambda K, M: None)
+    assert "--nodes belong to -K and -M only" in refused(
+        capsys, "convert", str(DATA / "blockC3D8.inp"), "m.h5", "--nodes", "x.txt")  # fmt: skip
+    assert "Matrix Market: give single matrices by -K and -M" in refused(capsys, "convert", "K.mtx", "m.h5")
+    assert "none of the formats" in refused(capsys, "info", __file__)
