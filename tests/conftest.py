@@ -50,6 +50,41 @@ def folder(comm):
 
 
 @pytest.fixture
+def reduced_linkage(folder, comm):
+    """A function that makes a job of the linkage in the folder that all ranks share, and returns its result."""
+    from helpers import MODES_JOB
+
+    import hpcred as package
+    from hpcred.cli import run
+
+    with package.linkage(comm) as model:
+        package.write_model(folder / "model.h5", model)
+
+    def make(job=MODES_JOB):
+        if comm.rank == 0:
+            (folder / "job.toml").write_text(job)
+        comm.Barrier()
+        assert run(["reduce", str(folder / "job.toml")]) == 0
+        return folder / "result.h5"
+
+    return make
+
+
+@pytest.fixture
+def linkage_folder(tmp_path, monkeypatch):
+    """A folder with the linkage as model.h5 and a good job."""
+    from helpers import CHORD_JOB
+
+    import hpcred as package
+
+    monkeypatch.chdir(tmp_path)
+    with package.linkage() as model:
+        package.write_model("model.h5", model)
+    Path("job.toml").write_text(CHORD_JOB)
+    return tmp_path
+
+
+@pytest.fixture
 def hpcred(tmp_path):
     """Run the command line in a fresh folder on some ranks: hpcred("reduce", "job.toml", ranks=2)."""
 

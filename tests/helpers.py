@@ -12,6 +12,57 @@ from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.model.dofs import Dofs
 from hpcred.model.second_order_model import SecondOrderModel, row_range
 
+MODES_JOB = """
+model = "model.h5"
+output = "result.h5"
+inputs = [[20, "z"], [1, "x"]]
+[frame]
+kind = "buckens"
+[damping]
+kind = "rayleigh"
+alpha = 2.0
+beta = 1e-5
+[[basis]]
+kind = "modes"
+index = [7, 8, 9, 10, 11, 12]
+"""
+CHORD_JOB = """
+model = "model.h5"
+inputs = [[20, "z"]]
+[frame]
+kind = "chord"
+nodes = [1, 7, 14]
+axes = "yxz"
+[[basis]]
+kind = "krylov"
+frequency = 100.0
+order = 1
+"""
+SIMULATION = """
+body = "result.h5"
+end = 0.05
+steps = 20
+observe = [10]
+[[force]]
+kind = "sine"
+node = 20
+amplitude = [0.0, 0.0, -10.0]
+frequency = 5.0
+[[force]]
+kind = "table"
+node = 1
+times = [0.0, 0.01]
+values = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+[[constraint]]
+node = 1
+[[constraint]]
+node = 7
+directions = ["x", "z"]
+[[constraint]]
+node = 14
+directions = ["z"]
+"""
+
 
 def to_dense(mat):
     """A distributed sparse matrix as numpy array on all ranks."""
@@ -111,3 +162,31 @@ def write_matrices(change):
     mats.update(change(**mats) or {})
     for key, mat in mats.items():
         scipy.io.mmwrite(f"{key}.mtx", scipy.sparse.coo_matrix(mat), symmetry="general")
+
+
+def damped(solid, unsymmetric=False):
+    """The solid with Rayleigh damping, two discrete dampers, and perhaps a gyroscopic pair; D as numpy too."""
+    K, M, B = dense_model(solid)
+    D = 10.0 * M + 1e-5 * K
+    D[5, 5] += 3e3
+    D[40, 40] += 1e4
+    if unsymmetric:
+        D[5, 40] += 2e3
+        D[40, 5] -= 2e3
+    model = SecondOrderModel.from_scipy(K, M, D, solid.comm)
+    model = with_columns(model, "input", B)
+    return model, K, M, D, B
+
+
+def with_columns(model, key, array):
+    """The model with columns that all ranks have as its inputs or outputs (key: input, output)."""
+    mine = slice(model.first_row, model.first_row + model.local_rows)
+    return getattr(model, f"with_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
+
+
+def names(folder, comm):
+    """What is in a folder while no rank writes."""
+    comm.Barrier()
+    found = sorted(folder.iterdir())
+    comm.Barrier()
+    return found

@@ -23,6 +23,7 @@ from .text import (
     first_line,
     is_packed,
     line_number,
+    padded,
     pieces,
     ragged,
     require_file,
@@ -327,9 +328,7 @@ def _node_lines(piece, block):
     wrong = np.flatnonzero((counts < 2) | (counts > 4))
     if wrong.size:
         raise piece.refusal(lines[wrong[0]], "node, x, y, z (2 to 4 numbers a line)")
-    table = np.zeros((len(counts), 4))
-    row = np.repeat(np.arange(len(counts)), counts)
-    table[row, np.arange(len(values)) - np.repeat(np.cumsum(counts) - counts, counts)] = values
+    table = padded(values, counts, 4)
     finite(piece, table[:, 1:], lines)
     label = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
     position = table[:, 1:]

@@ -13,7 +13,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import repeated_key
 from .entries import label_name, label_of
 from .node_table import finite
-from .text import LARGEST_LABEL, Piece, first_bytes, pieces, places, ragged, whole
+from .text import LARGEST_LABEL, Piece, first_bytes, padded, pieces, places, ragged, whole
 
 DOFS = (b"UX", b"UY", b"UZ", b"ROTX", b"ROTY", b"ROTZ")
 MAPPING = re.compile(rb"^\s*Matrix Eqn\s+Node\s+DOF\s*$", re.MULTILINE)
@@ -67,9 +67,7 @@ def read_nodes(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             wrong = np.flatnonzero(counts > 7)
             if wrong.size:
                 raise piece.refusal(int(lines[wrong[0]]), "a node, three coordinates and at most three angles")
-            table = np.zeros((len(counts), 7))
-            row = np.repeat(np.arange(len(counts)), counts)
-            table[row, np.arange(len(values)) - np.repeat(np.cumsum(counts) - counts, counts)] = values
+            table = padded(values, counts, 7)
             if not NWRITE.match(start):
                 wrong = np.flatnonzero((counts != 4) & (counts != 7))
                 if wrong.size:

@@ -16,7 +16,7 @@ from . import abaqus_input, calculix_matrices
 from .calculix_matrices import read_triangle, require_last_line
 from .entries import joined, label_name, label_of, node_and_direction
 from .parts import Parts
-from .text import LARGEST_LABEL, Piece, numbers, pieces, places, ragged, whole
+from .text import LARGEST_LABEL, Piece, numbers, padded, pieces, places, ragged, whole
 
 DOF_LINES = re.compile(rb"(?:\d+\.\d\r?\n)*")
 NAMED_LINE = re.compile(rb"(?m)^[ \t]*([A-Za-z_\"][^,\n]*),([^\n]*)")
@@ -217,9 +217,7 @@ def _supports(comm, section, sets):
         wrong = np.flatnonzero((counts < 2) | (counts > 4))
         if wrong.size:
             raise piece.refusal(lines[wrong[0]], "node, first direction, last direction, value")
-        table = np.zeros((len(counts), 4))
-        row = np.repeat(np.arange(len(counts)), counts)
-        table[row, np.arange(len(values)) - np.repeat(np.cumsum(counts) - counts, counts)] = values
+        table = padded(values, counts, 4)
         node = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
         first, last = (whole(piece, table[:, k], lines, "the direction", 0, 11) for k in (1, 2))
         found += _labels(node, first, np.where(last == 0, first, last))

@@ -16,7 +16,7 @@ from ..parallel.lookup import look_up, number_over_ranks
 from . import nastran_bulk, nastran_dmig, nastran_op2, nastran_op4
 from .entries import STRIDE, Entries, LabelledEntries, asymmetry, chunks, label_of
 from .nastran_names import STRUCTURAL, Choice, letter_of, named, none_found, pairs
-from .nastran_points import HELD, SETS, Points, present, turn_of, turned_entries
+from .nastran_points import HELD, SETS, Points, present, refined, turn_of, turned_entries
 from .node_table import Nodes
 from .parts import Parts
 from .text import first_bytes
@@ -168,13 +168,14 @@ def _rows_of(path, comm, candidates, insisted):
     with agreed(comm):
         op2 = next((file for file in sorted(path.parent.iterdir()) if file.stem.lower() == path.stem.lower()
                     and file != path and file.is_file() and nastran_op2.begins(first_bytes(file))), None)  # fmt: skip
-        deck_file = nastran_bulk.companion(path)
-    op2, deck_file = comm.bcast((op2, deck_file))
-    if op2 is None and deck_file is None:
+        files = nastran_bulk.companions(path)
+    op2, files = comm.bcast((op2, files))
+    if op2 is None and not files:
         return None, candidates[0][0], [f"{path}: the nodes are not known; {NO_USET}"]
     groups = nastran_op2.points_by_superelement(op2, comm) if op2 else []
-    deck = nastran_bulk.read_deck(deck_file, comm) if deck_file else None
-    elements = deck.elements if deck else {}
+    decks = [nastran_bulk.read_deck(file, comm) for file in files]
+    decks = [deck for deck in decks if comm.allreduce(len(deck.label))]
+    elements = next((deck.elements for deck in decks if deck.elements), {})
     reasons = []
     for choice, size, se in candidates:
         letters = [choice.letter] if choice.letter else list(SETS)
@@ -185,21 +186,26 @@ def _rows_of(path, comm, candidates, insisted):
             if len(fitting) > 1:
                 fitting = [item for item in fitting if item[0] == 0] or fitting[-1:]
             if fitting:
-                points = fitting[0][1]
-                rows = _Rows(points, points.of_set(letter), op2, elements)
-                return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter, op2)]
-        if deck is None:
-            counts = {number: {letter: points.count(comm, points.of_set(letter)) for letter in letters}
-                      for number, points in groups}  # fmt: skip
-            reasons.append(f"{op2} has {counts} dofs by superelement and set")
-            continue
-        for letter in letters:
-            rows, reason = _rows_of_deck(deck, comm, letter, size)
-            if rows is not None:
-                return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter, deck_file)]
-            reasons.append(f"{deck_file} has {reason}")
+                points, mask = fitting[0][1], fitting[0][1].of_set(letter)
+                for deck in decks if points.rough else ():
+                    points = refined(comm, points, nastran_bulk.points_of(deck, comm)) if points.rough else points
+                rows = _Rows(points, mask, op2, elements)
+                said = [f"{op2} gives places with 7 digits only, in which rigid-body motions of the nodes meet forces; "
+                        "put the input file beside it"] if points.rough else []  # fmt: skip
+                return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter, op2), *said]
+        for deck in decks:
+            for letter in letters:
+                rows, reason = _rows_of_deck(deck, comm, letter, size)
+                if rows is not None:
+                    return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter, deck.path)]
+                reasons.append(f"{deck.path} has {reason}")
+        if groups and not decks:
+            counts = {points.count(comm, points.of_set(letter)) for _, points in groups for letter in letters}
+            reasons.append(f"{op2} has {' or '.join(map(str, sorted(counts)))} dofs in such a set")
         if insisted:
             break
+    if not reasons:
+        reasons.append(f"{op2} has no tables BGPDT, EQEXIN and CSTM of all points")
     first = candidates[0]
     raise InputError(
         f"{path}: found matrices of {first[1]} rows, but {reasons[0]}; which dofs the rows are cannot be told: give "
@@ -333,8 +339,8 @@ def read_bulk(path, comm, variables=None) -> Parts:
     deck = nastran_bulk.read_deck(path, comm)
     if not comm.allreduce(len(deck.label)):
         with agreed(comm):
-            file = nastran_bulk.companion(path)
-        file = comm.bcast(file)
+            files = nastran_bulk.companions(path)
+        file = next(iter(comm.bcast(files)), None)
         if file is None:
             parts.warnings.append(f"{path}: the nodes are not known; put the input file of the same name beside it")
             return parts

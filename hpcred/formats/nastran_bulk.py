@@ -41,7 +41,7 @@ CASE = re.compile(rb"(?mi)^[ \t]*(?P<word>SPC|MPC)(?:[ \t]*\([^)\n]*\))?[ \t]*=[
 SYSTEMS = {"R": RECTANGULAR, "C": CYLINDRICAL, "S": SPHERICAL}
 SMALL = re.compile(
     rb"CORD[12][RCS]|GRDSET|SPC|SPC1|SPCADD|MPC|MPCADD|RBE1|RBE2|RBE3|RBAR|RBAR1|RROD|RTRPLT1?|RSPLINE|RSSCON|RJOINT|"
-    rb"[ABCQ]SET1?|OMIT1?|SUPORT1?|SPOINT|EPOINT|SEQGP|CSUPER|SESET|SEBULK"
+    rb"[ABCQ]SET1?|OMIT1?|SUPORT1?|SPOINT|EPOINT|SEQGP|CSUPER|SESET|SEBULK|EXTRN"
 )
 UNTOLD = ("RROD", "RTRPLT", "RTRPLT1", "RSPLINE", "RSSCON", "RJOINT", "EPOINT", "SEQGP", "CSUPER", "SESET", "SEBULK")
 # number of the field of the first node, and nodes by kind, the largest first
@@ -124,14 +124,14 @@ def begins(start: bytes) -> bool:
     return first_line(start)[:1] != b"*" and b"\0" not in start and START.search(start) is not None
 
 
-def companion(path) -> Path | None:
-    """An input file of the same name beside a file, in any case of letters; the file itself is none."""
+def companions(path) -> list[Path]:
+    """Input files of the same name beside a file, in any case of letters, that of an external superelement first."""
     path = Path(path)
-    suffixes = (".bdf", ".dat", ".nas", ".fem", ".blk", ".asm")
+    suffixes = (".pch", ".bdf", ".dat", ".nas", ".fem", ".blk", ".asm")
     found = [file for file in sorted(path.parent.iterdir())
              if file.stem.lower() == path.stem.lower() and file.suffix.lower() in suffixes and file != path
              and begins(first_bytes(file))]  # fmt: skip
-    return min(found, key=lambda file: suffixes.index(file.suffix.lower()), default=None)
+    return sorted(found, key=lambda file: suffixes.index(file.suffix.lower()))
 
 
 def read_deck(path, comm) -> Deck:
@@ -186,7 +186,7 @@ def _segments(path, comm, including=()):
             )
         if not begin and any(mark[2]["cend"] for mark in marks) and not including:
             raise InputError(f"{path}: found CEND but no BEGIN BULK, expected bulk data")
-        if begin and not any(mark[2]["end"] for mark in marks):
+        if begin and b"BULK" in begin[0][2]["begin"].upper() and not any(mark[2]["end"] for mark in marks):
             raise InputError(f"{path}: found BEGIN BULK but no ENDDATA; the file is cut off")
         case = _case(path, begin[0][0]) if begin and not including else None
     at = begin[0][1] if begin else 0
@@ -452,6 +452,10 @@ def mark_sets(deck: Deck, comm, points: Points) -> str | None:
 
 def _removed(deck):
     """Ranges of points, directions (6,) and marks of all dofs that a card removes; or why they are not known."""
+    rows = [(*([card.whole(k, "a point")],) * 2, card.directions(k + 1), ANALYSIS)
+            for card in deck.cards if card.name == "EXTRN" for k in range(0, len(card.fields), 2) if card.text(k)]
+    if rows:  # what an external superelement says of its rows
+        return None, rows
     untold = next((card for card in deck.cards if card.name in UNTOLD), None)
     if untold is not None:
         return f"{untold.name} in {untold.file}, whose dofs are not known from the input file alone", []

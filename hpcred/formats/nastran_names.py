@@ -27,7 +27,7 @@ def pairs(names: list[str]) -> list[Choice]:
         elif name.startswith("K") and not name.startswith(STRUCTURAL):
             rest = name[1:]
             mass, damping = f"M{rest}", f"B{rest}"
-            damping = f"D{rest}" if damping not in names else damping
+            damping = next((name for name in (damping, f"{damping}1", f"D{rest}") if name in names), damping)
         else:
             continue
         if mass not in names:

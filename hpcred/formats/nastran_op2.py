@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
+from ..parallel.lookup import look_up, repeated_key
 from .nastran_points import DEPENDENT, HELD, OMITTED, SUPPORTED, TINY, Points, System
 from .text import LARGEST_LABEL, first_bytes
 
@@ -72,7 +73,8 @@ def _layout(start):
 def points_by_superelement(path, comm) -> list[tuple[int | None, Points]]:
     """The points, in the order of their rows, of each superelement of a file. Collective. Raises InputError.
 
-    The number of the superelement is None where the file does not say; without points the list is empty.
+    The number of the superelement is None where the file does not say. Points of which the file has not all tables
+    (numbers, or coordinate systems) are left out.
     """
     with agreed(comm):
         tables = _tables(path) if comm.rank == 0 else None
@@ -92,7 +94,8 @@ def points_by_superelement(path, comm) -> list[tuple[int | None, Points]]:
     groups = [group for group in groups if "BGPDT" in group]
     if len(numbers) != len(groups):
         numbers = [None] * len(groups)
-    return [(number, _points(path, comm, group)) for number, group in zip(numbers, groups, strict=True)]
+    found = [(number, _points(path, comm, group)) for number, group in zip(numbers, groups, strict=True)]
+    return [(number, points) for number, points in found if points is not None]
 
 
 def _tables(path):
@@ -125,11 +128,11 @@ def _tables(path):
                 raise damaged("key of one word")
             return number(data, place)[0]
 
-        def pieces(first):
+        def pieces(first, kind=0):
             parts = []
             while first > 0:
                 place, count = record()
-                if count != first * size:
+                if kind == 0 and count != first * size:  # of a matrix, numbers are counted
                     raise damaged(f"record of {first} words")
                 parts.append((place, count))
                 first = key()
@@ -154,46 +157,50 @@ def _tables(path):
             if key() != 7:
                 raise damaged("trailer of 7 words")
             pieces(7)
-            records, first = [], _next_record(key, damaged)
-            while first > 0:
-                records.append(pieces(first))
-                first = _next_record(key, damaged)
-            if any(name.startswith(wanted) for wanted in NAMES):
+            wanted = any(name.startswith(start) for start in NAMES)
+            records = []
+            while (following := _next_record(key, damaged)) != (0, 0):
+                kind, count = following
+                parts = pieces(count, kind)  # none for an empty column of a matrix
+                records += [parts] if wanted else []
+            if wanted:
                 found.append(Table(str(path), name, order, size, records[1:]))  # the first one is the name again
     return found
 
 
 def _next_record(key, damaged):
-    """The number of words of the next record, 0 at the end of the table."""
+    """The kind of the next record (1: a column of a matrix) and its number of words; both 0 at the end of the table."""
     if key() != 1:
         raise damaged("start of a record")
-    if key() not in (0, 1):
+    kind = key()
+    if kind not in (0, 1):
         raise damaged("kind of a record")
-    return key()
+    return kind, key()
 
 
 def _points(path, comm, group):
-    """The Points of one set of tables: this rank's share of the places, in their order."""
+    """The Points of one set of tables: this rank's share of the places, in order. None where tables are missing."""
     table = group["BGPDT"]
 
     def damaged(what):
         return InputError(f"{path}: found {what} in the table {table.name}; the file is damaged or of a kind that is "
                           "not read")  # fmt: skip
 
-    width = 6 * table.size + 24
     with agreed(comm):
-        total = table.length(0) // width
-        if table.length(0) % width:
-            raise damaged(f"{table.length(0)} bytes, which are not {width} a point,")
+        total, width = _form(table, group.get("EQEXIN"), damaged)
+    if width is None:
+        return None
+    with agreed(comm):
         first, last = (total * rank // comm.size for rank in (comm.rank, comm.rank + 1))
-        kind = np.dtype([("whole", f"{table.order}i{table.size}", 6), ("place", f"{table.order}f8", 3)])
-        rows = table.bytes(0, first * width, last * width).view(kind)
-        system, dof, label, code = (rows["whole"][:, k].astype(np.int64) for k in range(4))
-        position = rows["place"].astype(float)
-        scalar = code % 10 == SCALAR_CODE
-        known = scalar & (code == 12) | (code == 61)
-        if not known.all() or (dof < 1).any() or (label < 1).any() or (label > LARGEST_LABEL).any():
-            raise damaged("points that are neither grids nor scalars")
+        data = table.bytes(0, first * width, last * width)
+    if width == 4 * table.size:
+        system, dof, label, scalar, position = _old_places(comm, data, group["EQEXIN"], first, damaged)
+    else:
+        with agreed(comm):
+            system, dof, label, scalar, position = _places(data, table, damaged)
+    with agreed(comm):
+        if (dof < 1).any() or (label < 1).any() or (label > LARGEST_LABEL).any():
+            raise damaged("numbers of points or dofs that are not positive")
         if not np.isfinite(position).all():
             raise damaged("places that are no numbers")
         dofs = np.where(scalar, 1, 6)
@@ -201,6 +208,9 @@ def _points(path, comm, group):
         if (dof != before + np.cumsum(dofs) - dofs).any():
             raise damaged("dofs that do not follow each other")
         systems = _systems(group["CSTM"]) if "CSTM" in group else {}
+    turned = np.flatnonzero(~scalar & (system != 0))
+    if not all(comm.allgather(set(system[turned].tolist()) <= set(systems))):
+        return None
     counts = comm.allgather(int(dofs.sum()))
     with agreed(comm):
         if len(dof) and before != 1 + sum(counts[: comm.rank]):
@@ -218,16 +228,58 @@ def _points(path, comm, group):
             have = ~scalar[:, None] | (np.arange(6) == 0)
             for mark, bits in MEMBERS.items():
                 marks[have] |= np.where(members & bits, mark, 0).astype(np.uint8)
-        turned = np.flatnonzero(~scalar & (system != 0))
         axes = np.zeros((len(turned), 3, 3))
         for number in np.unique(system[turned]):
-            if number not in systems:
-                raise InputError(f"{path}: found points in the coordinate system {number}, which no table CSTM has")
             mine = system[turned] == number
             axes[mine] = systems[number].directions(position[turned[mine]])
         axes[np.abs(axes) < TINY] = 0.0
         same = (axes == np.eye(3)).all(axis=(1, 2))
-    return Points(label, position, scalar, marks, turned[~same], axes[~same])
+    rough = width == 16  # coordinates of 32 bits
+    return Points(label, position, scalar, marks, turned[~same], axes[~same], rough)
+
+
+def _form(table, numbers, damaged):
+    """How many points a BGPDT has, and bytes of each: with its numbers and doubles, or only system and place."""
+    long, short = 6 * table.size + 24, 4 * table.size
+    length = table.length(0)
+    if numbers is None:
+        return length // long, None if length % long else long
+    total = numbers.length(0) // (2 * numbers.size)
+    width = next((width for width in (long, short) if width * total == length), None)
+    if width is None or numbers.length(1) != numbers.length(0):
+        raise damaged(f"{length} bytes for {total} points, which are neither {long} nor {short} each,")
+    return total, width
+
+
+def _places(data, table, damaged):
+    """System, first dof, number, whether scalar, and place of points from the long form of BGPDT."""
+    kind = np.dtype([("whole", f"{table.order}i{table.size}", 6), ("place", f"{table.order}f8", 3)])
+    rows = data.view(kind)
+    system, dof, label, code = (rows["whole"][:, k].astype(np.int64) for k in range(4))
+    scalar = code % 10 == SCALAR_CODE
+    if not (scalar & (code == 12) | (code == 61)).all():
+        raise damaged("points that are neither grids nor scalars")
+    return system, dof, label, scalar, rows["place"].astype(float)
+
+
+def _old_places(comm, data, numbers, first, damaged):
+    """The same from the short form, with EQEXIN: number and place in the order, number and 10 times dof plus kind."""
+    kind = np.dtype([("system", f"{numbers.order}i{numbers.size}"), ("place", f"{numbers.order}f{numbers.size}", 3)])
+    rows = data.view(kind)
+    with agreed(comm):
+        count = numbers.length(0) // (2 * numbers.size)
+        low, high = (count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
+        pairs = numbers.integers(0, 2 * low, 2 * high).reshape(-1, 2)
+        codes = numbers.integers(1, 2 * low, 2 * high).reshape(-1, 2)
+        if (pairs[:, 0] != codes[:, 0]).any() or (pairs < 1).any() or (codes < 1).any():
+            raise damaged("numbers of points that do not agree")
+    twice = repeated_key(comm, pairs[:, 1])
+    wanted = first + 1 + np.arange(len(rows))
+    found, (label, code) = look_up(comm, pairs[:, 1], [pairs[:, 0], codes[:, 1]], wanted)
+    with agreed(comm):
+        if twice is not None or not found.all() or not np.isin(code % 10, (1, SCALAR_CODE)).all():
+            raise damaged("numbers of points that do not agree")
+    return rows["system"].astype(np.int64), code // 10, label, code % 10 == SCALAR_CODE, rows["place"].astype(float)
 
 
 def _systems(table):

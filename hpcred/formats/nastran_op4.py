@@ -28,9 +28,11 @@ COMPLEX = (3, 4)
 DOUBLE = (2, 4)
 # the format of the numbers at the end tells the header line from all others: 1P,5E16.9; without it, four whole numbers
 HEADER = re.compile(
-    rb"(?m)^(?=[ \d]{8}[ \d-]{8}[ \d]{15}) *\d(?:[^\n]*?[EeDd](?P<width>\d+)\.\d+ *(?P<wide>\|I16)?|"
+    rb"(?m)^(?=[ \d-]{31}) *\d(?:[^\n]*?[EeDd](?P<width>\d+)\.\d+ *(?P<wide>\|I16)?|"
     rb"\d* *-?\d+ {6,7}\d\d? {7}[1-4][ \w]{0,8}) *\r?$"
 )
+WHOLE = 8  # characters of a whole number, but in headers that say I16
+COLUMN = re.compile(rb"(?m)^[ 0-9]{17,24}\r?$")
 NUMBER = re.compile(rb"(?<=[0-9.])([+-])")
 
 
@@ -40,8 +42,8 @@ class Matrix:
 
     `form` and `kind` (1 and 2 real, 3 and 4 complex; even ones of two words a number) as OUTPUT4 numbers them. `starts`
     (shares + 1,): bytes where shares of whole columns begin and, last, where the closing record does; of a text, where
-    the lines begin and end. `layout` of a text: width of a number and of a whole number; of a binary file: byte
-    order and bytes of a whole number.
+    the lines begin and end. `layout` of a text: width of a number; of a binary file: byte order and bytes of a
+    whole number.
     """
 
     name: str
@@ -327,18 +329,16 @@ def _text_header(path, start, stop, line, end):
         raise InputError(
             f"{path}: found the header '{shown}' of a matrix, expected columns, rows, form, type, name and format"
         ) from error
-    layout = (int(match["width"] or 16), wide)
+    layout = (int(match["width"] or 16),)
     if not 8 <= layout[0] <= 40:
         raise InputError(f"{path}: found the header '{shown}' of a matrix, expected a format such as 1P,5E16.9")
     return _header(path, f"byte {start}", numbers, fields[4], starts=(stop, end), layout=layout, is_text=True)
 
 
 def _read_text(path, comm, matrix):
-    wide = matrix.layout[1]
-    column_line = re.compile(rb"(?m)^[ 0-9]{%d,%d}\r?$" % (2 * wide + 1, 3 * wide))
     with agreed(comm):
         parts, last = [], []
-        for piece in records(path, comm, *matrix.starts, column_line):
+        for piece in records(path, comm, *matrix.starts, COLUMN):
             i, j, v, columns = _decode_text(piece, matrix)
             parts.append((i, j, v))
             last += [int(columns[0]), int(columns[-1])] if len(columns) else []
@@ -356,7 +356,7 @@ def _read_text(path, comm, matrix):
 def _decode_text(piece, matrix):
     """Rows and columns (from 0) and values of whole columns of a text, and the numbers of the columns."""
     rows, columns = matrix.shape
-    width, wide = matrix.layout
+    (width,) = matrix.layout
     text = np.frombuffer(piece.text + (b"" if piece.text.endswith(b"\n") else b"\n"), np.uint8)
     newline = np.flatnonzero(text == ord("\n"))
     start = np.concatenate([[0], newline[:-1] + 1])
@@ -373,19 +373,19 @@ def _decode_text(piece, matrix):
     refuse(below[size[below] % width > 0], f"numbers of {width} characters")
     values = _fixed_numbers(piece, text, start[below], size[below] // width, width)
     heads = line[~is_number[line]]
-    is_column = (size[heads] > 2 * wide) & (size[heads] <= 3 * wide)
+    is_column = (size[heads] > 2 * WHOLE) & (size[heads] <= 3 * WHOLE)
     column_lines, string_lines = heads[is_column], heads[~is_column]
     if line.size and (not column_lines.size or line[0] != column_lines[0]):
         refuse(line[:1], "a column: its number, first row and number of words")
-    number, first, words = (_whole(piece, text, start, size, column_lines, k, wide) for k in range(3))
+    number, first, words = (_whole(piece, text, start, size, column_lines, k, WHOLE) for k in range(3))
     refuse(column_lines[(number < 1) | (number > columns + 1) | (first < 0) | (words < 1)],
            "the number of a column, its first row and number of words")  # fmt: skip
     refuse(column_lines[1:][np.diff(number) <= 0], "a column behind the one before")
     if matrix.big:
-        length, row = (_whole(piece, text, start, size, string_lines, k, wide) for k in range(2))
+        length, row = (_whole(piece, text, start, size, string_lines, k, WHOLE) for k in range(2))
     else:
-        refuse(string_lines[size[string_lines] > 2 * wide], "the header of a string of numbers")
-        length, row = np.divmod(_whole(piece, text, start, size, string_lines, 0, 2 * wide), SMALL)
+        refuse(string_lines[size[string_lines] > 2 * WHOLE], "the header of a string of numbers")
+        length, row = np.divmod(_whole(piece, text, start, size, string_lines, 0, 2 * WHOLE), SMALL)
     length = length - 1
     refuse(string_lines[(length < 1) | (row < 1)], "the header of a string of numbers")
     # headers in the order of the lines: columns that are dense, and strings, have numbers below
@@ -401,7 +401,7 @@ def _decode_text(piece, matrix):
     count = np.bincount(owner, weights=size[below] // width, minlength=len(heads)).astype(np.int64)
     # a dense column counts its numbers, a string words
     said = np.where(at == np.arange(len(at)), 1, 2 if matrix.kind in DOUBLE else 1) * count
-    refuse(heads[said != words_of], "as many numbers below as it says")
+    refuse(heads[(said != words_of) & (column_of <= columns)], "as many numbers below as it says")
     inside = np.zeros(len(heads), np.int64)
     np.add.at(inside, at, np.where(is_head, 0, words_of + (2 if matrix.big else 1)))
     said = np.zeros(len(heads), np.int64)

@@ -80,7 +80,7 @@ class Points:
 
     `label` (points,), `position` (points, 3), `scalar` (points,) whether one dof or six, `marks` (points, 6) of the
     dofs (only the first of a scalar point). `turned` (t,): points with directions of their own, and `axes` (t, 3, 3)
-    these directions as columns.
+    these directions as columns. `rough`: places and directions have 7 digits only.
     """
 
     label: np.ndarray
@@ -89,6 +89,7 @@ class Points:
     marks: np.ndarray
     turned: np.ndarray
     axes: np.ndarray
+    rough: bool = False
 
     def there(self) -> np.ndarray:
         """Which dofs (points, 6) there are before any is removed."""
@@ -110,6 +111,21 @@ class Points:
         """The points as nodes; scalar points at the origin. Collective."""
         first = comm.exscan(len(self.label)) or 0
         return Nodes(self.label, self.position, first + np.arange(len(self.label)))
+
+
+def refined(comm, points: Points, finer: Points) -> Points:
+    """The points with the places and directions of other ones where these have them all, else as they are.
+
+    Collective.
+    """
+    found, place = look_up(comm, finer.label, list(finer.position.T), points.label)
+    if not all(comm.allgather(bool((found | points.scalar).all()))):
+        return points
+    place = np.where(points.scalar[:, None], points.position, np.stack(place, axis=1))
+    found, axes = look_up(comm, finer.label[finer.turned], list(finer.axes.reshape(-1, 9).T), points.label)
+    turned = np.flatnonzero(found & ~points.scalar)
+    axes = np.stack(axes, axis=1)[turned].reshape(-1, 3, 3)
+    return Points(points.label, place, points.scalar, points.marks, turned, axes)
 
 
 @dataclass

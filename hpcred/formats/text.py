@@ -228,6 +228,13 @@ def ragged(piece: Piece, commas=True, expected="numbers") -> tuple[np.ndarray, n
     return values, counts[lines], lines
 
 
+def padded(values, counts, width) -> np.ndarray:
+    """The numbers of lines from ragged(), one row of `width` a line; what a line leaves out is zero."""
+    table = np.zeros((len(counts), width))
+    table[np.arange(width) < counts[:, None]] = values
+    return table
+
+
 def _plain(text, commas):
     """The text with blanks between the numbers, with e for the exponent, and without comments."""
     if any(mark in text for mark in (b"%", b"#", b"**")):

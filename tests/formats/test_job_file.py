@@ -7,38 +7,15 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse
-from helpers import refused, write_matrices
+from helpers import CHORD_JOB, refused, write_matrices
 
 import hpcred as package
 from hpcred.cli import run
 
-JOB = """
-model = "model.h5"
-inputs = [[20, "z"]]
-[frame]
-kind = "chord"
-nodes = [1, 7, 14]
-axes = "yxz"
-[[basis]]
-kind = "krylov"
-frequency = 100.0
-order = 1
-"""
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A folder with the linkage as model.h5 and a good job."""
-    monkeypatch.chdir(tmp_path)
-    with package.linkage() as model:
-        package.write_model("model.h5", model)
-    Path("job.toml").write_text(JOB)
-    return tmp_path
-
 
 def replaced(old, new):
-    assert old in JOB
-    Path("job.toml").write_text(JOB.replace(old, new))
+    assert old in CHORD_JOB
+    Path("job.toml").write_text(CHORD_JOB.replace(old, new))
 
 
 @pytest.mark.parametrize(
@@ -98,7 +75,7 @@ def replaced(old, new):
         ),
     ],
 )
-def test_a_bad_job_is_refused(folder, capsys, old, new, says):
+def test_a_bad_job_is_refused(linkage_folder, capsys, old, new, says):
     replaced(old, new)
     if says is None:  # a free body at 100 Hz is a fair problem; at 0 Hz it is not
         Path("job.toml").write_text(Path("job.toml").read_text().replace("100.0", "0.0"))
@@ -122,7 +99,7 @@ def test_inputs_as_files_and_matrices_in_the_job(tmp_path, monkeypatch):
     assert a.input_names == ("B.mtx:1", "B.mtx:2") and b.input_names == ("dof 4", "dof 1")
 
 
-def test_an_output_matrix_of_another_size_is_refused(folder, capsys):
+def test_an_output_matrix_of_another_size_is_refused(linkage_folder, capsys):
     scipy.io.mmwrite("C.mtx", np.eye(3, 119))
     replaced("[frame]", 'outputs = "C.mtx"\n[frame]')
     assert "C.mtx: found 3 x 119, expected 120 columns" in refused(capsys, "reduce", "job.toml")
@@ -130,7 +107,7 @@ def test_an_output_matrix_of_another_size_is_refused(folder, capsys):
 
 def test_folders_in_a_job_are_relative_to_it(tmp_path, monkeypatch):
     (tmp_path / "jobs/factors").mkdir(parents=True)
-    (tmp_path / "jobs/job.toml").write_text(JOB.replace("[frame]", 'out_of_core = "factors"\n[frame]'))
+    (tmp_path / "jobs/job.toml").write_text(CHORD_JOB.replace("[frame]", 'out_of_core = "factors"\n[frame]'))
     monkeypatch.chdir(tmp_path)
     job = package.read_job("jobs/job.toml")
     assert Path(job.factoring.out_of_core).resolve() == (tmp_path / "jobs/factors").resolve()
@@ -147,8 +124,8 @@ def test_folders_in_a_job_are_relative_to_it(tmp_path, monkeypatch):
         ('kind = "second_order_krylov"\ndecay = 100.0', '[damping]\nkind = "given"\n', "real"),
     ],
 )
-def test_the_build_that_fits_is_known_from_the_job(folder, basis, damping, scalar):
-    Path("job.toml").write_text(JOB.replace('kind = "krylov"\nfrequency = 100.0', basis) + damping)
+def test_the_build_that_fits_is_known_from_the_job(linkage_folder, basis, damping, scalar):
+    Path("job.toml").write_text(CHORD_JOB.replace('kind = "krylov"\nfrequency = 100.0', basis) + damping)
     assert package.read_job("job.toml").preferred_scalar == scalar
 
 
@@ -158,6 +135,6 @@ def test_the_build_that_fits_is_taken(hpcred, tmp_path):
     if len(startup.debian_builds()) < 2 or not startup.can_choose():
         pytest.skip("only one PETSc build on this machine")
     assert hpcred("example", "linkage").returncode == 0
-    (tmp_path / "job.toml").write_text(JOB.replace("order = 1", "decay = 3.0"))
+    (tmp_path / "job.toml").write_text(CHORD_JOB.replace("order = 1", "decay = 3.0"))
     run_ = hpcred("reduce", "job.toml")
     assert run_.returncode == 0 and "complex PETSc" in run_.stdout, run_.stderr

@@ -31,7 +31,7 @@ def matrix(comm, folder):
         for kind in ("csr", "csc", "coo"):
             scipy.sparse.save_npz(folder / f"{kind}.npz", mat.asformat(kind))
         coo = mat.tocoo()
-        lines = (f"{i + 1}, {j + 1}, {v!r}\n" for i, j, v in zip(coo.row, coo.col, coo.data, strict=True))
+        lines = (f"{i + 1}, {j + 1}, {v!r}\n" for i, j, v in zip(coo.row, coo.col, coo.data.tolist(), strict=True))
         (folder / "coordinates.mtx").write_text("".join(lines))
         with open(folder / "petsc.bin", "wb") as file:
             for part in (

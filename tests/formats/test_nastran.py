@@ -45,11 +45,11 @@ def test_frequencies_are_those_of_the_program(comm, folder, name):
             assert np.allclose(rom.frequencies[:4], expected, rtol=digits, atol=0)
 
 
-@pytest.mark.parametrize("name", ["extseout", "notall6"])
+@pytest.mark.parametrize("name", ["extseout", "notall6", "nx"])
 def test_all_eigenvalues_are_those_in_the_file(comm, folder, name):
     """The eigenvalues that Nastran computed lie beside the matrices; a dense eigensolver is the second method."""
     unpack(folder, comm, f"nastran/{name}")
-    path = folder / MODELS[name][0]
+    path = folder / (MODELS[name][0] if name in MODELS else "nas2cam_notall6_nx2021.op4")
     known = [item for item in nastran_op4.contents(path, comm) if item.name == "LAMBDA"][-1]
     entries = nastran_op4.read_matrix(path, comm, known)
     place, values = gathered(comm, entries.rows, entries.values)
@@ -73,6 +73,21 @@ def test_fixed_interface_modes_of_a_superelement(comm, folder):
     assert scalar.sum() == 60 and (np.abs(M[np.ix_(scalar, scalar)] - np.eye(60)) < 1e-12).all()
     found = np.sqrt(np.diag(K)[scalar]) / (2 * np.pi)
     assert np.allclose(np.sort(found)[:4], [6.129346, 6.130134, 23.63188, 70.19714], rtol=2e-7)
+
+
+def test_an_external_superelement(comm, folder):
+    """EXTSEOUT's punch file names the rows; the OP2 beside it has no systems and says nothing."""
+    unpack(folder, comm, "nastran/external")
+    parts = nastran.read_op4(folder / "inboard.op4", comm)
+    said = " ".join(parts.warnings)
+    assert "K is KXX, M is MXX" in said and "nodes and sets of dofs are those of" in said and "inboard.pch" in said
+    with assemble(parts, comm) as model:
+        report = hpcred.inspect(model)
+        assert report["rigid_body_modes"] == 6 and report["rigid_body_defect"] < 1e-13
+        assert set(report["warnings"]) <= set(parts.warnings)  # none but what the file's reader said
+        node, direction = gathered(comm, model.dofs.node, model.dofs.direction)
+    assert node[::6][:4].tolist() == [3, 11, 19, 27] and node[24:].tolist() == list(range(2995001, 2995009))
+    assert direction.tolist() == [*range(6)] * 4 + [DIRECTIONS.index("scalar")] * 8
 
 
 def test_rows_are_turned_to_the_global_axes(comm, folder, monkeypatch):

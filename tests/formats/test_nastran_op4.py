@@ -70,6 +70,21 @@ def test_headers_without_names_or_formats(comm, folder):
         ]  # fmt: skip
 
 
+def test_dimensions_of_more_than_seven_digits(comm, folder):
+    """Ten million columns, rows, or both; the header of a text then has wider fields."""
+    unpack(folder, comm, "nastran/variants")
+    found = []
+    for name in ("nas_large_dim_bigmat_binary", "nas_large_dim_bigmat_ascii"):
+        path = folder / f"{name}.op4"
+        contents = nastran_op4.contents(path, comm)
+        assert [item.shape for item in contents] == [(19, 10000001), (10000001, 19), (10000001, 10000001), (5, 7)]
+        for item in contents:
+            entries = nastran_op4.read_matrix(path, comm, item)
+            found.append(gathered(comm, entries.rows, entries.columns, entries.values))
+    for (i, j, v), (k, m, w) in zip(found[:4], found[4:], strict=True):
+        assert np.array_equal(i, k) and np.array_equal(j, m) and np.allclose(v, w, rtol=1e-15)
+
+
 def test_binary_and_text_of_a_real_stiffness(comm, folder):
     unpack(folder, comm, "nastran/testplate")
     exact = matrices_of(folder / "testplate_kgg.op4", comm)

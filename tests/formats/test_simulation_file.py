@@ -1,40 +1,16 @@
 """sim.toml: what it says is what arrives, and what is wrong is refused before anything is computed."""
 
 import pytest
+from helpers import SIMULATION
 
 from hpcred import Joint, SineForce, TableForce
 from hpcred.formats.simulation_file import read_simulation
 from hpcred.parallel.failures import InputError
 
-SIM = """
-body = "result.h5"
-end = 0.05
-steps = 20
-observe = [10]
-[[force]]
-kind = "sine"
-node = 20
-amplitude = [0.0, 0.0, -10.0]
-frequency = 5.0
-[[force]]
-kind = "table"
-node = 1
-times = [0.0, 0.01]
-values = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
-[[constraint]]
-node = 1
-[[constraint]]
-node = 7
-directions = ["x", "z"]
-[[constraint]]
-node = 14
-directions = ["z"]
-"""
-
 
 @pytest.fixture
 def path(tmp_path):
-    (tmp_path / "sim.toml").write_text(SIM)
+    (tmp_path / "sim.toml").write_text(SIMULATION)
     return tmp_path / "sim.toml"
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import close, dense_model, gather
+from helpers import close, damped, dense_model, gather
 
 import hpcred
 from hpcred import (
@@ -15,25 +15,6 @@ from hpcred import (
 from hpcred.model.damping import is_proportional
 
 pytestmark = pytest.mark.mpi
-
-
-def damped(solid, unsymmetric=False):
-    """The solid with Rayleigh damping, two discrete dampers, and perhaps a gyroscopic pair; D as numpy too."""
-    K, M, B = dense_model(solid)
-    D = 10.0 * M + 1e-5 * K
-    D[5, 5] += 3e3
-    D[40, 40] += 1e4
-    if unsymmetric:
-        D[5, 40] += 2e3
-        D[40, 5] -= 2e3
-    model = hpcred.SecondOrderModel.from_scipy(K, M, D, solid.comm)
-    model = with_columns(model, "input", B)
-    return model, K, M, D, B
-
-
-def with_columns(model, key, array):
-    mine = slice(model.first_row, model.first_row + model.local_rows)
-    return getattr(model, f"with_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
 
 
 def test_caughey_series_against_dense_matrices(comm):

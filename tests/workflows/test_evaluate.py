@@ -8,33 +8,11 @@ import numpy as np
 import pytest
 import scipy.io
 from conftest import DATA
+from helpers import CHORD_JOB
 
 import hpcred as package
 from hpcred.cli import run
 from hpcred.examples.beam import Rod
-
-JOB = """
-model = "model.h5"
-inputs = [[20, "z"]]
-[frame]
-kind = "chord"
-nodes = [1, 7, 14]
-axes = "yxz"
-[[basis]]
-kind = "krylov"
-frequency = 100.0
-order = 1
-"""
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A folder with the linkage as model.h5 and a good job."""
-    monkeypatch.chdir(tmp_path)
-    with package.linkage() as model:
-        package.write_model("model.h5", model)
-    Path("job.toml").write_text(JOB)
-    return tmp_path
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
@@ -83,10 +61,10 @@ def test_from_foreign_files_to_the_error(hpcred, tmp_path, ranks):
     assert responses.input_names == ("1:x", "20:z", "100:y")
 
 
-def test_a_two_sided_job_with_second_order_krylov(folder):
+def test_a_two_sided_job_with_second_order_krylov(linkage_folder):
     """Outputs of their own, Rayleigh damping, and the error against the full model."""
     Path("job.toml").write_text(
-        JOB.replace(
+        CHORD_JOB.replace(
             "[frame]", 'outputs = [[17, "z"], [18, "rx"]]\nprojection = "two_sided"\nallow_unstable = true\n[frame]'
         )
         .replace("[[basis]]", '[damping]\nkind = "rayleigh"\nalpha = 2.0\nbeta = 1e-5\n[[basis]]')
@@ -101,7 +79,7 @@ def test_a_two_sided_job_with_second_order_krylov(folder):
         assert file["basis/W"].shape == file["basis/V"].shape
 
 
-def test_another_model_or_other_inputs_are_noticed(folder, capsys):
+def test_another_model_or_other_inputs_are_noticed(linkage_folder, capsys):
     """Names and sizes are the same; the matrices, or the columns of the file of inputs, are not."""
     assert run(["reduce", "job.toml"]) == 0
     with package.linkage(rod=Rod(diameter=0.0221)) as model:
@@ -121,29 +99,29 @@ def test_another_model_or_other_inputs_are_noticed(folder, capsys):
     assert "its inputs differ from what result.h5 was reduced from" in capsys.readouterr().err
 
 
-def test_a_file_of_inputs_is_found_from_another_folder(folder, monkeypatch):
+def test_a_file_of_inputs_is_found_from_another_folder(linkage_folder, monkeypatch):
     scipy.io.mmwrite("B.mtx", np.eye(120)[:, [116]])
     assert run(["reduce", "job.toml", "--set", 'inputs="B.mtx"']) == 0
-    (folder / "elsewhere").mkdir()
-    monkeypatch.chdir(folder / "elsewhere")
+    (linkage_folder / "elsewhere").mkdir()
+    monkeypatch.chdir(linkage_folder / "elsewhere")
     assert run(["evaluate", "../result.h5", "--full", "../model.h5", "--points", "3"]) == 0
 
 
 @pytest.mark.parametrize("points", ["0", "1", "-3"])
-def test_a_grid_needs_two_points(folder, capsys, points):
+def test_a_grid_needs_two_points(linkage_folder, capsys, points):
     assert run(["reduce", "job.toml"]) == 0
     capsys.readouterr()
     assert run(["evaluate", "result.h5", "--points", points]) == 2
     assert "expected at least 2 frequencies" in capsys.readouterr().err
 
 
-def test_what_the_factors_of_a_reduction_were_told_reaches_the_full_response(folder):
+def test_what_the_factors_of_a_reduction_were_told_reaches_the_full_response(linkage_folder):
     """A model that fits only out of core can be evaluated."""
-    (folder / "factors").mkdir()
+    (linkage_folder / "factors").mkdir()
     assert run(["reduce", "job.toml", "--set", 'out_of_core="factors"']) == 0
     record = package.read_result("result.h5").reduced.record
-    assert record.job["out_of_core"] == str(folder / "factors")
-    (folder / "factors").rmdir()
+    assert record.job["out_of_core"] == str(linkage_folder / "factors")
+    (linkage_folder / "factors").rmdir()
     assert run(["evaluate", "result.h5", "--full", "model.h5", "--points", "3"]) == 2  # the folder is asked for
 
 
@@ -228,7 +206,7 @@ def test_the_estimate_from_the_result_alone(automatic, capsys):
 
 
 @pytest.mark.parametrize("arguments", [["--estimate"], ["--check", "3", "--full", "model.h5"]])
-def test_a_basis_by_hand_has_no_estimate(folder, capsys, arguments):
+def test_a_basis_by_hand_has_no_estimate(linkage_folder, capsys, arguments):
     assert run(["reduce", "job.toml"]) == 0
     capsys.readouterr()
     assert run(["evaluate", "result.h5", *arguments]) == 2

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.io
+from helpers import MODES_JOB, names
 
 import hpcred as package
 from hpcred import Buckens, Modes, read_sid
@@ -12,52 +13,14 @@ from hpcred.cli import run
 from hpcred.parallel.failures import InputError
 from hpcred.workflows.export import EXPORTS, export_result
 
-JOB = """
-model = "model.h5"
-output = "result.h5"
-inputs = [[20, "z"], [1, "x"]]
-[frame]
-kind = "buckens"
-[damping]
-kind = "rayleigh"
-alpha = 2.0
-beta = 1e-5
-[[basis]]
-kind = "modes"
-index = [7, 8, 9, 10, 11, 12]
-"""
 STRUCTURAL = """kind = "structural"
 loss_factor = 0.02
 """
 
 
-def names(folder, comm):
-    """What is in a folder while no rank writes."""
-    comm.Barrier()
-    found = sorted(folder.iterdir())
-    comm.Barrier()
-    return found
-
-
-@pytest.fixture
-def made(folder, comm):
-    """A function that makes a job of the linkage in the folder that all ranks share, and returns its result."""
-    with package.linkage(comm) as model:
-        package.write_model(folder / "model.h5", model)
-
-    def make(job=JOB):
-        if comm.rank == 0:
-            (folder / "job.toml").write_text(job)
-        comm.Barrier()
-        assert run(["reduce", str(folder / "job.toml")]) == 0
-        return folder / "result.h5"
-
-    return make
-
-
 @pytest.mark.mpi
-def test_all_formats_without_more(made, comm):
-    result = made()
+def test_all_formats_without_more(reduced_linkage, comm):
+    result = reduced_linkage()
     for kind, export in EXPORTS.items():
         report = export_result(result, kind)
         path = result.with_name("result" + export.suffix)
@@ -72,10 +35,10 @@ def test_all_formats_without_more(made, comm):
 
 
 @pytest.mark.mpi
-def test_structural_damping_is_carried_or_refused(made, comm):
+def test_structural_damping_is_carried_or_refused(reduced_linkage, comm):
     """D is zero then, so that a file without the loss factor would be undamped without a word."""
-    head, tail = JOB.split('kind = "rayleigh"\nalpha = 2.0\nbeta = 1e-5\n')
-    result = made(head + STRUCTURAL + tail)
+    head, tail = MODES_JOB.split('kind = "rayleigh"\nalpha = 2.0\nbeta = 1e-5\n')
+    result = reduced_linkage(head + STRUCTURAL + tail)
     before = names(result.parent, comm)
     for kind in ("sid", "exudyn"):
         with pytest.raises(InputError, match=r"result.h5: damping: .*loss factor 0.02.*'modal' and ratio = 0.01"):
@@ -87,8 +50,8 @@ def test_structural_damping_is_carried_or_refused(made, comm):
 
 
 @pytest.mark.mpi
-def test_exports_are_refused_on_all_ranks(made, comm):
-    result = made()
+def test_exports_are_refused_on_all_ranks(reduced_linkage, comm):
+    result = reduced_linkage()
     before = names(result.parent, comm)
     for arguments, says in (
         ({"kind": "sidd"}, "--format: found 'sidd', expected one of sid, matlab, npz, exudyn, vtk"),
@@ -104,11 +67,11 @@ def test_exports_are_refused_on_all_ranks(made, comm):
     assert names(result.parent, comm) == before
 
 
-def test_a_body_without_coordinates_is_no_body(made, folder):
+def test_a_body_without_coordinates_is_no_body(reduced_linkage, folder):
     with package.linkage() as labelled, replace(labelled.shared(), dofs=None) as model:
         package.write_model(folder / "plain.h5", model)
-    result = made(
-        JOB.replace("model.h5", "plain.h5").replace('[frame]\nkind = "buckens"\n', "")
+    result = reduced_linkage(
+        MODES_JOB.replace("model.h5", "plain.h5").replace('[frame]\nkind = "buckens"\n', "")
         .replace('[[20, "z"], [1, "x"]]', "[1]")
         .replace('"modes"\nindex = [7, 8, 9, 10, 11, 12]', '"krylov"\nfrequency = 9.0')
     )  # fmt: skip
@@ -118,8 +81,8 @@ def test_a_body_without_coordinates_is_no_body(made, folder):
         export_result(result, "vtk")
 
 
-def test_a_result_without_interface_needs_nodes(made):
-    result = made(JOB.replace('[[20, "z"], [1, "x"]]', "[1]"))
+def test_a_result_without_interface_needs_nodes(reduced_linkage):
+    result = reduced_linkage(MODES_JOB.replace('[[20, "z"], [1, "x"]]', "[1]"))
     with pytest.raises(InputError, match="no interface nodes, since no input or output belongs to a node"):
         export_result(result, "npz")
     assert "inputs that belong to no node are left out: dof 1" in export_result(result, "sid", nodes=[3])["remarks"]

@@ -6,72 +6,20 @@ import re
 import h5py
 import numpy as np
 import pytest
+from helpers import MODES_JOB, SIMULATION, names
 
-import hpcred as package
-from hpcred.cli import run
 from hpcred.parallel.failures import InputError
 from hpcred.workflows.simulate import simulate_file
 
-JOB = """
-model = "model.h5"
-output = "result.h5"
-inputs = [[20, "z"], [1, "x"]]
-[frame]
-kind = "buckens"
-[damping]
-kind = "rayleigh"
-alpha = 2.0
-beta = 1e-5
-[[basis]]
-kind = "modes"
-index = [7, 8, 9, 10, 11, 12]
-"""
-SIM = """
-body = "result.h5"
-end = 0.05
-steps = 20
-observe = [10]
-[[force]]
-kind = "sine"
-node = 20
-amplitude = [0.0, 0.0, -10.0]
-frequency = 5.0
-[[force]]
-kind = "table"
-node = 1
-times = [0.0, 0.01]
-values = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
-[[constraint]]
-node = 1
-[[constraint]]
-node = 7
-directions = ["x", "z"]
-[[constraint]]
-node = 14
-directions = ["z"]
-"""
-
-
-def names(folder, comm):
-    """What is in a folder while no rank writes."""
-    comm.Barrier()
-    found = sorted(folder.iterdir())
-    comm.Barrier()
-    return found
-
 
 @pytest.fixture
-def made(folder, comm):
+def made(reduced_linkage, folder, comm):
     """A function that reduces the linkage by a job in the folder that all ranks share; returns a good sim.toml."""
-    with package.linkage(comm) as model:
-        package.write_model(folder / "model.h5", model)
 
-    def make(job=JOB):
+    def make(job=MODES_JOB):
         if comm.rank == 0:
-            (folder / "job.toml").write_text(job)
-            (folder / "sim.toml").write_text(SIM)
-        comm.Barrier()
-        assert run(["reduce", str(folder / "job.toml")]) == 0
+            (folder / "sim.toml").write_text(SIMULATION)
+        reduced_linkage(job)
         return folder / "sim.toml"
 
     return make
@@ -120,7 +68,7 @@ def test_simulations_are_refused_on_all_ranks(made, comm):
 
 
 def test_structural_damping_has_no_motion(made):
-    head, tail = JOB.split('kind = "rayleigh"\nalpha = 2.0\nbeta = 1e-5\n')
+    head, tail = MODES_JOB.split('kind = "rayleigh"\nalpha = 2.0\nbeta = 1e-5\n')
     path = made(head + 'kind = "structural"\nloss_factor = 0.02\n' + tail)
     with pytest.raises(InputError, match=r"loss factor 0.02.*no place in a simulation.*ratio = 0.01"):
         simulate_file(path)
