@@ -7,6 +7,7 @@ from .analysis.frequency_response import frequency_response as frequency_respons
 from .analysis.full_response import FullResponse as FullResponse
 from .analysis.full_response import full_response as full_response
 from .analysis.summary import inspect as inspect
+from .examples.crank import crank as crank
 from .examples.linkage import linkage as linkage
 from .examples.solid import solid as solid
 from .formats.job_file import Job as Job
@@ -36,6 +37,9 @@ from .model.frames import Buckens as Buckens
 from .model.frames import Chord as Chord
 from .model.frames import NoFrame as NoFrame
 from .model.frames import Tangent as Tangent
+from .model.interfaces import Interface as Interface
+from .model.interfaces import InterfaceNode as InterfaceNode
+from .model.interfaces import Nodes as Nodes
 from .model.second_order_model import SecondOrderModel as SecondOrderModel
 from .multibody.body import Body as Body
 from .multibody.body import body_of as body_of
@@ -56,6 +60,11 @@ from .parallel.startup import start as start
 from .reduction.adaptive import Accuracy as Accuracy
 from .reduction.adaptive import Adaptive as Adaptive
 from .reduction.adaptive import Limits as Limits
+from .reduction.craig_bampton import ConstraintModes as ConstraintModes
+from .reduction.craig_bampton import CraigBampton as CraigBampton
+from .reduction.craig_bampton import FixedInterfaceModes as FixedInterfaceModes
+from .reduction.craig_bampton import Guyan as Guyan
+from .reduction.craig_bampton import ResidualAttachment as ResidualAttachment
 from .reduction.ingredient import Ingredient as Ingredient
 from .reduction.krylov import Krylov as Krylov
 from .reduction.krylov import StaticCorrection as StaticCorrection

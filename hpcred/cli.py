@@ -410,7 +410,8 @@ def response(
 @app.command()
 def export(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff or png.")] = "sid",
+    kind: Annotated[str, typer.Option("--format", help="sid, matlab, npz, exudyn, vtk, uff, png; nastran, "
+                   "nastran-op4, ansys, abaqus or simscape of a model in interface coordinates.")] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
     json: JsonFile = None,
@@ -421,7 +422,9 @@ def export(
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")
     else:
-        print(f"{report['output']}: {report['coordinates']} elastic coordinates, nodes {report['nodes']}")
+        print(f"{report['output']}: {report['coordinates']} coordinates, nodes {report['nodes']}")
+        for name in report.get("files", ()):
+            print(f"with {name}")
         for line in report["remarks"]:
             print(f"note: {line}")
     write_json(json, report)
@@ -495,6 +498,16 @@ def example_linkage(output: ModelOutput = "model.h5"):
     _example("linkage", output)
 
 
+@example.command("crank")
+def example_crank(
+    output: ModelOutput = "model.h5",
+    dofs: Annotated[int, typer.Option(help="About so many dofs.")] = 20_000,
+):
+    """A free connecting rod of hexahedra, with its bearings as the node sets BIG_EYE and SMALL_EYE."""
+    _example("crank", output, dofs=dofs)
+
+
 def _example(name, output, **keywords):
     report = hpcred.write_example(name, output, **keywords)
-    print(f"{output}: {report['size']} dofs, inputs {', '.join(report['inputs'])}")
+    known = "; ".join(f"{key} {', '.join(report[key])}" for key in ("inputs", "sets") if report[key])
+    print(f"{output}: {report['size']} dofs, {known}")

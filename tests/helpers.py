@@ -4,13 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import scipy.io
+import scipy.linalg
 import scipy.sparse
 
 from hpcred.cli import run
 from hpcred.examples.beam import Rod, beam_element
+from hpcred.examples.solid import solid
 from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.model.dofs import Dofs
+from hpcred.model.interfaces import Interface, InterfaceNode, Nodes
 from hpcred.model.second_order_model import SecondOrderModel, row_range
+from hpcred.reduction.reduced_model import ReducedModel
 
 MODES_JOB = """
 model = "model.h5"
@@ -190,3 +194,60 @@ def names(folder, comm):
     found = sorted(folder.iterdir())
     comm.Barrier()
     return found
+
+
+def face(name, x, **more):
+    """An interface at the nodes of the block of `block_with_ends` whose first coordinate is x."""
+    nodes = Nodes(box=((x - 1e-6, -1.0, -1.0), (x + 1e-6, 1.0, 1.0)))
+    return Interface(name=name, nodes=nodes, **more)
+
+
+def block_with_ends(comm, kind="averaging", clamped=False, cells=(6, 2, 3)):
+    """A block of 10 mm cells with interfaces at its ends (the right one where clamped), and all their inputs."""
+    length = 0.01 * cells[0]
+    with solid(cells, clamped=clamped, comm=comm) as model:
+        ends = [face("right", length, kind=kind)] if clamped else [
+            face("left", 0.0, kind=kind), face("right", length, kind=kind)]  # fmt: skip
+        with model.with_interfaces(ends) as marked:
+            return marked.with_inputs([(item.name, "all") for item in ends])
+
+
+def rigid_motions_at(points):
+    """The motions (6k, 6) of nodes at points for unit translations and rotations about the origin."""
+    return np.concatenate([
+        np.block([[np.eye(3), np.cross(np.eye(3), point).T], [np.zeros((3, 3)), np.eye(3)]]) for point in points
+    ])  # fmt: skip
+
+
+def interface_model(modes=5, held=False, damping=0.0, loss_factor=0.0):
+    """A bent beam of three straight parts in space by Craig-Bampton with its two ends as interface nodes, in numpy.
+
+    `held`: one node between is clamped. `damping`: that of a full random D.
+    """
+    corners = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, 0.2, 0.1], [0.5, 0.2, 0.4]]) + [0.1, -0.2, 0.05]
+    parts = [np.linspace(corners[k], corners[k + 1], 4)[:-1] for k in range(3)]
+    nodes = np.concatenate([*parts, corners[3:]])
+    size = 6 * len(nodes)
+    K, M = np.zeros((size, size)), np.zeros((size, size))
+    for e in range(len(nodes) - 1):
+        part = slice(6 * e, 6 * e + 12)
+        stiffness, mass = beam_element(nodes[e], nodes[e + 1], Rod())
+        K[part, part] += stiffness
+        M[part, part] += mass
+    ends = np.r_[0:6, size - 6 : size]
+    inner = np.setdiff1d(np.arange(size), [*ends, *(range(24, 30) if held else ())])
+    values, shapes = scipy.linalg.eigh(K[np.ix_(inner, inner)], M[np.ix_(inner, inner)])
+    T = np.zeros((size, 12 + modes))
+    T[ends, :12] = np.eye(12)
+    T[np.ix_(inner, range(12))] = -np.linalg.solve(K[np.ix_(inner, inner)], K[np.ix_(inner, ends)])
+    T[inner, 12:] = shapes[:, :modes]
+    Kr, Mr = T.T @ K @ T, T.T @ M @ T
+    Kr[:12, 12:], Kr[12:, :12], Kr[12:, 12:], Mr[12:, 12:] = 0, 0, np.diag(values[:modes]), np.eye(modes)
+    Kr, Mr = (Kr + Kr.T) / 2, (Mr + Mr.T) / 2
+    count = len(Kr)
+    mix = np.random.default_rng(3).normal(size=(count, count))
+    D = damping * np.linalg.cholesky(Mr) @ (mix @ mix.T) @ np.linalg.cholesky(Mr).T
+    frequencies = np.sqrt(np.abs(scipy.linalg.eigh(Kr, Mr, eigvals_only=True))) / (2 * np.pi)
+    interfaces = (InterfaceNode("left", 101, tuple(nodes[0])), InterfaceNode("right", 205, tuple(nodes[-1])))
+    return ReducedModel(Mr, (D + D.T) / 2, Kr, np.eye(count)[:, :3], np.eye(count)[6:8], frequencies, loss_factor,
+                        ("left x", "left y", "left z"), ("right x", "right y"), interfaces)  # fmt: skip

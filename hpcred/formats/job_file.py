@@ -10,6 +10,7 @@ from typing import Literal
 from ..linalg.factorisation import Factoring
 from ..model.damping import Damping, NoDamping
 from ..model.frames import Frame, NoFrame
+from ..model.interfaces import Interface
 from ..parallel.failures import InputError
 from ..reduction.adaptive import Adaptive, Limits
 from ..reduction.record import AnyIngredient
@@ -17,20 +18,22 @@ from ..reduction.settings import Reduction
 from .model_source import Source
 from .toml_file import CONFIG, parse, read_table
 
-Targets = str | tuple[int | tuple[int, str], ...]
+Targets = str | tuple[int | tuple[int | str, str], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
     """One reduction: settings and files. Relative file names in a job file are relative to its folder.
 
-    `model`: model.h5, or matrix files. `inputs` and `outputs`: a matrix file, or dofs as numbers from 1 or
-    [node, direction]; without them those of the model are taken. `band`: Hz. `tolerance`: eps that points, orders and
-    size are chosen for, over the band, within the limits `adaptive` (see reduction.adaptive.Limits); `unreached`: where
-    it is not reached the model is written under a name that says so ("mark"), as `output` ("write"), or not ("refuse").
-    `write_basis`: whether V goes into the result. `body_origin` (m), `lumped_integrals`: see multibody.floating_frame.
-    deflation_tolerance, drop_above, projection, allow_unstable, groups: see reduction.settings.Reduction. out_of_core,
-    low_rank, memory_mb: see linalg.factorisation.Factoring.
+    `model`: model.h5, or matrix files. `inputs` and `outputs`: a matrix file, or dofs as numbers from 1 or [node,
+    direction]; without them those of the model are taken, or all directions of all interfaces. `interface`: see
+    model.interfaces.Interface; its name stands for a node in inputs, outputs and frames. `band`: Hz. `tolerance`:
+    eps that points, orders and size are chosen for, over the band, within the limits `adaptive` (see
+    reduction.adaptive.Limits); `unreached`: where it is not reached the model is written under a name that says so
+    ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result. `body_origin`
+    (m), `lumped_integrals`: see multibody.floating_frame. deflation_tolerance, drop_above, projection,
+    allow_unstable, groups, coordinates: see reduction.settings.Reduction. out_of_core, low_rank, memory_mb: see
+    linalg.factorisation.Factoring.
     """
 
     model: str | Source
@@ -42,6 +45,7 @@ class Job:
     unreached: Literal["mark", "write", "refuse"] = "mark"
     inputs: Targets | None = None
     outputs: Targets | None = None
+    interface: tuple[Interface, ...] = ()
     frame: Frame = NoFrame()
     damping: Damping = NoDamping()
     deflation_tolerance: float = Reduction.deflation_tolerance
@@ -52,6 +56,7 @@ class Job:
     projection: str = Reduction.projection
     allow_unstable: bool = False
     groups: int | str = 1
+    coordinates: str = Reduction.coordinates
     out_of_core: str | None = None
     low_rank: float | None = None
     memory_mb: float | None = None
@@ -99,7 +104,8 @@ class Job:
         model = [self.model] if isinstance(self.model, str) else [
             name for name in asdict(self.model).values() if isinstance(name, str)
         ]
-        return [*model, *(item for item in (self.inputs, self.outputs) if isinstance(item, str))]
+        named = (self.inputs, self.outputs, *(item.nodes for item in self.interface))
+        return [*model, *(item for item in named if isinstance(item, str))]
 
 
 def read_job(path, overrides=()) -> Job:
@@ -124,4 +130,5 @@ def _with_folder(job, folder):
         **{key: at(name) for key, name in asdict(job.model).items()}
     )  # fmt: skip
     moved = {key: at(getattr(job, key)) for key in ("output", "inputs", "outputs", "out_of_core")}
-    return replace(job, model=model, **moved)
+    interface = tuple(replace(item, nodes=at(item.nodes)) for item in job.interface)
+    return replace(job, model=model, interface=interface, **moved)

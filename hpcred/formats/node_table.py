@@ -6,8 +6,9 @@ import numpy as np
 
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import repeated_key
+from ..parallel.petsc import MPI
 from .entries import joined, label_name, label_of
-from .text import LARGEST_LABEL, numbers, pieces, places, whole
+from .text import LARGEST_LABEL, numbers, pieces, places, ragged, whole
 
 
 @dataclass
@@ -39,6 +40,17 @@ def read(path, comm) -> Nodes:
     if twice is not None:
         raise InputError(f"{path}: found the node {twice} more than once, expected one line a node")
     return Nodes(label, position, places(comm, counts))
+
+
+def read_node_numbers(path) -> tuple[int, ...]:
+    """The numbers of nodes in a text, one or several a line, in their order; on this rank. Raises InputError."""
+    found = []
+    for piece in pieces(path, MPI.COMM_SELF):
+        values, counts, lines = ragged(piece, expected="node numbers")
+        found += whole(piece, values, np.repeat(lines, counts), "the node number", 1, LARGEST_LABEL).tolist()
+    if not found:
+        raise InputError(f"{path}: found no node numbers")
+    return tuple(found)
 
 
 def finite(piece, values, lines):

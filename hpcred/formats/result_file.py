@@ -2,11 +2,12 @@
 
 attributes: format, version; loss_factor of structural damping
 reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
+reduced/interfaces/name, node (k), position (k, 3): in interface coordinates, the nodes whose displacements come first
 basis/V (m, n), one row a basis vector in the dofs of the full model (basis/W: the left one of a two-sided projection)
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kind> (elements, nodes), held/, as in
     model.h5
 floating_frame/: the quantities of multibody.floating_frame, for a one-sided basis of a model with nodes
-interface/node (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): see multibody.node_shapes
+interface/node (k), name (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): see multibody.node_shapes
 record: JSON of reduction.record.Record
 """
 
@@ -21,6 +22,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ..linalg.blocks import local_rows
 from ..model.dofs import SCALAR
+from ..model.interfaces import InterfaceNode
 from ..multibody.body import Body, body_of
 from ..multibody.floating_frame import FloatingFrame
 from ..multibody.node_shapes import NodeShape, shapes_of_rows
@@ -161,6 +163,9 @@ def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=
             file.small(f"reduced/{key}", getattr(reduced, key))
         for key in NAMES:
             file.small(f"reduced/{key}", list(getattr(reduced, key)))
+        if reduced.interfaces:
+            for key in ("name", "node", "position"):
+                file.small(f"reduced/interfaces/{key}", [getattr(item, key) for item in reduced.interfaces])
         if basis and reduced.columns is not None:
             _write_basis(file, reduced, model)
         if body is not None:
@@ -170,6 +175,7 @@ def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=
             if body.nodes:
                 for key in ("node", "position", "phi", "psi", "rotates"):
                     file.small(f"interface/{key}", np.array([getattr(shape, key) for shape in body.nodes]))
+                file.small("interface/name", [shape.name for shape in body.nodes])
         file.small("record", TypeAdapter(Record | None).dump_json(reduced.record).decode())
 
 
@@ -193,6 +199,7 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
         reduced = ReducedModel(
             **{key: group[key][...] for key in ARRAYS},
             **{key: tuple(texts(group[key])) for key in NAMES},
+            interfaces=_interfaces(group["interfaces"]) if "interfaces" in group else (),
             loss_factor=float(file.attrs["loss_factor"]),
             record=record,
         )
@@ -204,8 +211,15 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
             )
         if "interface" in file:
             arrays = [file[f"interface/{key}"][...] for key in ("node", "position", "phi", "psi", "rotates")]
+            names = texts(file["interface/name"]) if "name" in file["interface"] else [""] * len(arrays[0])
             result.nodes = [
-                NodeShape(int(node), position, phi, psi, bool(rotates))
-                for node, position, phi, psi, rotates in zip(*arrays, strict=True)
+                NodeShape(int(node), position, phi, psi, bool(rotates), name)
+                for node, position, phi, psi, rotates, name in zip(*arrays, names, strict=True)
             ]
         return result
+
+
+def _interfaces(group) -> tuple[InterfaceNode, ...]:
+    """The nodes of interface coordinates."""
+    rows = zip(texts(group["name"]), group["node"][...].tolist(), group["position"][...].tolist(), strict=True)
+    return tuple(InterfaceNode(name, node, tuple(position)) for name, node, position in rows)

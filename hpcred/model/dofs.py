@@ -42,6 +42,12 @@ def rows_of_node(model, node: int) -> dict[int, int]:
     for part in model.comm.allgather(mine):
         found |= part
     if not found:
+        averaged = next((item for item in model.interfaces if item.node == node), None)
+        if averaged is not None:
+            raise InputError(
+                f"interface '{averaged.name}' of {model.name} has no dofs of its own, since it is an averaging one; "
+                "take kind = 'rigid' for it, or the Buckens frame"
+            )
         held = held_directions(model, node)
         if held:
             raise InputError(
@@ -93,9 +99,9 @@ def require_dofs(model, purpose: str) -> Dofs:
 
 def target_of(name: str):
     """The target that target_name named, or None for the name of something else."""
-    head, colon, tail = name.partition(":")
-    if colon and head.isdigit() and tail in DIRECTIONS:
-        return int(head), tail
+    head, colon, tail = name.rpartition(":")
+    if colon and tail in DIRECTIONS:
+        return int(head) if head.isdigit() else head, tail
     return int(name[4:]) if name.startswith("dof ") and name[4:].isdigit() else None
 
 

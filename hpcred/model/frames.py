@@ -18,6 +18,7 @@ from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import PETSc
 from .damping import with_damping
 from .dofs import DIRECTIONS, position_of_node, row_of, rows_of_node
+from .interfaces import couple, node_number
 from .rigid_body_modes import RigidBodyModes
 from .second_order_model import SecondOrderModel
 
@@ -33,10 +34,10 @@ class NoFrame:
 
 @dataclass(frozen=True)
 class Tangent:
-    """The body frame is that of one node, which has six dofs: all of them are held."""
+    """The body frame is that of one node, which has six dofs: all of them are held. It may be a rigid interface."""
 
     kind: Literal["tangent"] = field(default="tangent", kw_only=True, repr=False)
-    node: int
+    node: int | str
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Chord:
     """
 
     kind: Literal["chord"] = field(default="chord", kw_only=True, repr=False)
-    nodes: tuple[int, int, int]
+    nodes: tuple[int | str, int | str, int | str]
     axes: str | None = None
 
 
@@ -92,20 +93,26 @@ def apply_frame(model: SecondOrderModel, frame=None, damping=None) -> FramedMode
     """
     with Owned(model.comm) as owned:
         damped = owned.owns(with_damping(model, damping))
+        coupled, coupling = couple(damped)
+        owned.owns(coupled)
         restore = rigid = None
         if isinstance(frame, Buckens):
-            free, rigid = damped.shared(), _free_body(damped, frame)
+            free, rigid = coupled.shared(), _free_body(coupled, frame)
         elif isinstance(frame, Tangent):
-            free, restore = _remove(damped, _rows_of_tangent(damped, frame), None)
+            free, restore = _remove(coupled, _rows_of_tangent(coupled, frame), None)
         elif isinstance(frame, Chord):
-            free, restore = _remove(damped, *_rows_of_chord(damped, frame))
+            free, restore = _remove(coupled, *_rows_of_chord(coupled, frame))
         else:
-            free = damped.shared()
-        return FramedModel(free, restore, rigid, damping)
+            free = coupled.shared()
+        if coupling is not None and restore is not None:
+            owned.owns(coupling)
+            owned.owns(restore)
+            restore = coupling.matMult(restore)
+        return FramedModel(free, restore or coupling, rigid, damping)
 
 
 def _rows_of_tangent(model, frame):
-    rows = rows_of_node(model, frame.node)
+    rows = rows_of_node(model, node_number(model, frame.node))
     if len(rows) < 6:
         have = ", ".join(DIRECTIONS[d] for d in sorted(rows))
         raise InputError(
@@ -158,11 +165,12 @@ def _holds(model, rigid, rows):
 
 def _rows_of_chord(model, frame):
     """Global rows to hold, and the dofs of nodes to be rotated before."""
-    points = np.array([position_of_node(model, node) for node in frame.nodes])
+    nodes = [node_number(model, node) for node in frame.nodes]
+    points = np.array([position_of_node(model, node) for node in nodes])
     along, across = points[1] - points[0], points[2] - points[0]
     normal = np.cross(along, across)
     sizes = np.linalg.norm(along) * np.linalg.norm(across)
-    if len(set(frame.nodes)) < 3 or np.linalg.norm(normal) <= COLLINEAR * sizes:
+    if len(set(nodes)) < 3 or np.linalg.norm(normal) <= COLLINEAR * sizes:
         listed = ", ".join(
             f"node {node} at ({x:g}, {y:g}, {z:g})" for node, (x, y, z) in zip(frame.nodes, points, strict=True)
         )
@@ -182,7 +190,7 @@ def _rows_of_chord(model, frame):
             "free; choose axis 1 along the line from the first to the second node, axis 3 normal to the plane"
         )
     held, rotated = [], []
-    for node, indices in zip(frame.nodes, ([0, 1, 2], [1, 2], [2]), strict=True):
+    for node, indices in zip(nodes, ([0, 1, 2], [1, 2], [2]), strict=True):
         rows = rows_of_node(model, node)
         if not all(d in rows for d in range(3)):
             raise InputError(f"frame.nodes: node {node} needs dofs in x, y and z for the chord frame")

@@ -12,6 +12,7 @@ from ..linalg.csr import compress
 from ..parallel.failures import InputError, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
 from .dofs import DIRECTIONS, Dofs, row_of, target_name
+from .interfaces import InterfaceNode, interface_column, single_targets, with_interfaces
 
 SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
 
@@ -24,7 +25,8 @@ class SecondOrderModel:
     matrices; `Ct` is None when C = B^T. `dofs`: labels of the rows of this rank, or None. `elements`: node numbers
     (elements of this rank, nodes) by kind of element, where known, for pictures. `held`: dofs that the program which
     wrote the matrices holds at zero, and which have no row; `sets`: node numbers by the name of the set; of both, this
-    rank has a part, in any order. `remarks`: what the readers of the files had to say. `name` is for messages. SI
+    rank has a part, in any order. `remarks`: what the readers of the files had to say. `name` is for messages.
+    `interfaces`: the interface nodes (see model.interfaces), and Gt = G^T (n, 6k), sparse, with their motions G q. SI
     units.
 
     A model does not change after it was made; with_inputs and the like give another one on the same matrices. Each owns
@@ -44,6 +46,8 @@ class SecondOrderModel:
     held: Dofs | None = None
     sets: dict[str, np.ndarray] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    Gt: PETSc.Mat | None = None
+    interfaces: tuple[InterfaceNode, ...] = ()
 
     def __post_init__(self):
         watched(self.comm)
@@ -58,7 +62,7 @@ class SecondOrderModel:
 
     def close(self):
         """Free the PETSc objects. Collective."""
-        for mat in (self.M, self.D, self.K, self.B, self.Ct):
+        for mat in (self.M, self.D, self.K, self.B, self.Ct, self.Gt):
             if mat is not None:
                 mat.destroy()
 
@@ -78,7 +82,7 @@ class SecondOrderModel:
 
     def _with(self, **changed):
         """Another model with some fields changed, and references of its own to the other PETSc objects."""
-        kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct")
+        kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
         return replace(self, **kept, **changed)
 
@@ -148,8 +152,13 @@ class SecondOrderModel:
         diagonal.destroy()
         return value
 
+    def with_interfaces(self, interfaces):
+        """The model with interface nodes made from model.interfaces.Interface. Collective. Raises InputError."""
+        return with_interfaces(self, interfaces)
+
     def with_inputs(self, targets):
-        """The model with unit loads at dofs: numbers from 1, or (node, direction) pairs.
+        """The model with unit loads at dofs: numbers from 1, or (node, direction) pairs, with the number or the name of
+        an interface node as well, and "all" for its six directions.
 
         Collective. Raises InputError.
         """
@@ -181,11 +190,17 @@ class SecondOrderModel:
         return self._with(**changed)
 
     def _unit_columns(self, targets):
-        """Rows of this rank of a matrix of unit columns, and their names."""
-        rows = np.array([row_of(self, target) for target in targets], dtype=np.int64)
-        local = np.zeros((self.local_rows, len(rows)))
-        mine = (rows >= self.first_row) & (rows < self.first_row + self.local_rows)
-        local[rows[mine] - self.first_row, np.flatnonzero(mine)] = 1.0
+        """Rows of this rank of a matrix of unit columns, or of columns of G^T, and their names."""
+        targets = [single for target in targets for single in single_targets(self, target)]
+        local = np.zeros((self.local_rows, len(targets)))
+        for j, target in enumerate(targets):
+            column = interface_column(self, target)
+            if column is not None:
+                vector = self.Gt.getColumnVector(column)
+                local[:, j] = vector.getArray(readonly=True).real
+                vector.destroy()
+            elif 0 <= (row := row_of(self, target) - self.first_row) < self.local_rows:
+                local[row, j] = 1.0
         return local, [target_name(target) for target in targets]
 
     @classmethod

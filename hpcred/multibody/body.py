@@ -51,13 +51,8 @@ def check_moving(body: Body, where: str):
 
     It needs a damping that exists in time, mass and inertia in all directions, and no rigid-body motion in its basis.
     """
-    loss_factor, masses = body.reduced.loss_factor, body.floating_frame.masses
-    if loss_factor:
-        raise InputError(
-            f"damping: structural damping (loss factor {loss_factor:g}) has no meaning in time and no place in "
-            f"{where}; reduce with damping of kind 'modal' and ratio = {loss_factor / 2:g}, half the loss factor, "
-            "which is the same at resonance"
-        )
+    check_viscous(body.reduced, where)
+    masses = body.floating_frame.masses
     missing = [name for name, mass in zip("xyz", masses, strict=True) if mass <= 0]
     if missing:
         raise InputError(
@@ -66,6 +61,16 @@ def check_moving(body: Body, where: str):
             "arrays by format 'npz'"
         )
     check_elastic(body)
+
+
+def check_viscous(reduced, where: str):
+    """Raise InputError for a model with structural damping, which `where` (such as "a SID file") cannot hold."""
+    if reduced.loss_factor:
+        raise InputError(
+            f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no meaning in time and no place in "
+            f"{where}; reduce with damping of kind 'modal' and ratio = {reduced.loss_factor / 2:g}, half the loss "
+            "factor, which is the same at resonance"
+        )
 
 
 def check_elastic(body: Body):

@@ -6,14 +6,15 @@ import numpy as np
 
 from ..linalg.blocks import local_rows
 from ..model.dofs import SCALAR, require_dofs, target_of
-from ..parallel.failures import InputError
+from ..parallel.failures import InputError, Owned
+from ..reduction.projection import project_columns
 
 
 @dataclass
 class NodeShape:
     """Position (3,) of a node and its part of the basis: phi (3, m) displacements, psi (3, m) rotations.
 
-    psi is zero, and `rotates` false, for nodes without rotational dofs.
+    psi is zero, and `rotates` false, for nodes without rotational dofs. `name`: of an interface node.
     """
 
     node: int
@@ -21,6 +22,7 @@ class NodeShape:
     phi: np.ndarray
     psi: np.ndarray
     rotates: bool
+    name: str = ""
 
 
 def node_shapes(model, columns, nodes) -> list[NodeShape]:
@@ -29,6 +31,9 @@ def node_shapes(model, columns, nodes) -> list[NodeShape]:
     Collective. Raises InputError.
     """
     dofs = require_dofs(model, "an interface node")
+    references = [item for item in model.interfaces if item.node in nodes]
+    if references:
+        return _with_references(model, columns, nodes, references)
     found = np.flatnonzero(np.isin(dofs.node, list(nodes)))
     with local_rows(columns) as rows:
         part = dofs.node[found], dofs.direction[found], dofs.position[found], rows.real[found].copy()
@@ -41,10 +46,24 @@ def node_shapes(model, columns, nodes) -> list[NodeShape]:
     return shapes_of_rows(nodes, *(np.concatenate(items) for items in zip(*parts, strict=True)), model.name)
 
 
+def _with_references(model, columns, nodes, references):
+    """The shapes of nodes, among them interface nodes, which move by G V."""
+    others = [node for node in nodes if node not in {item.node for item in references}]
+    known = {shape.node: shape for shape in (node_shapes(model, columns, others) if others else [])}
+    with Owned(model.comm) as owned:
+        motion = project_columns(columns, owned.owns(model.Gt.copy().convert("dense"))).T
+    for place, item in enumerate(model.interfaces):
+        rows = motion[6 * place : 6 * place + 6]
+        known[item.node] = NodeShape(item.node, np.array(item.position), rows[:3], rows[3:], True, item.name)
+    return [known[node] for node in nodes]
+
+
 def interface_nodes(model) -> list[int]:
-    """The nodes of the inputs and outputs that are named by node, in ascending order."""
+    """The nodes of the inputs and outputs that are named by node, in ascending order, and the interface nodes."""
     targets = [target_of(name) for name in (*model.input_names, *model.output_names)]
-    return sorted({target[0] for target in targets if isinstance(target, tuple)})
+    references = [item.node for item in model.interfaces]
+    own = {target[0] for target in targets if isinstance(target, tuple) and isinstance(target[0], int)}
+    return sorted(own - set(references)) + references
 
 
 def shapes_of_rows(nodes, labels, directions, positions, rows, name) -> list[NodeShape]:

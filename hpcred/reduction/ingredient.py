@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from ..linalg.basis import Basis
 from .point_blocks import PointBlocks
 from .run import Run
 
 
 class Ingredient:
-    """Base class; an ingredient is a frozen dataclass with a field `kind`, which names it in a job file."""
+    """Base class; an ingredient is a frozen dataclass with a field `kind`, which names it in a job file.
+
+    `per_direction`: how many vectors it has for each direction of the interfaces besides columns(); None for an
+    ingredient that needs no interfaces.
+    """
+
+    per_direction: ClassVar[int | None] = None
 
     def columns(self, inputs: int, rigid: int) -> int:
         """Number of vectors before deflation, as far as it is known beforehand, for `inputs` columns of B."""

@@ -81,7 +81,7 @@ class Modes(Ingredient):
                 values, block = _lowest(run, self._highest(rigid))
                 if self.index is not None:
                     chosen = np.array(sorted(set(self.index))) - rigid - 1
-                    values, block = values[chosen], _choose(run, block, chosen)
+                    values, block = values[chosen], choose(run, block, chosen)
             if self.dominant is not None and block is not None:
                 values, block, dominance = _dominant(run, values, block, self.dominant)
                 more["dominance"] = tuple(dominance.tolist())
@@ -119,7 +119,7 @@ class Modes(Ingredient):
             block.destroy()
             count *= 2
         inside = np.flatnonzero((values > low) & (values < high))
-        return values[inside], _choose(run, block, inside)
+        return values[inside], choose(run, block, inside)
 
 
 def _lowest(run, count):
@@ -130,24 +130,32 @@ def _lowest(run, count):
             f"basis: K of {run.model.name} is singular, so the body can move freely; "
             "take frame kind 'buckens', 'chord' or 'tangent'"
         ) from error
+    return lowest_modes_by(run, count, run.solver.solve)
+
+
+def lowest_modes_by(run, count, solve):
+    """The `count` lowest modes on the space in which `solve(load, solution, steps)` inverts K: omega^2 and a block.
+
+    Collective. Raises ComputationError.
+    """
     with Owned(run.model.comm) as owned:
         right, left = (owned.owns(create_block(run.model.K, 1)) for _ in range(2))
 
-        def solve(x, y):
+        def invert(x, y):
             with local_rows(right) as rows:
                 rows[:, 0] = x.getArray(readonly=True)
-            run.solver.solve(right, left)
+            solve(right, left)
             with local_rows(left) as rows:
                 y.setArray(rows[:, 0])
 
-        values, block = lowest_modes(run.model.K, run.model.M, count, solve)
+        values, block = lowest_modes(run.model.K, run.model.M, count, invert)
         if not count:
             return values, block
         owned.owns(block)
-        return _polish(run, block, count)
+        return _polish(run, block, count, solve)
 
 
-def _polish(run, block, count):
+def _polish(run, block, count, solve):
     """One step of inverse iteration of all modes at once, refined, and the Rayleigh-Ritz values and vectors.
 
     What follows modes in a basis is the small rest that they leave, and shares their round-off. The columns of the
@@ -155,7 +163,7 @@ def _polish(run, block, count):
     """
     with Owned(run.model.comm) as owned:
         load = owned.owns(run.times_mass(block))
-        run.solver.solve(load, block, steps=1)
+        solve(load, block, steps=1)
         vectors = owned.owns(Basis(run.model.M, tolerance=INDEPENDENT, room=block.getSizes()[1]))
         vectors.extend(block)
         if vectors.size < count:
@@ -178,10 +186,10 @@ def _dominant(run, values, block, count):
         ratio = np.maximum(run.framed.damping.at(omega / (2 * np.pi)), 1e-6)
     value = loads * sensors / (4 * ratio * omega**2)
     chosen = decided(model.comm, lambda: np.sort(np.argsort(-value, kind="stable")[:count]))
-    return values[chosen], _choose(run, block, chosen), value[chosen]
+    return values[chosen], choose(run, block, chosen), value[chosen]
 
 
-def _choose(run, block, columns):
+def choose(run, block, columns):
     """The chosen columns as a new block, None for none; the block is destroyed."""
     if not len(columns):
         block.destroy()
@@ -201,7 +209,7 @@ def _without_rigid(run, values, block):
     share = (inner(run.rigid.R, product) ** 2).sum(axis=0) / np.diag(inner(block, product))
     product.destroy()
     elastic = np.flatnonzero(share < 0.5)
-    block = _choose(run, block, elastic)
+    block = choose(run, block, elastic)
     if block is not None:
         run.rigid.project(block)
     return values[elastic], block

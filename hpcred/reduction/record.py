@@ -14,27 +14,33 @@ from ..linalg.blocks import apply, create_block, from_dense, inner, random_block
 from ..linalg.factorisation import FactorRecord
 from ..model.damping import Damping
 from ..model.frames import Frame
+from ..model.interfaces import Interface
 from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ..parallel.progress import Timing
 from .adaptive import Accuracy
+from .craig_bampton import ConstraintModes, CraigBampton, FixedInterfaceModes, Guyan, ResidualAttachment
 from .krylov import Krylov, StaticCorrection
 from .modes import Modes
 from .run import IngredientRecord
 from .second_order_krylov import SecondOrderKrylov
 
-AnyIngredient = Annotated[Modes | Krylov | SecondOrderKrylov | StaticCorrection, Field(discriminator="kind")]
+AnyIngredient = Annotated[
+    Modes | Krylov | SecondOrderKrylov | StaticCorrection | ConstraintModes | FixedInterfaceModes | CraigBampton | Guyan
+    | ResidualAttachment,
+    Field(discriminator="kind"),
+]  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
     """What made a reduced model.
 
-    Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs by
-    name, and `signature` (see signature_of), by which it is known again. Of the reduction: frame, damping, basis and
-    settings; what each ingredient brought; every factorisation; max |V^T M V - I|; unstable poles (re, im) in rad/s;
-    warnings; where the time went; of an automatic one its accuracy. `job`: the job file with its overrides, file
-    names absolute.
+    Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs
+    by name, interfaces, and `signature` (see signature_of), by which it is known again. Of the reduction: frame,
+    damping, basis and settings; what each ingredient brought; every factorisation; max |V^T M V - I|; unstable
+    poles (re, im) in rad/s; warnings; where the time went; of an automatic one its accuracy. `job`: the job file
+    with its overrides, file names absolute.
     """
 
     date: str
@@ -65,6 +71,8 @@ class Record:
     unstable_poles: tuple[tuple[float, float], ...]
     warnings: tuple[str, ...]
     timing: Timing
+    interfaces: tuple[Interface, ...] = ()
+    coordinates: str = "modal"
     accuracy: Accuracy | None = None
     job: dict[str, Any] | None = None
 
@@ -123,6 +131,7 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         signature=signature_of(model),
         inputs=model.input_names,
         outputs=model.output_names,
+        interfaces=tuple(item.definition for item in model.interfaces),
         ingredients=tuple(runs[0].ingredients),
         factorisations=tuple(factorisations),
         symbolic_analyses=sum(run.analyses for run in runs),

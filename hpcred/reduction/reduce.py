@@ -17,8 +17,10 @@ from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
 from .adaptive import Accuracy, Adaptive, Checkpoint, Search
+from .craig_bampton import ConstraintModes
 from .groups import blocks_in_groups, number_of_groups
 from .ingredient import PointIngredient
+from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
 from .projection import diagonalise, project, project_columns
 from .record import make_record
 from .reduced_damping import reduced_damping
@@ -66,6 +68,11 @@ def reduce(
             "projection: 'two_sided' leaves no diagonal model, which drop_above and modal damping need; "
             "take 'one_sided'"
         )
+    in_interface = settings.coordinates == "interface"
+    if in_interface:
+        check_interface_coordinates(model, frame)
+        if two_sided:
+            raise InputError("projection: interface coordinates belong to a one-sided projection; leave it out")
     warnings = warnings_of(model, frame)
     with Owned(model.comm) as owned:
         with progress.stage("frame"):
@@ -89,6 +96,8 @@ def reduce(
         accuracy = None
         if adaptive is not None:
             accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, checkpoint, settings.drop_above)
+            if in_interface:  # what the responses did not need of the motion of the interfaces
+                ConstraintModes().extend(bases[0], runs[0])
         for run in runs:
             run.release()
         if not all(vectors.size for vectors in bases):
@@ -97,11 +106,12 @@ def reduce(
             if two_sided:
                 reduced, defect = _project_two_sided(model, framed, *bases, runs[0], settings.allow_unstable)
             else:
-                reduced, defect = _project(model, framed, bases[0], runs[0], settings.drop_above)
+                reduced, defect = _project(model, framed, bases[0], runs[0], settings)
         reduced.record = make_record(
             model, framed, runs, progress, frame=frame, damping=damping, basis=tuple(basis), groups=groups,
             projection="two_sided" if two_sided else "one_sided", deflation_tolerance=tolerance,
-            drop_above=settings.drop_above, orthonormality_defect=defect, warnings=warnings, accuracy=accuracy,
+            drop_above=settings.drop_above, coordinates=settings.coordinates, orthonormality_defect=defect,
+            warnings=warnings, accuracy=accuracy,
             unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         )  # fmt: skip
         return reduced
@@ -145,6 +155,10 @@ def _check_size(framed, basis, adaptive) -> int:
     for item in basis:
         item.check(model.size, rigid)
     columns = sum(item.columns(model.B.getSize()[1], rigid) for item in basis)
+    for item in basis:
+        if item.per_direction is not None and not model.interfaces:
+            raise InputError(f"basis: {item.kind} needs at least one [[interface]]")
+        columns += 6 * len(model.interfaces) * (item.per_direction or 0)
     if columns > model.size - rigid:
         raise InputError(
             f"basis: {columns} vectors asked for, but {model.name} has only {model.size - rigid} elastic "
@@ -153,9 +167,9 @@ def _check_size(framed, basis, adaptive) -> int:
     return max(columns, 1) if adaptive is None else columns + min(ROOM, adaptive.columns)
 
 
-def _project(model, framed, vectors, run, drop_above):
+def _project(model, framed, vectors, run, settings):
     """The diagonalised reduced model with its basis in all dofs, and the orthonormality defect."""
-    full = framed.model
+    full, drop_above = framed.model, settings.drop_above
     squares = diagonalise(vectors, project(full.K, vectors.columns))
     frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi)
     if drop_above is not None:
@@ -178,8 +192,19 @@ def _project(model, framed, vectors, run, drop_above):
         if key != "D" or full.symmetric:
             small[key] = (value + value.T) / 2
     inputs = project_columns(columns, full.B)
-    outputs = inputs if full.Ct is None else project_columns(columns, full.Ct)
-    reduced = _reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
+    outputs = (inputs if full.Ct is None else project_columns(columns, full.Ct)).T.copy()
+    if settings.coordinates == "interface":
+        with Owned(model.comm) as owned:
+            moved = to_interface_coordinates(framed, Projected(columns, **small, B=inputs, C=outputs))
+            owned.owns(moved.columns)
+            small = {"M": moved.M, "D": moved.D, "K": moved.K}
+            rigid = 0 if framed.rigid is None else framed.rigid.count
+            frequencies = np.concatenate([np.zeros(rigid), frequencies])
+            reduced = _reduced_model(model, framed, small, moved.B, moved.C, frequencies)
+            reduced.interfaces = full.interfaces
+            reduced.columns = _everywhere(model, framed, moved.columns)
+            return reduced, defect
+    reduced = _reduced_model(model, framed, small, inputs, outputs, frequencies)
     reduced.columns = _everywhere(model, framed, columns)
     return reduced, defect
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..model.interfaces import InterfaceNode
 from ..model.second_order_model import listed
 from ..parallel.failures import settle
 from .record import Record
@@ -17,6 +18,8 @@ class ReducedModel:
 
     M, D, K (m, m), B (m, p), C (r, m); `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52).
     `loss_factor`: eta of structural damping, for frequency responses only. `record`: what made it.
+    `interfaces`: in interface coordinates, the nodes whose displacements x, y, z, rx, ry, rz are the first coordinates,
+    six a node, in this order; empty in pseudo-modal ones.
     `columns`: the basis V as a distributed block (n, m), zero at the dofs that the frame holds, when the reduction
     was run here, and `left_columns` W of a two-sided projection; None after reading a file. close() frees them.
     """
@@ -30,6 +33,7 @@ class ReducedModel:
     loss_factor: float = 0.0
     input_names: tuple[str, ...] = ()
     output_names: tuple[str, ...] = ()
+    interfaces: tuple[InterfaceNode, ...] = ()
     record: Record | None = None
     columns: object = None
     left_columns: object = None

@@ -16,7 +16,8 @@ class Reduction:
     "one_sided" (W = V), or "two_sided": where the outputs differ from the inputs, W is built from C^T (33),
     W^T M V = I, and twice as many moments match; the result may be unstable, which is refused unless `allow_unstable`.
     `groups`: number of groups of ranks that factor different expansion points at the same time, each with a copy of the
-    matrices, or "auto": as many as points, ranks and memory allow.
+    matrices, or "auto": as many as points, ranks and memory allow. `coordinates`: "modal", pseudo-modal ones, or
+    "interface": the displacements of the interfaces come first (see reduction.interface_coordinates).
     """
 
     deflation_tolerance: float = 1e-9
@@ -24,6 +25,7 @@ class Reduction:
     projection: str = "one_sided"
     allow_unstable: bool = False
     groups: int | str = 1
+    coordinates: str = "modal"
 
     def __post_init__(self):
         if not 0 < self.deflation_tolerance < 1:
@@ -32,5 +34,7 @@ class Reduction:
             raise InputError(f"drop_above: found {self.drop_above:g}, expected a positive frequency in Hz")
         if self.projection not in ("one_sided", "two_sided"):
             raise InputError(f"projection: found '{self.projection}', expected 'one_sided' or 'two_sided'")
+        if self.coordinates not in ("modal", "interface"):
+            raise InputError(f"coordinates: found '{self.coordinates}', expected 'modal' or 'interface'")
         if self.groups != "auto" and (isinstance(self.groups, str) or self.groups < 1):
             raise InputError(f"groups: found {self.groups!r}, expected a whole number of at least 1, or 'auto'")

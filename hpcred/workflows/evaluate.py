@@ -20,8 +20,9 @@ from ..parallel import startup
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
+from ..reduction.interface_coordinates import elastic_part
 from ..reduction.record import signature_of, versions
-from .reduce import with_targets
+from .reduce import with_interfaces, with_targets
 
 SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
 
@@ -39,7 +40,7 @@ def evaluate_result(
     frequency_response. Returns plain numbers for a table or JSON. Raises InputError.
     """
     comm = comm or startup.start_mpi()
-    reduced = read_result(result, comm).reduced
+    reduced = elastic_part(read_result(result, comm).reduced)
     record = reduced.record
     grid = frequencies_over(frequencies, band or _band_of(reduced), points)
     if output is not None:
@@ -81,7 +82,7 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
     Besides the whole curve, its maximum, Q (57), the proofs and the sentence. Raises InputError where the basis was
     chosen by hand.
     """
-    reduced = read_result(result, comm or startup.start_mpi()).reduced
+    reduced = elastic_part(read_result(result, comm or startup.start_mpi()).reduced)
     accuracy = accuracy_of(reduced, result)
     if len(frequencies):
         chosen = frequencies_over(frequencies, accuracy.band, 2)
@@ -119,7 +120,7 @@ def check_result(
     and exact, whether it `passed`, and the sentence. Raises InputError where the basis was chosen by hand.
     """
     comm = comm or startup.start_mpi()
-    reduced = read_result(result, comm).reduced
+    reduced = elastic_part(read_result(result, comm).reduced)
     accuracy, record = accuracy_of(reduced, result), reduced.record
     factoring = factoring or _factoring_of(record)
     startup.start(preferred="complex", low_rank=factoring.low_rank is not None)
@@ -164,7 +165,7 @@ def model_of_record(path, record, result, comm):
 
     Collective. Raises InputError.
     """
-    model = read_model(path, comm)
+    model = with_interfaces(read_model(path, comm), record.interfaces)
     for key, names in (("input", record.inputs), ("output", record.outputs)):
         model = _as_recorded(model, key, names, record, path)
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..examples.crank import crank
 from ..examples.linkage import linkage
 from ..examples.solid import solid
 from ..formats.hdf5 import check_writable
@@ -10,9 +11,13 @@ from ..parallel import startup
 
 
 def write_example(name, output="model.h5", *, comm=None, **keywords) -> dict:
-    """Write the example `name`, "linkage" or "solid", made with its own keywords. Collective. Raises InputError."""
+    """Write the example `name`, "linkage", "solid" or "crank", made with its own keywords.
+
+    Collective. Raises InputError.
+    """
     comm = comm or startup.start_mpi()
     check_writable(output, comm)
-    with {"linkage": linkage, "solid": solid}[name](comm=comm, **keywords) as model:
+    with {"linkage": linkage, "solid": solid, "crank": crank}[name](comm=comm, **keywords) as model:
         write_model(output, model)
-        return {"output": str(output), "size": model.size, "inputs": list(model.input_names)}
+        made = {"size": model.size, "inputs": list(model.input_names), "sets": sorted(model.sets)}
+        return {"output": str(output), **made}

@@ -9,6 +9,7 @@ from ..formats.hdf5 import check_writable
 from ..formats.job_file import Job, read_job
 from ..formats.model_file import read_model
 from ..formats.model_source import column_names, load_source, read_columns
+from ..formats.node_table import read_node_numbers
 from ..formats.restart_file import RestartFile
 from ..formats.result_file import write_result
 from ..parallel import startup
@@ -90,14 +91,28 @@ def model_of_job(job: Job, comm):
     """The model of a job with its inputs and outputs. Collective. Raises InputError."""
     model = read_model(job.model, comm) if isinstance(job.model, str) else load_source(
         job.model, comm, Path(job.model.K).name)  # fmt: skip
+    model = with_interfaces(model, job.interface)
     for key in ("input", "output"):
         model = with_targets(model, key, getattr(job, key + "s"))
+    if model.B is None and model.interfaces:
+        model = with_targets(model, "input", [(item.name, "all") for item in model.interfaces])
     if model.B is None:
         with model:
             raise InputError(
                 f"inputs: neither the job nor {model.name} has any; give dof numbers or [node, direction] pairs"
             )
     return model
+
+
+def with_interfaces(model, interfaces):
+    """The model with interface nodes, whose nodes may be in files; `model` is closed. Collective. Raises InputError."""
+    if not interfaces:
+        return model
+    with model:
+        with agreed(model.comm):
+            interfaces = [replace(item, nodes=read_node_numbers(item.nodes)) if isinstance(item.nodes, str) else item
+                          for item in interfaces]  # fmt: skip
+        return model.with_interfaces(interfaces)
 
 
 def with_targets(model, key, targets):

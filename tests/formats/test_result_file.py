@@ -19,6 +19,7 @@ def test_result_file_keeps_everything(comm, folder):
         assert read.record == rom.record
         for key in ("M", "D", "K", "B", "C", "frequencies"):
             assert np.array_equal(getattr(read, key), getattr(rom, key))
+        assert read.interfaces == ()
         assert read.record.ranks == comm.size
         assert read.record.factorisations[0].residual < 1e-9
         with h5py.File(folder / "r.h5", "r") as file:

@@ -1,11 +1,12 @@
 """A result file in every other format, on any number of ranks, and what each says of what it cannot hold."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.io
-from helpers import MODES_JOB, names
+from helpers import MODES_JOB, interface_model, names
 
 import hpcred as package
 from hpcred import Buckens, Modes, read_sid
@@ -22,6 +23,8 @@ loss_factor = 0.02
 def test_all_formats_without_more(reduced_linkage, comm):
     result = reduced_linkage()
     for kind, export in EXPORTS.items():
+        if export.superelement:
+            continue
         report = export_result(result, kind)
         path = result.with_name("result" + export.suffix)
         assert report["output"] == str(path) and path.stat().st_size > 1000
@@ -59,12 +62,35 @@ def test_exports_are_refused_on_all_ranks(reduced_linkage, comm):
         ({"kind": "sid", "nodes": [1, 1]}, "expected at least one node, and each once"),
         ({"kind": "sid", "nodes": []}, "expected at least one node, and each once"),
         ({"kind": "vtk", "nodes": [1]}, "'vtk' shows all nodes"),
+        ({"kind": "abaqus", "nodes": [1]}, "'abaqus' has the interface nodes of the job"),
+        ({"kind": "nastran"}, r'result.h5: found pseudo-modal coordinates.*coordinates = "interface"'),
         ({"kind": "npz", "path": result}, "this is the result itself"),
         ({"kind": "npz", "path": result.parent / "nowhere/x.npz"}, "nowhere does not exist"),
     ):
         with pytest.raises(InputError, match=says):
             export_result(result, **arguments)
     assert names(result.parent, comm) == before
+
+
+@pytest.mark.mpi
+def test_superelements_are_written_with_the_files_beside_them(folder, comm):
+    package.write_result(folder / "arm.h5", interface_model(damping=10.0))
+    beside = {"nastran-op4": ["arm_external.pch"], "ansys": ["arm_ansys_K.mtx", "arm_ansys_M.mtx", "arm_ansys_D.mtx"]}
+    for kind in (kind for kind, export in EXPORTS.items() if export.superelement):
+        report = export_result(folder / "arm.h5", kind)
+        assert report["coordinates"] == 17 and report["nodes"] == [101, 205]
+        assert report["files"] == [str(folder / name) for name in beside.get(kind, [])]
+        assert names(folder, comm) == sorted(
+            {folder / "arm.h5", *map(Path, [report["output"], *report["files"]])}
+        )
+        comm.Barrier()
+        if comm.rank == 0:
+            for name in [report["output"], *report["files"]]:
+                Path(name).unlink()
+        comm.Barrier()
+    with pytest.raises(InputError, match="this name is that of a file beside it"):
+        export_result(folder / "arm.h5", "nastran-op4", folder / "x.pch")
+    assert names(folder, comm) == [folder / "arm.h5"]
 
 
 def test_a_body_without_coordinates_is_no_body(reduced_linkage, folder):

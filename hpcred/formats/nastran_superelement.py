@@ -1,0 +1,128 @@
+"""A Superelement enters; files for Nastran and OptiStruct leave: DMIG cards, or matrices in OP4 with the cards beside.
+
+Interface nodes are GRID, modal coordinates SPOINT cards. Numbers on cards have 16 columns, and of double precision a D
+before the exponent: 10 to 13 digits. OP4 has all digits.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from .superelement import Superelement
+
+WIDTH = 16
+
+
+def nastran_dmig(element: Superelement, stem: str) -> tuple[str, dict, list[str]]:
+    """The text of a .pch file to include, no file beside it, and remarks."""
+    labels = _labels(element)
+    matrices = _matrices(element, "{}AAX")
+    lines = ["$ superelement; into the case control, above all SUBCASE:"]
+    lines += [f"$   {what} = {name}" for what, (name, _) in zip(_selectors(element), matrices.items(), strict=True)]
+    lines += ["$ into the bulk data: INCLUDE this file", *_points(element, labels)]
+    for name, matrix in matrices.items():
+        lines += _dmig(name, matrix, labels)
+    digits = "numbers have 10 to 13 digits; format 'nastran-op4' has all"
+    return "\n".join(lines) + "\n", {}, [*_said(element, labels), digits, *element.remarks]
+
+
+def nastran_op4(element: Superelement, stem: str) -> tuple[bytes, dict[str, str], list[str]]:
+    """The bytes of a binary .op4 file, the text of the .pch file with its cards, and remarks."""
+    labels = _labels(element)
+    content = b"".join(_op4(name, matrix) for name, matrix in _matrices(element, "{}XX").items())
+    pairs = [(node, 123456) for node in _nodes(element)] + [(node, 0) for node in _modal_points(element, labels)]
+    lines = [f"$ external superelement with the matrices of {stem}.op4; behind BEGIN SUPER"]
+    lines += [*_card("EXTRN", [item for pair in pairs for item in pair]), *_points(element, labels)]
+    lines += _card("ASET", [item for pair in pairs for item in pair], continued=False)
+    return content, {".pch": "\n".join(lines) + "\n"}, [*_said(element, labels), *element.remarks]
+
+
+def _said(element, labels):
+    yield from element.modal_points_said(_modal_points(element, labels))
+    if element.loss_factor:
+        yield "structural damping (K42GG) is that of frequency responses; in time it needs PARAM,W4"
+
+
+def _nodes(element):
+    return [item.node for item in element.interfaces]
+
+
+def _labels(element):
+    labels = element.labels(directions=1)
+    labels[6 * len(element.interfaces) :, 1] = 0
+    return labels
+
+
+def _modal_points(element, labels):
+    return labels[6 * len(element.interfaces) :, 0].tolist()
+
+
+def _selectors(element):
+    return ["K2GG", "M2GG", *["B2GG"] * (element.D is not None), *["K42GG"] * bool(element.loss_factor)]
+
+
+def _matrices(element, name):
+    """Matrices by name; that of structural damping is eta K."""
+    found = {name.format("K"): element.K, name.format("M"): element.M}
+    if element.D is not None:
+        found[name.format("B")] = element.D
+    if element.loss_factor:
+        found[name.format("K4")] = element.loss_factor * element.K
+    return found
+
+
+def _points(element, labels):
+    """Cards of the nodes and of the scalar points."""
+    lines = []
+    for item in element.interfaces:
+        x, y, z = (number(value, "E") for value in item.position)
+        lines += [f"$ {item.name}", f"GRID*   {item.node:16d}{0:16d}{x}{y}", f"*       {z}{0:16d}"]
+    points = _modal_points(element, labels)
+    return lines + _card("SPOINT", points, continued=False)
+
+
+def _card(name, fields, continued=True):
+    """Lines of whole numbers in fields of eight columns; cards of one kind may stand for a continued one."""
+    rows = [fields[k : k + 8] for k in range(0, len(fields), 8)]
+    heads = [name if not (k and continued) else "" for k in range(len(rows))]
+    return [f"{head:8}" + "".join(f"{field:8d}" for field in row) for head, row in zip(heads, rows, strict=True)]
+
+
+def _dmig(name, matrix, labels):
+    """The cards of the upper half of a symmetric matrix; the diagonal is there even where it is zero."""
+    lines = [f"DMIG    {name:8}{0:8d}{6:8d}{2:8d}{0:8d}{'':16}{len(matrix):8d}"]
+    for j, (node, direction) in enumerate(labels.tolist()):
+        lines.append(f"DMIG*   {name:16}{node:16d}{direction:16d}")
+        for i in [*np.flatnonzero(matrix[:j, j]).tolist(), j]:
+            lines.append(f"*       {labels[i, 0]:16d}{labels[i, 1]:16d}{number(matrix[i, j])}")
+    return lines
+
+
+def number(value: float, letter="D") -> str:
+    """A number in sixteen columns with as many digits as fit beside the shortest exponent."""
+    for digits in range(WIDTH - 4, 0, -1):
+        mantissa, exponent = f"{value:.{digits}e}".split("e")
+        text = f"{mantissa}{letter}{int(exponent)}"
+        if len(text) <= WIDTH:
+            return f"{text:>{WIDTH}}"
+    raise ValueError(f"{value} has no room in {WIDTH} columns")
+
+
+def _op4(name, matrix):
+    """A symmetric matrix of double precision in OUTPUT4, little-endian, with whole columns."""
+    size = len(matrix)
+
+    def record(content):
+        mark = struct.pack("<i", len(content))
+        return mark + content + mark
+
+    parts = [record(struct.pack("<4i8s", size, size, 6, 2, f"{name:8}".encode()))]
+    for j in range(size):
+        rows = np.flatnonzero(matrix[:, j])
+        if rows.size:
+            values = matrix[rows[0] : rows[-1] + 1, j].astype("<f8")
+            parts.append(record(struct.pack("<3i", j + 1, rows[0] + 1, 2 * len(values)) + values.tobytes()))
+    parts.append(record(struct.pack("<3id", size + 1, 1, 2, 1.0)))
+    return b"".join(parts)

@@ -1,0 +1,121 @@
+"""A reduced model in interface coordinates enters; the superelement that other programs take leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eigh
+
+from ..model.interfaces import InterfaceNode
+from ..parallel.failures import InputError
+from ..reduction.reduced_model import ReducedModel
+
+SYMMETRIC_TO = 1e-8
+FREE = 1e-3  # of the first elastic frequency, below which those of rigid-body motions count as zero
+LARGEST_NODE = 99_999_999  # of the eight columns that Nastran has for it
+
+
+@dataclass(frozen=True)
+class Superelement:
+    """K, M (m, m) and D, None without viscous damping, exactly symmetric; `loss_factor` eta of structural damping.
+
+    The first rows are x, y, z, rx, ry, rz of each node of `interfaces`, the others modal coordinates. `remarks`: what
+    no format of superelements holds.
+    """
+
+    K: np.ndarray
+    M: np.ndarray
+    D: np.ndarray | None
+    loss_factor: float
+    interfaces: tuple[InterfaceNode, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        return len(self.K)
+
+    @property
+    def modal_count(self) -> int:
+        """The number of modal coordinates."""
+        return self.size - 6 * len(self.interfaces)
+
+    @property
+    def centre(self) -> np.ndarray:
+        """The mean position (3,) of the interface nodes, where modal coordinates may be drawn."""
+        return np.mean([item.position for item in self.interfaces], axis=0)
+
+    def labels(self, directions: int) -> np.ndarray:
+        """Node and direction, from 1, of each row (m, 2).
+
+        Modal coordinates are directions 1 to `directions` of further nodes, numbered from the largest one on.
+        """
+        nodes = [item.node for item in self.interfaces]
+        first, k = max(nodes) + 1, np.arange(self.modal_count)
+        if first + self.modal_count > LARGEST_NODE:
+            raise InputError(f"interface: found the node number {max(nodes)}, expected at most 8 digits; choose others")
+        own = np.stack([np.repeat(nodes, 6), np.tile(np.arange(1, 7), len(nodes))], axis=1)
+        return np.concatenate([own, np.stack([first + k // directions, 1 + k % directions], axis=1)])
+
+    def modal_points_said(self, points) -> list[str]:
+        """The remark on the numbers of points that carry modal coordinates."""
+        said = "modal coordinates: points {} to {}; the model that takes the file may not use these numbers for others"
+        return [said.format(points[0], points[-1])] if len(points) else []
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nothing resists rigid-body motions, by their Rayleigh quotients beside the first elastic mode.
+
+        Raises InputError where M is not positive definite.
+        """
+        if np.linalg.eigvalsh(self.M)[0] <= 0:
+            raise InputError("found a matrix M that is not positive definite, expected a mass for every coordinate")
+        moved = 6 * len(self.interfaces)
+        R = np.concatenate([rigid_motion(item.position, self.centre) for item in self.interfaces])
+        rigid = eigh(R.T @ self.K[:moved, :moved] @ R, R.T @ self.M[:moved, :moved] @ R, eigvals_only=True)
+        if self.size == 6:  # nothing to compare with: 1 rad/s
+            return bool(np.abs(rigid).max() < 1.0)
+        return bool(np.abs(rigid).max() < FREE**2 * eigh(self.K, self.M, eigvals_only=True)[6])
+
+
+def rigid_motion(position, centre) -> np.ndarray:
+    """Displacements and rotations (6, 6) of a node by unit translations and unit rotations about `centre`."""
+    motion = np.eye(6)
+    motion[:3, 3:] = np.cross(np.eye(3), np.subtract(position, centre)).T
+    return motion
+
+
+def superelement(reduced: ReducedModel) -> Superelement:
+    """The superelement of a reduced model. Raises InputError for other coordinates and for unsymmetric matrices."""
+    if not reduced.interfaces:
+        raise InputError(
+            'found pseudo-modal coordinates, expected those of interface nodes; write coordinates = "interface" and '
+            "a table [[interface]] for each bearing into the job, and reduce again"
+        )
+    # the K of a free body with one interface and no modes is round-off: below 1 rad/s nothing is asked of it
+    floors = {"K": np.abs(reduced.M).max(), "M": 0.0, "D": 0.0}
+    K, M, D = (_symmetric(key, getattr(reduced, key), floor) for key, floor in floors.items())
+    return Superelement(
+        K, M, D if D.any() else None, float(reduced.loss_factor), reduced.interfaces, tuple(_lost(reduced))
+    )
+
+
+def _symmetric(key, matrix, floor):
+    if np.abs(matrix - matrix.T).max() > max(SYMMETRIC_TO * np.abs(matrix).max(), floor):
+        raise InputError(
+            f"found a matrix {key} that is not symmetric, expected a symmetric one; no superelement holds gyroscopic "
+            "or circulatory terms: reduce without them, or take the arrays by format 'npz'"
+        )
+    return (matrix + matrix.T) / 2
+
+
+def _lost(reduced):
+    """Remarks on inputs and outputs that are no direction of an interface node."""
+    count = 6 * len(reduced.interfaces)
+    sides = ("inputs", reduced.input_names, reduced.B), ("outputs", reduced.output_names, reduced.C.T)
+    for kind, names, columns in sides:
+        place = np.abs(columns[:count]).argmax(axis=0)
+        other = np.abs(columns - np.eye(len(columns))[:, place]).max(axis=0) > SYMMETRIC_TO
+        lost = [name for name, is_other in zip(names, other, strict=True) if is_other]
+        if lost:
+            yield f"{kind} that are no direction of an interface node are left out: {', '.join(lost)}"

@@ -1,0 +1,155 @@
+"""From any basis to interface coordinates: V and the projected matrices enter, those of a superelement leave.
+
+With G V of full row rank the first coordinates become the displacements of the interfaces and the others
+fixed-interface pseudo-modes (Craig & Bampton, AIAA J. 6(7), 1968, for any span V): with N the null space of G V,
+
+    V^ = V [Psi, Phi],   Phi = N X,  Phi^T K Phi = omega^2,  Phi^T M Phi = I,
+    G V Psi = I,  Phi^T K Psi = 0,   M^ = [M_bb M_bi; M_ib I],   K^ = [K_bb 0; 0 omega^2].
+
+The transfer function stays what it was. For a free body in the Buckens frame the rigid-body modes join the basis, so
+that the superelement moves as a whole without force; what is known of its error stays true for its elastic part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from ..linalg.blocks import create_block, local_rows
+from ..model.damping import GivenDamping
+from ..model.dofs import DIRECTIONS
+from ..model.frames import Chord, NoFrame, Tangent
+from ..model.rigid_body_modes import RigidBodyModes
+from ..parallel.decisions import decided
+from ..parallel.failures import InputError, Owned
+from .craig_bampton import interface_forces
+from .projection import inner, project, project_columns
+from .reduced_model import ReducedModel
+
+UNMOVED = 1e-9  # singular value of G V, its rows scaled, below which a direction of the interfaces cannot move
+
+
+class Projected(NamedTuple):
+    """A basis `columns` (n, m) in the coordinates of the frame, and the matrices projected on it."""
+
+    columns: object
+    M: np.ndarray
+    D: np.ndarray
+    K: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+
+
+def check_interface_coordinates(model, frame):
+    """Refuse what has no interface coordinates. Collective."""
+    where = "coordinates: 'interface'"
+    if not model.interfaces:
+        raise InputError(f"{where} needs at least one [[interface]]")
+    if isinstance(frame, Tangent | Chord):
+        raise InputError(
+            f"{where} does not go with frame kind '{frame.kind}', which holds nodes of the body; take 'none' for a "
+            "supported body and 'buckens' for a free one"
+        )
+    if isinstance(frame, NoFrame):
+        with Owned(model.comm) as owned:
+            rigid = owned.owns(RigidBodyModes(model))
+            if rigid.count:
+                raise InputError(
+                    f"{where}: {model.name} has {rigid.count} rigid-body motions without force; take frame kind "
+                    "'buckens', whose rigid-body modes then are part of the superelement"
+                )
+
+
+def to_interface_coordinates(framed, given: Projected) -> Projected:
+    """The same span, and the rigid-body modes of the frame, in interface coordinates. Collective. Raises InputError."""
+    with Owned(framed.model.comm) as owned:
+        whole = given if framed.rigid is None else _with_rigid(framed, given)
+        forces = owned.owns(interface_forces(framed.model))
+        motion = inner(forces, whole.columns)
+        T = decided(framed.model.comm, transformation, motion, whole.M, whole.K, framed.model.interfaces)
+        first, last = whole.columns.getActiveColumns()
+        block = create_block(framed.model.K, T.shape[1])
+        with local_rows(whole.columns) as old, local_rows(block) as new:
+            new[...] = old @ T
+        if whole is not given:
+            whole.columns.destroy()
+    c = len(motion)
+    M, D, K = (_symmetric(T.T @ value @ T) for value in (whole.M, whole.D, whole.K))
+    M[c:, c:] = np.eye(len(M) - c)
+    K[:c, c:] = K[c:, :c] = 0.0
+    K[c:, c:] = np.diag(np.diag(K)[c:])
+    return Projected(block, M, D, K, T.T @ whole.B, whole.C @ T)
+
+
+def _with_rigid(framed, given):
+    """[R, V] in place of V: M^ = I and K^ = 0 for the rigid-body motion, to the last digit.
+
+    A given damping matrix acts on it; a damping law, which is one of the deformation, does not.
+    """
+    model, rigid = framed.model, framed.rigid
+    first, last = given.columns.getActiveColumns()
+    count, size = rigid.count, rigid.count + last - first
+    block = create_block(model.K, size)
+    with local_rows(block) as new, local_rows(rigid.R) as R, local_rows(given.columns) as V:
+        new[:, :count], new[:, count:] = R, V
+
+    def beside(value, corner):
+        result = np.zeros((size, size))
+        result[:count, :count], result[count:, count:] = corner, value
+        return result
+
+    D = project(model.D, block) if isinstance(framed.damping, GivenDamping) else beside(given.D, 0.0)
+    B = np.concatenate([project_columns(rigid.R, model.B), given.B])
+    C = B.T if model.Ct is None else np.concatenate([project_columns(rigid.R, model.Ct).T, given.C], axis=1)
+    return Projected(block, beside(given.M, np.eye(count)), D, beside(given.K, 0.0), B, C)
+
+
+def transformation(motion, M, K, interfaces):
+    """[Psi, Phi] (m, m) from G V (6k, m) and V^T M V, V^T K V. Raises InputError for a rank-deficient G V."""
+    count, size = motion.shape
+    sizes = np.linalg.norm(motion, axis=1)
+    scaled = motion / np.maximum(sizes, 1e-300)[:, None]
+    left, values, right = np.linalg.svd(scaled)
+    weak = np.flatnonzero(values < UNMOVED)
+    if size < count or weak.size or not sizes.all():
+        place = int(np.abs(left[:, weak[0]]).argmax()) if weak.size else int(sizes.argmin())
+        missing = count - min(size, count) + weak.size
+        raise InputError(
+            f"coordinates: the basis of {size} vectors cannot move interface '{interfaces[place // 6].name}' in "
+            f"direction {DIRECTIONS[place % 6]} by itself ({missing} of {count} directions are missing); add an "
+            "ingredient of kind 'constraint_modes', or all directions of the interfaces to the inputs"
+        )
+    N = right[count:].T
+    psi = right[:count].T @ ((left.T / sizes) / values[:, None])
+    if N.shape[1] == 0:
+        return psi
+    squares, X = scipy.linalg.eigh(_symmetric(N.T @ K @ N), _symmetric(N.T @ M @ N))
+    if squares[0] <= 1e-12 * squares[-1]:
+        raise InputError("coordinates: with all interfaces held the body can still move; add an interface")
+    phi = N @ X
+    psi = psi - phi @ ((phi.T @ K @ psi) / squares[:, None])
+    return np.concatenate([psi, phi], axis=1)
+
+
+def elastic_part(reduced: ReducedModel) -> ReducedModel:
+    """The model without the rigid-body motion that interface coordinates brought, in pseudo-modal coordinates.
+
+    Its transfer function is the one in the Buckens frame, which estimates and checks speak of. Other models stay as
+    they are.
+    """
+    count = reduced.record.rigid_body_modes if reduced.record is not None and reduced.interfaces else 0
+    if not count:
+        return reduced
+    X = scipy.linalg.eigh(reduced.K, reduced.M)[1][:, count:]
+    small = {key: X.T @ getattr(reduced, key) @ X for key in ("M", "D", "K")}
+    return replace(
+        reduced, **small, B=X.T @ reduced.B, C=reduced.C @ X, frequencies=reduced.frequencies[count:], interfaces=(),
+        columns=None,
+    )  # fmt: skip
+
+
+def _symmetric(matrix):
+    return (matrix + matrix.T) / 2

@@ -1,0 +1,184 @@
+"""Interface nodes against beam theory, against dense least squares, and against a model made rigid by hand."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from helpers import bar, block_with_ends, columns_of, dense_model, face, gather, rigid_motions_at, to_dense
+
+import hpcred
+from hpcred import Buckens, Interface, Modes, Nodes, StaticCorrection, Tangent
+from hpcred.model.elements import surface_areas
+from hpcred.model.rigid_body_modes import rigid_motions
+
+pytestmark = pytest.mark.mpi
+
+
+def everywhere(model, key):
+    return np.concatenate(model.comm.allgather(getattr(model.dofs, key)))
+
+
+@pytest.mark.parametrize("kind", ["averaging", "rigid"])
+def test_rigid_motion_of_the_body_moves_the_interfaces_with_it(comm, kind):
+    with block_with_ends(comm, kind) as model:
+        R = gather(rigid_motions(model))
+        expected = rigid_motions_at([item.position for item in model.interfaces])
+        assert np.abs(to_dense(model.Gt).T @ R - expected).max() < 1e-12
+        assert model.input_names == tuple(f"{end}:{d}" for end in ("left", "right")
+                                          for d in ("x", "y", "z", "rx", "ry", "rz"))  # fmt: skip
+        assert np.array_equal(columns_of(model.B), to_dense(model.Gt))
+
+
+def test_averaging_is_the_weighted_least_squares_rigid_motion(comm):
+    """Against lstsq on the nodes of the set, with weights and a place of its own."""
+    with hpcred.solid((2, 2, 1), clamped=False, comm=comm) as model:
+        node, direction, position = (everywhere(model, key) for key in ("node", "direction", "position"))
+        nodes, at, rng = (3, 7, 12, 16), np.array([0.03, -0.01, 0.02]), np.random.default_rng(1)
+        weights = tuple(rng.uniform(1, 3, 4).tolist())
+        marked = model.with_interfaces([Interface(name="a", nodes=nodes, at=tuple(at), weights=weights)])
+        u = rng.standard_normal(model.size)
+        rows = [np.flatnonzero((node == n) & (direction == d))[0] for n in nodes for d in range(3)]
+        E = np.concatenate([rigid_motions_at([position[row] - at])[:3] for row in rows[::3]])
+        root = np.sqrt(np.repeat(weights, 3))
+        expected = np.linalg.lstsq(root[:, None] * E, root * u[rows], rcond=None)[0]
+        assert np.abs(to_dense(marked.Gt).T @ u - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+def test_weights_by_area_are_those_of_the_surface(comm):
+    """A face of 2 x 3 equal cells: inner nodes have four quarters of a cell, edges two, corners one."""
+    with hpcred.solid((3, 2, 3), clamped=False, comm=comm) as model:
+        node, position = everywhere(model, "node"), everywhere(model, "position")
+        points = {int(n): p for n, p in zip(node, position, strict=True) if p[0] < 1e-9}
+        areas = surface_areas(comm, model.elements, points)
+        assert sum(areas.values()) == pytest.approx(0.02 * 0.03, rel=1e-12)
+        quarters = {n: round(area / 0.25e-4) for n, area in areas.items()}
+        assert sorted(quarters.values()) == [1] * 4 + [2] * 6 + [4] * 2
+        assert all(areas[n] == pytest.approx(0.25e-4 * k, rel=1e-12) for n, k in quarters.items())
+        equal = model.with_interfaces([face("a", 0.0)])
+        area = model.with_interfaces([face("a", 0.0, weights="area")])
+        assert np.allclose(equal.interfaces[0].position, area.interfaces[0].position)
+        assert np.abs(to_dense(area.Gt) - to_dense(equal.Gt)).max() > 0.01
+
+
+def test_end_to_end_flexibility_is_that_of_beam_theory(comm):
+    """A slender block clamped at one end, without lateral strain: within what the cells and Saint-Venant allow."""
+    length, side, young = 0.32, 0.02, 2.1e11
+    inertia = side**4 / 12
+    beam = {
+        "x": length / (young * side**2), "y": length**3 / (3 * young * inertia),
+        "rx": length / (young / 2 * 0.1406 * side**4), "rz": length / (young * inertia),
+    }  # fmt: skip
+    found = {}
+    for kind in ("averaging", "rigid"):
+        with hpcred.solid((64, 4, 4), size=(length, side, side), poisson=0.0, comm=comm) as model:
+            marked = model.with_interfaces([face("end", length, kind=kind)]).with_inputs([("end", "all")])
+            H = hpcred.frequency_response(marked, [0.0])[0].real
+        assert np.abs(H - H.T).max() < 1e-9 * np.abs(H).max()
+        found[kind] = {name: H[i, i] for i, name in enumerate(("x", "y", "z", "rx", "ry", "rz")) if name in beam}
+        for name, expected in beam.items():
+            assert found[kind][name] == pytest.approx(expected, rel=0.06), (kind, name)
+        # a moment about z moves the end sideways by l^2 / 2EI
+        assert H[1, 5] == pytest.approx(length**2 / (2 * young * inertia), rel=0.06)
+    assert all(found["rigid"][name] < found["averaging"][name] for name in beam)
+
+
+@pytest.mark.parametrize("directions", [("x", "y", "z", "rx", "ry", "rz"), ("x", "y")])
+def test_a_rigid_set_is_a_model_made_rigid_by_hand(comm, directions):
+    """T^T A T in dense numpy, with T from the positions; all or some directions coupled."""
+    with hpcred.solid((3, 2, 2), clamped=True, inputs=2, comm=comm) as model:
+        marked = model.with_interfaces([face("end", 0.03, kind="rigid", directions=directions, at=(0.04, 0.0, 0.01))])
+        K, M, B = dense_model(marked)
+        direction, position = everywhere(marked, "direction"), everywhere(marked, "position")
+        follow = (np.abs(position[:, 0] - 0.03) < 1e-9) & (direction < len(directions))
+        moves = [0, 1, 2, 3, 4, 5] if len(directions) == 6 else [0, 1, 3, 4, 5]  # z of the reference moves nothing
+        T = np.zeros((model.size, len(moves) + int((~follow).sum())))
+        T[np.flatnonzero(~follow), np.arange((~follow).sum())] = 1.0
+        for row in np.flatnonzero(follow):
+            arm = position[row] - np.array([0.04, 0.0, 0.01])
+            T[row, -len(moves) :] = rigid_motions_at([arm])[direction[row], moves]
+        squares = scipy.linalg.eigvalsh(T.T @ K @ T, T.T @ M @ T)
+        with hpcred.reduce(marked, [Modes(count=6)]) as rom:
+            assert np.allclose(rom.frequencies, np.sqrt(squares[:6]) / 2 / np.pi, rtol=1e-9)
+            V = gather(rom.columns)
+        assert np.abs(V - T @ np.linalg.lstsq(T, V, rcond=None)[0]).max() < 1e-9 * np.abs(V).max()
+        assert np.abs(to_dense(marked.Gt).T[moves] @ T[:, -len(moves) :] - np.eye(len(moves))).max() < 1e-12
+        if len(moves) < 6:
+            with pytest.raises(hpcred.InputError, match="found 'z', expected x, y, rx, ry, rz or all"):
+                marked.with_inputs([("end", "z")])
+        A = T.T @ (K - (2 * np.pi * 900) ** 2 * M) @ T
+        expected = (T.T @ B).T @ np.linalg.solve(A, T.T @ B)
+        found = hpcred.frequency_response(marked, [900.0])[0]
+        assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+def test_a_tangent_frame_at_a_rigid_interface_clamps_the_face(comm):
+    with block_with_ends(comm, "rigid", cells=(4, 2, 2)) as model, hpcred.solid((4, 2, 2), comm=comm) as clamped:
+        marked = clamped.with_interfaces([face("right", 0.04, kind="rigid")]).with_inputs([("right", "all")])
+        found = hpcred.frequency_response(model.with_inputs([("right", "all")]), [0.0, 3000.0], Tangent("left"))
+        expected = hpcred.frequency_response(marked, [0.0, 3000.0])
+        assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max()
+        with pytest.raises(hpcred.InputError, match="averaging one; take kind = 'rigid'"):
+            hpcred.reduce(block_with_ends(comm, cells=(4, 2, 2)), [Modes(count=2)], Tangent("left"))
+
+
+def test_a_single_node_with_rotations_is_its_own_rigid_interface(comm):
+    with bar(comm, 1.0, 4) as beam:
+        marked = beam.with_interfaces([Interface(name="tip", nodes=(5,), kind="rigid")])
+        named = marked.with_inputs([("tip", "all")])
+        plain = beam.with_inputs([(5, d) for d in ("x", "y", "z", "rx", "ry", "rz")])
+        responses = [hpcred.frequency_response(model, [0.0, 40.0], Buckens()) for model in (named, plain)]
+        assert np.abs(responses[0] - responses[1]).max() < 1e-9 * np.abs(responses[1]).max()
+
+
+def test_shapes_and_files_know_the_reference_nodes(comm, folder):
+    """phi and psi by finite rotation of the set; the SID file has them, and a result is evaluated by its record."""
+    with block_with_ends(comm, clamped=True) as model, hpcred.reduce(model, tolerance=1e-4, band=(0, 9000)) as rom:
+        hpcred.write_model(folder / "model.h5", model)
+        hpcred.write_result(folder / "result.h5", rom, model)
+        shape = hpcred.read_result(folder / "result.h5", comm).nodes[-1]
+        assert (shape.name, shape.rotates) == ("right", True)
+        motion = to_dense(model.Gt).T @ gather(rom.columns)
+        assert np.abs(np.concatenate([shape.phi, shape.psi]) - motion).max() < 1e-12 * np.abs(motion).max()
+        report = hpcred.evaluate_result(folder / "result.h5", folder / "model.h5", frequencies=(100.0, 5000.0))
+        assert max(report["eps"]) < 1e-4
+        hpcred.export_result(folder / "result.h5", "sid", folder / "body.SID_FEM")
+        node = hpcred.read_sid(folder / "body.SID_FEM").nodes[-1]
+        assert node.node == shape.node
+        assert np.allclose(node.objects["psi"].m0, shape.psi)
+
+
+REFUSALS = [
+    ([face("a", 0.5)], "none lies there; the nodes of solid lie between"),
+    ([face("a", 0.04), face("a", 0.02)], "expected each once"),
+    ([Interface(name="a", nodes=(1, 99999))], "node 99999 does not exist"),
+    ([Interface(name="a", nodes=Nodes(set="LEFT"))], "has no set 'LEFT'; it has none"),
+    ([Interface(name="a", nodes=(1,))], "do not define the motion in .*; take more nodes"),
+    ([Interface(name="a", nodes=(1, 2, 3))], "do not define the motion in rz; take more nodes, not all on one line"),
+    ([face("a", 0.04, kind="rigid"), Interface(name="b", nodes=(36, 35, 33), kind="rigid")], "follow one reference"),
+    ([face("a", 0.04, node=5)], "the number 5 is taken"),
+    ([face("a", 0.04, weights="area"), Interface(name="b", nodes=(1, 5, 12), weights="area")], "a face on the set"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("interfaces", "words"), REFUSALS, ids=[words[:20] for _, words in REFUSALS])
+def test_what_defines_no_interface_is_refused(comm, interfaces, words):
+    with hpcred.solid((4, 2, 2), clamped=True, comm=comm) as model, pytest.raises(hpcred.InputError, match=words):
+        model.with_interfaces(interfaces)
+
+
+def test_a_set_with_a_held_node_is_refused(comm):
+    with hpcred.solid((4, 2, 2), clamped=True, comm=comm) as model:
+        held = hpcred.Dofs(np.array([77]), np.array([2], dtype=np.int8), np.array([[0.04, 0.0, 0.0]]))
+        empty = held.take(slice(0, 0))
+        model = hpcred.SecondOrderModel(model.M, model.K, dofs=model.dofs, held=held if comm.rank == 0 else empty)
+        with pytest.raises(hpcred.InputError, match="node 77 of its set is held"):
+            model.with_interfaces([face("a", 0.04)])
+
+
+def test_static_correction_by_interface_loads_needs_no_rotations(solid):
+    """A moment on a set of nodes without rotations is a set of forces with that moment and no resultant."""
+    marked = solid.with_interfaces([face("end", 0.04)]).with_inputs([("end", "rx")])
+    R, B = gather(rigid_motions(marked)), columns_of(marked.B)
+    centre = marked.interfaces[0].position
+    assert np.abs(R.T @ B - rigid_motions_at([centre]).T[:, [3]]).max() < 1e-12
+    with hpcred.reduce(marked, [StaticCorrection()]) as rom:
+        assert rom.size == 1

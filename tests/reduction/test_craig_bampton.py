@@ -1,0 +1,156 @@
+"""Component modes against dense elimination, and interface coordinates that leave every response as it was."""
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+import scipy.linalg
+from helpers import block_with_ends, dense_model, gather, rigid_motions_at, to_dense
+
+import hpcred
+from hpcred import (
+    Buckens,
+    ConstraintModes,
+    CraigBampton,
+    FixedInterfaceModes,
+    Guyan,
+    Krylov,
+    Modes,
+    NoFrame,
+    Rayleigh,
+    ResidualAttachment,
+)
+from hpcred.model.frames import apply_frame
+from hpcred.reduction.interface_coordinates import elastic_part
+
+pytestmark = pytest.mark.mpi
+
+KINDS = pytest.mark.parametrize("kind", ["averaging", "rigid"])
+FREQUENCIES = (300.0, 5000.0, 17000.0)
+
+
+def dense_component_modes(model):
+    """Fixed-interface omega^2 and the statically condensed stiffness, in the coordinates in which rigid sets follow."""
+    with closing(apply_frame(model)) as framed:
+        K, M, _ = dense_model(framed.model)
+        G = to_dense(framed.model.Gt).T
+    N = scipy.linalg.null_space(G)
+    squares = scipy.linalg.eigvalsh(N.T @ K @ N, N.T @ M @ N)
+    unit = np.linalg.pinv(G)
+    psi = unit - N @ np.linalg.solve(N.T @ K @ N, N.T @ K @ unit)
+    return squares, psi.T @ K @ psi
+
+
+@KINDS
+@pytest.mark.parametrize("clamped", [True, False])
+def test_craig_bampton_in_interface_coordinates_is_the_textbook_form(comm, kind, clamped):
+    """Against the null space of G in dense numpy; M = [M_bb M_bi; M_ib I], K = [K_bb 0; 0 omega^2], C = [I 0]."""
+    frame = NoFrame() if clamped else Buckens()
+    with block_with_ends(comm, kind, clamped, cells=(4, 2, 2)) as model:
+        squares, static = dense_component_modes(model)
+        count = 6 * len(model.interfaces)
+        with hpcred.reduce(model, [CraigBampton(count=8)], frame, coordinates="interface") as rom:
+            assert rom.size == count + 8
+            assert rom.interfaces == model.interfaces
+            assert np.allclose(np.diag(rom.K)[count:], squares[:8], rtol=1e-8)
+            assert np.abs(rom.K[:count, :count] - static).max() < 1e-8 * np.abs(static).max()
+            assert not rom.K[:count, count:].any()
+            assert np.array_equal(rom.M[count:, count:], np.eye(8))
+            assert np.abs(rom.C - np.eye(count, rom.size)).max() < 1e-10
+            V, G = gather(rom.columns), to_dense(model.Gt).T
+            K, M, _ = dense_model(model)
+            assert np.abs(G @ V - np.eye(count, rom.size)).max() < 1e-10
+            assert np.abs(V.T @ M @ V - rom.M).max() < 1e-9 * np.abs(rom.M).max()
+            assert np.abs(V.T @ K @ V - rom.K).max() < 1e-9 * np.abs(rom.K).max()
+            if not clamped:
+                R = rigid_motions_at([item.position for item in rom.interfaces])
+                assert np.abs(rom.K[:count, :count] @ R).max() < 1e-13 * np.abs(rom.K).max()
+                total = R.T @ rom.M[:count, :count] @ R  # rigid motions are moved by constraint modes alone
+                assert np.allclose(np.diag(total)[:3], M[::3, ::3].sum(), rtol=1e-9)
+
+
+@KINDS
+@pytest.mark.parametrize("clamped", [True, False])
+def test_any_basis_keeps_its_responses_in_interface_coordinates(comm, kind, clamped):
+    """Krylov, modes with attachment modes: the same transfer function to 1e-10, with damping; for a free body that of
+    the elastic part, and of the whole the response of the free model."""
+    frame, damping = (NoFrame() if clamped else Buckens()), Rayleigh(20.0, 1e-7)
+    with block_with_ends(comm, kind, clamped, cells=(4, 2, 2)) as model:
+        for basis in ([Krylov(0.0, 0), Krylov(9000.0, 1)], [Modes(count=6), ResidualAttachment()]):
+            with hpcred.reduce(model, basis, frame, damping) as modal:
+                expected = hpcred.frequency_response(modal, FREQUENCIES)
+            with hpcred.reduce(model, basis, frame, damping, coordinates="interface") as rom:
+                found = hpcred.frequency_response(elastic_part(rom), FREQUENCIES)
+                assert hpcred.relative_error(expected, found).max() < 1e-10
+                whole = hpcred.frequency_response(rom, FREQUENCIES[:1])
+        if not clamped:  # mass-proportional damping belongs to the deformation only
+            undamped = hpcred.frequency_response(model, FREQUENCIES[:1], NoFrame())
+            assert hpcred.relative_error(undamped, whole).max() < 1e-3
+
+
+def test_craig_bampton_frequencies_lie_above_the_true_ones_and_come_down(comm):
+    with block_with_ends(comm, clamped=True) as model:
+        K, M, _ = dense_model(model)
+        true = np.sqrt(scipy.linalg.eigvalsh(K, M)[:6]) / 2 / np.pi
+        last = np.full(6, np.inf)
+        for count in (0, 2, 6, 14):
+            basis = [Guyan()] if count == 0 else [CraigBampton(count=count)]
+            with hpcred.reduce(model, basis) as rom:
+                found = rom.frequencies[:6]
+            assert (found > true * (1 - 1e-10)).all()
+            assert (found <= last * (1 + 1e-10)).all()
+            last = found
+        assert np.abs(last / true - 1).max() < 1e-2
+
+
+def test_names_of_one_method_are_one_method(comm):
+    """Guyan is Craig-Bampton without modes; attachment modes are the Krylov block of the interface loads at 0 Hz."""
+    pairs = [
+        ([Guyan()], [ConstraintModes()]),
+        ([ConstraintModes(), FixedInterfaceModes(count=3)], [CraigBampton(count=3)]),
+        ([Modes(count=3), ResidualAttachment()], [Modes(count=3), Krylov(0.0, 0)]),
+    ]
+    for clamped in (True, False):
+        with block_with_ends(comm, clamped=clamped, cells=(4, 2, 2)) as model:
+            for one, other in pairs:
+                roms = [hpcred.reduce(model, basis, None if clamped else Buckens()) for basis in (one, other)]
+                assert np.allclose(roms[0].frequencies, roms[1].frequencies, rtol=1e-9)
+
+
+def test_fixed_interface_modes_in_a_band_are_all_of_it(comm):
+    with block_with_ends(comm, clamped=True, cells=(4, 2, 2)) as model:
+        frequencies = np.sqrt(dense_component_modes(model)[0]) / 2 / np.pi
+        top = float(frequencies[18] + frequencies[19]) / 2
+        with hpcred.reduce(model, [FixedInterfaceModes(band=(0.0, top))]) as rom:
+            assert np.allclose(rom.frequencies, frequencies[:19], rtol=1e-8)
+
+
+def test_a_superelement_to_a_tolerance(comm, folder):
+    """Free body: the error is that of the deformation, as said; the file is evaluated as any other."""
+    with block_with_ends(comm) as model:
+        with hpcred.reduce(model, frame=Buckens(), tolerance=1e-4, band=(0.0, 20000.0), coordinates="interface") as rom:
+            assert rom.record.accuracy.reached
+            assert rom.record.coordinates == "interface"
+            assert np.array_equal(rom.frequencies[:6], np.zeros(6))
+            hpcred.write_result(folder / "result.h5", rom, model)
+        hpcred.write_model(folder / "model.h5", model)
+        read = hpcred.read_result(folder / "result.h5", comm).reduced
+        assert read.interfaces == rom.interfaces
+        report = hpcred.evaluate_result(folder / "result.h5", folder / "model.h5", frequencies=FREQUENCIES)
+        assert max(report["eps"]) < 1e-4
+        assert hpcred.check_result(folder / "result.h5", folder / "model.h5", 3, seed=1)["passed"]
+
+
+def test_what_has_no_interface_coordinates_is_refused(comm):
+    with block_with_ends(comm, cells=(4, 2, 2)) as model, hpcred.solid((4, 2, 2), comm=comm) as plain:
+        for words, target, basis, keywords in (
+            (r"needs at least one \[\[interface\]\]", plain, [Modes(count=3)], {"coordinates": "interface"}),
+            (r"craig_bampton needs at least one \[\[interface\]\]", plain, [CraigBampton(count=3)], {}),
+            ("6 rigid-body motions without force", model, [Krylov(900.0)], {"coordinates": "interface"}),
+            ("K of solid is singular.*'buckens'", model, [Guyan()], {}),
+            ("cannot move interface 'left' in direction", model, [Modes(count=3)],
+             {"coordinates": "interface", "frame": Buckens()}),
+            ("expected 'modal' or 'interface'", model, [Guyan()], {"coordinates": "physical"}),
+        ):  # fmt: skip
+            with pytest.raises(hpcred.InputError, match=words):
+                hpcred.reduce(target, basis, **keywords)
