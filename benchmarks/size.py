@@ -144,23 +144,29 @@ def best(runs, method, eps):
 
 
 def draw(path, runs):
-    """The error over the size, a panel a model."""
+    """The error over the size, a panel a model, three in a row, and the legend in the place after the last one."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplots(1, len(runs), figsize=(4.4 * len(runs), 3.8), squeeze=False, layout="constrained")
-    marks = dict(zip(METHODS, "osd^v+x", strict=True))
-    for panel, (name, found) in zip(axes[0], runs.items(), strict=True):
+    lines = len(runs) // 3 + 1
+    figure, axes = plt.subplots(lines, 3, figsize=(11, 3.4 * lines), squeeze=False, layout="constrained")
+    axes = axes.ravel()
+    for panel in axes[len(runs) :]:
+        panel.axis("off")
+    styles = {method: (f"-{mark}", f"C{i}") for i, (method, mark) in enumerate(zip(METHODS, "osd^v+x", strict=True))}
+    for panel, (name, found) in zip(axes, runs.items(), strict=False):
         for method, label in METHODS.items():
             points = sorted((run["size"], run["eps"]) for run in found if run["method"] == method)
             if points:
-                panel.semilogy(*zip(*points, strict=True), f"-{marks[method]}", label=label, markersize=4,
+                style, colour = styles[method]
+                panel.semilogy(*zip(*points, strict=True), style, color=colour, label=label, markersize=4,
                                linewidth=2 if method == "automatic" else 1)  # fmt: skip
         panel.set(xlabel="coordinates", ylabel="largest relative error", title=name, ylim=(1e-9, 30.0))
         panel.grid(alpha=0.3)
-    axes[0][0].legend(fontsize=7)
+    labelled = {label: line for panel in axes for line, label in zip(*panel.get_legend_handles_labels(), strict=True)}
+    axes[len(runs)].legend(labelled.values(), labelled.keys(), loc="center left", frameon=False)
     figure.savefig(path, dpi=150)
 
 
