@@ -588,6 +588,8 @@ def evaluate(
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if full:
         print(f"Q = {report['Q']:.6g}, largest eps = {report['eps_max']:.6g}; {report['arithmetic']}")
+        worst = report["worst_pair"]
+        print(f"worst pair by itself: output {worst['output']}, input {worst['input']}: {worst['error']:.2g}")
     for name in report.get("figures", ()):
         print(f"drawn: {name}")
     _write_json(json, report)

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import numpy as np
 
-from ..analysis.error import error_integral, relative_error
+from ..analysis.error import error_integral, relative_error, worst_pair
 from ..analysis.error_check import accuracy_of, check_reduced, said_at
 from ..analysis.frequency_response import frequency_response
 from ..formats.model_file import read_model
@@ -74,6 +74,7 @@ def evaluate_result(
             "eps": arrays["eps"].tolist(),
             "eps_max": float(arrays["eps"].max()),
             "Q": error_integral(grid, arrays["eps"]),
+            "worst_pair": _worst_pair(arrays, reduced),
         }  # fmt: skip
     if output is not None:
         made = {"result": str(result), "model": record.model, "versions": versions()}
@@ -84,6 +85,11 @@ def evaluate_result(
         curves = [(label, grid, arrays[key]) for key, label in labels.items() if key in arrays]
         report["figures"] = figures_of_pairs(figure, reduced.output_names, reduced.input_names, curves, comm)
     return report
+
+
+def _worst_pair(arrays, reduced) -> dict:
+    i, j, error = worst_pair(arrays["full"], arrays["reduced"])
+    return {"output": reduced.output_names[i], "input": reduced.input_names[j], "error": error}
 
 
 def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) -> dict:
