@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import latex2mathml.converter
+from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
@@ -14,6 +15,13 @@ from reference import pages  # noqa: E402  (beside this file, which is in no pac
 
 INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.S)
 BLOCK = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.S)
+
+
+@event_priority(-100)
+def on_config(config):
+    """The theme fetches a script for search in local files; the site has its own."""
+    config.extra["polyfills"] = ["worker.js"]
+    return config
 
 
 def on_files(files, config):

@@ -73,7 +73,7 @@ def keys_of_file(table) -> str:
 
 def sources(table) -> list:
     """The dataclasses whose keys a table has as its own: those it extends, and those that its docstring refers to."""
-    named = re.findall(r"\bsee ((?:\w+\.)+)([A-Z]\w+)", inspect.getdoc(table))
+    named = re.findall(r"\bsee\s+((?:\w+\.)+)([A-Z]\w+)", inspect.getdoc(table))
     referred = [getattr(importlib.import_module(f"hpcred.{module.rstrip('.')}"), name) for module, name in named]
     own = {item.name for item in fields(table)}
     return [item for item in (*table.__mro__[1:-1], *referred) if is_dataclass(item)
@@ -112,7 +112,9 @@ def dataclasses_in(hint) -> list:
 
 
 def kind_of(table) -> str | None:
-    return next((item.default for item in fields(table) if item.name == "kind" and item.default is not MISSING), None)
+    """What the key `kind` must be for this table, or None where it has none or leaves a choice."""
+    words = get_args(plain(hints_of(table).get("kind")))
+    return words[0] if len(words) == 1 else None
 
 
 def in_words(hint) -> str:
@@ -126,7 +128,7 @@ def in_words(hint) -> str:
     if origin is Literal:
         return " or ".join(f'`"{word}"`' for word in parts)
     if origin is tuple and parts[-1:] == (...,):
-        return f"list of {in_words(parts[0])}"
+        return "tables" if dataclasses_in(parts[0]) else f"list of {in_words(parts[0])}"
     if origin is tuple:
         return f"[{', '.join(in_words(part) for part in parts)}]"
     if origin in (Union, UnionType):
@@ -151,7 +153,7 @@ def default_of(item) -> str:
 
 def table_of_keys(table) -> str:
     rows = [(f"`{item.name}`", in_words(hint), default_of(item))
-            for (name, hint), item in zip(hints_of(table).items(), fields(table), strict=True) if name != "kind"]  # fmt: skip
+            for (name, hint), item in zip(hints_of(table).items(), fields(table), strict=True) if name != "kind" or not kind_of(table)]  # fmt: skip
     return markdown_table(("key", "value", "default"), rows) if rows else "No keys but `kind`."
 
 

@@ -22,6 +22,7 @@ FILE = re.compile(r'^```\w+ title="([^"]+)"\n(.*?)^```$', re.M | re.S)
 SESSION = re.compile(r"^```console\n(.*?)^```$", re.M | re.S)
 BLOCK = re.compile(rf"(?:{FILE.pattern})|(?:{SESSION.pattern})", re.M | re.S)
 WIDTH = 100
+ROOT = Path(__file__).parents[2]
 
 
 class Failed(Exception):
@@ -60,13 +61,13 @@ def _output(command, folder, environment):
 
 
 def _environment(folder):
-    """`hpcred` is this one; as many ranks as a page asks for; tables as wide as a page."""
+    """`hpcred` is the one of this repository; as many ranks as a page asks for; tables as wide as a page."""
     tools = Path(tempfile.mkdtemp(dir=folder, prefix=".bin"))
     shim = tools / "hpcred"
     shim.write_text(f'#!/bin/sh\nexec {sys.executable} -m hpcred --quiet "$@"\n')
     shim.chmod(0o755)
     return {
-        "OPENBLAS_NUM_THREADS": "1", **os.environ, "PATH": f"{tools}:{os.environ['PATH']}", "COLUMNS": str(WIDTH),
+        "OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONPATH": str(ROOT), "PATH": f"{tools}:{os.environ['PATH']}", "COLUMNS": str(WIDTH),
         "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1",
     }  # fmt: skip
 
