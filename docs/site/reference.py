@@ -22,6 +22,17 @@ import hpcred.cli
 import hpcred.formats
 
 WORDS = {str: "text", int: "whole number", float: "number", bool: "true or false"}
+ON_KEYS = "Names, kinds and defaults are those of the code that reads the file; unknown keys are refused."
+ON_FILES = (
+    "All files are HDF5 with the attributes `format` and `version`; `n` is the number of dofs of the model, `m` of the "
+    "coordinates of the reduced one, `p` of inputs, `r` of outputs. Read them with h5py, MATLAB's `h5read` or any "
+    "other reader."
+)
+ON_PYTHON = (
+    'Every public name is one of `hpcred` itself: `hpcred.reduce`, `hpcred.Krylov`. "Collective." in a text means that '
+    "all ranks call it, with the same arguments. Frequencies are in Hz, all other quantities in the units of the "
+    "model, SI where it is in SI."
+)
 ROOMS = {
     "workflows": "Commands as functions",
     "reduction": "Reduction",
@@ -37,37 +48,37 @@ ROOMS = {
 
 def pages() -> dict[str, str]:
     """All reference pages by their place in docs/."""
-    found = {"reference/command-line.md": command_line(), "reference/python.md": python_names()}
-    found["reference/files.md"] = hdf5_files()
-    for module in format_modules():
+    found = {"command-line": command_line(), "python": python_names(), "files": hdf5_files()}
+    for name, module in format_modules().items():
         for table in tables_of_files(module):
-            name = module.__name__.rpartition(".")[2].replace("_", "-")
-            found[f"reference/{name}.md"] = keys_of_file(table)
-    return found
+            found[name.replace("_", "-")] = keys_of_file(f"the {name.replace('_', ' ')}", table)
+    return {f"reference/{name}.md": text for name, text in found.items()}
 
 
-def format_modules():
-    return [importlib.import_module(f"hpcred.formats.{item.name}") for item in pkgutil.iter_modules(hpcred.formats.__path__)]
+def format_modules() -> dict:
+    """The modules of hpcred.formats by name."""
+    names = [item.name for item in pkgutil.iter_modules(hpcred.formats.__path__)]
+    return {name: importlib.import_module(f"hpcred.formats.{name}") for name in names}
 
 
 # keys of TOML files
 
 
-def tables_of_files(module):
+def tables_of_files(module) -> list:
     """The outermost dataclasses of a TOML file that a module defines."""
-    return [item for item in vars(module).values()
-            if is_dataclass(item) and item.__module__ == module.__name__ and "__pydantic_config__" in vars(item)]  # fmt: skip
+    own = [item for item in vars(module).values() if is_dataclass(item) and item.__module__ == module.__name__]
+    return [item for item in own if "__pydantic_config__" in vars(item)]
 
 
-def keys_of_file(table) -> str:
+def keys_of_file(name, table) -> str:
     """A page with all keys of a TOML file, and of the tables in it."""
-    title = {"Job": "Keys of job.toml"}.get(table.__name__, f"Keys of a file: {table.__name__}")
-    if table.__name__.endswith("Job") and table.__name__ != "Job":
-        title = f"Keys of {table.__name__.removesuffix('Job').lower()} files"
-    parts = [f"# {title}", "Names, kinds and defaults are those of the code that reads the file; unknown keys are refused.",
-             *(text_of(item) for item in (table, *sources(table))), table_of_keys(table)]  # fmt: skip
+    parts = [f"# Keys of {name}", ON_KEYS, *(text_of(item) for item in (table, *sources(table))), table_of_keys(table)]
     for path, kind in inner_tables(table):
         parts += [f"## {path}", text_of(kind), table_of_keys(kind)]
+    return joined(parts)
+
+
+def joined(parts) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -76,8 +87,8 @@ def sources(table) -> list:
     named = re.findall(r"\bsee\s+((?:\w+\.)+)([A-Z]\w+)", inspect.getdoc(table))
     referred = [getattr(importlib.import_module(f"hpcred.{module.rstrip('.')}"), name) for module, name in named]
     own = {item.name for item in fields(table)}
-    return [item for item in (*table.__mro__[1:-1], *referred) if is_dataclass(item)
-            and {field.name for field in fields(item)} <= own]  # fmt: skip
+    found = [item for item in (*table.__mro__[1:-1], *referred) if is_dataclass(item)]
+    return [item for item in found if {field.name for field in fields(item)} <= own]
 
 
 def inner_tables(table, prefix="", seen=()):
@@ -152,8 +163,9 @@ def default_of(item) -> str:
 
 
 def table_of_keys(table) -> str:
-    rows = [(f"`{item.name}`", in_words(hint), default_of(item))
-            for (name, hint), item in zip(hints_of(table).items(), fields(table), strict=True) if name != "kind" or not kind_of(table)]  # fmt: skip
+    hints, tag = hints_of(table), kind_of(table)
+    items = [item for item in fields(table) if item.name != "kind" or not tag]
+    rows = [(f"`{item.name}`", in_words(hints[item.name]), default_of(item)) for item in items]
     return markdown_table(("key", "value", "default"), rows) if rows else "No keys but `kind`."
 
 
@@ -194,14 +206,12 @@ def markdown_table(head, rows) -> str:
 
 def hdf5_files() -> str:
     """A page with the arrays of every HDF5 file, as the modules that write them say."""
-    parts = ["# Arrays of the files", "All files are HDF5 with the attributes `format` and `version`; `n` is the number of "
-             "dofs of the model, `m` of the coordinates of the reduced one, `p` of inputs, `r` of outputs. Read them with "
-             "h5py, MATLAB's `h5read` or any other reader."]  # fmt: skip
-    for module in format_modules():
+    parts = ["# Arrays of the files", ON_FILES]
+    for module in format_modules().values():
         name = getattr(module, "FORMAT", None)
         if isinstance(name, str) and name.startswith("hpcred-"):
-            parts += [f"## {name}, version {getattr(module, 'VERSION', 1)}", f"```text\n{inspect.getdoc(module)}\n```"]
-    return "\n\n".join(parts) + "\n"
+            parts += [f"## {name}, version {module.VERSION}", f"```text\n{inspect.getdoc(module)}\n```"]
+    return joined(parts)
 
 
 # the command line
@@ -210,12 +220,13 @@ def hdf5_files() -> str:
 def command_line() -> str:
     """A page with every command, argument and option."""
     group = typer.main.get_command(hpcred.cli.app)
-    parts = ["# Command line", escaped(group.help or ""), escaped(getattr(group, "epilog", None) or ""), _parameters(group)]
+    parts = ["# Command line", escaped(group.help or ""), escaped(group.epilog or ""), _options(group)]
     for words, command in commands(group):
-        usage = [" ".join(("hpcred", *words))] + [_metavar(item) for item in command.params if item.param_type_name == "argument"]
-        parts += [f"## hpcred {' '.join(words)}", f"```sh\n{' '.join(usage)} [options]\n```", escaped(command.help or ""),
-                  _parameters(command)]  # fmt: skip
-    return "\n\n".join(part for part in parts if part) + "\n"
+        name = " ".join(("hpcred", *words))
+        arguments = [_metavar(item) for item in command.params if item.param_type_name == "argument"]
+        usage = " ".join([name, *arguments, "[options]"])
+        parts += [f"## {name}", f"```sh\n{usage}\n```", escaped(command.help or ""), _options(command)]
+    return joined(parts)
 
 
 def commands(group, words=()):
@@ -231,19 +242,20 @@ def _metavar(item):
     return item.metavar or item.name.upper()
 
 
-def _parameters(command):
+def _options(command):
     rows = []
     for item in command.params:
-        if item.param_type_name == "argument" or getattr(item, "hidden", False):
+        if item.param_type_name == "argument" or item.hidden:
             continue
-        value = "" if item.is_flag else _metavar(item)
-        default = "" if item.default in (None, False, ()) or item.is_flag else f"`{_plain_value(item.default)}`"
-        rows.append((", ".join(f"`{name}`" for name in item.opts), f"`{value}`" if value else "", default, escaped(item.help or "")))
+        names, value = ", ".join(f"`{name}`" for name in item.opts), "" if item.is_flag else f"`{_metavar(item)}`"
+        rows.append((names, value, "" if item.is_flag else _default(item.default), escaped(item.help or "")))
     return markdown_table(("option", "value", "default", "meaning"), rows) if rows else ""
 
 
-def _plain_value(value):
-    return " ".join(map(str, value)) if isinstance(value, tuple | list) else value
+def _default(value):
+    if value in (None, ()):
+        return ""
+    return f"`{' '.join(map(str, value)) if isinstance(value, tuple | list) else value}`"
 
 
 # public names
@@ -257,11 +269,8 @@ def python_names() -> str:
         if isinstance(node, ast.ImportFrom):
             for alias in node.names:
                 rooms.setdefault(node.module.partition(".")[0], []).append(f"hpcred.{node.module}.{alias.name}")
-    order = [*ROOMS, *(room for room in rooms if room not in ROOMS)]
-    parts = ["# Python", "Every public name is one of `hpcred` itself: `hpcred.reduce`, `hpcred.Krylov`. \"Collective.\" in a text "
-             "means that all ranks call it, with the same arguments. Frequencies are in Hz, all other quantities in the units of "
-             "the model, SI where it is in SI."]  # fmt: skip
-    for room in order:
+    parts = ["# Python", ON_PYTHON]
+    for room in [*ROOMS, *(room for room in rooms if room not in ROOMS)]:
         if room in rooms:
             parts += [f"## {ROOMS.get(room, room)}", *(f"::: {name}" for name in rooms[room])]
-    return "\n\n".join(parts) + "\n"
+    return joined(parts)

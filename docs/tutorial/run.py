@@ -51,9 +51,8 @@ def commands(session: str) -> list[str]:
 
 
 def _output(command, folder, environment):
-    done = subprocess.run(
-        ["bash", "-o", "pipefail", "-c", command], cwd=folder, env=environment, capture_output=True, text=True, timeout=1200
-    )
+    words = ["bash", "-o", "pipefail", "-c", command]
+    done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, timeout=1200)
     if done.returncode:
         raise Failed(f"$ {command}\n{done.stdout}{done.stderr}\nexit status {done.returncode}")
     lines = [line.rstrip() for line in done.stdout.splitlines()]
@@ -67,9 +66,15 @@ def _environment(folder):
     shim.write_text(f'#!/bin/sh\nexec {sys.executable} -m hpcred --quiet "$@"\n')
     shim.chmod(0o755)
     return {
-        "OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONPATH": str(ROOT), "PATH": f"{tools}:{os.environ['PATH']}", "COLUMNS": str(WIDTH),
-        "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1",
-    }  # fmt: skip
+        "OPENBLAS_NUM_THREADS": "1",
+        **os.environ,
+        "PATH": f"{tools}:{os.environ['PATH']}",
+        "PYTHONPATH": str(ROOT),
+        "COLUMNS": str(WIDTH),
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    }
 
 
 def pictures(text: str, page: Path) -> list[str]:

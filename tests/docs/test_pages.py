@@ -84,7 +84,7 @@ def test_commands_can_be_typed(page):
 
 
 def test_wrong_commands_are_seen():
-    text = "    mpiexec -n 2 hpcred reduce job.toml --grups 2   # x\n\n`hpcred reduse` and `hpcred reduce`\n\n    hpcred reduce\n"
+    text = "    mpiexec -n 2 hpcred reduce j --grups 2  # x\n\n    hpcred reduce\n\n`hpcred reduse` `hpcred reduce`"
     assert [bool(refusal(*found)) for found in commands_in(text)] == [True, True, True, False]
     assert len([line for page in PAGES for line in commands_in(page.read_text())]) > 60
 
@@ -96,7 +96,9 @@ def test_files_that_are_named_exist(page):
 
 
 def test_pages_that_the_program_names_exist():
-    named = {name for path in (ROOT / "hpcred").rglob("*.py") for name in re.findall(r"docs/[\w/-]+\.md", path.read_text())}
+    named = {
+        name for path in (ROOT / "hpcred").rglob("*.py") for name in re.findall(r"docs/[\w/-]+\.md", path.read_text())
+    }
     assert named and [name for name in named if not (ROOT / name).exists()] == []
 
 
@@ -150,7 +152,7 @@ class Drawing:
 
 
 def test_keys_are_taken_from_dataclasses():
-    page = reference.keys_of_file(Drawing)
+    page = reference.keys_of_file("a drawing", Drawing)
     assert "- `name`: how it is called." in page
     assert "| `size` | [number, number] | required |" in page
     assert '| `mode` | `"a"` or `"b"` | `"a"` |' in page

@@ -4,13 +4,11 @@ import re
 import shutil
 
 import pytest
-from docs_pages import DOCS, ROOT, load, tutorial
+from docs_pages import DOCS, ROOT, tutorial
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 OF_THE_MACHINE = ("time ", "MUMPS ", "real PETSc", "complex PETSc")
-needs_programs = pytest.mark.skipif(
-    not (shutil.which("ccx") and shutil.which("gmsh")), reason="needs ccx and gmsh"
-)
+needs_programs = pytest.mark.skipif(not (shutil.which("ccx") and shutil.which("gmsh")), reason="needs ccx and gmsh")
 
 
 def said(text):

@@ -27,7 +27,10 @@ def test_static_deflections_under_further_loads_are_exact(linkage):
     ):
         with hpcred.reduce(linkage, basis, FRAME) as rom:
             assert rom.size == 6
-            phi = [shape.phi[axis] for shape, axis in zip(hpcred.node_shapes(linkage, rom.columns, [10, 4]), (2, 0), strict=True)]
+            phi = [
+                shape.phi[axis]
+                for shape, axis in zip(hpcred.node_shapes(linkage, rom.columns, [10, 4]), (2, 0), strict=True)
+            ]
             found = np.array([row @ np.linalg.solve(rom.K, row) for row in phi])
         assert np.allclose(found, exact, rtol=1e-9, atol=0) == right
 
