@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import redirect_stdout, suppress
 from dataclasses import asdict
 from typing import Annotated
 
@@ -11,24 +12,39 @@ import typer
 
 import hpcred
 
+from .formats.outputs import JSON, check_outputs, keep_files
 from .parallel import startup
 from .parallel.failures import InputError, fail
+from .parallel.ranges import ANYTHING, FREQUENCY, within
 from .report.profile import show_profile, start_profile
-from .report.tables import in_words, show_table, show_timing, write_json
+from .report.tables import as_json, in_words, show_table, show_timing, write_json
 
+HELP = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(
-    add_completion=False,
     no_args_is_help=False,
     rich_markup_mode=None,
+    context_settings=HELP,
     help="Reduced flexible bodies by moment matching, in parallel. Without a command: the built-in example. "
     "PETSc, SLEPc and MUMPS options follow after --, such as: hpcred reduce job.toml -- -log_view",
-    epilog="Everywhere: --scalar real|complex insists on a PETSc build, --traceback shows where an error arose, "
-    "--profile the events of PETSc in each stage, --quiet no progress.",
+    epilog="Everywhere: --verbose shows progress from the beginning, --quiet errors and warnings only, --json - the "
+    "numbers alone on standard output; --keep replaces no file; --scalar real|complex insists on a PETSc build; "
+    "--profile shows the events of PETSc in each stage, --traceback where an error arose.",
 )
-example = typer.Typer(help="Write a model to try things on.", rich_markup_mode=None)
+example = typer.Typer(help="Write a model to try things on.", rich_markup_mode=None, context_settings=HELP)
 app.add_typer(example, name="example")
 
-JsonFile = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write the numbers as JSON.")]
+
+
+def _checked(path: str | None):
+    """The name of a file for JSON, refused early where it cannot be written."""
+    if path not in (None, "-"):
+        check_outputs({path: JSON}, _Session.progress.comm, progress=_Session.progress)
+    return path
+
+
+JsonFile = Annotated[
+    str | None, typer.Option("--json", metavar="FILE", help="Write the numbers; - prints them.", callback=_checked)
+]
 Frequencies = Annotated[str | None, typer.Option(metavar="F1,F2,...", help="Frequencies in Hz.")]
 Overrides = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of the file: basis.0.order=2")
@@ -43,10 +59,14 @@ ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file
 
 
 class _Session:
-    """What the options that stand everywhere say, and the progress of the command."""
+    """What the options that stand everywhere say, the progress of the command, and where --json - prints."""
 
-    profile = quiet = False
+    profile = quiet = verbose = keep = False
     progress: hpcred.Progress
+    out = sys.stdout
+
+
+WORDS = ("--traceback", "--profile", "--quiet", "--verbose", "--keep")  # they may stand anywhere
 
 
 def run(arguments: list[str]) -> int:
@@ -57,28 +77,60 @@ def run(arguments: list[str]) -> int:
         cut = arguments.index("--") if "--" in arguments else len(arguments)
         arguments, petsc_args = arguments[:cut], arguments[cut + 1 :]
         startup.insist(_take(arguments, "--scalar"), petsc_args)
-        for word in ("--traceback", "--profile", "--quiet"):
+        for word in WORDS:
             given = word in arguments
-            if given:
-                arguments.remove(word)
-            if word == "--traceback" and given:
-                os.environ["HPCRED_TRACEBACK"] = "1"
+            arguments = [item for item in arguments if item != word]
             setattr(_Session, word[2:], given)
-        _Session.progress = hpcred.Progress(comm, show=False if _Session.quiet else None)
-        if comm.rank:
-            sys.stdout = open(os.devnull, "w")  # noqa: SIM115
-        try:
-            status = app(arguments, prog_name="hpcred", standalone_mode=False)
-        except Exception as error:
-            if hasattr(error, "format_message"):  # a usage error of the parser
-                raise InputError(f"{error.format_message()} (see hpcred --help)") from error
-            raise
-        if _Session.profile and startup.started():
-            show_profile(comm, _Session.progress)
-        sys.stdout.flush()
+        keep_files(_Session.keep)
+        if _Session.traceback:
+            os.environ["HPCRED_TRACEBACK"] = "1"
+        if _Session.quiet and _Session.verbose:
+            raise InputError("--quiet: cannot be combined with --verbose")
+        _Session.progress = hpcred.Progress(comm, show=False if _Session.quiet else _Session.verbose or None)
+        with redirect_stdout(_stdout(comm, arguments)):
+            try:
+                status = app(arguments, prog_name="hpcred", standalone_mode=False)
+            except Exception as error:
+                if hasattr(error, "format_message"):  # a usage error of the parser
+                    raise InputError(f"{error.format_message()} (see hpcred --help)") from error
+                raise
+            if _Session.profile and startup.started():
+                show_profile(comm, _Session.progress)
+            _warn(_unused_options(petsc_args))
+            sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except (Exception, KeyboardInterrupt) as error:
         return fail(error)
+
+
+def _stdout(comm, arguments):
+    """Where tables go: nowhere but on rank 0, and to stderr where JSON is printed."""
+    printed = "--json=-" in arguments or ("--json", "-") in zip(arguments, arguments[1:], strict=False)
+    _Session.out = sys.stdout
+    if printed and sys.stdout is sys.__stdout__:
+        sys.stdout.flush()
+        _Session.out = os.fdopen(os.dup(1), "w")
+        os.dup2(2, 1)  # what PETSc and MUMPS print
+    if comm.rank:
+        _Session.out = open(os.devnull, "w")  # noqa: SIM115
+    if comm.rank or _Session.quiet:
+        return open(os.devnull, "w")  # noqa: SIM115
+    return sys.stderr if printed else sys.stdout
+
+
+def _unused_options(petsc_args):
+    """A sentence on PETSc options that nothing asked for."""
+    left = startup.unused_options() if startup.started() else [item for item in petsc_args if item.startswith("-")]
+    if not left:
+        return []
+    return [f"nothing used the PETSc option{'s' * (len(left) > 1)} {', '.join(left)}; check the names and prefixes"]
+
+
+def _write_json(path, data):
+    if path == "-":
+        print(as_json(data), file=_Session.out, flush=True)
+    else:
+        write_json(path, data)
 
 
 def _take(arguments, option):
@@ -99,16 +151,19 @@ def _progress():
 
 
 def _warn(sentences):
-    for sentence in sentences:
-        print(f"warning: {sentence}")
+    if _Session.progress.comm.rank == 0:
+        for sentence in sentences:
+            print(f"warning: {sentence}", file=sys.stderr if _Session.quiet else sys.stdout)
 
 
 def _numbers(text, option):
-    """Numbers separated by commas."""
+    """Finite numbers separated by commas."""
     try:
-        return [float(part) for part in text.split(",")] if text else []
+        numbers = [float(part) for part in text.split(",")] if text else []
     except ValueError as error:
-        raise InputError(f"{option}: found '{text}', expected numbers separated by commas") from error
+        raise InputError(f"{option}: found '{text[:80]}', expected numbers separated by commas") from error
+    within(option, numbers, ANYTHING)
+    return numbers
 
 
 def _targets(text, option):
@@ -120,9 +175,20 @@ def _targets(text, option):
         raise InputError(f"{option}: found '{text}', expected such as 20:z,1:x or dof numbers 115,1") from error
 
 
+def _amount(text, option, units):
+    """A number with a unit, or None."""
+    if text is None:
+        return None
+    with suppress(ValueError):
+        if text[-1:] in units and 0 <= (number := float(text[:-1])) < float("inf"):
+            return number * units[text[-1]]
+    raise InputError(f"{option}: found '{text}', expected a number and one of the units {', '.join(units)}")
+
+
 def _band(text):
     """Two frequencies, or None."""
     limits = _numbers(text, "--band")
+    within("--band", limits, FREQUENCY)
     if limits and (len(limits) != 2 or not 0 <= limits[0] < limits[1]):
         raise InputError(f"--band: found '{text}', expected two frequencies in Hz such as 0,300")
     return tuple(limits) or None
@@ -153,8 +219,6 @@ def _damping(text):
     """A damping law from none, given, rayleigh:20,1e-7 or loss:0.02."""
     kind, colon, rest = text.partition(":")
     numbers = _numbers(rest, "--damping")
-    if not all(abs(number) < float("inf") for number in numbers):
-        raise InputError(f"--damping: found '{text}', expected finite numbers")
     if kind in ("none", "given") and not colon:
         return hpcred.GivenDamping() if kind == "given" else hpcred.NoDamping()
     if kind == "rayleigh" and len(numbers) == 2:
@@ -172,10 +236,10 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
         print(f"hpcred {version_of('hpcred')}")
         raise typer.Exit
     if context.invoked_subcommand is None:
-        progress, output = _progress(), "result.h5"
+        progress, output = _progress(), "demo_result.h5"
         rows = hpcred.run_demo(output, progress=progress)
         show_table("Stabilisation linkage, force at node 20, chord frame, 0 to 300 Hz, and the paper's Table 1", rows)
-        write_json(json, rows)
+        _write_json(json, rows)
         print(f"model of row 0 written to {output}")
         show_timing(progress.timing())
 
@@ -203,6 +267,7 @@ def convert(
     inputs: Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")] = None,
     outputs: Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")] = None,
     variables: Annotated[str | None, typer.Option(metavar="K=...,M=...", help="Names of matrices in a file.")] = None,
+    units: Annotated[str, typer.Option(help="Units of the files: SI; mm,t,s; mm-kg-ms; inch-lbf-s; ...")] = "SI",
     list_formats: Annotated[bool, typer.Option("--list-formats", help="Say what can be read, and stop.")] = False,
     json: JsonFile = None,
 ):
@@ -230,7 +295,7 @@ def convert(
     source = files[0] if files else hpcred.Source(stiffness, mass, damping, input_file, output_file, nodes, dofs, names)
     report = hpcred.convert(
         source, output, inputs=_targets(inputs, "--inputs"), outputs=_targets(outputs, "--outputs"), variables=names,
-        progress=_progress(),
+        units=units, progress=_progress(),
     )  # fmt: skip
     told = ("output", "sentences", "warnings")
     show_table(None, [{"": key.replace("_", " "), output: in_words(value)} for key, value in report.items()
@@ -238,7 +303,7 @@ def convert(
     for sentence in report["sentences"]:
         print(sentence)
     _warn(report["warnings"])
-    write_json(json, report)
+    _write_json(json, report)
 
 
 @app.command()
@@ -246,16 +311,50 @@ def info(
     file: Annotated[str, typer.Argument(metavar="FILE")],
     below: Annotated[str | None, typer.Option(metavar="F1,F2", help="Count modes below (Hz).")] = None,
     band_top: Annotated[float | None, typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
+    modes: Annotated[int | None, typer.Option(help="Find so many of the lowest frequencies.")] = None,
     json: JsonFile = None,
 ):
     """Say what a file is: what a model contains and needs, and the format and matrices of any other file."""
     report = hpcred.describe_file(
-        file, frequencies=_numbers(below, "--below"), band_top=band_top, progress=_progress()
+        file, frequencies=_numbers(below, "--below"), band_top=band_top, modes=modes, progress=_progress()
     )
     rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key != "warnings"]
     show_table(None, rows)
     _warn(report["warnings"])
-    write_json(json, report)
+    _write_json(json, report)
+
+
+@app.command()
+def modes(
+    model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
+    count: Annotated[int, typer.Option(help="How many of the lowest modes, rigid-body modes included.")] = 20,
+    frame: Annotated[str, typer.Option(help="auto, or as for response.")] = "auto",
+    figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png of the first six elastic modes.")] = None,
+    out_of_core: OutOfCore = None,
+    low_rank: LowRank = None,
+    json: JsonFile = None,
+):
+    """Lowest natural frequencies, effective masses and participation factors of a model.
+
+    A free body shows its rigid-body modes at 0 Hz, unless a frame other than auto holds it.
+    """
+    report = hpcred.modes_of_file(
+        model, count, frame=None if frame == "auto" else _frame(frame), figure=figure,
+        factoring=_factoring(out_of_core, low_rank), progress=_progress(),
+    )  # fmt: skip
+    f = report["frequencies_hz"]
+    if "masses" in report:
+        share, factors = hpcred.tables_of_modes(report)
+        show_table(f"{model}: effective masses in % of the mass along x, y, z and of the inertia about them", share)
+        show_table("Participation factors (kg^(1/2); kg^(1/2) m)", factors)
+        print(f"mass {in_words(report['masses'][:3])} kg; inertia {in_words(report['masses'][3:])} kg m^2")
+    else:
+        show_table(model, [{"mode": i, "f (Hz)": value} for i, value in enumerate(f, 1)])
+    print(f"{report['rigid_body_modes']} rigid-body modes; largest residual {report['residual']:.1e}")
+    if figure:
+        print(f"written to {figure}")
+    _warn(report["warnings"])
+    _write_json(json, report)
 
 
 @app.command()
@@ -265,23 +364,26 @@ def reduce(
     groups: Annotated[str | None, typer.Option(help="Groups of ranks for different points: a number or auto.")] = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
-    restart: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Keep the state after each point there, and go on from it.")
+    store: Annotated[
+        str | None,
+        typer.Option("--store", "--restart", metavar="DIR", help="Keep expansion points there, and go on from those."),
     ] = None,
     json: JsonFile = None,
 ):
     """Reduce a model as a job file says."""
-    folder = out_of_core and os.path.abspath(out_of_core)  # of the command line, not of the job file
-    given = {"groups": groups, "out_of_core": folder, "low_rank": low_rank}
+    folders = {"out_of_core": out_of_core, "store": store}  # of the command line, not of the job file
+    given = {"groups": groups, "low_rank": low_rank}
+    given |= {key: os.path.abspath(name) for key, name in folders.items() if name}
     overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
-    found = hpcred.reduce_job(job, overrides=overrides, restart=restart, progress=_progress())
+    found = hpcred.reduce_job(job, overrides=overrides, progress=_progress())
     record, accuracy = found.record, found.record.accuracy
+    stored = any(item.from_store for item in record.ingredients)
     if accuracy is not None:
-        print(f"{accuracy.sentence}, {len(accuracy.points)} factorisations, {found.size} coordinates")
+        print(f"{accuracy.sentence}, {accuracy.factorisations} factorisations, {found.size} coordinates")
     show_table(
         f"{found.output}: {found.size} coordinates for {record.size} dofs",
-        [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept}
-         for item in record.ingredients],
+        [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
+          **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.ingredients],
     )  # fmt: skip
     if accuracy is not None:
         show_table("Expansion points", [
@@ -294,15 +396,53 @@ def reduce(
     residual = max((item.residual for item in record.factorisations), default=0.0)
     print(
         f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "
-        f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; largest residual {residual:.1e}; "
-        f"{len(record.factorisations)} factorisations, {record.symbolic_analyses} analysis ({record.ordering})"
+        f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; "
+        + (f"largest residual {residual:.1e}; " if record.factorisations else "")
+        + f"{len(record.factorisations)} factorisations, "
+        + (f"{record.factorisations_saved} saved by the store, " if stored else "")
+        + f"{record.symbolic_analyses} analysis ({record.ordering})"
     )
     _warn(record.warnings)
     print(f"{record.scalar} PETSc {record.versions['petsc']}, {record.ranks} rank(s)")
     show_timing(record.timing, record.factorisations)
-    write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
+    _write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
                       "frequencies_hz": found.frequencies})  # fmt: skip
     return int(accuracy is not None and not accuracy.reached)
+
+
+@app.command()
+def store(
+    folder: Annotated[str, typer.Argument(metavar="DIR")],
+    check: Annotated[bool, typer.Option("--check", help="Verify all checksums.")] = False,
+    prune: Annotated[bool, typer.Option("--prune", help="Remove entries that fit all of the options below.")] = False,
+    older: Annotated[str | None, typer.Option(metavar="30d", help="Not used for so long (m, h, d, w).")] = None,
+    below: Annotated[
+        str | None, typer.Option(metavar="10G", help="The longest unused, until no more than this is left.")
+    ] = None,
+    model: Annotated[str | None, typer.Option(metavar="NAME", help="Of the model of this name.")] = None,
+    broken: Annotated[bool, typer.Option("--broken", help="Damaged, or left by a run that was killed.")] = False,
+    json: JsonFile = None,
+):
+    """List, check and prune a folder of expansion points (reduce --store DIR)."""
+    given = {"--older": older, "--below": below, "--model": model, "--broken": broken or None}
+    if not prune and any(value is not None for value in given.values()):
+        raise InputError(f"{next(key for key in given if given[key] is not None)}: belongs to --prune")
+    if prune:
+        rows = hpcred.prune_store(
+            folder, older=_amount(older, "--older", {"m": 60, "h": 3600, "d": 86400, "w": 604800}),
+            below=_amount(below, "--below", {"k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12}), model=model, broken=broken,
+        )  # fmt: skip
+    else:
+        rows = hpcred.list_store(folder, check=check)
+    show_table(folder, [
+        {**{key: "" if row[key] is None else row[key] for key in ("entry", "model", "point", "blocks", "columns")},
+         "MB": round(row["bytes"] / 1e6, 3), "date": row["date"] or "",
+         **({} if prune else {"valid": "yes" if row["valid"] else f"no: {row['reason']}"})} for row in rows
+    ])  # fmt: skip
+    total = sum(row["bytes"] for row in rows)
+    print(f"{len(rows)} entries{' removed' if prune else ''}, {total / 1e6:.6g} MB")
+    write_json(json, rows)
+    return int(not prune and not all(row["valid"] for row in rows if ".tmp-" not in row["entry"]))
 
 
 @app.command()
@@ -352,13 +492,13 @@ def evaluate(
         show_table(f"against {full}, {report['frequencies_hz'][0]:g} to {report['frequencies_hz'][-1]:g} Hz",
                    report["rows"])  # fmt: skip
         show_table("lowest modes of the model", report["modes"])
-        write_json(json, report)
+        _write_json(json, report)
         return None
     if estimate:
         report = hpcred.estimate_of_result(result, frequencies=_numbers(frequencies, "--frequencies"), parts=points)
         show_table(result, report["rows"])
         print(f"{report['sentence']}\nQ = {report['Q']:.6g}; {report['measured']}")
-        write_json(json, report)
+        _write_json(json, report)
         return None
     if check is not None:
         report = hpcred.check_result(
@@ -366,7 +506,7 @@ def evaluate(
         )
         show_table(result, report["rows"])
         print(f"{report['claim']}\n{report['sentence']}; {report['measured']}")
-        write_json(json, report)
+        _write_json(json, report)
         return 0 if report["passed"] else 1
     report = hpcred.evaluate_result(
         result, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits, points=points,
@@ -377,7 +517,7 @@ def evaluate(
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if full:
         print(f"Q = {report['Q']:.6g}, largest eps = {report['eps_max']:.6g}; {report['arithmetic']}")
-    write_json(json, report)
+    _write_json(json, report)
     return None
 
 
@@ -423,7 +563,7 @@ def response(
             print(f"written to {name}")
     _warn(report["warnings"])
     show_timing(_Session.progress.timing())
-    write_json(json, report)
+    _write_json(json, report)
     return 0 if report["reached"] else 1
 
 
@@ -433,11 +573,12 @@ def export(
     kind: Annotated[str, typer.Option("--format", help=FORMATS)] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
+    units: Annotated[str, typer.Option(help="Units of the file: SI; mm,t,s; ...")] = "SI",
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
     chosen = [int(number) for number in _numbers(nodes, "--nodes")] if nodes else None
-    report = hpcred.export_result(result, kind, output, nodes=chosen, progress=_progress())
+    report = hpcred.export_result(result, kind, output, nodes=chosen, units=units, progress=_progress())
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")
     else:
@@ -448,7 +589,7 @@ def export(
             print(f"with {name}")
         for line in report["remarks"]:
             print(f"note: {line}")
-    write_json(json, report)
+    _write_json(json, report)
 
 
 @app.command()
@@ -457,15 +598,16 @@ def simulate(
     set_: Overrides = None,
     json: JsonFile = None,
 ):
-    """Simulate a reduced body in time, with large rigid motion, forces and point constraints."""
+    """Simulate a reduced body in time, with large rigid motion, loads, joints, drives and springs."""
     report = hpcred.simulate_file(file, overrides=set_ or [], progress=_progress())
-    rows = [{"node": int(node), "largest displacement (m)": value}
+    rows = [{"node": node, "largest displacement (m)": value}
             for node, value in report["largest_displacement_m"].items()]  # fmt: skip
     show_table(", ".join(report["output"]), rows)
-    print(f"constraint drift {report['constraint_drift_m']:.1e} m, energy defect {report['energy_defect']:.1e}")
+    print(f"constraint drift {report['constraint_drift_m']:.1e} m and {report['constraint_drift_rad']:.1e} rad, "
+          f"energy defect {report['energy_defect']:.1e}")  # fmt: skip
     for line in report["notes"]:
         print(f"note: {line}")
-    write_json(json, report)
+    _write_json(json, report)
 
 
 @app.command()
@@ -483,7 +625,7 @@ def paper(
     show_table("Figure 5. u_y of node 20 in time, against all elastic modes", data["figure_5"][1:])
     print(f"figures 3 to 5 (png, svg), section5.h5 and section5.json written to {output}")
     show_timing(progress.timing())
-    write_json(json, data)
+    _write_json(json, data)
 
 
 @app.command()
@@ -498,7 +640,7 @@ def bench(
                                 if key != "hints"])  # fmt: skip
     for line in report["hints"]:
         print(f"hint: {line}")
-    write_json(json, report)
+    _write_json(json, report)
 
 
 @example.command("solid")
@@ -529,6 +671,6 @@ def example_crank(
 
 
 def _example(name, output, **keywords):
-    report = hpcred.write_example(name, output, **keywords)
+    report = hpcred.write_example(name, output, progress=_progress(), **keywords)
     known = "; ".join(f"{key} {', '.join(report[key])}" for key in ("inputs", "sets") if report[key])
     print(f"{output}: {report['size']} dofs, {known}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import closing
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,31 +14,13 @@ from ..model.rigid_body_modes import (
     rigid_body_residuals,
 )
 from ..model.second_order_model import SYMMETRIC_TO
+from ..model.units import SI, UNITS, Units, units_of
 from ..parallel.petsc import MPI
 
 SPEEDS = (200.0, 3e4)  # m/s: waves in plastics to ceramics, with an order of magnitude for the estimate
 DENSITIES = (50.0, 3e4)  # kg/m^3: mass over the volume of the surrounding box
+FIRST = (0.1, 1e4)  # m/s: the first natural frequency times the diagonal of the surrounding box, wires to blocks
 CLEARLY_FREE, NEARLY_FREE = 1e-12, 1e-5  # ||K R|| / (||K|| ||R||)
-
-
-@dataclass(frozen=True)
-class Units:
-    """A consistent system of units: sizes of its units of length (m), mass (kg) and time (s)."""
-
-    name: str
-    length: float
-    mass: float
-    time: float
-
-
-UNITS = (
-    Units("m, kg, s", 1.0, 1.0, 1.0),
-    Units("mm, t, s (N, MPa)", 1e-3, 1e3, 1.0),
-    Units("mm, kg, ms (kN, GPa)", 1e-3, 1.0, 1e-3),
-    Units("mm, kg, s (mN, kPa)", 1e-3, 1.0, 1.0),
-    Units("mm, g, ms (N, MPa)", 1e-3, 1e-3, 1e-3),
-    Units("inch, lbf s^2/inch, s (lbf, psi)", 0.0254, 175.126835, 1.0),
-)
 
 
 def check(model) -> dict:
@@ -72,8 +53,10 @@ def check(model) -> dict:
             "held_dofs": held_count(model),
             "units": likely_units(model, body.mass, high - low),
         }
+        if model.converted_from:
+            report["converted_from"] = model.converted_from
         sentences.append(_on_rigid_motions(residuals))
-        warnings += on_held_dofs(model, body) + doubts_of_nodes(model)
+        warnings += on_held_dofs(model, body) + doubts_of_nodes(model) + doubts_of_units(model, body.mass)
         if report["units"]:
             sentences.append(
                 f"looks like {report['units']}: from the mass, the size, and the speed of waves between neighbouring "
@@ -165,22 +148,55 @@ def extent(model) -> tuple[np.ndarray, np.ndarray]:
 
 
 def likely_units(model, mass, size) -> str | None:
-    """The only system of UNITS in which the body is of a usual material, or None where none or several are.
+    """The only system of UNITS in which the body is of a usual material, or None where none or several are. Collective.
 
-    `mass` of the body and `size` (3,) of its box. Cautious: bodies that fill little of their box, or whose stiffness
-    is not that of elements between neighbouring nodes, fit no system. Collective.
+    See fitting_units.
+    """
+    fitting = fitting_units(model, mass, size)
+    return fitting[0].name if len(fitting) == 1 else None
+
+
+def fitting_units(model, mass, size, first=None, written=SI) -> list[Units]:
+    """The systems of UNITS in which the body is of a usual material and of usual stiffness. Collective.
+
+    `mass` of the body, `size` (3,) of its box, and its `first` natural frequency where known; `written`: the units in
+    which the numbers were before they were converted. Cautious: bodies that fill little of their box, or whose
+    stiffness is not that of elements between neighbouring nodes, fit no system.
     """
     volume = float(np.prod(size))
     speed = wave_speed(model)
     if not volume or not speed:
-        return None
-    density = mass / volume
-    fitting = [
-        units.name for units in UNITS
-        if SPEEDS[0] <= speed * units.length / units.time <= SPEEDS[1]
-        and DENSITIES[0] <= density * units.mass / units.length**3 <= DENSITIES[1]
-    ]  # fmt: skip
-    return fitting[0] if len(fitting) == 1 else None
+        return []
+    first = first and first * float(np.linalg.norm(size))
+    fitting = []
+    for units in UNITS:
+        L, M, T = np.divide(units.sizes, written.sizes)
+        if (
+            SPEEDS[0] <= speed * L / T <= SPEEDS[1]
+            and DENSITIES[0] <= mass / volume * M / L**3 <= DENSITIES[1]
+            and (not first or FIRST[0] <= first * L / T <= FIRST[1])
+        ):
+            fitting.append(units)
+    return fitting
+
+
+def doubts_of_units(model, mass, first=None) -> list[str]:
+    """A sentence where mass, size, stiffness and perhaps the `first` frequency (Hz) are those of other units.
+
+    Collective.
+    """
+    low, high = extent(model)
+    written = units_of(model.converted_from) if model.converted_from else SI
+    fitting = fitting_units(model, mass, high - low, first, written)
+    if not fitting or any(np.allclose(units.sizes, written.sizes, rtol=1e-6, atol=0) for units in fitting):
+        return []
+    size = " x ".join(f"{value:.4g}" for value in high - low)
+    known = f" and a first frequency of {first:.4g} Hz" if first else ""
+    return [
+        f"{model.name}: a mass of {mass:.4g} kg in a box of {size} m{known} is of no usual material: the numbers look "
+        f"like {' or '.join(units.name for units in fitting)}, not {written.words}; convert with --units "
+        f"{' or '.join(units.words for units in fitting)}"
+    ]
 
 
 def wave_speed(model) -> float | None:

@@ -9,14 +9,18 @@ from ..linalg.solvers import ShiftedSolver
 from ..model.rigid_body_modes import RigidBodyModes, doubts_of_nodes, rigid_body_quantities
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import is_complex
-from .check import held_count, on_held_dofs
+from .check import doubts_of_units, held_count, on_held_dofs
+from .natural_modes import natural_modes
 
 ZERO = 1e-12  # eigenvalue relative to trace(K) / trace(M) that counts as zero
 
 
-def inspect(model, frequencies=(), band_top=None, *, factoring: Factoring | None = None, progress=None) -> dict:
+def inspect(
+    model, frequencies=(), band_top=None, *, modes: int | None = None, factoring: Factoring | None = None, progress=None
+) -> dict:  # fmt: skip
     """Sizes, symmetry, definiteness, mass, rigid-body modes, and modes below frequencies (Hz). Collective.
 
+    `modes`: how many of the lowest frequencies to find.
     `band_top` (Hz): upper end of the band of interest, for the size hint: modes below twice that plus inputs.
     Counts by inertia need a real build; in a complex one they are None. `warnings` lists what is doubtful.
     """
@@ -30,6 +34,13 @@ def inspect(model, frequencies=(), band_top=None, *, factoring: Factoring | None
         "symmetry_defects": model.symmetry_defects,
         "mass_matrix": _definiteness(model.M, factoring),
     }
+    if model.converted_from:
+        report["converted_from"] = model.converted_from
+    first = None
+    if modes is not None:
+        with closing(natural_modes(model, min(modes, model.size), factoring=factoring, progress=progress)) as found:
+            report["lowest_frequencies_hz"] = found.frequencies.tolist()
+            first = next(iter(found.frequencies[found.rigid :].tolist()), None)
     rigid_count, warnings = None, list(model.remarks)
     if model.dofs is not None:
         body = rigid_body_quantities(model)
@@ -45,7 +56,7 @@ def inspect(model, frequencies=(), band_top=None, *, factoring: Factoring | None
             }
             if count := held_count(model):
                 report["held_dofs"] = count
-        warnings += on_held_dofs(model, body) + doubts_of_nodes(model)
+        warnings += on_held_dofs(model, body) + doubts_of_nodes(model) + doubts_of_units(model, body.mass, first)
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
     if not is_complex() and (limits or rigid_count is None):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:

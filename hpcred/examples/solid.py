@@ -1,6 +1,7 @@
 """A block of 8-node hexahedra, to try large cases: every rank assembles the rows it owns, without communication."""
 
 from itertools import product
+from math import prod
 
 import numpy as np
 
@@ -22,8 +23,10 @@ def solid(
     cells = tuple(int(count) for count in cells)
     if len(cells) != 3 or min(cells) < 1:
         raise InputError(f"cells: found {list(cells)}, expected three numbers of at least 1")
+    if 3 * prod(count + 1 for count in cells) >= 2**31:
+        raise InputError(f"cells: found {list(cells)}, expected fewer than 2^31 dofs")
     size = np.array(size if size is not None else [0.01 * count for count in cells], dtype=float)
-    if size.shape != (3,) or (size <= 0).any():
+    if size.shape != (3,) or not ((size > 0) & (size < np.inf)).all():
         raise InputError(f"size: found {size.tolist()}, expected three positive lengths in m")
     grid = np.array(cells) + 1
     skipped = grid[1] * grid[2] if clamped else 0

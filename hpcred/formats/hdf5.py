@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from ..parallel.failures import InputError, Owned, agreed, unfinished
+from .outputs import check_kind, check_writable, kind_of
 
 SLAB = 2**26  # numbers written in one call, well below the 2 GiB that MPI-IO takes
 
@@ -87,12 +88,13 @@ class Writer:
 
 @contextmanager
 def atomic_output(path, comm):
-    """A temporary name beside `path` that becomes `path` when the block ends well. Collective.
+    """A temporary name beside `path` that becomes `path` when the block ends well; links are followed. Collective.
 
-    Raises InputError before the block when the folder cannot be written.
+    Raises InputError before the block where the file cannot be written, and after it where what is there is of another
+    kind than what was written.
     """
-    path = Path(path)
     check_writable(path, comm)
+    path = Path(os.path.realpath(path))
     temporary = path.with_name(f"{path.name}.tmp-{comm.bcast(os.getpid())}")
     unfinished.add(temporary)
     try:
@@ -101,6 +103,8 @@ def atomic_output(path, comm):
         comm.Barrier()
         with agreed(comm):
             if comm.rank == 0:
+                if path.exists():
+                    check_kind(path, kind_of(temporary))
                 with open(temporary, "rb") as file:
                     os.fsync(file.fileno())
                 os.replace(temporary, path)
@@ -108,26 +112,6 @@ def atomic_output(path, comm):
         unfinished.discard(temporary)
         if comm.rank == 0:
             temporary.unlink(missing_ok=True)
-
-
-def check_writable(path, comm):
-    """Raise InputError on all ranks if rank 0 cannot create `path`. Collective."""
-    path = Path(path)
-    with agreed(comm):
-        if comm.rank == 0:
-            folder = path.parent
-            if not folder.is_dir():
-                raise InputError(f"output {path}: the folder {folder} does not exist; create it first")
-            if path.is_dir():
-                raise InputError(f"output {path}: this is a folder, expected a file name")
-            try:
-                probe = folder / f".{path.name}.probe-{os.getpid()}"
-                probe.touch()
-                probe.unlink()
-            except OSError as error:
-                raise InputError(
-                    f"output {path}: the folder {folder} cannot be written ({error.strerror}); choose another"
-                ) from error
 
 
 @contextmanager
@@ -141,7 +125,7 @@ def writing(path, comm):
 def reading(path, kind: str, version: int | None = None):
     """The file opened for reading by this rank; `kind` and `version` are its attributes. Raises InputError."""
     path = Path(path)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(f"{path}: no such file")
     try:
         file = h5py.File(path, "r")

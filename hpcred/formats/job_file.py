@@ -9,14 +9,16 @@ from typing import Literal
 
 from ..linalg.factorisation import Factoring
 from ..model.damping import Damping, NoDamping
+from ..model.dofs import direction_index
 from ..model.frames import Frame, NoFrame
 from ..model.interfaces import Interface
 from ..parallel.failures import InputError
+from ..parallel.ranges import COORDINATE, FREQUENCY, LABEL, within
 from ..reduction.adaptive import Adaptive, Limits
 from ..reduction.record import AnyIngredient
 from ..reduction.settings import Reduction
 from .model_source import Source
-from .toml_file import CONFIG, parse, read_table
+from .toml_file import CONFIG, check_file_names, parse, read_table
 
 Targets = str | tuple[int | tuple[int | str, str], ...]
 
@@ -33,7 +35,7 @@ class Job:
     ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result. `body_origin`
     (m), `lumped_integrals`: see multibody.floating_frame. deflation_tolerance, drop_above, projection,
     allow_unstable, groups, coordinates: see reduction.settings.Reduction. out_of_core, low_rank, memory_mb: see
-    linalg.factorisation.Factoring.
+    linalg.factorisation.Factoring. `store`: a folder of expansion points (see formats.point_store).
     """
 
     model: str | Source
@@ -60,16 +62,24 @@ class Job:
     out_of_core: str | None = None
     low_rank: float | None = None
     memory_mb: float | None = None
+    store: str | None = None
 
     __pydantic_config__ = CONFIG
 
     def __post_init__(self):
+        check_file_names(
+            model=self.model, output=self.output, inputs=self.inputs, outputs=self.outputs, out_of_core=self.out_of_core
+        )
+        for key in ("inputs", "outputs"):
+            _check_targets(key, getattr(self, key))
+        within("body_origin", self.body_origin, COORDINATE)
         if not self.basis and self.tolerance is None:
             raise InputError("basis: expected at least one [[basis]] table, or a tolerance with a band")
         if self.tolerance is not None and self.band is None:
             raise InputError("band: missing; a tolerance is over a band, [lower, upper] in Hz")
         if self.band is not None and not 0 <= self.band[0] < self.band[1]:
             raise InputError(f"band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
+        within("band", self.band, FREQUENCY)
         self.settings, self.search  # noqa: B018  (refused early)
 
     @property
@@ -101,11 +111,20 @@ class Job:
     @property
     def files(self) -> list[str]:
         """All files that the run reads."""
-        model = [self.model] if isinstance(self.model, str) else [
-            name for name in asdict(self.model).values() if isinstance(name, str)
-        ]
+        model = [self.model] if isinstance(self.model, str) else self.model.files
         named = (self.inputs, self.outputs, *(item.nodes for item in self.interface))
         return [*model, *(item for item in named if isinstance(item, str))]
+
+
+def _check_targets(key, targets):
+    if targets is None or isinstance(targets, str):
+        return
+    if not targets:
+        raise InputError(f"{key}: found an empty list, expected dof numbers or [node, direction]; or leave it out")
+    for target in targets:
+        within(key, target[0] if isinstance(target, tuple) else target, LABEL)  # a name of an interface passes
+        if isinstance(target, tuple):
+            direction_index(target[1], key)
 
 
 def read_job(path, overrides=()) -> Job:
@@ -129,6 +148,6 @@ def _with_folder(job, folder):
     model = at(job.model) if isinstance(job.model, str) else Source(
         **{key: at(name) for key, name in asdict(job.model).items()}
     )  # fmt: skip
-    moved = {key: at(getattr(job, key)) for key in ("output", "inputs", "outputs", "out_of_core")}
+    moved = {key: at(getattr(job, key)) for key in ("output", "inputs", "outputs", "out_of_core", "store")}
     interface = tuple(replace(item, nodes=at(item.nodes)) for item in job.interface)
     return replace(job, model=model, interface=interface, **moved)

@@ -8,6 +8,7 @@ elements/<kind> (elements, nodes): node numbers, where known, for pictures; kind
 held/node, direction, position: as dofs/, of the dofs without row, held at zero by the program that wrote the matrices
 sets/<name>: node numbers; signs in the name that HDF5 does not take are written as in web addresses (%2F)
 remarks: sentences of the readers of the files
+All in SI; the attribute converted_from, where there is one, names the units that the numbers came in.
 """
 
 from pathlib import Path
@@ -36,6 +37,8 @@ def write_model(path, model: SecondOrderModel):
         file.attribute("version", VERSION)
         file.attribute("size", model.size)
         file.attribute("rows_per_block", _block(model))
+        if model.converted_from:
+            file.attribute("converted_from", model.converted_from)
         write_csr(file, model.comm, indptr, indices, parts)
         for group, (mat, names) in dense.items():
             if mat is not None:
@@ -90,9 +93,10 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         elements = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in file.get("elements", {}).items()}
         sets = {unquote(name): part[slice(*row_range(comm, len(part)))] for name, part in file.get("sets", {}).items()}
         remarks = texts(file["remarks"]) if "remarks" in file else ()
+        converted_from = str(file.attrs.get("converted_from", ""))
     return SecondOrderModel.from_csr(
         comm, size, indptr - indptr[0], indices, values, dense["inputs"], dense["outputs"], dofs,
-        names["inputs"], names["outputs"], Path(path).name, elements, held, sets, remarks,
+        names["inputs"], names["outputs"], Path(path).name, elements, held, sets, remarks, converted_from,
     )  # fmt: skip
 
 

@@ -10,6 +10,8 @@ from ..parallel.petsc import MPI
 from .entries import joined, label_name, label_of
 from .text import LARGEST_LABEL, numbers, pieces, places, ragged, whole
 
+LARGEST_COORDINATE = 1e15  # more than a body has, in any unit
+
 
 @dataclass
 class Nodes:
@@ -54,8 +56,8 @@ def read_node_numbers(path) -> tuple[int, ...]:
 
 
 def finite(piece, values, lines):
-    """Raise InputError that names the line for a coordinate that is NaN or Inf."""
-    wrong = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    """Raise InputError that names the line for a coordinate that is NaN, Inf, or beyond all units."""
+    wrong = np.flatnonzero(~(np.abs(values) <= LARGEST_COORDINATE).all(axis=1))
     if wrong.size:
         raise piece.refusal(lines[wrong[0]], "finite node coordinates")
 

@@ -3,6 +3,7 @@
 The arrays lie packed in a zip archive: each rank unpacks them up to the end of its share, and keeps its share.
 """
 
+import struct
 import zipfile
 import zlib
 
@@ -12,6 +13,10 @@ from ..parallel.failures import InputError, agreed
 from .entries import Entries
 from .petsc_binary import row_share
 
+# what zipfile makes of damage: also places before the file, methods that do not exist, and passwords
+DAMAGES = (
+    zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError, struct.error,
+)  # fmt: skip
 NEEDED = {"coo": ("row", "col"), "csr": ("indptr", "indices"), "csc": ("indptr", "indices")}
 
 
@@ -25,10 +30,11 @@ def read(path, comm) -> Entries:
     with agreed(comm):
         try:
             with zipfile.ZipFile(path) as archive:
-                return_value = _read(path, archive, comm)
-        except (zipfile.BadZipFile, zlib.error, EOFError) as error:
+                return _read(path, archive, comm)
+        except InputError:
+            raise
+        except DAMAGES as error:
             raise InputError(f"{path}: found a damaged zip archive ({error})") from error
-    return return_value
 
 
 def _read(path, archive, comm):
@@ -39,6 +45,10 @@ def _read(path, archive, comm):
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind not in NEEDED:
         raise InputError(f"{path}: found a sparse matrix of format '{kind[:20]}', expected csr, csc or coo")
+    with archive.open("shape.npy") as file:
+        _, dtype = _header(path, "shape", file)
+    if dtype.kind not in "iu":
+        raise InputError(f"{path}: found an array 'shape' of type {dtype}, expected whole numbers")
     shape = tuple(int(number) for number in np.atleast_1d(_whole_array(path, archive, "shape", 2)))
     if len(shape) != 2 or min(shape) < 0:
         raise InputError(f"{path}: found the shape {shape}, expected rows and columns")

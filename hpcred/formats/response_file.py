@@ -21,6 +21,7 @@ import numpy as np
 
 from ..parallel.failures import InputError, agreed
 from .hdf5 import atomic_output, reading, texts, writing
+from .outputs import CSV_OF_RESPONSES, hdf5_kind
 
 FORMAT, VERSION = "hpcred-response", 1
 RESPONSES = ("response", "reduced", "full")
@@ -51,6 +52,11 @@ def check_response_name(path):
     """Raise InputError unless the name ends as one of the formats."""
     if not str(path).endswith((".csv", ".h5", ".hdf5")):
         raise InputError(f"output {path}: expected a name that ends in .csv, .h5 or .hdf5")
+
+
+def kind_of_responses(path) -> str:
+    """What a file of responses with this name will be, see outputs.kind_of."""
+    return CSV_OF_RESPONSES if str(path).endswith(".csv") else hdf5_kind(FORMAT)
 
 
 def write_responses(path, responses: Responses, comm, polar=False):

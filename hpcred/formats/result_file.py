@@ -24,7 +24,7 @@ from ..linalg.blocks import create_block, local_rows
 from ..model.dofs import SCALAR
 from ..model.elements import surface_triangles
 from ..model.interfaces import InterfaceNode
-from ..multibody.body import Body, Surface, body_of
+from ..multibody.body import Body, Surface, body_of, number_of
 from ..multibody.floating_frame import FloatingFrame
 from ..multibody.node_shapes import NodeShape, shapes_of_rows
 from ..parallel.failures import InputError, agreed
@@ -60,7 +60,7 @@ class Result:
         return f"{self.path}: {self.reduced}"
 
     def body(self, nodes=None) -> Body:
-        """The body with chosen interface nodes, by default those of the inputs and outputs.
+        """The body with chosen interface nodes, by number or name, by default those of the inputs and outputs.
 
         On one rank. Raises InputError where the file has no floating-frame quantities or no such node.
         """
@@ -70,7 +70,7 @@ class Result:
                 "was two-sided"
             )
         known = {shape.node: shape for shape in self.nodes}
-        nodes = list(known) if nodes is None else list(nodes)
+        nodes = list(known) if nodes is None else list(dict.fromkeys(number_of(self.nodes, node) for node in nodes))
         missing = [node for node in nodes if node not in known]
         if missing:
             known |= {shape.node: shape for shape in self._shapes_of_nodes(missing)}

@@ -56,6 +56,11 @@ class Sid:
     comment: str = ""
 
 
+def begins(start: bytes) -> bool:
+    """Whether a file that starts so is a SID file: two numbers and a comment, then the line "part"."""
+    return re.match(rb"\s*\d+\s+\d+\s*:[^\n]*\n\s*part\s*\n", start) is not None
+
+
 def write_sid(path, body: Body | Sid) -> list[str]:
     """Write a Body, or a Sid as it is; call it on one rank. Returns remarks on what is not in the file.
 

@@ -5,6 +5,7 @@ Each rank reads a range of bytes; of a gzip file, which has no way in from the m
 
 import gzip
 import io
+import os
 import re
 import warnings
 import zlib
@@ -51,8 +52,8 @@ class Piece:
 def require_file(path):
     """Raise InputError unless `path` is a file that can be read."""
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+    if not os.path.isfile(path):
+        raise InputError(f"{str(path)[:200]}: no such file")
     try:
         with open(path, "rb"):
             pass

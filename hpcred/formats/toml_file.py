@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 import sys
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ else:
     import tomli as tomllib
 
 CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)  # of the outermost dataclass, which hands it to those inside
+LONGEST_PATH, LONGEST_NAME = 4096, 255  # bytes, of Linux
 UNKNOWN = "unexpected_keyword_argument"
 WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or false"}
 
@@ -27,7 +29,7 @@ WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or
 def read_table(path, overrides=()) -> dict:
     """The tables of a TOML file; `overrides` are texts "key.path=value". Raises InputError."""
     path = Path(path)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(f"{path}: no such file")
     try:
         table = tomllib.loads(path.read_text())
@@ -45,6 +47,9 @@ def parse(kind, table: dict):
     """
     try:
         text = json.dumps(table, default=_no_json)
+    except RecursionError as error:
+        raise InputError("tables inside tables, thousands deep; expected a table of keys") from error
+    try:
         return TypeAdapter(kind).validate_json(text, strict=True)
     except ValidationError as error:
         # of several mistakes the deepest: of the kinds of value that a key takes, the one that was meant
@@ -53,7 +58,17 @@ def parse(kind, table: dict):
 
 
 def _no_json(value):
-    return str(value)  # a date, which no key takes
+    return [None]  # for a date: what no key takes
+
+
+def check_file_names(**names):
+    """Raise InputError for texts that are no names of files; others are left alone."""
+    for key, name in names.items():
+        if isinstance(name, str):
+            if not name.strip() or any(ord(sign) < 32 or 0xD800 <= ord(sign) < 0xE000 for sign in name):
+                raise InputError(f"{key}: found {name[:40]!r}, expected the name of a file")
+            if len(name.encode()) > LONGEST_PATH or max(map(len, name.encode().split(b"/"))) > LONGEST_NAME:
+                raise InputError(f"{key}: found a name of {len(name)} letters, too long for a file: '{name[:40]}...'")
 
 
 _MISSING = object()
@@ -65,7 +80,7 @@ def _sentence(kind, table, details) -> str:
         return str(details["ctx"]["error"])
     where, kind, found, names = _place(kind, table, details["loc"])
     if details["type"] == UNKNOWN:
-        return f"{where}: unknown key{_near(details['loc'][-1], names)}; known are {', '.join(names)}"
+        return f"{where[:40]}: unknown key{_near(details['loc'][-1], names)}; known are {', '.join(names)}"
     if details["type"].startswith("union_tag"):
         kinds = {_kind_of(item): item for item in get_args(kind)}
         if "kind" not in found:
@@ -145,8 +160,15 @@ def _expected(kind) -> str:
 
 
 def _as_toml(value):
+    """A value as TOML has it, the beginning of a long one."""
     if isinstance(value, list):
-        return "[" + ", ".join(_as_toml(item) for item in value) + "]"
+        text = "[" + ", ".join(_as_toml(item) for item in value[:8]) + ("" if len(value) <= 8 else ", ...") + "]"
+    else:
+        text = _item(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _item(value):
     return f"'{value}'" if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else str(value)
 
 

@@ -123,8 +123,9 @@ class Basis:
     def restore(self, block: SLEPc.BV):
         """Take over the columns of a basis that was written; raises ComputationError unless they are M-orthonormal."""
         self._append(block)
-        if self.defect() > 1e-10:
-            raise ComputationError(f"the columns of an earlier run are not orthonormal (defect {self.defect():.1e})")
+        defect = self.comm.bcast(self.defect())
+        if not defect <= 1e-10:
+            raise ComputationError(f"the columns of an earlier run are not orthonormal (defect {defect:.1e})")
 
     def defect(self) -> float:
         """max |V^H M V - I|, rigid-body modes included."""

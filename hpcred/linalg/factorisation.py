@@ -33,9 +33,9 @@ class Factoring:
     memory_mb: float | None = None
 
     def __post_init__(self):
-        if self.low_rank is not None and not 0 < self.low_rank < 1e-2:
+        if self.low_rank is not None and not 1e-16 <= self.low_rank < 1e-2:
             raise InputError(f"low_rank: found {self.low_rank:g}, expected a number from 0 to 0.01, such as 1e-8")
-        if self.memory_mb is not None and not 0 < self.memory_mb < 1e12:
+        if self.memory_mb is not None and not 1 <= self.memory_mb < 1e12:
             raise InputError(f"memory_mb: found {self.memory_mb:g}, expected MB of a rank, more than 0")
         if self.out_of_core is not None and not os.access(self.out_of_core, os.W_OK | os.X_OK):
             raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be written; create it or name another")

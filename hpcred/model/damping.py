@@ -9,6 +9,10 @@ from pydantic import Field
 
 from ..parallel.failures import InputError
 from ..parallel.petsc import SAME, PETSc
+from ..parallel.ranges import ANYTHING, FREQUENCY, within
+
+RATIO = (0.0, 1e3, "")  # damping ratios and loss factors
+ALPHA, BETA = (0.0, 1e12, "1/s"), (0.0, 1e6, "s")
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,10 @@ class Rayleigh:
     beta: float = 0.0
 
     def __post_init__(self):
-        if self.alpha < 0 or self.beta < 0:
+        if min(self.alpha, self.beta) < 0:
             raise InputError(f"damping: found alpha = {self.alpha:g}, beta = {self.beta:g}; neither may be negative")
+        within("damping.alpha", self.alpha, ALPHA)
+        within("damping.beta", self.beta, BETA)
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,7 @@ class Caughey:
     def __post_init__(self):
         if not self.coefficients:
             raise InputError("caughey.coefficients: expected at least one number")
+        within("caughey.coefficients", self.coefficients, ANYTHING)
 
 
 @dataclass(frozen=True)
@@ -70,9 +77,11 @@ class ModalDamping:
         given = [value for value in (self.ratio, self.ratios, self.table) if value is not None]
         if len(given) != 1 or given[0] == ():
             raise InputError("damping: kind 'modal' needs exactly one of ratio, ratios and table")
-        xi = [self.ratio] if self.ratio is not None else self.ratios or [pair[1] for pair in self.table]
-        if min(xi) < 0:
-            raise InputError(f"damping: found the ratio {min(xi):g}; it may not be negative")
+        within("damping.ratio", self.ratio, RATIO)
+        within("damping.ratios", self.ratios, RATIO)
+        for frequency, ratio in self.table or ():
+            within("damping.table", frequency, FREQUENCY)
+            within("damping.table", ratio, RATIO)
         if self.table is not None and list(self.table) != sorted(self.table):
             raise InputError("damping.table: expected frequencies in ascending order")
 
@@ -93,8 +102,7 @@ class Structural:
     loss_factor: float
 
     def __post_init__(self):
-        if self.loss_factor < 0:
-            raise InputError(f"damping.loss_factor: found {self.loss_factor:g}; it may not be negative")
+        within("damping.loss_factor", self.loss_factor, RATIO)
 
 
 def with_damping(model, damping):

@@ -26,10 +26,10 @@ class Dofs:
         return Dofs(self.node[rows], self.direction[rows], self.position[rows])
 
 
-def direction_index(name) -> int:
+def direction_index(name, key="direction") -> int:
     """The place of a name in DIRECTIONS: 0..5 of x, y, z, rx, ry, rz. Raises InputError."""
     if name not in DIRECTIONS:
-        raise InputError(f"direction: found {name!r}, expected one of {', '.join(DIRECTIONS[:SCALAR])}")
+        raise InputError(f"{key}: found the direction {name!r}, expected one of {', '.join(DIRECTIONS[:SCALAR])}")
     return DIRECTIONS.index(name)
 
 

@@ -16,8 +16,9 @@ from ..linalg.blocks import local_rows
 from ..linalg.csr import compress
 from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import PETSc
+from ..parallel.ranges import LABEL, within
 from .damping import with_damping
-from .dofs import DIRECTIONS, position_of_node, row_of, rows_of_node
+from .dofs import DIRECTIONS, direction_index, position_of_node, row_of, rows_of_node
 from .interfaces import couple, node_number
 from .rigid_body_modes import RigidBodyModes
 from .second_order_model import SecondOrderModel
@@ -39,6 +40,9 @@ class Tangent:
     kind: Literal["tangent"] = field(default="tangent", kw_only=True, repr=False)
     node: int | str
 
+    def __post_init__(self):
+        within("frame.node", self.node, LABEL)
+
 
 @dataclass(frozen=True)
 class Chord:
@@ -52,6 +56,11 @@ class Chord:
     nodes: tuple[int | str, int | str, int | str]
     axes: str | None = None
 
+    def __post_init__(self):
+        within("frame.nodes", self.nodes, LABEL)
+        if self.axes is not None and sorted(self.axes) != ["x", "y", "z"]:
+            raise InputError(f"frame.axes: found '{self.axes[:20]}', expected an order of x, y and z such as 'yxz'")
+
 
 @dataclass(frozen=True)
 class Buckens:
@@ -62,6 +71,11 @@ class Buckens:
 
     kind: Literal["buckens"] = field(default="buckens", kw_only=True, repr=False)
     supports: tuple[tuple[int, str], ...] | None = None
+
+    def __post_init__(self):
+        for node, direction in self.supports or ():
+            within("frame.supports", node, LABEL)
+            direction_index(direction, "frame.supports")
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +193,6 @@ def _rows_of_chord(model, frame):
         e1, e3 = along / np.linalg.norm(along), normal / np.linalg.norm(normal)
         axes = np.array([e1, np.cross(e3, e1), e3])
     else:
-        if sorted(frame.axes) != ["x", "y", "z"]:
-            raise InputError(f"frame.axes: found '{frame.axes}', expected an order of x, y and z such as 'yxz'")
         axes = np.eye(3)[["xyz".index(name) for name in frame.axes]]
     # P1 is held; rotations left by u2(P2), u3(P2), u3(P3) = 0 must vanish
     left = [np.cross(arm, axes[i]) for arm, i in ((along, 1), (along, 2), (across, 2))]

@@ -9,10 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from ..linalg.csr import compress
-from ..parallel.failures import InputError, agreed, settle, watched
+from ..parallel.digest import digest, digest_of_block
+from ..parallel.failures import InputError, Owned, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
 from .dofs import DIRECTIONS, Dofs, row_of, target_name
 from .interfaces import InterfaceNode, interface_column, single_targets, with_interfaces
+from .petsc_matrices import decoupled, labels, taken
 
 SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
 
@@ -27,7 +29,7 @@ class SecondOrderModel:
     wrote the matrices holds at zero, and which have no row; `sets`: node numbers by the name of the set; of both, this
     rank has a part, in any order. `remarks`: what the readers of the files had to say. `name` is for messages.
     `interfaces`: the interface nodes (see model.interfaces), and Gt = G^T (n, 6k), sparse, with their motions G q. SI
-    units.
+    units; `converted_from`: the units that the numbers came in, where they were converted.
 
     A model does not change after it was made; with_inputs and the like give another one on the same matrices. Each owns
     its PETSc objects, which are counted references: call close() or use it in a `with` block; both are collective.
@@ -48,6 +50,7 @@ class SecondOrderModel:
     remarks: tuple[str, ...] = ()
     Gt: PETSc.Mat | None = None
     interfaces: tuple[InterfaceNode, ...] = ()
+    converted_from: str = ""
 
     def __post_init__(self):
         watched(self.comm)
@@ -84,7 +87,9 @@ class SecondOrderModel:
         """Another model with some fields changed, and references of its own to the other PETSc objects."""
         kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
-        return replace(self, **kept, **changed)
+        other = replace(self, **kept, **changed)
+        other._digests.update({key: value for key, value in self._digests.items() if key not in changed})
+        return other
 
     @cached_property
     def comm(self):
@@ -134,6 +139,39 @@ class SecondOrderModel:
     @property
     def symmetric(self) -> bool:
         return all(defect <= SYMMETRIC_TO for defect in self.symmetry_defects.values())
+
+    @cached_property
+    def _digests(self):
+        return {}
+
+    def digest_of(self, key: str) -> str | None:
+        """A digest of the content of M, K, D, B, Ct or dofs, or of node and direction of all rows ("labels"), None
+        where there is none; the same on any number of ranks and in both builds of PETSc. Collective."""
+        if key not in self._digests:
+            there = getattr(self, "dofs" if key == "labels" else key) is not None
+            self._digests[key] = self._digest(key) if there else None
+        return self._digests[key]
+
+    def _digest(self, key):
+        first = self.first_row
+        if key in ("dofs", "labels"):
+            labels = [self.dofs.node, self.dofs.direction, *([self.dofs.position] if key == "dofs" else [])]
+            return digest_of_block(self.comm, first, np.column_stack(labels).astype("<f8"))
+        item = getattr(self, key)
+        if key in ("B", "Ct"):
+            columns = np.ascontiguousarray(item.getDenseArray().real, "<f8") + 0.0
+            return digest_of_block(self.comm, first, self._rounded(columns) if self.interfaces else columns)
+        indptr, indices, values = item.getValuesCSR()
+        number = "<u4" if self.size < 2**32 else "<u8"
+        # adding zero makes -0.0 the same as 0.0
+        return digest(self.comm, first, [(indptr, indices.astype(number)), (indptr, values.real.astype("<f8") + 0.0)])
+
+    def _rounded(self, columns):
+        """Columns without the last digits, which depend on the number of ranks where interface nodes made them."""
+        most = np.zeros(columns.shape[1])
+        self.comm.Allreduce(np.abs(columns).max(axis=0, initial=0.0), most, MPI.MAX)
+        # by pi, since what comes of a division by 2, 4, 8, ... lies between two decimals
+        return np.round(columns * (np.pi * 1e7 / np.where(most > 0, most, 1.0))).astype("<i8")
 
     @cached_property
     def mean_diagonal_of_k(self) -> float:
@@ -221,13 +259,14 @@ class SecondOrderModel:
         held=None,
         sets=None,
         remarks=(),
+        converted_from="",
     ):
         """A model from the rows of this rank. Collective.
 
         `indptr` (rows + 1,), `indices` (nonzeros,) sorted global columns, `values`: dict of "K", "M" and
         perhaps "D" -> (nonzeros,) on that one pattern. `inputs` (rows, p) and `outputs` (rows, r) are the rows
-        of B and C^T; `elements`, `held`, `sets` and `remarks` as of the model. Raises InputError for NaN, Inf, a
-        negative diagonal of M, or rows that are empty.
+        of B and C^T; `elements`, `held`, `sets`, `remarks` and `converted_from` as of the model. Raises InputError
+        for NaN, Inf, a negative diagonal of M, or rows that are empty.
         """  # fmt: skip
         rows = len(indptr) - 1
         first = comm.exscan(rows) or 0
@@ -248,7 +287,7 @@ class SecondOrderModel:
         B, Ct = (None if local is None else dense_matrix(mats["K"], local) for local in (inputs, outputs))
         return cls(
             mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, tuple(input_names), tuple(output_names), name,
-            elements or {}, held, sets or {}, tuple(remarks),
+            elements or {}, held, sets or {}, tuple(remarks), converted_from=converted_from,
         )  # fmt: skip
 
     @classmethod
@@ -275,6 +314,62 @@ class SecondOrderModel:
             mine[key] = i[local], j[local], v[local]
         indptr, indices, values = compress(mine, first, last, size)
         return cls.from_csr(comm, size, indptr, indices, values, **keywords)
+
+    @classmethod
+    def from_petsc(
+        cls, K, M, D=None, nodes=None, *, numbers=None, dofs=None, held=None, name="model", elements=None, sets=None
+    ):
+        """A model of matrices that are assembled in PETSc, as finite-element libraries leave them. Collective.
+
+        K, M, D: PETSc.Mat (n, n) with one layout of rows and columns; the model keeps references, so that they can be
+        destroyed but must not be changed. They are copied only where the nonzero patterns differ, where rows are held,
+        and from storage types other than AIJ.
+
+        `nodes` (nodes of this rank, 3): positions in m, in the order of the rows, each with the same number of rows in
+        x, y, z (rx, ry, rz); `numbers` (nodes,): their numbers, by default from 1 over all ranks. `dofs`: labels of the
+        rows of this rank instead, where nodes have different rows. `held` (rows,): numbers (global, from 0, named by
+        any rank) of rows with boundary conditions, which the model does not keep; [] for none. `elements` and `sets`:
+        as of the model, with node numbers.
+
+        Raises InputError as from_csr does, for imaginary parts, and where `held` is not given while some rows have a
+        diagonal and nothing else, as libraries leave the rows of boundary conditions.
+        """
+        given = {key: mat for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
+        mats, free = taken(given, held, name)
+        comm = mats["K"].comm.tompi4py()
+        with Owned(comm) as owned:
+            for mat in mats.values():
+                owned.owns(mat)
+            dofs = labels(K, nodes, numbers, dofs, name)
+            away = None
+            if dofs is not None:
+                away = dofs.take(np.setdiff1d(np.arange(len(dofs.node)), free))
+                away, dofs = away if comm.allreduce(len(away.node)) else None, dofs.take(free)
+            choice_made = any(comm.allgather(held is not None))
+            first = mats["K"].getOwnershipRange()[0]
+            with agreed(comm):
+                indptr, indices, _ = mats["K"].getValuesCSR()
+                values = {key: _real(mat.getValuesCSR()[2], f"{name}: {key}") for key, mat in mats.items()}
+                _check_rows(indptr, indices, values, first, name, dofs)
+                alone = [] if choice_made else decoupled(indptr, indices, values.values(), first)
+                if len(alone):
+                    raise InputError(
+                        f"{name}: found {len(alone)} rows with nothing beside the diagonal, the first is "
+                        f"{_row_name(alone[0], first, dofs)}, as boundary conditions leave them; name such rows by "
+                        "`held`, or give held=[] to keep them"
+                    )
+            return cls(
+                copy(mats["M"]), copy(mats["K"]), copy(mats["D"]) if "D" in mats else None, None, None, dofs,
+                name=name, elements=elements or {}, held=away, sets=sets or {},
+            )  # fmt: skip
+
+
+def _real(values, what):
+    if np.iscomplexobj(values) and values.imag.any():
+        raise InputError(
+            f"{what}: found {np.count_nonzero(values.imag)} entries with imaginary parts, expected real ones"
+        )
+    return values.real
 
 
 def dense_matrix(like: PETSc.Mat, local: np.ndarray) -> PETSc.Mat:
@@ -347,29 +442,28 @@ def listed(names, most=4) -> str:
     return shown or "none"
 
 
+def _row_name(row, first, dofs):
+    if dofs is None:
+        return f"dof {first + row + 1}"
+    return f"dof {first + row + 1} (node {dofs.node[row]}, {DIRECTIONS[dofs.direction[row]]})"
+
+
 def _check_rows(indptr, indices, values, first, name, dofs):
     """Refuse rows that no mechanical model has."""
-
-    def row_name(row):
-        if dofs is None:
-            return f"dof {first + row + 1}"
-        direction = DIRECTIONS[dofs.direction[row]]
-        return f"dof {first + row + 1} (node {dofs.node[row]}, {direction})"
-
     rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     for key, data in values.items():
         bad = np.flatnonzero(~np.isfinite(data))
         if bad.size:
             raise InputError(
                 f"{name}: matrix {key} has {bad.size} entries that are NaN or Inf, "
-                f"the first in the row of {row_name(rows[bad[0]])}"
+                f"the first in the row of {_row_name(rows[bad[0]], first, dofs)}"
             )
     diagonal = np.flatnonzero(indices == rows + first)
     negative = diagonal[values["M"][diagonal] < 0]
     if negative.size:
         raise InputError(
             f"{name}: the mass matrix has {negative.size} negative diagonal entries, the first at "
-            f"{row_name(rows[negative[0]])}: {values['M'][negative[0]]:g}; expected none"
+            f"{_row_name(rows[negative[0]], first, dofs)}: {values['M'][negative[0]]:g}; expected none"
         )
     touched = np.zeros(len(indptr) - 1, dtype=bool)
     for key in ("K", "M"):
@@ -377,6 +471,6 @@ def _check_rows(indptr, indices, values, first, name, dofs):
     empty = np.flatnonzero(~touched)
     if empty.size:
         raise InputError(
-            f"{name}: {empty.size} dofs have no entry in K nor in M, the first is {row_name(empty[0])}; "
+            f"{name}: {empty.size} dofs have no entry in K nor in M, the first is {_row_name(empty[0], first, dofs)}; "
             "no element touches them: remove them from the model"
         )

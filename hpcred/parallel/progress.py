@@ -71,6 +71,11 @@ class Progress:
         if self.comm.rank == 0 and elapsed >= self._after:
             print(f"[{elapsed:8.1f} s {memory_mb():7.0f} MB] {text}", file=sys.stderr, flush=True)
 
+    def tell(self, text: str):
+        """One line of rank 0, however short the run is, unless progress is off."""
+        if self.comm.rank == 0 and self._after < float("inf"):
+            print(text, file=sys.stderr, flush=True)
+
     def timing(self) -> Timing:
         """Where the time went until now. Collective."""
         self._charge()

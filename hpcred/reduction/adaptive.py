@@ -10,9 +10,7 @@ et al., AIAA J. 41, 2003, for the count of modes.)
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -33,6 +31,8 @@ from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Struc
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
 from ..parallel.petsc import PETSc, is_complex
+from ..parallel.ranges import COUNT, FREQUENCY, within
+from .chain import Entry
 from .compression import columns, compressed
 from .error_estimate import (
     estimate,
@@ -48,7 +48,8 @@ from .error_estimate import (
     unsettled,
 )
 from .groups import Group, bring
-from .point_blocks import PointBlocks
+from .krylov import PencilChain
+from .point_blocks import Part, PointBlocks
 from .projections import Projections
 from .pseudo_modal import Law, coefficients, difference, nested, norms, relative, response, restricted, solve
 from .run import Run
@@ -86,11 +87,12 @@ class Limits:
                 raise InputError(f"adaptive.{key}: found {getattr(self, key)}, expected more than 0")
         if self.factorisations < 2:
             raise InputError(f"adaptive.factorisations: found {self.factorisations}, expected at least 2")
-        if self.zeta0 >= 1:
+        if not 1e-12 <= self.zeta0 < 1:
             raise InputError(f"adaptive.zeta0: found {self.zeta0:g}, expected a damping ratio below 1")
-        for point in self.points:
-            if not 0 <= point < np.inf:
-                raise InputError(f"adaptive.points: found {point:g} Hz, expected finite frequencies, none negative")
+        for key in ("factorisations", "columns", "size"):
+            within(f"adaptive.{key}", getattr(self, key), COUNT)
+        within("adaptive.seconds", self.seconds, (1e-6, 1e9, "s"))
+        within("adaptive.points", self.points, FREQUENCY)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +104,8 @@ class Adaptive(Limits):
 
     def __post_init__(self):
         super().__post_init__()
-        if not 0 < self.tolerance < 1:
+        within("band", self.band, FREQUENCY)
+        if not 1e-15 <= self.tolerance < 1:
             raise InputError(f"tolerance: found {self.tolerance:g}, expected a relative error such as 1e-4")
         if not 0 <= self.band[0] < self.band[1] < np.inf:
             raise InputError(f"band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
@@ -111,13 +114,15 @@ class Adaptive(Limits):
 @dataclass(frozen=True, kw_only=True)
 class Point:
     """An expansion point (Hz) of the search: columns that it brought, seconds of its factor, modes below it (by the
-    negative pivots, None where the factor has none), and the estimate over the band after it, None without one."""
+    negative pivots, None where the factor has none), and the estimate over the band after it, None without one.
+    `from_store`: it took no factor."""
 
     frequency: float
     columns: int
     factor_seconds: float
     modes_below: int | None
     estimate: float | None = None
+    from_store: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,6 +167,11 @@ class Accuracy:
     loss_factor: float = 0.0
 
     @property
+    def factorisations(self) -> int:
+        """Points that were factored, and not taken from a store."""
+        return sum(not point.from_store for point in self.points)
+
+    @property
     def sentence(self) -> str:
         """What a user reads first."""
         low, high = self.band
@@ -200,14 +210,10 @@ def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
     return Law(eta=2 * ratio), False, f"measured with the loss factor {2 * ratio:g} ({why})"
 
 
-class Checkpoint(Protocol):
-    """Where a search keeps its state, to go on after an interruption. Both methods are collective."""
+class SearchChain(PencilChain):
+    """The chain of a point of a search: of the inputs and outputs together."""
 
-    def load(self, model):
-        """The state and the basis in the rows of `model`, a block that the caller destroys; None without a state."""
-
-    def save(self, state: dict, columns):
-        """Keep the state (plain types) and the columns of the basis."""
+    rule = "pencil of inputs and outputs"
 
 
 class Search:
@@ -237,6 +243,7 @@ class Search:
         self._by_mass = not self.damped and inputs <= BLOCK
         self._width = min(4 * inputs if self.damped else inputs, BLOCK)
         self._random = 0
+        self._mass = 0.0  # -omega^2 of the point that solves are for
         # blocks made from residuals need the whole basis, which a group does not have
         self.groups = groups if self._by_mass else 1
         if self.groups > 1 and not adaptive.points:
@@ -247,14 +254,9 @@ class Search:
 
     # the loop
 
-    def search(self, checkpoint=None) -> str:
-        """Extend the basis until the tolerance is proven; returns why it ended, "" if it is reached. Collective.
-
-        `checkpoint` (see Checkpoint): goes on from what it has, and is given the state after each point.
-        """
+    def search(self) -> str:
+        """Extend the basis until the tolerance is proven; returns why it ended, "" if it is reached. Collective."""
         low, high = self.settings.band
-        if checkpoint is not None:
-            self._resume(checkpoint)
         while True:
             if not self.waiting:
                 return "since no place for another point is left"
@@ -286,32 +288,6 @@ class Search:
                 self.waiting = decided(self.run.model.comm, self._next, taken)
             if hidden:  # the next point checks the model that has these modes
                 self.before = self._hold(), self.basis.size
-            if checkpoint is not None:
-                checkpoint.save(self._state(), self.basis.columns)
-
-    STATE = ("starts", "before", "noise", "rest", "lack", "closing", "waiting", "_random")
-
-    def _state(self) -> dict:
-        """What the search knows beside the basis, as plain types."""
-        return {
-            **{key: getattr(self, key) for key in self.STATE}, "points": [asdict(item) for item in self.points],
-            "proofs": [asdict(item) for item in self.proofs],
-        }  # fmt: skip
-
-    def _resume(self, checkpoint):
-        found = checkpoint.load(self.run.model)
-        if found is None:
-            return
-        state, columns_before = found
-        with Owned(self.run.model.comm) as owned:
-            self.basis.restore(owned.owns(columns_before))
-        self.projections = Projections(self.run, self.basis, self.loads, self.law, self.damped)
-        for key in self.STATE:
-            setattr(self, key, state[key])
-        self.before = tuple(self.before)
-        self.points = [Point(**item) for item in state["points"]]
-        self.proofs = [Proof(**item) for item in state["proofs"]]
-        self.run.note("columns of an earlier run", self.basis.size, self.basis.size)
 
     def _hold(self):
         """Where the newest blocks begin that are held back."""
@@ -342,29 +318,52 @@ class Search:
         chosen = []
         for _ in range(self.groups):
             f = next_point(S, curve, [*taken, *chosen], model, band)
-            chosen += [f] if f is not None else []
+            chosen += [_rounded(f)] if f is not None else []
         return chosen
 
     # one point
 
     def _expand(self, f, closing):
-        """Factor at a point and add blocks until the estimate over the band is small. Returns what was judged last."""
+        """Add blocks of a point until the estimate over the band is small. Returns what was judged last."""
+        run, made = self.run, len(self.run.factorisations)
+        before = self.basis.size
+        with Owned(run.model.comm) as owned:
+            f, count = self._open(f)
+            chain = None
+            if self._by_mass:
+                chain = owned.owns(SearchChain(run, self._mass, f"{f:.6g} Hz", None, self.loads, ("inputs", "outputs")))
+            order, judged = self._extend_at(f, closing, chain)
+            if chain is not None:
+                chain.keep()
+        records = run.factorisations[made:]
+        run.needs(str(self._mass), "0.0")
+        name = f"adaptive {f:.6g} Hz, {order + 1} blocks"
+        run.note(name, self.basis.size - before, self.basis.size - before, from_store=not records)
+        self.points.append(Point(frequency=f, columns=self.basis.size - before, modes_below=count,
+                                 factor_seconds=float(sum(record.factor_seconds for record in records)),
+                                 estimate=_finite(judged["est"]), from_store=not records))  # fmt: skip
+        counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
+        self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), counts))
+        if self.before is not None:
+            self.proofs.append(Proof(frequency=f, **{key: float(judged[key]) for key in ("said", "exact", "own")}))
+        return judged
+
+    def _extend_at(self, f, closing, chain):
+        """Add blocks until the estimate is small: those of a chain, or made from residuals. Returns the order of the
+        last one, and what was judged then."""
         run, progress = self.run, self.run.progress
-        f, count, seconds = self._factor(f)
-        before, history, last, judged = self.basis.size, [], None, {"est": np.inf, "exact": np.inf, "hold": 0}
-        order = -1
+        before, history, order = self.basis.size, [], -1
         while True:
             order += 1
             start = self.basis.size
-            with Owned(run.model.comm) as owned:
-                load = owned.owns(self._next_load(order, last, f))
-                block = owned.owns(create_block(run.model.K, load.getActiveColumns()[1]))
-                with progress.stage("solve"):
-                    run.solver.solve(load, block)
-                new = self.projections.extend(block)
-                if not new:  # the loads and their chain are exhausted: what do random columns reveal?
-                    new = self._extend_by_random()
-            last = (start, self.basis.size)
+            if chain is not None:
+                new = self.projections.extend(chain.vectors.columns_between(*chain.advance()))
+            elif start and (order or self.before is not None):
+                new = self._extend_by_solution(self._history(), lambda: self._residual_block(f))
+            else:
+                new = self._extend_by_solution({}, lambda: copy_of(self.loads, run.model.K))
+            if not new:  # the loads and their chain are exhausted: what do random columns reveal?
+                new = self._extend_by_random()
             if new:
                 self.starts.append(start)
             limit = CHAIN + 2 * self.loads.getActiveColumns()[1]
@@ -378,49 +377,66 @@ class Search:
                 + (f", estimated error {judged['est']:.1e}" if np.isfinite(judged["est"]) else "")
             )
             if judged["stop"]:
-                break
-        name = f"adaptive {f:.6g} Hz, {order + 1} blocks"
-        run.note(name, self.basis.size - before, self.basis.size - before)
-        self.points.append(Point(frequency=f, columns=self.basis.size - before, factor_seconds=seconds,
-                                 modes_below=count, estimate=_finite(judged["est"])))  # fmt: skip
-        counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
-        self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), counts))
-        if self.before is not None:
-            self.proofs.append(Proof(frequency=f, **{key: float(judged[key]) for key in ("said", "exact", "own")}))
-        return judged
+                return order, judged
 
-    def _factor(self, f):
-        """Factor K - omega^2 M, off the poles; the point, the modes below it and the seconds."""
+    def _open(self, f):
+        """Begin a point, off the poles; its place and the modes below it. It is factored here unless the store knows
+        that it can be and how many those are, else when a solve needs it."""
         run = self.run
         if self.basis.size:
             moved = decided(run.model.comm, lambda: off_poles(f, self.projections.model(), self.settings.band))
-            f = moved or f
+            f = f if moved in (None, f) else _rounded(moved)
         for trial in (f, f * (1 + POLE_GAP), f * (1 - POLE_GAP), f * (1 + 3 * POLE_GAP)):
-            with suppress(SingularMatrix), run.progress.stage("factor", f"{trial:.6g} Hz"):
-                run.solver.factor(-((2 * np.pi * trial) ** 2))
-                count = None
-                if self._counts:
-                    count = run.solver.negative_pivots - (run.rigid.count if run.rigid is not None and trial else 0)
-                return float(trial), count, float(run.solver.records[-1].factor_seconds)
+            self._mass = 0.0 - (2 * np.pi * trial) ** 2
+            key = {"kind": "count", "square": self._mass, **run.identity_of("M", "K")}
+            known = run.stored(key)
+            pivots = None if known is None else known.facts["negative_pivots"]
+            if known is None or (self._counts and pivots is None):
+                try:
+                    self._factor()
+                except SingularMatrix:
+                    continue
+                pivots = run.solver.negative_pivots if self._counts else None
+                run.keep(key, Entry({"negative_pivots": pivots}))
+            count = None
+            if self._counts:
+                count = pivots - (run.rigid.count if run.rigid is not None and trial else 0)
+            return float(trial), count
         raise ComputationError(f"no point near {f:g} Hz could be factored: is it among many eigenfrequencies?")
 
-    def _next_load(self, order, last, f):
-        """The loads of a block, which the caller destroys: L, then M times the block before, or residuals."""
-        run = self.run
-        if not self._by_mass and self.basis.size and (order or self.before is not None):
-            return self._residual_block(f)
-        if order == 0 or last[0] == last[1]:
-            return copy_of(self.loads, run.model.K)
-        return run.times_mass(self.basis.columns_between(*last))
+    def _factor(self):
+        """The solver with the factor of K - omega^2 M at the point."""
+        return self.run.factored(self._mass, f"{(-self._mass) ** 0.5 / (2 * np.pi):.6g} Hz")
 
-    def _extend_by_random(self):
+    def _extend_by_solution(self, rule, make_load) -> int:
+        """Add A^-1 times a load, at the point; returns how many columns are new. `rule`: what tells the load in the key
+        of the store from others at the point; `make_load` gives a block that is destroyed here."""
+        run = self.run
+        key = {"kind": "solution", "square": self._mass, **rule, **run.identity_of("M", "K", "inputs", "outputs")}
+        with Owned(run.model.comm) as owned:
+            entry = run.stored(key)
+            if entry is not None:
+                block = owned.owns(entry).block
+            else:
+                solver, load = self._factor(), owned.owns(make_load())
+                block = owned.owns(create_block(run.model.K, load.getActiveColumns()[1]))
+                with run.progress.stage("solve"):
+                    solver.solve(load, block)
+                run.keep(key, Entry({}, (block.getActiveColumns()[1],), block))
+            return self.projections.extend(block)
+
+    def _history(self) -> dict:
+        """What a load depends on that is made from the basis."""
+        points = [[point.frequency, point.columns] for point in self.points]
+        return {"asked": asdict(self.settings), "points": points, "size": self.basis.size,
+                **self.run.identity_of("D", "damping", "basis")}  # fmt: skip
+
+    def _extend_by_random(self) -> int:
         run = self.run
         self._random += 1
         with Owned(run.model.comm) as owned:
             x = owned.owns(random_block(run.model.K, 2, seed=self._random))
-            load = owned.owns(run.times_mass(x))
-            run.solver.solve(load, x)
-            return self.projections.extend(x)
+            return self._extend_by_solution({"random": self._random}, lambda: run.times_mass(x))
 
     def _judge(self, f, order, new, added, limit, closing, history):
         """What the basis is worth after a block, and whether the point is done; on one rank."""
@@ -506,8 +522,9 @@ class Search:
                 mine = made[0] if made and group.number == number else None
                 with run.progress.stage("merge"):
                     arrived.append(bring(run.model, group, mine))
-            for found in comm.allgather((own.factorisations, own.analyses, []) if group.leads else ([], 0, [])):
-                run.add(*found)
+            for told in comm.allgather(own.told() if group.leads else None):
+                if told is not None:
+                    run.add(*told[:2], [], *told[3:])
         found = [item for item in facts if item is not None]
         first, lasts = self.basis.size, set()
         proves = self.before is None and len(points) > 1
@@ -516,9 +533,9 @@ class Search:
             seen = self.basis.size
             for chosen in (slice(-1), slice(-1, None)):
                 for blocks in some:
-                    for _, _, start, stop in blocks.parts[chosen]:
+                    for part in blocks.parts[chosen]:
                         self.starts.append(self.basis.size)
-                        self.projections.extend(blocks.between(start, stop))
+                        self.projections.extend(blocks.between(part.start, part.stop))
                         if chosen.start == -1:
                             lasts.update(range(self.starts[-1], self.basis.size))
         for blocks in arrived:
@@ -551,7 +568,7 @@ class Search:
             search._expand(f, False)
         blocks = PointBlocks(vectors)
         for start, stop in zip(search.starts, [*search.starts[1:], vectors.size], strict=True):
-            blocks.parts.append((f"{f:.6g} Hz", stop - start, start, stop))
+            blocks.parts.append(Part(f"{f:.6g} Hz", stop - start, start, stop))
         return blocks, replace(search.points[0], estimate=None)
 
     def _estimate_between(self, inner_columns, outer_columns) -> float:
@@ -576,13 +593,13 @@ class Search:
     def _find_hidden(self) -> bool:
         """Add random columns and A^-1 M x of pseudo-modes x that still move until no mode is missing; whether the model
         stays what it was. Collective."""
-        run, size, used = self.run, self.basis.size, 0
+        run, size, used, made = self.run, self.basis.size, 0, len(self.run.factorisations)
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         top = max(f for f, _ in counts)
         moving = None
         if self.groups > 1:  # whose factors are gone
-            with run.progress.stage("factor", f"{top:.6g} Hz"):
-                run.solver.factor(-((2 * np.pi * top) ** 2))
+            self._mass = 0.0 - (2 * np.pi * top) ** 2
+            run.needed.append((str(self._mass), "0.0"))
         while used < HIDDEN:
             before = self.basis.size
             if moving is None:
@@ -591,9 +608,7 @@ class Search:
                 with Owned(run.model.comm) as owned:
                     x = owned.owns(create_block(run.model.K, moving.shape[1]))
                     add_product(x, self.basis.columns, moving, beta=0.0)
-                    load = owned.owns(run.times_mass(x))
-                    run.solver.solve(load, x)
-                    used += self.projections.extend(x)
+                    used += self._extend_by_solution(self._history(), lambda x=x: run.times_mass(x))
             if self.basis.size == before:
                 break
             self.starts.append(before)
@@ -602,6 +617,8 @@ class Search:
                 break
         self.lack, change = decided(run.model.comm, self._change, size, counts)
         run.note("modes that no load moves", used, self.basis.size - size)
+        if len(run.factorisations) > made:
+            self.points[-1] = replace(self.points[-1], from_store=False)
         return change <= 3 * self._floor()
 
     def _moving(self, before, top, counts):
@@ -751,6 +768,11 @@ class Search:
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
             loss_factor=law.eta,
         )  # fmt: skip
+
+
+def _rounded(f):
+    """A frequency that the search chose, to six digits: the same on any number of ranks, whose last digits differ."""
+    return float(f"{f:.6g}")
 
 
 def _finite(value):

@@ -146,10 +146,10 @@ def blocks_in_groups(basis, runs, groups) -> dict:
                     with progress.stage("merge"):
                         arrived[i, c] = bring(model, group, made.get((i, c)))
         for c, run in enumerate(runs):
-            found = (own[c].factorisations, own[c].analyses, own[c].ingredients) if group.leads else ([], 0, [])
-            for number, records in enumerate(comm.allgather(found)):
-                # what every group noted of the loads is said once
-                run.add(records[0], records[1], records[2] if number == 0 else [])
+            for number, told in enumerate(comm.allgather(own[c].told() if group.leads else None)):
+                if told is not None:
+                    # what every group noted of the loads is said once
+                    run.add(*told[:2], told[2] if number == 0 else [], *told[3:])
     return arrived
 
 
@@ -158,7 +158,7 @@ def bring(model, group, blocks):
     comm = model.comm
     mine = (blocks.parts, blocks.vectors.width) if blocks is not None else None
     parts, width = next(item for item in comm.allgather(mine) if item is not None)
-    count = width * parts[-1][3] if parts else 0
+    count = width * parts[-1].stop if parts else 0
     rows, columns = np.zeros(0, dtype=np.int64), [np.zeros(0)] * count
     if blocks is not None:
         first = group.framed.model.first_row

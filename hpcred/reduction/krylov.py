@@ -9,14 +9,64 @@ from typing import Literal
 
 import numpy as np
 
-from ..linalg.basis import Basis, ComplexBasis
+from ..linalg.basis import ComplexBasis
 from ..linalg.blocks import apply, as_pairs, copy_of, create_block
 from ..linalg.factorisation import SingularMatrix
 from ..model.damping import is_proportional
-from ..parallel.failures import InputError, Owned
+from ..parallel.failures import InputError
+from ..parallel.ranges import COUNT, within
+from .chain import Chain
 from .ingredient import PointIngredient
-from .point_blocks import PointBlocks
 from .points import laplace, point_name
+
+
+class PencilChain(Chain):
+    """(K + s^2 M)^-1 L, then repeatedly (K + s^2 M)^-1 M; for s^2 = inf M^-1 L, then M^-1 K.
+
+    `square`: s^2, real. `loads`: a block L, by default the inputs of the run; `inputs`: what it is in the key.
+    """
+
+    rule = "pencil"
+
+    def __init__(self, run, square, name, wanted=None, loads=None, inputs=("inputs",)):
+        self._square, self._name, self._loads = square, name, run.loads if loads is None else loads
+        key = run.identity_of("M", "K", *inputs)
+        super().__init__(run, wanted, square=[square.real + 0.0, square.imag + 0.0], **key)
+        self.labels = str(square), "0" if square == np.inf else "0.0"
+
+    def _load_columns(self):
+        return self._loads.getActiveColumns()[1]
+
+    def _factor(self):
+        if self._square != np.inf:
+            return self.run.factored(self._square, self._name)
+        with self.run.progress.stage("factor", self._name):
+            self.run.solver.factor_mass()
+            return self.run.solver
+
+    def _next_load(self):
+        if not self.ends:
+            return copy_of(self._loads, self.run.model.K)
+        start, stop = self._start(len(self.ends) - 1), self.ends[-1]
+        load = create_block(self.run.model.K, self.vectors.width * (stop - start))
+        matrix = self.run.model.K if self._square == np.inf else self.run.model.M
+        apply(matrix, self.vectors.columns_between(start, stop), load)
+        return load
+
+
+class ComplexPencilChain(PencilChain):
+    """The same for a complex s^2."""
+
+    kind = ComplexBasis
+
+    def _factor(self):
+        with self.run.progress.stage("factor", self._name):
+            solver = self.run.complex_solver
+            solver.factor_sum(self._square)
+            return solver
+
+    def _next_load(self):
+        return super()._next_load() if self.ends else as_pairs(self._loads, self.run.model.K)
 
 
 @dataclass(frozen=True)
@@ -39,6 +89,7 @@ class Krylov(PointIngredient):
             raise InputError("krylov: expected frequency (Hz), decay (1/s) or both, or infinity = true")
         if self.order < 0:
             raise InputError(f"krylov.order: found {self.order}, expected 0 or more")
+        within("krylov.order", self.order, (0, COUNT[1], ""))
         self.point  # noqa: B018  (refused early)
 
     @property
@@ -74,46 +125,14 @@ class Krylov(PointIngredient):
             )
         if not run.loads.getActiveColumns()[1]:
             raise InputError(f"krylov: no input loads the free dofs of {model.name}")
+        kind = ComplexPencilChain if self._is_complex() else PencilChain
+        square = np.inf if self.infinity else self.point**2 if self._is_complex() else (self.point**2).real
+        chain = kind(run, square, self.name, wanted=self.order + 1)
         try:
-            with run.progress.stage("factor", self.name):
-                solver, next_matrix = self._factored(run)
+            return chain.blocks(self.order + 1, f"krylov {self.name}")
         except SingularMatrix as error:
+            chain.close()  # a refusal of all ranks
             raise self._refusal(model, error) from error
-        return self._arnoldi(run, solver, next_matrix)
-
-    def _factored(self, run):
-        """The solver of the point, and the matrix that leads from one block to the next load."""
-        square = self.point**2
-        if self._is_complex():
-            run.complex_solver.factor_sum(square)
-            return run.complex_solver, run.model.M
-        if self.infinity:
-            run.solver.factor_mass()
-            return run.solver, run.model.K
-        run.solver.factor(square.real)
-        return run.solver, run.model.M
-
-    def _arnoldi(self, run, solver, next_matrix):
-        model, progress = run.model, run.progress
-        inputs = run.loads.getActiveColumns()[1]
-        kind, load = (ComplexBasis, as_pairs) if self._is_complex() else (Basis, copy_of)
-        vectors = kind(model.M, tolerance=run.tolerance, room=inputs * (self.order + 1))
-        blocks, load = PointBlocks(vectors), load(run.loads, model.K)
-        for j in range(self.order + 1):
-            with Owned(model.comm) as owned:
-                owned.owns(load)
-                columns = load.getActiveColumns()[1]
-                block = owned.owns(create_block(model.K, columns))
-                with progress.stage("solve"):
-                    solver.solve(load, block)
-                with progress.stage("orthogonalise"):
-                    vectors.extend(block)
-            start = blocks.add(f"krylov {self.name}, block {j}", columns)
-            if j == self.order or vectors.size == start:
-                break
-            load = create_block(model.K, vectors.width * (vectors.size - start))
-            apply(next_matrix, vectors.columns_between(start, vectors.size), load)
-        return blocks
 
     def _refusal(self, model, error):
         if self.infinity:

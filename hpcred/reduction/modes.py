@@ -13,6 +13,8 @@ from ..model.damping import ModalDamping
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import is_complex
+from ..parallel.ranges import COUNT, FREQUENCY, within
+from .chain import Entry
 from .ingredient import Ingredient
 from .projection import diagonalise, project, project_columns
 
@@ -42,13 +44,15 @@ class Modes(Ingredient):
             raise InputError("modes: expected exactly one of count, band and index")
         if self.band is not None and not 0 <= self.band[0] < self.band[1]:
             raise InputError(f"modes.band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
+        within("modes.band", self.band, FREQUENCY)
         if self.count is not None and self.count < 1:
             raise InputError(f"modes.count: found {self.count}, expected at least 1")
         if self.index is not None and (not self.index or min(self.index) < 1):
             raise InputError(f"modes.index: found {list(self.index)}, expected numbers from 1")
-
         if self.dominant is not None and self.dominant < 1:
             raise InputError(f"modes.dominant: found {self.dominant}, expected at least 1")
+        for key in ("count", "index", "dominant"):
+            within(f"modes.{key}", getattr(self, key), COUNT)
 
     def columns(self, inputs: int, rigid: int) -> int:
         """Number of vectors known beforehand (0 for a band)."""
@@ -76,23 +80,25 @@ class Modes(Ingredient):
         more = {}
         with run.progress.stage("modes", self._name()):
             if self.band is not None:
-                values, block = self._in_band(run)
+                values, block, served = _kept(run, {"band": self.band}, None, lambda: self._in_band(run))
             else:
-                values, block = _lowest(run, self._highest(rigid))
+                count = self._highest(rigid)
+                values, block, served = _kept(run, {"band": None}, count, lambda: _lowest(run, count))
                 if self.index is not None:
                     chosen = np.array(sorted(set(self.index))) - rigid - 1
                     values, block = values[chosen], choose(run, block, chosen)
             if self.dominant is not None and block is not None:
                 values, block, dominance = _dominant(run, values, block, self.dominant)
                 more["dominance"] = tuple(dominance.tolist())
-            residual = _residual(run, values, block)
+            residual = float(residuals(run, values, block).max(initial=0.0))
         frequencies = tuple((np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)).tolist())
         found = Extension()
         if block is not None:
             with run.progress.stage("orthogonalise"):
                 found = basis.extend(block)
             block.destroy()
-        run.note(self._name(), len(values), found, frequencies_hz=frequencies, residual=residual, **more)
+        run.note(self._name(), len(values), found, frequencies_hz=frequencies, residual=residual,
+                 from_store=served, **more)  # fmt: skip
 
     def _name(self):
         if self.band is not None:
@@ -122,14 +128,40 @@ class Modes(Ingredient):
         return values[inside], choose(run, block, inside)
 
 
+def _kept(run, rule, count, find):
+    """The first `count` modes, or all, from the store or by `find`, and whether they are from the store; the store then
+    has what was found, in place of fewer."""
+    key = {"kind": "modes", **rule, **run.identity_of("M", "K")}
+    entry = run.stored(key)
+    if rule["band"] is None:
+        run.needs("0.0", "0.0")
+    if entry is not None and len(entry.facts["values"]) >= (count or 0):
+        values, block = np.array(entry.facts["values"]), entry.block
+        return (values, block, True) if count is None else (values[:count], choose(run, block, np.arange(count)), True)
+    if entry is not None:
+        entry.close()
+    values, block = find()
+    widths = () if block is None else (len(values),)
+    run.keep(key, Entry({"values": values.tolist()}, widths, block))
+    return values, block, False
+
+
 def _lowest(run, count):
     try:
-        run.solver.factor(0.0)
+        return lowest(run, count)
     except SingularMatrix as error:
         raise InputError(
             f"basis: K of {run.model.name} is singular, so the body can move freely; "
             "take frame kind 'buckens', 'chord' or 'tangent'"
         ) from error
+
+
+def lowest(run, count, shift=0.0):
+    """The `count` lowest elastic eigenvalues (count,) of (K, M), and the M-orthonormal modes as a block. Collective.
+
+    Found by solves with K + shift M. Raises SingularMatrix.
+    """
+    run.solver.factor(shift)
     return lowest_modes_by(run, count, run.solver.solve)
 
 
@@ -215,15 +247,15 @@ def _without_rigid(run, values, block):
     return values[elastic], block
 
 
-def _residual(run, values, block):
-    """Largest ||K x - lambda M x|| / (lambda ||M x||) over the modes."""
+def residuals(run, values, block) -> np.ndarray:
+    """||K x - lambda M x|| / (lambda ||M x||) of the modes. Collective."""
     if block is None:
-        return 0.0
+        return np.zeros(0)
     product, force = run.times_mass(block), create_block(run.model.K, len(values))
     apply(run.model.K, block, force)
     size = column_norms(product)
     add_product(force, product, np.diag(values), alpha=-1.0)
-    residual = float((column_norms(force) / (np.abs(values) * size)).max())
+    found = column_norms(force) / np.maximum(np.abs(values) * size, 1e-300)
     product.destroy()
     force.destroy()
-    return residual
+    return found

@@ -1,22 +1,27 @@
 """The blocks of one expansion point on their way from its solver to the basis."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from ..linalg.basis import Basis
 
 
+class Part(NamedTuple):
+    """A block: columns offered for it, its vectors `start` .. `stop` - 1, and whether they came from a store."""
+
+    label: str
+    columns: int
+    start: int
+    stop: int
+    from_store: bool = False
+
+
 @dataclass
 class PointBlocks:
-    """Orthonormal `vectors` of a point, and its blocks: (label, columns offered, first vector, end)."""
+    """Orthonormal `vectors` of a point, and its blocks."""
 
     vectors: Basis
-    parts: list[tuple[str, int, int, int]] = field(default_factory=list)
-
-    def add(self, label, columns) -> int:
-        """Note that the vectors since the last call are a block; returns the first of them."""
-        start = self.parts[-1][3] if self.parts else 0
-        self.parts.append((label, columns, start, self.vectors.size))
-        return start
+    parts: list[Part] = field(default_factory=list)
 
     def join(self, basis, run):
         """Add the vectors to the basis, block by block, and free them. Collective."""
@@ -26,7 +31,7 @@ class PointBlocks:
 
 def join(parts, columns_between, basis, run):
     """Add blocks to the basis and note what each brought; `columns_between(start, stop)` gives their vectors."""
-    for label, columns, start, stop in parts:
+    for part in parts:
         with run.progress.stage("orthogonalise"):
-            found = basis.extend(columns_between(start, stop))
-        run.note(label, columns, found)
+            found = basis.extend(columns_between(part.start, part.stop))
+        run.note(part.label, part.columns, found, from_store=part.from_store)

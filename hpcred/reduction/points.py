@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..parallel.failures import InputError
+from ..parallel.ranges import FREQUENCY, RATE, within
 
 
 def laplace(kind, frequency, decay, s=None) -> complex:
@@ -19,6 +20,8 @@ def laplace(kind, frequency, decay, s=None) -> complex:
         raise InputError(f"{kind}.frequency: found {point.imag / 2 / np.pi:g}, expected Hz, not negative")
     if point.real < 0:
         raise InputError(f"{kind}.decay: found {point.real:g}, expected 1/s, not negative: poles lie there")
+    within(f"{kind}.decay", point.real, RATE)
+    within(f"{kind}.frequency", point.imag / (2 * np.pi), FREQUENCY)
     return point
 
 

@@ -38,9 +38,9 @@ class Record:
 
     Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs
     by name, interfaces, and `signature` (see signature_of), by which it is known again. Of the reduction: frame,
-    damping, basis and settings; what each ingredient brought; every factorisation; max |V^T M V - I|; unstable
-    poles (re, im) in rad/s; warnings; where the time went; of an automatic one its accuracy. `job`: the job file
-    with its overrides, file names absolute.
+    damping, basis and settings; what each ingredient brought; every factorisation, and how many more a store saved;
+    max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings; where the time went; of an automatic one its
+    accuracy. `job`: the job file with its overrides, file names absolute.
     """
 
     date: str
@@ -75,6 +75,7 @@ class Record:
     coordinates: str = "modal"
     accuracy: Accuracy | None = None
     job: dict[str, Any] | None = None
+    factorisations_saved: int = 0
 
     @property
     def ordering(self) -> str:
@@ -134,6 +135,7 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         interfaces=tuple(item.definition for item in model.interfaces),
         ingredients=tuple(runs[0].ingredients),
         factorisations=tuple(factorisations),
+        factorisations_saved=sum(run.factorisations_saved for run in runs),
         symbolic_analyses=sum(run.analyses for run in runs),
         timing=progress.timing(),
         **known,

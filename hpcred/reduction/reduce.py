@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from ..model.second_order_model import SYMMETRIC_TO
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
-from .adaptive import Accuracy, Adaptive, Checkpoint, Search
+from .adaptive import Accuracy, Adaptive, Search
+from .chain import Store
 from .craig_bampton import ConstraintModes
 from .groups import blocks_in_groups, number_of_groups
 from .ingredient import PointIngredient
@@ -25,7 +26,7 @@ from .projection import diagonalise, project, project_columns
 from .record import make_record
 from .reduced_damping import reduced_damping
 from .reduced_model import ReducedModel
-from .run import Run
+from .run import Run, identity_of_model
 from .settings import Reduction
 from .two_sided import biorthogonal
 
@@ -36,16 +37,16 @@ ROOM = 64  # columns that a search is expected to need
 
 def reduce(
     model, basis=(), frame=None, damping=None, *, tolerance: float | None = None, band=None,
-    adaptive: Adaptive | None = None, checkpoint: Checkpoint | None = None, settings: Reduction | None = None,
-    factoring: Factoring | None = None, progress: Progress | None = None, **keywords,
+    adaptive: Adaptive | None = None, settings: Reduction | None = None, factoring: Factoring | None = None,
+    store: Store | None = None, progress: Progress | None = None, **keywords,
 ) -> ReducedModel:  # fmt: skip
     """Reduce a SecondOrderModel by projection onto the span of the ingredients. Collective.
 
     `tolerance` and `band` (Hz), or an Adaptive with more to say: expansion points, orders and size are chosen so that
     eps(f) <= tolerance over the band, and the record says how large the error is and how that is known. `basis`: list
     of Modes, Krylov, SecondOrderKrylov, StaticCorrection; each extends what the ones before it gave. With a tolerance
-    they come first, and may be left out. `checkpoint`: where the search keeps its state, to go on after an
-    interruption (formats.restart_file has one on a file).
+    they come first, and may be left out. `store`: where the blocks of points and sets of modes are kept from one
+    reduction to the next, so that no point is factored twice (PointStore is one in a folder).
     `frame`: Tangent, Chord, Buckens or None; `damping`: Rayleigh, Caughey, GivenDamping, ModalDamping, Structural
     or None. Other keywords are those of Reduction, such as drop_above=2000.0, and replace those of `settings`.
 
@@ -79,6 +80,10 @@ def reduce(
             framed = owned.owns(apply_frame(model, frame, damping))
         tolerance = settings.deflation_tolerance if adaptive is None else KEPT_BY_SEARCH
         runs = [owned.owns(Run(framed, progress, tolerance, factoring or Factoring(), inertia=adaptive is not None))]
+        if store is not None:
+            with progress.stage("store"):
+                asked = {"frame": frame, "damping": damping, "basis": [asdict(item) for item in basis]}
+                runs[0].store, runs[0].identity = store, identity_of_model(model, framed, **asked)
         if two_sided:
             runs.append(owned.owns(runs[0].dual()))
         rigid = framed.rigid.R if framed.rigid is not None else None
@@ -95,7 +100,7 @@ def reduce(
                     ingredient.extend(vectors, run)
         accuracy = None
         if adaptive is not None:
-            accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, checkpoint, settings.drop_above)
+            accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, settings.drop_above)
             if in_interface:  # what the responses did not need of the motion of the interfaces
                 ConstraintModes().extend(bases[0], runs[0])
         for run in runs:
@@ -111,7 +116,7 @@ def reduce(
             model, framed, runs, progress, frame=frame, damping=damping, basis=tuple(basis), groups=groups,
             projection="two_sided" if two_sided else "one_sided", deflation_tolerance=tolerance,
             drop_above=settings.drop_above, coordinates=settings.coordinates, orthonormality_defect=defect,
-            warnings=warnings, accuracy=accuracy,
+            warnings=(*warnings, *dict.fromkeys(runs[0].remarks)), accuracy=accuracy,
             unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         )  # fmt: skip
         return reduced
@@ -119,14 +124,19 @@ def reduce(
 
 def check_model(model):
     """Refuse a model that cannot be reduced: an unsymmetric M or K, no inputs."""
+    check_symmetric(model)
+    if model.B is None or not model.input_names:
+        raise InputError(f"{model.name} has no inputs; name them by `inputs`, as dof numbers or [node, direction]")
+
+
+def check_symmetric(model):
+    """Refuse an unsymmetric M or K."""
     for key in ("M", "K"):
         if model.symmetry_defects[key] > SYMMETRIC_TO:
             raise InputError(
                 f"{model.name}: matrix {key} is not symmetric: ||A - A^T|| / ||A|| = "
                 f"{model.symmetry_defects[key]:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
             )
-    if model.B is None or not model.input_names:
-        raise InputError(f"{model.name} has no inputs; name them by `inputs`, as dof numbers or [node, direction]")
 
 
 def warnings_of(model, frame) -> tuple[str, ...]:
@@ -137,11 +147,11 @@ def warnings_of(model, frame) -> tuple[str, ...]:
     return doubts
 
 
-def _to_tolerance(vectors, run, adaptive, groups, checkpoint, drop_above) -> Accuracy:
+def _to_tolerance(vectors, run, adaptive, groups, drop_above) -> Accuracy:
     """Extend the basis until the tolerance is proven, and compress it."""
     with Owned(run.model.comm) as owned:
         search = owned.owns(Search(vectors, run, adaptive, groups))
-        factor, accuracy = search.compress(search.search(checkpoint), drop_above)
+        factor, accuracy = search.compress(search.search(), drop_above)
     run.note("compressed", vectors.size, factor.shape[1])
     vectors.multiply(factor)
     return accuracy
@@ -202,10 +212,10 @@ def _project(model, framed, vectors, run, settings):
             frequencies = np.concatenate([np.zeros(rigid), frequencies])
             reduced = _reduced_model(model, framed, small, moved.B, moved.C, frequencies)
             reduced.interfaces = full.interfaces
-            reduced.columns = _everywhere(model, framed, moved.columns)
+            reduced.columns = everywhere(model, framed, moved.columns)
             return reduced, defect
     reduced = _reduced_model(model, framed, small, inputs, outputs, frequencies)
-    reduced.columns = _everywhere(model, framed, columns)
+    reduced.columns = everywhere(model, framed, columns)
     return reduced, defect
 
 
@@ -228,7 +238,7 @@ def _project_two_sided(model, framed, right, left, run, allow_unstable):
             f"half-plane ({listed}{', ...' if len(unstable) > 6 else ''} rad/s); take projection = 'one_sided', "
             "which keeps stability, or allow_unstable = true for frequency responses only"
         )
-    reduced.columns, reduced.left_columns = (_everywhere(model, framed, block) for block in (V, W))
+    reduced.columns, reduced.left_columns = (everywhere(model, framed, block) for block in (V, W))
     return reduced, defect
 
 
@@ -242,8 +252,8 @@ def _reduced_model(model, framed, small, inputs, outputs, frequencies):
     )  # fmt: skip
 
 
-def _everywhere(model, framed, columns):
-    """A basis in all dofs of the model, as a new block."""
+def everywhere(model, framed, columns):
+    """A basis of the framed model in all dofs of `model`, as a new block. Collective."""
     if framed.restore is None:
         return copy_of(columns, model.K)
     first, last = columns.getActiveColumns()

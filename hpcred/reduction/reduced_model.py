@@ -11,6 +11,8 @@ from ..model.second_order_model import listed
 from ..parallel.failures import settle
 from .record import Record
 
+ROUND_OFF = 1e-13
+
 
 @dataclass
 class ReducedModel:
@@ -69,7 +71,9 @@ class ReducedModel:
         return roots[np.argsort(roots.imag)]
 
     def unstable_poles(self) -> np.ndarray:
-        """Poles in the right half-plane, beyond round-off."""
+        """Poles in the right half-plane, beyond round-off; none where M, D and K are symmetric and semidefinite."""
+        if all(_semidefinite(matrix) for matrix in (self.M, self.D, self.K)):
+            return np.zeros(0, dtype=complex)
         roots = self.poles()
         return roots[roots.real > 1e-9 * np.abs(roots).max(initial=0.0)]
 
@@ -87,3 +91,11 @@ class ReducedModel:
         if error is not None and self.columns is not None:
             settle(self.columns.comm.tompi4py(), error)
         self.close()
+
+
+def _semidefinite(matrix):
+    """Whether a matrix is symmetric without negative eigenvalues, up to round-off."""
+    size = np.abs(matrix).max(initial=0.0)
+    return np.abs(matrix - matrix.T).max(initial=0.0) <= ROUND_OFF * size and np.linalg.eigvalsh(matrix).min(
+        initial=0.0
+    ) >= -ROUND_OFF * len(matrix) * size

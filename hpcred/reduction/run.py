@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import asdict, dataclass, field, is_dataclass
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from ..linalg.basis import Extension
 from ..linalg.blocks import apply, create_block, from_dense, inner, multiply
 from ..linalg.factorisation import Factoring, FactorRecord
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
-from ..model.frames import FramedModel
+from ..model.damping import GivenDamping
+from ..model.frames import FramedModel, NoFrame
 from ..parallel.decisions import decided
 from ..parallel.progress import Progress
 
@@ -23,7 +25,7 @@ class IngredientRecord:
 
     `smallest_kept` and `largest_dropped`: weights (see linalg.basis.Extension) of the directions on both sides of the
     deflation tolerance, None where there are none. For modes their frequencies in Hz, the largest residual, and what
-    dominant ones contribute.
+    dominant ones contribute. `from_store`: it was not computed in this run.
     """
 
     where: str
@@ -34,11 +36,16 @@ class IngredientRecord:
     frequencies_hz: tuple[float, ...] | None = None
     residual: float | None = None
     dominance: tuple[float, ...] | None = None
+    from_store: bool = False
 
 
 @dataclass
 class Run:
-    """Given to `extend(basis, run)` of every ingredient. Call close(); collective."""
+    """Given to `extend(basis, run)` of every ingredient. Call close(); collective.
+
+    `store`: a Store (see chain), or None; `identity`: what of the model and of the job decides about columns (see
+    identity_of_model). `needed`: the factors (mass and damping, as in FactorRecord) that a run without store has.
+    """
 
     framed: FramedModel
     progress: Progress
@@ -46,6 +53,10 @@ class Run:
     factoring: Factoring = Factoring()
     ingredients: list[IngredientRecord] = field(default_factory=list)
     inertia: bool = False  # whether the solver counts negative pivots on any number of ranks
+    store: object = None
+    identity: dict = field(default_factory=dict)
+    needed: list[tuple[str, str]] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
     _solver: ShiftedSolver | None = None
     _complex_solver: ComplexSolver | None = None
     _loads: object = None
@@ -78,6 +89,13 @@ class Run:
         if self._solver is not None:
             self._solver.release()
         return self._complex_solver
+
+    def factored(self, mass: float, name: str) -> ShiftedSolver:
+        """The solver with the factor of K + mass M, made unless it is there. Raises SingularMatrix."""
+        if self.solver.factored != (mass, 0.0):
+            with self.progress.stage("factor", name):
+                self.solver.factor(mass)
+        return self.solver
 
     @property
     def factorisations(self) -> list[FactorRecord]:
@@ -126,15 +144,57 @@ class Run:
         dropped = f", {columns - found} dependent dropped" if columns > found else ""
         self.progress.say(f"{where}: {found} new vectors{dropped}")
 
+    def identity_of(self, *keys) -> dict:
+        """The part of the identity that a key of the store takes, with what stands for all columns."""
+        return {key: self.identity.get(key) for key in ("frame", "nodes", "symmetric", *keys)}
+
+    def stored(self, key, most=None):
+        """The Entry that a store has under a key, None without one. Collective."""
+        if self.store is None:
+            return None
+        with self.progress.stage("store"):
+            return self.store.load(self.model, key, self.remark, most)
+
+    def keep(self, key, entry):
+        """Have the store keep an Entry. Collective."""
+        if self.store is not None:
+            with self.progress.stage("store"):
+                self.store.save(self.model, key, entry, self.remark)
+
+    def needs(self, mass: str, damping: str):
+        """Note what a part of the basis comes from, whether it had to be factored or not."""
+        if self.needed[-1:] != [(mass, damping)]:
+            self.needed.append((mass, damping))
+
+    def remark(self, sentence):
+        """A warning that the result keeps."""
+        self.remarks.append(sentence)
+        self.progress.say(sentence)
+
+    @property
+    def factorisations_saved(self) -> int:
+        """How many factors were not made because of the store."""
+        if self._shared is not None:
+            return 0  # counted there
+        made = Counter((record.mass, record.damping) for record in self.factorisations)
+        return (Counter(self.needed) - made).total()
+
     def on_group(self, framed):
         """A run for a copy of the framed model on a group of ranks."""
-        return Run(framed, self.progress, self.tolerance, self.factoring, inertia=self.inertia)
+        return Run(framed, self.progress, self.tolerance, self.factoring, inertia=self.inertia, store=self.store,
+                   identity=self.identity)  # fmt: skip
 
-    def add(self, factorisations, analyses, ingredients):
+    def told(self):
+        """What add() of another run takes over."""
+        return self.factorisations, self.analyses, self.ingredients, self.needed, self.remarks
+
+    def add(self, factorisations, analyses, ingredients, needed, remarks):
         """Take over what was recorded on a group of ranks."""
         self._added += factorisations
         self._added_analyses += analyses
         self.ingredients += ingredients
+        self.needed += needed
+        self.remarks += remarks
 
     def dual(self):
         """The run of the output Krylov subspaces (33): C^T in place of B, transposed matrices. Collective.
@@ -143,10 +203,14 @@ class Run:
         """
         model = self.model.as_dual()
         framed = FramedModel(model, rigid=self.rigid, damping=self.framed.damping)
-        other = Run(framed, self.progress, self.tolerance, self.factoring, self.ingredients)
+        other = Run(framed, self.progress, self.tolerance, self.factoring, self.ingredients, store=self.store,
+                    identity=self.identity | {"inputs": self.identity.get("outputs"), "transposed": True},
+                    remarks=self.remarks)  # fmt: skip
         other._own_model = model
         if self.model.symmetric:
             other._shared = self
+            other.needed = self.needed
+            other.identity["transposed"] = False
         return other
 
     def release(self):
@@ -160,6 +224,24 @@ class Run:
                 item.close()
         if self._loads is not None:
             self._loads.destroy()
+
+
+def identity_of_model(model, framed, **known) -> dict:
+    """What the keys of a store are made of: digests of the model as its files have it, the frame, and what else is
+    `known`. Collective.
+
+    Digests of the framed model would not do: where nodes are turned its last digits depend on the number of ranks.
+    """
+    found = {key: model.digest_of(key) for key in ("M", "K")}
+    found |= {"inputs": model.digest_of("B"), "outputs": model.digest_of("Ct"), "transposed": False}
+    found["D"] = model.digest_of("D") if isinstance(framed.damping, GivenDamping) else None
+    # frames and interface nodes are made from the nodes
+    found["nodes"] = None
+    if model.interfaces or not isinstance(known["frame"], NoFrame):
+        made_of = [asdict(item.definition) for item in model.interfaces]
+        found["nodes"] = [model.digest_of("dofs"), framed.model.digest_of("labels"), made_of]
+    found["symmetric"] = bool(framed.model.symmetric)
+    return found | {key: asdict(value) if is_dataclass(value) else value for key, value in known.items()}
 
 
 def _independent(gram):

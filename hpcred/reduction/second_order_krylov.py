@@ -17,9 +17,10 @@ from ..linalg.factorisation import SingularMatrix
 from ..model.damping import caughey_terms
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
+from ..parallel.ranges import COUNT, within
+from .chain import Chain
 from .ingredient import PointIngredient
 from .krylov import Krylov
-from .point_blocks import PointBlocks
 from .points import laplace, point_name
 
 SMALL = 1e-13  # singular value below which a direction of the coefficients is dependent
@@ -42,6 +43,7 @@ class SecondOrderKrylov(PointIngredient):
     def __post_init__(self):
         if self.order < 0:
             raise InputError(f"second_order_krylov.order: found {self.order}, expected 0 or more")
+        within("second_order_krylov.order", self.order, (0, COUNT[1], ""))
         if self.frequency is None and self.decay is None and self.s is None:
             raise InputError("second_order_krylov: expected a point: frequency (Hz), decay (1/s), or s = [re, im]")
         self.point  # noqa: B018  (refused early)
@@ -69,51 +71,52 @@ class SecondOrderKrylov(PointIngredient):
         if model.D is None:
             # without damping these R_l are combinations of (A^-1 M)^k A^-1 B, k <= l: the same span
             return Krylov(s.imag / 2 / np.pi, self.order, s.real or None).blocks(run)
+        chain = SecondOrderChain(run, s, wanted=self.order + 1)
         try:
-            with run.progress.stage("factor", point_name(s)):
-                solver = self._factored(s, run)
+            return chain.blocks(self.order + 1, f"second-order krylov {point_name(s)}")
         except SingularMatrix as error:
+            chain.close()  # a refusal of all ranks
             raise InputError(f"second_order_krylov: the point {point_name(s)} is a pole of the model") from error
-        return self._arnoldi(s, run, solver)
 
-    @staticmethod
-    def _factored(s, run):
-        if s.imag == 0 and (s == 0 or run.rigid is None):
-            run.solver.factor(s.real**2, s.real)
-            return run.solver
-        run.complex_solver.factor(s)
-        return run.complex_solver
 
-    def _arnoldi(self, s, run, solver):
-        model, progress = run.model, run.progress
-        Q = ComplexBasis(model.M, tolerance=run.tolerance, room=run.loads.getActiveColumns()[1] * (self.order + 1))
-        blocks, load = PointBlocks(Q), as_pairs(run.loads, model.K)
-        upper = lower = states = None
-        scale = abs(s)
-        for j in range(self.order + 1):
-            with Owned(model.comm) as owned:
-                owned.owns(load)
-                block = owned.owns(create_block(model.K, load.getActiveColumns()[1]))
-                with progress.stage("solve"):
-                    solver.solve(load, block)
-                scale = scale or _rayleigh_frequency(load, block, model.M)
-                with progress.stage("orthogonalise"):
-                    Q.extend(block)
-                    new = Q.coefficients(block)
-            upper, lower, states = decided(model.comm, _next_state, new, upper, states)
-            columns = new.shape[1] * (2 if s.imag else 1)
-            blocks.add(f"second-order krylov {point_name(s)}, block {j}", columns)
-            if j == self.order or not upper.shape[1]:
-                break
-            load = self._load(s, scale, model, Q, upper, lower)
-        return blocks
+class SecondOrderChain(Chain):
+    """The blocks R_l of the second-order Krylov subspace at `s`.
 
-    @staticmethod
-    def _load(s, scale, model, Q, upper, lower):
-        """-((2 s M + D) Q upper + M Q lower) as pairs, with time in units of 1 / scale.
+    `upper` and `lower` (size, b): coefficients of R_l and R_(l-1); `states` (2 size, total): all so far. `scale`: time
+    is in units of 1 / scale, |s| in general, which makes both halves of the states weigh alike.
+    """
 
-        The scale, |s| in general, makes both halves of the states weigh alike.
-        """
+    kind = ComplexBasis
+    rule = "second order"
+
+    def __init__(self, run, s, wanted=None):
+        self._s, self._scale = s, abs(s)
+        self._upper = self._lower = self._states = None
+        key = run.identity_of("M", "K", "D", "damping", "transposed", "inputs")
+        super().__init__(run, wanted, s=[s.real, s.imag], **key)
+        self.labels = (str(s.real**2), str(s.real)) if self._is_real() else (str(s * s), str(s))
+
+    def _is_real(self):
+        return self._s.imag == 0 and (self._s == 0 or self.run.rigid is None)
+
+    def _load_columns(self):
+        return self.run.loads.getActiveColumns()[1]
+
+    def _factor(self):
+        s, run = self._s, self.run
+        with run.progress.stage("factor", point_name(s)):
+            if self._is_real():
+                run.solver.factor(s.real**2, s.real)
+                return run.solver
+            run.complex_solver.factor(s)
+            return run.complex_solver
+
+    def _next_load(self):
+        """-((2 s M + D) Q upper + M Q lower) as pairs."""
+        model = self.run.model
+        if not self.ends:
+            return as_pairs(self.run.loads, model.K)
+        s, scale, upper, lower = self._s, self._scale, self._upper, self._lower
         columns = upper.shape[1]
         load = create_block(model.K, 2 * columns)
         for mat, coefficients in (
@@ -122,10 +125,27 @@ class SecondOrderKrylov(PointIngredient):
         ):
             with Owned(model.comm) as owned:
                 combined, product = (owned.owns(create_block(model.K, 2 * columns)) for _ in range(2))
-                add_product(combined, Q.columns, unfold(coefficients), beta=0.0)
+                add_product(combined, self.vectors.columns, unfold(coefficients), beta=0.0)
                 apply(mat, combined, product)
                 add_product(load, product, np.eye(2 * columns), alpha=-1.0)
         return load
+
+    def _took(self, load, block):
+        model = self.run.model
+        self._scale = self._scale or _rayleigh_frequency(load, block, model.M)
+        new = self.vectors.coefficients(block)
+        self._upper, self._lower, self._states = decided(model.comm, _next_state, new, self._upper, self._states)
+        self.complete = not self._upper.shape[1]
+
+    def _offers(self, columns):
+        return columns if self._s.imag else columns // 2
+
+    def _state(self):
+        return {"upper": self._upper, "lower": self._lower, "states": self._states, "scale": np.array(self._scale)}
+
+    def _go_on_from(self, state):
+        self._upper, self._lower, self._states = (state[key] for key in ("upper", "lower", "states"))
+        self._scale = float(state["scale"])
 
 
 def _rayleigh_frequency(load, block, mass):

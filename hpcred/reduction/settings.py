@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..parallel.failures import InputError
+from ..parallel.ranges import COUNT, FREQUENCY, within
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,13 +29,14 @@ class Reduction:
     coordinates: str = "modal"
 
     def __post_init__(self):
-        if not 0 < self.deflation_tolerance < 1:
-            raise InputError(f"deflation_tolerance: found {self.deflation_tolerance:g}, expected 0 to 1")
+        within("deflation_tolerance", self.deflation_tolerance, (1e-16, 0.999, ""))
         if self.drop_above is not None and not 0 < self.drop_above < float("inf"):
             raise InputError(f"drop_above: found {self.drop_above:g}, expected a positive frequency in Hz")
+        within("drop_above", self.drop_above, FREQUENCY)
         if self.projection not in ("one_sided", "two_sided"):
-            raise InputError(f"projection: found '{self.projection}', expected 'one_sided' or 'two_sided'")
+            raise InputError(f"projection: found '{self.projection[:40]}', expected 'one_sided' or 'two_sided'")
         if self.coordinates not in ("modal", "interface"):
-            raise InputError(f"coordinates: found '{self.coordinates}', expected 'modal' or 'interface'")
+            raise InputError(f"coordinates: found '{self.coordinates[:40]}', expected 'modal' or 'interface'")
         if self.groups != "auto" and (isinstance(self.groups, str) or self.groups < 1):
-            raise InputError(f"groups: found {self.groups!r}, expected a whole number of at least 1, or 'auto'")
+            raise InputError(f"groups: found '{str(self.groups)[:20]}', expected a whole number from 1, or 'auto'")
+        within("groups", self.groups, COUNT)

@@ -70,13 +70,25 @@ def cut_figure(stem, t, curves, title):
 
 
 def motion_figure(path, motion):
-    """Displacements, constraint forces and energies of a Motion over time, as PNG."""
-    panels = [("displacement (m)", [
-        (f"node {node} {a}", motion.node_displacement[:, j, i]) for j, node in enumerate(motion.nodes)
-        for i, a in enumerate(AXES) if np.ptp(motion.node_displacement[:, j, i]) > 1e-9
-    ])]  # fmt: skip
-    panels.append(("constraint force (N)", list(zip(motion.constraint_names, motion.constraint_force.T, strict=True))))
-    panels.append(("energy (J)", list(motion.energies.items())))
+    """Displacements, rotations, forces and moments of constraints and springs, and energies over time, as PNG."""
+
+    def curves(names, values, least=0.0):
+        """Of values (nt, k, 3), but for those that change by no more than `least`."""
+        return [(f"{name} {a}", values[:, j, i]) for j, name in enumerate(names) for i, a in enumerate(AXES)
+                if np.ptp(values[:, j, i]) > least]  # fmt: skip
+
+    rotating = np.flatnonzero(motion.node_rotates)
+    names = [f"node {name}" for name in motion.node_names]
+    springs = [f"spring {name}" for name in motion.spring_names]
+    panels = [
+        ("displacement (m)", curves(names, motion.node_displacement, least=1e-9)),
+        ("rotation (rad)", curves([names[j] for j in rotating], motion.node_rotation[:, rotating], least=1e-9)),
+        ("constraint force (N)", list(zip(motion.constraint_names, motion.constraint_force.T, strict=True))),
+        ("constraint moment (N m)", list(zip(motion.moment_names, motion.constraint_moment.T, strict=True))),
+        ("spring force (N)", curves(springs, motion.spring_force)),
+        ("spring moment (N m)", curves(springs, motion.spring_moment)),
+        ("energy (J)", [(name, value) for name, value in motion.energies.items() if value.any()]),
+    ]
     time_figure(path, motion.t, [panel for panel in panels if panel[1]])
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import sys
+import textwrap
 
 from rich import box
 from rich.console import Console
@@ -15,22 +17,34 @@ from ..parallel.failures import agreed
 from ..parallel.petsc import MPI
 from ..parallel.progress import Timing
 
+WORD = 12  # letters of a word that is not parted where there is room
+
 
 def show_table(title, rows: list[dict], comm=MPI.COMM_WORLD):
-    """Print rows, dicts with the same keys, as a table on rank 0; numbers are right-aligned."""
+    """Print rows, dicts with the same keys, as a table on rank 0; numbers are right-aligned.
+
+    It is as wide as the terminal (or COLUMNS), 80 where there is none: texts take several lines, numbers do not.
+    """
     if comm.rank or not rows:
         return
-    table = Table(box=box.SIMPLE_HEAD, header_style="")
+    table = Table(box=box.SIMPLE_HEAD, header_style="", collapse_padding=True)
     for column in rows[0]:
         numeric = all(isinstance(row[column], (int, float)) for row in rows)
-        table.add_column(column, justify="right" if numeric else "left", overflow="fold")
+        cells = [_cell(row[column]) for row in rows]
+        widest = max(map(len, " ".join([column, *cells]).split()), default=1)
+        if numeric:
+            table.add_column(textwrap.fill(column, widest), justify="right", no_wrap=True)
+        else:
+            table.add_column(column, overflow="fold", min_width=min(widest, WORD))
     for row in rows:
-        table.add_row(*(f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row.values()))
+        table.add_row(*map(_cell, row.values()))
     if title:
         print(title)
-    # launchers of MPI programs offer a terminal of no particular width
-    width = None if sys.stdout.isatty() and shutil.get_terminal_size().columns > 100 else 140
-    Console(file=sys.stdout, width=width, highlight=False).print(table)
+    Console(file=sys.stdout, width=shutil.get_terminal_size().columns, highlight=False).print(table)
+
+
+def _cell(value) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def in_words(value) -> str:
@@ -51,7 +65,20 @@ def write_json(path, data, comm=MPI.COMM_WORLD):
         return
     with atomic_output(path, comm) as temporary, agreed(comm):
         if comm.rank == 0:
-            temporary.write_text(json.dumps(data, indent=1) + "\n")
+            temporary.write_text(as_json(data) + "\n")
+
+
+def as_json(data) -> str:
+    """Plain data as JSON, which has no NaN and no Inf: null stands for them."""
+    return json.dumps(_finite(data), indent=1, allow_nan=False)
+
+
+def _finite(data):
+    if isinstance(data, dict):
+        return {key: _finite(item) for key, item in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [_finite(item) for item in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
 def show_timing(timing: Timing, factorisations=(), comm=MPI.COMM_WORLD):

@@ -31,7 +31,7 @@ def bench(cells=(40, 16, 16), *, folder=None, comm=None, progress: Progress | No
     comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
     with agreed(comm):
-        if folder is not None and not Path(folder).is_dir():
+        if folder is not None and not os.path.isdir(folder):
             raise InputError(f"--folder: found '{folder}', expected a folder that exists")
     place = tempfile.TemporaryDirectory(prefix="hpcred-", dir=folder) if comm.rank == 0 else None
     try:

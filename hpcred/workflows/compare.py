@@ -9,7 +9,8 @@ import scipy.linalg
 
 from ..analysis.error import error_integral, relative_error
 from ..analysis.frequency_response import frequency_response
-from ..formats.hdf5 import atomic_output, check_writable
+from ..formats.hdf5 import atomic_output
+from ..formats.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
 from ..formats.result_file import read_basis, read_result
 from ..linalg.blocks import apply, create_block, inner
 from ..linalg.factorisation import Factoring
@@ -49,9 +50,10 @@ def compare_results(
     _check_alike(results, reduced)
     first = reduced[0].record
     grid = frequencies_over(frequencies, band or band_of(reduced[0]), points)
-    for path in (output, figure):
-        if path is not None:
-            check_writable(path, comm)
+    written = {output: CSV_OF_RESPONSES}
+    if figure is not None:
+        written |= {Path(figure).with_suffix(suffix): PICTURES[suffix] for suffix in (".png", ".svg")}
+    check_outputs(written, comm, [*results, full], progress=progress)
     factoring = factoring or factoring_of(first)
     damped = not isinstance(first.damping, NoDamping)
     startup.start(preferred="complex" if damped else "real", low_rank=factoring.low_rank is not None)

@@ -5,33 +5,41 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..analysis.check import check
-from ..formats.hdf5 import check_writable
 from ..formats.matrix_formats import FORMATS
-from ..formats.model_file import write_model
+from ..formats.model_file import FORMAT, write_model
 from ..formats.model_source import EXPORTS, Source, load_export, load_source
+from ..formats.outputs import check_outputs, hdf5_kind
+from ..model.units import SI, in_si, units_of
 from ..parallel import startup
 from ..parallel.progress import Progress
 
 
 def convert(
-    source: Source | str | Path, output, *, inputs=None, outputs=None, variables=None, comm=None,
+    source: Source | str | Path, output, *, inputs=None, outputs=None, variables=None, units: str = "SI", comm=None,
     progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Write a model file from matrix files (a Source), or from the main file of a finite-element export. Collective.
 
     `inputs`, `outputs`: dofs as for SecondOrderModel.with_inputs. `variables`: names of matrices by K, M, D, where the
-    main file of an export holds several. Returns what analysis.check says of the model: plain numbers for a table or
+    main file of an export holds several. `units`: those of the files, see model.units.units_of; the model file is in
+    SI. Returns what analysis.check says of the model: plain numbers for a table or
     JSON, with `sentences` on them and `warnings` of what is doubtful. Raises InputError.
     """
     comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
-    check_writable(output, comm)
+    system = units_of(units)
+    reads = source.files if isinstance(source, Source) else [source]
+    check_outputs({output: hdf5_kind(FORMAT)}, comm, reads, progress=progress)
     name = Path(output).name
     with progress.stage("read", source.K if isinstance(source, Source) else str(source)):
         if isinstance(source, Source):
             model = load_source(source, comm, name)
         else:
             model = load_export(source, comm, name, variables)
+    if system != SI:
+        with model:
+            converted = in_si(model, system)
+        model = converted
     for key, targets in (("inputs", inputs), ("outputs", outputs)):
         if targets:
             with model:

@@ -6,18 +6,20 @@ from dataclasses import replace
 
 from ..examples.linkage import linkage
 from ..examples.section5 import AUTOMATIC, SISO, compare, table
-from ..formats.result_file import write_result
+from ..formats.outputs import check_outputs, hdf5_kind
+from ..formats.result_file import FORMAT, write_result
 from ..parallel import startup
 from ..parallel.progress import Progress
 
 
-def run_demo(output="result.h5", *, comm=None, progress: Progress | None = None) -> list[dict]:
+def run_demo(output="demo_result.h5", *, comm=None, progress: Progress | None = None) -> list[dict]:
     """Reduce the linkage in four ways and write the first model, the automatic one, to `output`; returns the table.
 
     Collective.
     """
     comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
+    check_outputs({output: hdf5_kind(FORMAT)}, comm, progress=progress)
     with linkage(comm) as model:
 
         def keep(row, reduced, loaded):

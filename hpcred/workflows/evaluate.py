@@ -9,9 +9,9 @@ import numpy as np
 from ..analysis.error import error_integral, relative_error
 from ..analysis.error_check import accuracy_of, check_reduced, said_at
 from ..analysis.frequency_response import frequency_response
-from ..formats.hdf5 import check_writable
 from ..formats.model_file import read_model
-from ..formats.response_file import Responses, check_response_name, write_responses
+from ..formats.outputs import check_outputs
+from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
 from ..formats.result_file import read_result
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
@@ -20,10 +20,12 @@ from ..parallel import startup
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
+from ..parallel.ranges import FREQUENCY, within
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.record import signature_of, versions
 from .reduce import with_interfaces, with_targets
 
+MOST = (1, 10**7, "")  # frequencies
 SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
 
 
@@ -45,7 +47,9 @@ def evaluate_result(
     grid = frequencies_over(frequencies, band or band_of(reduced), points)
     if output is not None:
         check_response_name(output)
-        check_writable(output, comm)
+        given = [(record.job or {}).get(key) for key in ("inputs", "outputs")]
+        reads = [result, full, *(name for name in given if isinstance(name, str))]
+        check_outputs({output: kind_of_responses(output)}, comm, reads, progress=progress)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     arrays = {"frequencies": grid, "reduced": frequency_response(reduced, grid)}
     report["reduced_norm"] = np.linalg.norm(arrays["reduced"], axis=(1, 2)).tolist()
@@ -142,6 +146,8 @@ def frequencies_over(frequencies, band, points) -> np.ndarray:
     """The frequencies in ascending order, or else `points` over the band (Hz). Raises InputError."""
     if not len(frequencies) and points < 2:
         raise InputError(f"points: found {points}, expected at least 2 frequencies over the band")
+    within("points", points, MOST)
+    within("band", band, FREQUENCY)
     grid = np.sort(np.asarray(frequencies, dtype=float)) if len(frequencies) else np.linspace(*band, points)
     if not np.isfinite(grid).all() or grid.min() < 0:
         raise InputError(f"frequencies: found {grid[0]:g} to {grid[-1]:g} Hz, expected finite ones, none negative")

@@ -5,18 +5,18 @@ from __future__ import annotations
 from ..examples.crank import crank
 from ..examples.linkage import linkage
 from ..examples.solid import solid
-from ..formats.hdf5 import check_writable
-from ..formats.model_file import write_model
+from ..formats.model_file import FORMAT, write_model
+from ..formats.outputs import check_outputs, hdf5_kind
 from ..parallel import startup
 
 
-def write_example(name, output="model.h5", *, comm=None, **keywords) -> dict:
+def write_example(name, output="model.h5", *, comm=None, progress=None, **keywords) -> dict:
     """Write the example `name`, "linkage", "solid" or "crank", made with its own keywords.
 
     Collective. Raises InputError.
     """
     comm = comm or startup.start_mpi()
-    check_writable(output, comm)
+    check_outputs({output: hdf5_kind(FORMAT)}, comm, progress=progress)
     with {"linkage": linkage, "solid": solid, "crank": crank}[name](comm=comm, **keywords) as model:
         write_model(output, model)
         made = {"size": model.size, "inputs": list(model.input_names), "sets": sorted(model.sets)}

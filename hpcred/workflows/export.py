@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..formats import outputs
 from ..formats.abaqus_superelement import abaqus_superelement
 from ..formats.ansys_superelement import ansys_superelement
 from ..formats.body_npz import write_npz
@@ -27,6 +28,8 @@ from ..formats.state_space import write_state_space_mat, write_state_space_npz
 from ..formats.superelement import superelement
 from ..formats.uff import write_uff
 from ..formats.vtk import write_vtk
+from ..model.units import SI, units_of
+from ..multibody.body_units import in_units
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
@@ -45,27 +48,28 @@ class Export:
 
     write: Callable
     suffix: str
+    kind: str | None  # see formats.outputs
     takes: str = "body"
     surface: bool = False
 
 
 EXPORTS = {
-    "sid": Export(write_sid, ".SID_FEM"),
-    "matlab": Export(write_matlab, ".mat"),
-    "npz": Export(write_npz, ".npz"),
-    "exudyn": Export(write_exudyn, "_exudyn.npz", surface=True),
-    "mbdyn": Export(write_mbdyn, ".fem"),
-    "statespace-mat": Export(write_state_space_mat, "_statespace.mat", takes="reduced"),
-    "statespace-npz": Export(write_state_space_npz, "_statespace.npz", takes="reduced"),
-    "fmu": Export(write_fmu, ".fmu", takes="reduced"),
-    "vtk": Export(write_vtk, ".vtu", takes="shapes"),
-    "uff": Export(write_uff, ".uff", takes="shapes"),
-    "png": Export(draw_shapes, ".png", takes="shapes"),
-    "nastran": Export(nastran_dmig, ".pch", takes="superelement"),
-    "nastran-op4": Export(nastran_op4, "_external.op4", takes="superelement"),
-    "ansys": Export(ansys_superelement, "_ansys.inp", takes="superelement"),
-    "abaqus": Export(abaqus_superelement, "_abaqus.inp", takes="superelement"),
-    "simscape": Export(simscape_solid, "_simscape.mat", takes="superelement"),
+    "sid": Export(write_sid, ".SID_FEM", outputs.SID),
+    "matlab": Export(write_matlab, ".mat", outputs.MATLAB),
+    "npz": Export(write_npz, ".npz", outputs.ZIP),
+    "exudyn": Export(write_exudyn, "_exudyn.npz", outputs.ZIP, surface=True),
+    "mbdyn": Export(write_mbdyn, ".fem", outputs.MBDYN),
+    "statespace-mat": Export(write_state_space_mat, "_statespace.mat", outputs.MATLAB, takes="reduced"),
+    "statespace-npz": Export(write_state_space_npz, "_statespace.npz", outputs.ZIP, takes="reduced"),
+    "fmu": Export(write_fmu, ".fmu", outputs.ZIP, takes="reduced"),
+    "vtk": Export(write_vtk, ".vtu", outputs.VTK, takes="shapes"),
+    "uff": Export(write_uff, ".uff", outputs.UFF, takes="shapes"),
+    "png": Export(draw_shapes, ".png", outputs.PNG, takes="shapes"),
+    "nastran": Export(nastran_dmig, ".pch", outputs.SUPERELEMENT, takes="superelement"),
+    "nastran-op4": Export(nastran_op4, "_external.op4", None, takes="superelement"),
+    "ansys": Export(ansys_superelement, "_ansys.inp", outputs.SUPERELEMENT, takes="superelement"),
+    "abaqus": Export(abaqus_superelement, "_abaqus.inp", outputs.SUPERELEMENT, takes="superelement"),
+    "simscape": Export(simscape_solid, "_simscape.mat", outputs.MATLAB, takes="superelement"),
 }
 WITHOUT_NODES = {
     "shapes": "shows all nodes",
@@ -74,13 +78,14 @@ WITHOUT_NODES = {
 }
 
 
-def export_result(result, kind, path=None, *, nodes=None, comm=None, progress=None) -> dict:
+def export_result(result, kind, path=None, *, nodes=None, units: str = "SI", comm=None, progress=None) -> dict:
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
     `kind`: one of EXPORTS; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of
     the interface nodes, by default those of the inputs and outputs; a superelement has those of its coordinates.
-    Returns what was written: output, format, and shapes (their names), or coordinates (their number), remarks on what
-    the format does not hold, and nodes, or inputs and outputs by name; of a superelement, the files beside the output.
+    `units`: of the file, see model.units.units_of; only formats of a body have others than SI. Returns what was
+    written: output, format, and shapes (their names), or coordinates (their number), remarks on what the format does
+    not hold, and nodes, or inputs and outputs by name; of a superelement, the files beside the output.
     """
     comm = comm or startup.start_mpi()
     if isinstance(result, Result):
@@ -92,21 +97,26 @@ def export_result(result, kind, path=None, *, nodes=None, comm=None, progress=No
         raise InputError(f"--nodes: '{kind}' {WITHOUT_NODES[export.takes]}; leave it out")
     if nodes is not None and (not len(nodes) or len(set(nodes)) < len(nodes)):
         raise InputError(f"--nodes: found {list(nodes)}, expected at least one node, and each once")
+    system = units_of(units)
+    if export.takes != "body" and system != SI:
+        raise InputError(f"--units: '{kind}' is in SI, found '{units}'; leave it out")
     path = Path(path) if path else Path(result).with_name(Path(result).stem + export.suffix)
-    if path.resolve() == Path(result).resolve():
-        raise InputError(f"output {path}: this is the result itself; choose another name")
+    outputs.check_outputs({path: export.kind}, comm, [result], progress=progress)
+    seen_later = export.kind in (outputs.ZIP, outputs.MATLAB) and comm.bcast(path.exists())
     if progress is not None:
         progress.say(f"export: {path}")
     if export.takes == "superelement":
-        return _export_superelement(export, kind, result, path, comm)
+        return _export_superelement(export, kind, result, path, comm, progress)
     report = None
     with atomic_output(path, comm) as temporary, agreed(comm):
         if comm.rank == 0:
-            report = {"output": str(path), "format": kind, **_write(export, result, temporary, nodes)}
+            report = {"output": str(path), "format": kind, **_write(export, result, temporary, nodes, system)}
+    if seen_later and progress is not None:
+        progress.tell(f"{path} existed and was replaced")
     return comm.bcast(report)
 
 
-def _write(export, path, target, nodes) -> dict:
+def _write(export, path, target, nodes, system) -> dict:
     """Write one format on one rank."""
     result = read_result(path, MPI.COMM_SELF)
     if export.takes == "shapes":
@@ -123,11 +133,14 @@ def _write(export, path, target, nodes) -> dict:
         if not body.nodes:
             raise InputError("no interface nodes, since no input or output belongs to a node; name some by --nodes")
         body.surface = result.surface() if export.surface else None
-        remarks = export.write(target, body)
+        if system == SI:
+            remarks = export.write(target, body)
+        else:
+            remarks = export.write(target, in_units(body, system)) + [f"in {system.name}; frequencies in Hz"]
     return {"coordinates": body.reduced.size, "nodes": [shape.node for shape in body.nodes], "remarks": remarks}
 
 
-def _export_superelement(export, kind, result, path, comm) -> dict:
+def _export_superelement(export, kind, result, path, comm, progress) -> dict:
     """Write the files of a superelement, the one that takes the others at the end. Collective."""
     report, content, beside = None, None, {}
     with agreed(comm), _naming(result):
@@ -143,7 +156,9 @@ def _export_superelement(export, kind, result, path, comm) -> dict:
                 "files": [str(name) for name in beside],
             }  # fmt: skip
     report = comm.bcast(report)
-    for name in [*map(Path, report["files"]), path]:
+    besides = {Path(name): None for name in report["files"]}
+    outputs.check_outputs(besides, comm, [result], progress=progress)
+    for name in [*besides, path]:
         with atomic_output(name, comm) as temporary, agreed(comm):
             if comm.rank == 0:
                 data = beside.get(name, content)

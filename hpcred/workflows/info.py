@@ -12,32 +12,42 @@ from ..formats.matrix_formats import format_of, read_entries
 from ..formats.model_file import FORMAT as MODEL
 from ..formats.model_file import read_model
 from ..formats.model_source import export_of, read_export
-from ..formats.result_file import FORMAT as RESULT
-from ..formats.result_file import read_result
+from ..formats.sid import begins as begins_sid
 from ..formats.text import first_bytes, first_line
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
+from ..parallel.ranges import FREQUENCY, within
+from .info_of_output import OUTPUTS, read_whole, sid
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
-def inspect_file(path, *, frequencies=(), band_top=None, comm=None, progress: Progress | None = None) -> dict:
-    """What analysis.summary.inspect says of a model file. Collective. Raises InputError."""
+def inspect_file(
+    path, *, frequencies=(), band_top=None, modes: int | None = None, comm=None, progress: Progress | None = None
+) -> dict:  # fmt: skip
+    """What analysis.summary.inspect says of a model file, and its `modes` lowest frequencies. Collective.
+
+    Raises InputError.
+    """
     comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
     if (band_top is not None and band_top <= 0) or any(f <= 0 for f in frequencies):
         raise InputError("info: frequencies must be positive")
+    within("--below", frequencies, FREQUENCY)
+    within("--band-top", band_top, FREQUENCY)
+    if modes is not None and modes < 1:
+        raise InputError(f"--modes: found {modes}, expected at least 1")
     with progress.stage("read", str(path)):
         model = read_model(path, comm)
     with model, progress.stage("inspect"):
-        return inspect(model, frequencies, band_top, progress=progress)
+        return inspect(model, frequencies, band_top, modes=modes, progress=progress)
 
 
 def describe_file(
-    path, *, frequencies=(), band_top=None, variables=None, comm=None, progress: Progress | None = None
+    path, *, frequencies=(), band_top=None, modes=None, variables=None, comm=None, progress: Progress | None = None
 ) -> dict:  # fmt: skip
-    """What a file is: of a model file what inspect_file says, of others their format, matrices and sizes. Collective.
+    """What a file is: of a model file what inspect_file says, of others their format and contents. Collective.
 
     `variables`: names of matrices by K, M, D in a file that holds several. Raises InputError.
     """
@@ -45,14 +55,19 @@ def describe_file(
     progress = progress or Progress(comm, show=False)
     with agreed(comm):
         kind, export = _kind_of(path), export_of(path)
-        single = None if export else format_of(path)
-        if kind != MODEL and (frequencies or band_top):
-            raise InputError(f"{path}: modes can be counted in a model file only; convert it first")
+        of_sid = begins_sid(first_bytes(path))
+        single = None if export or of_sid else format_of(path)
+        if kind != MODEL and (frequencies or band_top or modes):
+            raise InputError(f"{path}: modes can be found in a model file only; convert it first")
     if kind == MODEL:
-        return inspect_file(path, frequencies=frequencies, band_top=band_top, comm=comm, progress=progress)
+        return inspect_file(
+            path, frequencies=frequencies, band_top=band_top, modes=modes, comm=comm, progress=progress
+        )
     with progress.stage("read", str(path)):
-        if kind == RESULT:
-            return _result(read_result(path, comm))
+        if kind in OUTPUTS:
+            return read_whole(OUTPUTS[kind], path, comm)
+        if of_sid:
+            return read_whole(sid, path, comm)
         if kind:
             return {"format": f"HDF5 file of format '{kind}'", "warnings": []}
         if export:
@@ -74,19 +89,6 @@ def _kind_of(path) -> str | None:
             return str(file.attrs.get("format", "")) or None
     except OSError as error:
         raise InputError(f"{path}: not a readable HDF5 file ({error})") from error
-
-
-def _result(result):
-    reduced = result.reduced
-    return {
-        "format": "hpcred result",
-        "coordinates": reduced.size,
-        "frequencies_hz": reduced.frequencies.tolist(),
-        "inputs": list(reduced.input_names),
-        "outputs": list(reduced.output_names),
-        "interface_nodes": [shape.node for shape in result.nodes],
-        "warnings": [],
-    }
 
 
 def _export(path, export, comm, variables):

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..examples.linkage import linkage
 from ..examples.section5 import FREQUENCIES, MIMO, SISO, compare, deviations, lateral, table, time_response
-from ..formats.hdf5 import check_writable, writing
+from ..formats.hdf5 import writing
+from ..formats.outputs import JSON, check_outputs, hdf5_kind
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
@@ -31,7 +32,8 @@ def reproduce(folder="paper", *, comm=None, progress: Progress | None = None) ->
                 folder.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise InputError(f"output {folder}: cannot be created ({error.strerror}); choose another") from error
-    check_writable(folder / "section5.h5", comm)
+    written = {folder / "section5.h5": hdf5_kind("hpcred-section5"), folder / "section5.json": JSON}
+    check_outputs(written, comm, progress=progress)
     data, results = {}, {}
     with linkage(comm) as model:
         for setting in (SISO, MIMO):

@@ -5,18 +5,20 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from ..formats.hdf5 import check_writable
 from ..formats.job_file import Job, read_job
 from ..formats.model_file import read_model
 from ..formats.model_source import column_names, load_source, read_columns
 from ..formats.node_table import read_node_numbers
-from ..formats.restart_file import RestartFile
-from ..formats.result_file import write_result
+from ..formats.outputs import check_outputs, check_room, hdf5_kind
+from ..formats.point_store import PointStore
+from ..formats.result_file import FORMAT, write_result
 from ..parallel import startup
 from ..parallel.failures import ComputationError, InputError, agreed
 from ..parallel.progress import Progress
 from ..reduction.record import Record
 from ..reduction.reduce import reduce
+
+SIZE = 40  # coordinates that a reduction to a tolerance is expected to have
 
 
 @dataclass(frozen=True)
@@ -29,30 +31,32 @@ class Reduced:
     frequencies: tuple[float, ...]
 
 
-def reduce_job(
-    job: str | Path | Job, *, overrides=(), restart=None, comm=None, progress: Progress | None = None
-) -> Reduced:
+def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Progress | None = None) -> Reduced:
     """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.
 
-    `restart`: a file in which an automatic reduction keeps its state after each point, and goes on from what is there.
     Where a tolerance was not reached, the model is written under a name that says so, unless the job wants otherwise.
     Takes the PETSc build that fits the job, where PETSc is not loaded yet. Collective. Raises InputError or
     ComputationError.
     """
     comm = comm or startup.start_mpi()
+    reads = [] if isinstance(job, Job) else [job]
     with agreed(comm):
         if not isinstance(job, Job):
             job = read_job(job, overrides)
         job.factoring  # noqa: B018  (refused early)
     startup.start(preferred=job.preferred_scalar, low_rank=job.low_rank is not None)
-    check_writable(job.output, comm)
     progress = progress or Progress(comm, show=False)
+    check_outputs({job.output: hdf5_kind(FORMAT)}, comm, [*reads, *job.files], progress=progress)
+    if job.search is not None and job.unreached == "mark":
+        check_outputs({_not_reached(job.output): hdf5_kind(FORMAT)}, comm, [*reads, *job.files])
     with progress.stage("read", str(job.model)):
         model = model_of_job(job, comm)
-    checkpoint = RestartFile(restart, comm, job) if restart is not None and job.search is not None else None
+    store = PointStore(job.store, comm) if job.store is not None else None
+    with agreed(comm):
+        check_room(job.output, _bytes(job, model) if job.write_basis else 0)
     with model, reduce(
-        model, job.basis, job.frame, job.damping, adaptive=job.search, checkpoint=checkpoint, settings=job.settings,
-        factoring=job.factoring, progress=progress,
+        model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings, factoring=job.factoring,
+        store=store, progress=progress,
     ) as reduced:  # fmt: skip
         output = _name_of(job, reduced.record.accuracy)
         record = replace(reduced.record, job=_plain(job), timing=progress.timing())
@@ -71,14 +75,26 @@ def _name_of(job, accuracy) -> str:
         return job.output
     if job.unreached == "refuse":
         raise ComputationError(f"tolerance: {accuracy.sentence}")
-    path = Path(job.output)
+    return _not_reached(job.output)
+
+
+def _not_reached(output) -> str:
+    path = Path(output)
     return str(path.with_name(f"{path.stem}.not-reached{path.suffix}"))
+
+
+def _bytes(job, model) -> int:
+    """About what the basis takes in the file, as far as its columns are known beforehand."""
+    columns = sum(item.columns(len(model.input_names), 0) for item in job.basis)
+    if job.search is not None:
+        columns += job.adaptive.size or SIZE
+    return 8 * model.size * min(columns, model.size)
 
 
 def _plain(job) -> dict:
     """The job as plain types, with absolute names of files, which stay right wherever the result is used."""
     table = asdict(job)
-    for key in ("model", "output", "inputs", "outputs", "out_of_core"):
+    for key in ("model", "output", "inputs", "outputs", "out_of_core", "store"):
         if isinstance(table[key], str):
             table[key] = str(Path(table[key]).absolute())
     if isinstance(table["model"], dict):

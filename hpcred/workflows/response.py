@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.full_response import FullResponse, full_response
-from ..formats.hdf5 import atomic_output, check_writable
+from ..formats.hdf5 import atomic_output
 from ..formats.model_file import read_model
-from ..formats.response_file import Responses, check_response_name, write_responses
+from ..formats.outputs import PICTURES, check_outputs
+from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
 from ..parallel import startup
@@ -43,12 +44,14 @@ def response_file(
     for name, check_name in ((output, check_response_name), (figure, check_figure_name)):
         if name is not None:
             check_name(name)
-            check_writable(name, comm)
+    progress = progress or Progress(comm, show=False)
+    written = {output: kind_of_responses(output), figure: figure and PICTURES[Path(figure).suffix]}
+    reads = [model, *(item for item in (inputs, outputs) if isinstance(item, str))]
+    check_outputs(written, comm, reads, progress=progress, needed=len(chosen) * 16)
     if figure is not None:
         with agreed(comm):
             pyplot()  # refused early where there is none
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
-    progress = progress or Progress(comm, show=False)
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm)
     for key, targets in (("input", inputs), ("output", outputs)):

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats.hdf5 import atomic_output, check_writable
+from ..formats.hdf5 import atomic_output
+from ..formats.outputs import CSV_OF_MOTION, PNG, check_outputs, hdf5_kind
 from ..formats.result_file import read_result
-from ..formats.simulation_file import read_simulation, write_motion, write_motion_csv
+from ..formats.simulation_file import FORMAT, read_simulation, write_motion, write_motion_csv
 from ..multibody.simulation import simulate
 from ..parallel import startup
 from ..parallel.failures import agreed
@@ -30,13 +31,16 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     with agreed(comm):
         setup = read_simulation(path, overrides)
     output = Path(setup.output)
-    check_writable(output, comm)
+    written = {output: hdf5_kind(FORMAT), output.with_suffix(".csv"): CSV_OF_MOTION}
+    if has_matplotlib():
+        written[output.with_suffix(".png")] = PNG
+    check_outputs(written, comm, [path, setup.body], progress=progress)
     motion = None
-    with agreed(comm):
+    # the stage on all ranks, because the first one starts PETSc, which is collective
+    with progress.stage("simulate", setup.body), agreed(comm):
         if comm.rank == 0:
-            with progress.stage("simulate", setup.body):
-                body = read_result(setup.body, MPI.COMM_SELF).body(setup.nodes)
-                motion = simulate(body, setup, progress)
+            body = read_result(setup.body, MPI.COMM_SELF).body(setup.nodes)
+            motion = simulate(body, setup, progress)
     motion = comm.bcast(motion)
     files = [(output.with_suffix(".csv"), write_motion_csv)]
     notes = list(motion.notes)
@@ -58,10 +62,11 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
 def _figures(motion):
     return {
         "constraint_drift_m": motion.drift,
+        "constraint_drift_rad": motion.rotation_drift,
         "energy_defect": motion.balance,
         "factorisations": motion.factorisations,
         "largest_displacement_m": {
-            str(node): float(np.linalg.norm(motion.node_displacement[:, i], axis=-1).max())
-            for i, node in enumerate(motion.nodes)
+            name: float(np.linalg.norm(motion.node_displacement[:, i], axis=-1).max())
+            for i, name in enumerate(motion.node_names)
         },
     }

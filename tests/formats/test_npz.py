@@ -4,6 +4,7 @@ import io
 
 import numpy as np
 import pytest
+import scipy.sparse
 from foreign import assembled, write
 
 from hpcred import InputError
@@ -50,8 +51,43 @@ def test_an_archive(comm, folder):
         (archive(shape=np.array([3, 3, 3])), "found 3 items in the array 'shape'"),
         (archive(shape=np.array([9])), r"found the shape \(9,\)"),
         (archive()[:-30], "found a damaged zip archive"),
+        (archive()[:100] + archive()[140:], "found a damaged zip archive"),
+        (archive(data=np.array([1.0, None, 2.0, 3.0], object)), "found Python objects in the array 'data'"),
+        (archive(format=np.array("csr", object)), "found Python objects in the array 'format'"),
+        (archive(shape=np.array([3, -3])), r"found the shape \(3, -3\)"),
+        (archive(shape=np.array([3.0, 3.5])), "'shape' of type float64, expected whole numbers"),
+        (archive(shape=np.array([2**40, 3])), "found 4 numbers in the array 'indptr', expected 1099511627777"),
+        (archive(indptr=np.array([0, -1, 3, 4])), "'indptr' that does not ascend from 0"),
+        (archive(indptr=np.array([0, 9, 9, 4])), "'indptr' (that does not ascend|beyond)"),
+        (archive(indptr=np.array([0, 2**62, 2**62, 4])), "'indptr' (that does not ascend|beyond)"),
     ],
 )
 def test_archives_that_do_not_add_up_are_refused(comm, folder, content, says):
     with pytest.raises(InputError, match=says):
         assembled(write(folder / "K.npz", content, comm), comm)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_damage_is_refused_or_makes_no_difference(comm, folder, compressed):
+    """Bits turned, ends cut off, pieces cut out: the checksums of the archive tell, on any number of ranks."""
+    matrix = scipy.sparse.random(20, 20, 0.2, format="csr", random_state=3) + scipy.sparse.eye(20, format="csr")
+    file, random = io.BytesIO(), np.random.default_rng(5)
+    scipy.sparse.save_npz(file, matrix, compressed=compressed)
+    taken = 0
+    for trial in range(60):
+        data = bytearray(file.getvalue())
+        a, b = sorted(random.integers(len(data), size=2))
+        if trial % 3 == 0:
+            data[a] ^= 1 << int(random.integers(8))
+        elif trial % 3 == 1:
+            del data[a:]
+        else:
+            del data[a:b]
+        path = write(folder / "K.npz", bytes(data), comm)
+        try:
+            found = assembled(path, comm)
+        except InputError:
+            continue
+        taken += 1
+        assert np.array_equal(found, matrix.toarray())
+    assert taken < 12

@@ -102,3 +102,30 @@ def test_what_stands_beside_an_export_is_refused(capsys):
         capsys, "convert", str(DATA / "blockC3D8.inp"), "m.h5", "--nodes", "x.txt")  # fmt: skip
     assert "Matrix Market: give single matrices by -K and -M" in refused(capsys, "convert", "K.mtx", "m.h5")
     assert "none of the formats" in refused(capsys, "info", __file__)
+
+
+@pytest.mark.parametrize(
+    "nodes, dofs, says",
+    [
+        (None, "{d}", "found the nodes of the rows, but no coordinates; give --nodes"),
+        ("{n}", "1 1\n1 2\n2 1\n", "found 3 lines, expected one for each of the 4 rows"),
+        ("{n}", "1 1\n1 2\n2 1\n2 2\n3 1\n", "found 5 lines, expected one for each of the 4 rows"),
+        ("{n}", "1 1\n1 2\n2 1\n2\n", "line 4: found '2', expected 2 numbers a line"),
+        ("{n}", "1 1\n1 2\n2 1\n1 1\n", "found two rows of 1:x"),
+        ("{n}", "1 1\n1 2\n2 1\n7 2\n", "the node 7, which has rows, has no coordinates"),
+        ("1 0 0 0\n2 0 0\n", "{d}", "line 2: found '2 0 0', expected 4 numbers a line"),
+        ("1 0 0 0\n1 1 0 0\n", "{d}", "found the node 1 more than once"),
+        ("1 0 0 0\n2 1 0 0\n3 2 0 0\n", None, "found 3 nodes for 4 rows"),
+        ("{d}", "{d}", "expected 4 numbers a line"),
+        ("{n}", "{n}", "expected 2 numbers a line"),
+    ],
+)
+def test_nodes_and_dofs_that_do_not_belong_to_the_rows(capsys, nodes, dofs, says):
+    good = {"n": "1 0 0 0\n2 1 0 0\n", "d": "1 1\n1 2\n2 1\n2 2\n"}
+    write_matrices(lambda K, M: None)
+    arguments = []
+    for option, text in (("--nodes", nodes), ("--dofs", dofs)):
+        if text is not None:
+            Path(f"{option[2:]}.txt").write_text(text.format(**good))
+            arguments += [option, f"{option[2:]}.txt"]
+    assert says in refused(capsys, "convert", "-K", "K.mtx", "-M", "M.mtx", "model.h5", *arguments)

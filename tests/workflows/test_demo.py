@@ -7,6 +7,7 @@ import pytest
 
 
 def test_the_demo_prints_its_table(hpcred, tmp_path):
+    (tmp_path / "result.h5").write_text("mine")
     result = hpcred(ranks=2)
     assert result.returncode == 0, result.stderr
     rows = re.findall(r"^ +(\d) .* 14 +\S+ +(\S+) +(\S+) *$", result.stdout, re.M)
@@ -16,6 +17,7 @@ def test_the_demo_prints_its_table(hpcred, tmp_path):
     assert found[4] == pytest.approx(8.39, rel=2e-3)
     (automatic,) = re.findall(r"^ +0 +automatic.* (\d+) +(\S+) +(\S+) *$", result.stdout, re.M)
     assert int(automatic[0]) <= 7 and float(automatic[2]) <= 1e-4
-    assert "result.h5" in result.stdout
-    with h5py.File(tmp_path / "result.h5") as file:
+    assert "demo_result.h5" in result.stdout
+    assert (tmp_path / "result.h5").read_text() == "mine"
+    with h5py.File(tmp_path / "demo_result.h5") as file:
         assert file["basis/V"].shape == (int(automatic[0]), 120)

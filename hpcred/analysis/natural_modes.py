@@ -1,0 +1,110 @@
+"""Natural modes of a model: the lowest undamped frequencies and shapes, and how much of the mass each of them moves."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..linalg.blocks import apply, create_block, inner
+from ..linalg.factorisation import Factoring, SingularMatrix
+from ..model.frames import Buckens, NoFrame, apply_frame
+from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities, rigid_motions
+from ..parallel.failures import InputError, Owned
+from ..parallel.progress import Progress
+from ..reduction.modes import lowest, residuals
+from ..reduction.reduce import check_symmetric, everywhere
+from ..reduction.run import Run
+
+ZERO = 1e-12  # eigenvalue relative to trace(K) / trace(M) that counts as zero
+SHIFT = 1e-6  # in the same measure, where K is singular
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NaturalModes:
+    """The lowest modes x of (K, M) with x^T M x = 1, the `rigid` rigid-body modes first, at 0 Hz.
+
+    `frequencies` (m,) in Hz. With the unit translations along x, y, z and rotations about the centre of mass r_1..r_6:
+    `participation` (m, 6), the factors x^T M r_k in kg^(1/2) and kg^(1/2) m; `masses` (6,), r_k^T M r_k in kg and
+    kg m^2; both None without nodes. `residual`: largest ||K x - lambda M x|| / (lambda ||M x||) of the elastic modes.
+    `shapes`: the elastic modes in all dofs as a block (n, m - rigid), or None where there is none: call close().
+    """
+
+    frequencies: np.ndarray
+    rigid: int
+    participation: np.ndarray | None
+    masses: np.ndarray | None
+    residual: float
+    shapes: object = None
+
+    @property
+    def effective_masses(self) -> np.ndarray | None:
+        """(m, 6) in kg and kg m^2: the squares of the participation factors. Over all modes they sum to `masses`."""
+        return None if self.participation is None else self.participation**2
+
+    def close(self):
+        """Free the shapes. Collective."""
+        if self.shapes is not None:
+            self.shapes.destroy()
+
+
+def natural_modes(
+    model, count: int = 20, frame=None, *, factoring: Factoring | None = None, progress: Progress | None = None
+) -> NaturalModes:
+    """The `count` lowest undamped modes, those of rigid-body motions included. Collective.
+
+    `frame`: a reference frame holds the body or leaves it free, see model.frames; without one a free body with nodes
+    is taken as free. Where K has null vectors that the frame does not know (mechanisms, bodies without nodes) it is
+    shifted. Raises InputError or ComputationError; the caller closes what is returned.
+    """
+    if count < 1:
+        raise InputError(f"modes: found the number {count}, expected at least 1")
+    check_symmetric(model)
+    progress = progress or Progress(model.comm, show=False)
+    with Owned(model.comm) as owned:
+        framed = owned.owns(apply_frame(model, frame or _frame_of(model)))
+        run = owned.owns(Run(framed, progress, 1e-9, factoring or Factoring()))
+        rigid = framed.rigid.count if framed.rigid is not None else 0
+        free = framed.model.size
+        if count > free:
+            raise InputError(f"modes: {count} modes asked for, {model.name} has {free}")
+        values, block = np.zeros(0), None
+        if count > rigid:
+            with progress.stage("modes", f"{count} lowest modes"):
+                try:
+                    values, block = lowest(run, count - rigid)
+                except SingularMatrix:
+                    values, block = lowest(run, count - rigid, SHIFT * framed.model.mean_eigenvalue)
+            owned.owns(block)
+        still = values <= ZERO * framed.model.mean_eigenvalue
+        residual = float(residuals(run, values, block)[~still].max(initial=0.0))
+        found = [framed.rigid.R] if rigid else []
+        shapes = None if block is None else everywhere(model, framed, block)
+        participation, masses = _participation(model, [*found, *([] if shapes is None else [shapes])])
+        frequencies = np.sqrt(np.where(still, 0.0, values)) / (2 * np.pi)
+        return NaturalModes(
+            frequencies=np.append(np.zeros(rigid), frequencies)[:count], rigid=min(rigid + int(still.sum()), count),
+            participation=None if participation is None else participation[:count], masses=masses, residual=residual,
+            shapes=shapes,
+        )  # fmt: skip
+
+
+def _frame_of(model):
+    """Free where the nodes show a free body, else the matrices as they are."""
+    if model.dofs is None:
+        return NoFrame()
+    with closing(RigidBodyModes(model)) as rigid:
+        return Buckens() if rigid.count else NoFrame()
+
+
+def _participation(model, blocks):
+    """x^T M r_k (m, 6) of the columns x of the blocks, and r_k^T M r_k (6,); None without nodes."""
+    if model.dofs is None:
+        return None, None
+    with Owned(model.comm) as owned:
+        motions = owned.owns(rigid_motions(model, np.nan_to_num(rigid_body_quantities(model).centre)))
+        momentum = owned.owns(create_block(model.M, 6))
+        apply(model.M, motions, momentum)
+        parts = [inner(block, momentum) for block in blocks]
+        return np.concatenate([np.zeros((0, 6)), *parts]), np.diag(inner(motions, momentum)).copy()

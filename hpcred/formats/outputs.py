@@ -1,0 +1,183 @@
+"""The rule for files that a run writes: their names and kinds enter; what must not be written over is refused early.
+
+A file that the run reads is never written, under whatever name. A file of another kind is not replaced, nor what is
+read-only or no file (a pipe, a device). A file of the same kind is, which is said, unless the user keeps what is there.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import zipfile
+from pathlib import Path
+
+import h5py
+import scipy.io
+
+from ..parallel.failures import ComputationError, InputError, agreed
+from . import nastran_op4, sid
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+JSON, CSV_OF_RESPONSES, CSV_OF_MOTION = "JSON file", ".csv file of responses", ".csv file of a simulation"
+PNG, SVG, PDF = "PNG picture", "SVG picture", "PDF file"
+ZIP, MATLAB, SID, UFF, VTK = "zip archive", "MATLAB .mat file", "SID file", "universal file", "VTK file"
+SUPERELEMENT, MBDYN, MARKET, OP4 = "superelement", ".fem file for MBDyn", "Matrix Market file", "Nastran OP4 file"
+OTHER = "file of another kind"
+PICTURES = {".png": PNG, ".svg": SVG, ".pdf": PDF}
+BEGINNINGS = (
+    (b"\x89PNG", PNG), (b"%PDF", PDF), (b"    -1\n", UFF), (b"%%MatrixMarket", MARKET),
+    (b"** superelement", SUPERELEMENT), (b"! superelement", SUPERELEMENT), (b"$ superelement", SUPERELEMENT),
+    (b"$ external superelement", SUPERELEMENT), (b"** hpcred ", MBDYN),
+    (b"<VTKFile", VTK), (b"f_hz,", CSV_OF_RESPONSES), (b"t,position_x,", CSV_OF_MOTION), (b"{\n", JSON), (b"[\n", JSON),
+    (b"[]", JSON), (b"{}", JSON),
+)  # fmt: skip
+EMPTY = "empty file"
+
+_keep = False
+
+
+def keep_files(keep: bool):
+    """Whether files that exist are refused as outputs, of the same kind too: what the user of a command wants."""
+    global _keep
+    _keep = keep
+
+
+def hdf5_kind(name: str) -> str:
+    """The kind of an HDF5 file whose attribute `format` is a name."""
+    return f"HDF5 file of format '{name}'"
+
+
+def kind_of(path) -> str:
+    """What a file is, by its first bytes, in words; of archives of arrays with the first of their names."""
+    with open(path, "rb") as file:
+        start = file.read(4096)
+    if not start:
+        return EMPTY
+    if start.startswith(HDF5):
+        try:
+            with h5py.File(path, "r") as file:
+                return hdf5_kind(str(file.attrs.get("format", "none")))
+        except OSError:
+            return "damaged HDF5 file"
+    if start.startswith(b"<?xml"):
+        return SVG if b"<svg" in start else VTK if b"<VTKFile" in start else "XML file"
+    if start.startswith((b"PK\x03\x04", b"MATLAB")):
+        return _archive_kind(path, ZIP if start.startswith(b"PK") else MATLAB)
+    if sid.begins(start):
+        return SID
+    kind = next((kind for begins, kind in BEGINNINGS if start.startswith(begins)), None)
+    return kind or (OP4 if nastran_op4.begins(start) else OTHER)
+
+
+def _archive_kind(path, kind) -> str:
+    """The kind of an archive with some of the names in it: arrays of a body are not matrices of a user."""
+    try:
+        if kind == ZIP:
+            with zipfile.ZipFile(path) as archive:
+                names = archive.namelist()
+        else:
+            names = [name for name, *_ in scipy.io.whosmat(path)]
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+        return f"damaged {kind}"
+    return f"{kind} of {', '.join(sorted(names)[:3])}"
+
+
+def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int = 0):
+    """Refuse outputs that cannot be written or must not be; `progress` tells which files are replaced. Collective.
+
+    `outputs`: kinds (see kind_of) by path, those of None left out; `reads`: files that the run reads; `needed`: bytes
+    of all. Raises InputError, or ComputationError where there is no room.
+    """
+    outputs = {path: kind for path, kind in outputs.items() if path is not None}
+    replaced = []
+    for path in outputs:
+        check_writable(path, comm)
+    with agreed(comm):
+        if comm.rank == 0:
+            for number, (path, kind) in enumerate(outputs.items()):
+                for other in [*reads, *list(outputs)[:number]]:
+                    if other is not None and _same(path, other):
+                        what = "reads" if other in reads else "writes too"
+                        raise InputError(f"output {path}: this is {other}, which this run {what}; choose another name")
+                if os.path.exists(path):
+                    check_kind(path, kind)
+                    if _keep:
+                        raise InputError(f"output {path}: it exists, and --keep leaves it; choose another name")
+                    if kind not in (ZIP, MATLAB, None):  # of these it is seen at the end
+                        replaced.append(path)
+            if outputs:
+                check_room(next(iter(outputs)), needed)
+    for path in replaced:
+        if progress is not None:
+            progress.tell(f"{path} exists and is replaced")
+
+
+def check_writable(path, comm):
+    """Raise InputError on all ranks if rank 0 cannot create `path`, or write it where it exists. Collective."""
+    with agreed(comm):
+        if comm.rank == 0:
+            try:
+                _check_writable(path)
+            except InputError:
+                raise
+            except (OSError, ValueError) as error:  # a name that is too long, or with a zero byte
+                said = getattr(error, "strerror", None) or str(error)
+                raise InputError(f"output {str(path)[:80]!r}: cannot be written ({said}); choose another") from error
+
+
+def _check_writable(path):
+    real = Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
+    folder = real.parent
+    if not folder.is_dir():
+        raise InputError(f"output {path}: the folder {folder} does not exist; create it first")
+    if real.is_dir():
+        raise InputError(f"output {path}: this is a folder, expected a file name")
+    if real.exists():
+        mode = real.stat().st_mode
+        if not stat.S_ISREG(mode):
+            raise InputError(f"output {path}: this is a pipe or a device, expected a file name")
+        if not mode & 0o222 or not os.access(real, os.W_OK):
+            raise InputError(f"output {path}: it is read-only; choose another name")
+    try:
+        probe = folder / f"{real.name}.probe-{os.getpid()}.h5"  # as long as the names of temporary files
+        probe.touch()
+        probe.unlink()
+    except PermissionError as error:
+        raise InputError(
+            f"output {path}: the folder {folder} cannot be written ({error.strerror}); choose another"
+        ) from error
+
+
+def check_kind(path, kind: str):
+    """Raise InputError where an existing file is of another kind; an empty one may become anything. On one rank.
+
+    Archives without names, as they are known before they are written, are compared again when they are there; None is
+    any kind that hpcred writes.
+    """
+    found = kind_of(path)
+    alike = kind is not None and (found == kind or (kind in (ZIP, MATLAB) and found.startswith(kind)))
+    if found == OTHER or not (alike or found == EMPTY or kind is None):
+        article = "an" if found[0] in "aeiouH" else "a"
+        raise InputError(
+            f"output {path}: found {article} {found} there, which is not replaced by {kind}; remove it or choose "
+            "another name"
+        )
+
+
+def _same(path, other) -> bool:
+    """Whether two names are of one file, through links too."""
+    if os.path.realpath(path) == os.path.realpath(other):
+        return True
+    return os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other)
+
+
+def check_room(path, needed: int):
+    """Raise ComputationError where the disk has less than the bytes needed for `path`. On one rank."""
+    folder = Path(os.path.realpath(path)).parent
+    free = shutil.disk_usage(folder).free
+    if free < needed:
+        raise ComputationError(
+            f"output {path}: needs about {needed / 1e6:.0f} MB, {free / 1e6:.0f} MB are free in {folder}; make room or "
+            "choose another folder"
+        )

@@ -1,0 +1,129 @@
+"""Systems of units: words of a user enter; sizes in SI, and models in SI, leave."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..parallel.failures import InputError
+from .dofs import OWN, SCALAR, Dofs
+from .second_order_model import SecondOrderModel, dense_matrix
+
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "inch": 0.0254, "in": 0.0254, "ft": 0.3048}
+POUND = 0.45359237  # kg
+POUND_FORCE = POUND * 9.80665  # N
+MASSES = {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "t": 1e3, "lbm": POUND, "slug": POUND_FORCE / 0.3048}
+FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "MN": 1e6, "lbf": POUND_FORCE, "kgf": 9.80665}
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+
+
+@dataclass(frozen=True)
+class Units:
+    """A consistent system of units: sizes of its units of length (m), mass (kg) and time (s)."""
+
+    name: str
+    length: float
+    mass: float
+    time: float
+
+    @property
+    def sizes(self) -> tuple[float, float, float]:
+        """Of length, mass and time."""
+        return self.length, self.mass, self.time
+
+    @property
+    def energy(self) -> float:
+        """Its unit of energy in J."""
+        return self.mass * (self.length / self.time) ** 2
+
+    @property
+    def words(self) -> str:
+        """What a user writes for it: mm,t,s."""
+        if self.name == SI.name:
+            return "SI"
+        return self.name.partition(" (")[0].replace(" s^2/inch", "").replace(" ", "")
+
+
+SI = Units("m, kg, s", 1.0, 1.0, 1.0)
+UNITS = (
+    SI,
+    Units("mm, t, s (N, MPa)", 1e-3, 1e3, 1.0),
+    Units("mm, kg, ms (kN, GPa)", 1e-3, 1.0, 1e-3),
+    Units("mm, kg, s (mN, kPa)", 1e-3, 1.0, 1.0),
+    Units("mm, g, ms (N, MPa)", 1e-3, 1e-3, 1e-3),
+    Units("inch, lbf s^2/inch, s (lbf, psi)", 0.0254, POUND_FORCE / 0.0254, 1.0),
+)
+
+
+def units_of(text: str) -> Units:
+    """The system that a user names: SI, or a length, a mass or a force, and a time, such as mm,t,s or inch-lbf-s.
+
+    The units of a force and a length give that of the mass. Raises InputError.
+    """
+    if text.strip().upper() == "SI":
+        return SI
+    known = next((units for units in UNITS if units.name == text), None)
+    if known is not None:
+        return known
+    words = re.split(r"[\s,-]+", text.strip())
+    found = [[word for word in words if word in table] for table in (LENGTHS, TIMES, MASSES, FORCES)]
+    length, time, mass, force = found
+    if len(words) != 3 or len(length) != 1 or len(time) != 1 or len(mass + force) != 1:
+        raise InputError(
+            f"units: found '{text}', expected SI, or three words such as mm,t,s: a length ({', '.join(LENGTHS)}), a "
+            f"mass ({', '.join(MASSES)}) or a force ({', '.join(FORCES)}), and a time ({', '.join(TIMES)})"
+        )
+    L, T = LENGTHS[length[0]], TIMES[time[0]]
+    kilograms = MASSES[mass[0]] if mass else FORCES[force[0]] * T**2 / L
+    return Units(f"{length[0]}, {(mass + force)[0]}, {time[0]}", L, kilograms, T)
+
+
+def rotational(direction: np.ndarray) -> np.ndarray:
+    """Which of these directions (see dofs.DIRECTIONS) are rotations."""
+    return ((direction >= 3) & (direction < SCALAR)) | (direction >= OWN + 3)
+
+
+def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
+    """The model in SI, from one in other units, which stays as it is. Collective. Raises InputError.
+
+    With q = S^-1 q_SI, where S is the unit of length at translations and 1 at rotations, and the units of energy E and
+    time T: M_SI = E T^2 S^-1 M S^-1, K_SI = E S^-1 K S^-1, D_SI = E T S^-1 D S^-1. An input that acts on a translation
+    is a force, others are moments; so for outputs, displacements and angles: unit columns stay what they are. Scalar
+    dofs keep their meaning.
+    """
+    if model.dofs is None and units.length != 1:
+        raise InputError(
+            f"units: {model.name} has no nodes, so that translations cannot be told from rotations; give --nodes (and "
+            "--dofs)"
+        )
+    if model.interfaces:
+        raise InputError(f"units: {model.name} has interface nodes already; convert it before they are made")
+    direction = np.zeros(model.local_rows, int) if model.dofs is None else model.dofs.direction
+    moved = ~rotational(direction) & (direction != SCALAR)
+    scale = np.where(moved, units.length, 1.0)
+    mats = {}
+    inverse = model.K.createVecLeft()
+    inverse.setArray(1 / scale)
+    for key, power in (("K", 0), ("D", 1), ("M", 2)):
+        if key in model.matrices:
+            mats[key] = model.matrices[key].copy()
+            mats[key].diagonalScale(inverse, inverse)
+            mats[key].scale(units.energy * units.time**power)
+    inverse.destroy()
+    dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, moved, scale, units.length))
+             for mat in (model.B, model.Ct)]  # fmt: skip
+    dofs, held = (part and Dofs(part.node, part.direction, part.position * units.length)
+                  for part in (model.dofs, model.held))  # fmt: skip
+    return replace(
+        model, M=mats["M"], K=mats["K"], D=mats.get("D"), B=dense[0], Ct=dense[1], dofs=dofs, held=held,
+        converted_from=units.name,
+    )  # fmt: skip
+
+
+def _columns(model, mat, moved, scale, length):
+    """The rows of this rank of B, or of C^T, in SI."""
+    local = mat.getDenseArray().real.copy()
+    of_forces = np.array(model.comm.allgather((local[moved] != 0).any(axis=0))).any(axis=0)
+    return local / scale[:, None] * np.where(of_forces, length, 1.0)

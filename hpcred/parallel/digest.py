@@ -1,0 +1,60 @@
+"""Rows of distributed arrays enter; a digest leaves that does not depend on how many ranks share them."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+
+from .exchange import exchange
+
+CHUNK = 4096  # rows under one digest; files keep such digests, so that another number needs another version of them
+
+
+def digest(comm, first: int, parts) -> str:
+    """SHA-256 over the digests of CHUNK rows each (hexadecimal), the same on all ranks. Collective.
+
+    The ranks hold the rows in order, this one from row `first` on. `parts`: arrays as pairs (starts (rows + 1,),
+    values): row i of this rank has values[starts[i] : starts[i + 1]]. Values count as bytes, and so does their type.
+    """
+    rows = len(parts[0][0]) - 1
+    held = comm.allgather((int(first), rows))
+    # rows of a chunk that begins on an earlier rank go there
+    head = min(-first % CHUNK, rows)
+    begin = first - first % CHUNK
+    owner = next((rank for rank, (low, count) in enumerate(held) if low <= begin < low + count), 0)
+    lengths = [np.diff(starts).astype("<i8") for starts, _ in parts]
+    more = []
+    for length, (starts, values) in zip(lengths, parts, strict=True):
+        for sent in (length[:head], values[starts[0] : starts[head]]):
+            more += exchange(comm, np.full(len(sent), owner), [sent])
+    found = []
+    for low in range(head, rows, CHUNK):
+        high = min(low + CHUNK, rows)
+        chunk = hashlib.sha256()
+        for i, (length, (starts, values)) in enumerate(zip(lengths, parts, strict=True)):
+            chunk.update(length[low:high].data)
+            if high == rows:
+                chunk.update(more[2 * i].data)
+            chunk.update(np.ascontiguousarray(values[starts[low] : starts[high]]).data)
+            if high == rows:
+                chunk.update(more[2 * i + 1].data)
+        found.append(chunk.digest())
+    found = comm.gather(b"".join(found))
+    return comm.bcast(hashlib.sha256(b"".join(found)).hexdigest() if comm.rank == 0 else None)
+
+
+def digest_of_slices(rows: int, read) -> str:
+    """The same as digest_of_block, on one rank, of `rows` rows of which read(low, high) gives some at a time."""
+    found = []
+    for low in range(0, rows, CHUNK):
+        values = read(low, min(low + CHUNK, rows))
+        lengths = np.full(len(values), values.shape[1], "<i8")
+        found.append(hashlib.sha256(lengths.tobytes() + values.tobytes()).digest())
+    return hashlib.sha256(b"".join(found)).hexdigest()
+
+
+def digest_of_block(comm, first: int, values: np.ndarray) -> str:
+    """The digest of an array (rows, columns), C-contiguous, as digest() has it. Collective."""
+    rows, columns = values.shape
+    return digest(comm, first, [(np.arange(rows + 1) * columns, values.reshape(-1))])

@@ -1,0 +1,31 @@
+"""Numbers of a user: a key, values and the range that their unit makes sense of enter; refused early, or nothing."""
+
+from __future__ import annotations
+
+import math
+
+from .failures import InputError
+
+FREQUENCY = (0.0, 1e12, "Hz")
+LABEL = (1, 2**31 - 1, "")
+COUNT = (1, 2**31 - 1, "")
+COORDINATE = (-1e9, 1e9, "m")
+RATE = (-1e13, 1e13, "1/s")
+ANYTHING = (-1e30, 1e30, "")
+
+
+def within(key: str, value, range_: tuple):
+    """Raise InputError unless a number, or every number in nested tuples, is finite and in a range (low, high, unit).
+
+    None is no number, and passes.
+    """
+    if isinstance(value, (tuple, list)):
+        for item in value:
+            within(key, item, range_)
+    elif isinstance(value, (int, float)):
+        low, high, unit = range_
+        if not low <= value <= high:  # NaN too
+            shown = f"{value:g}" if isinstance(value, float) or abs(value) < 10**15 else f"{str(value)[:12]}..."
+            expected = f"{low:g} to {high:g}{f' {unit}' if unit else ''}"
+            finite = "" if isinstance(value, int) or math.isfinite(value) else "a finite number of "
+            raise InputError(f"{key}: found {shown}, expected {finite}{expected}")

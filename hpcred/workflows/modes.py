@@ -1,0 +1,109 @@
+"""A model file enters; its lowest natural frequencies, what mass each mode moves, and a picture of them leave."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import asdict
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..analysis.natural_modes import NaturalModes, natural_modes
+from ..formats.hdf5 import atomic_output, writing
+from ..formats.model_file import read_model, write_nodes
+from ..formats.outputs import PNG, check_outputs
+from ..formats.result_file import Shapes
+from ..linalg.blocks import local_rows
+from ..linalg.factorisation import Factoring
+from ..parallel import startup
+from ..parallel.failures import InputError, agreed
+from ..parallel.progress import Progress
+from ..report.figures import pyplot
+from ..report.mode_pictures import draw_shapes
+
+MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
+ROUND_OFF = 1e-12  # of a mass
+
+
+def modes_of_file(
+    model, count: int = 20, *, frame=None, figure=None, factoring: Factoring | None = None, comm=None,
+    progress: Progress | None = None,
+) -> dict:  # fmt: skip
+    """The `count` lowest undamped modes of a model file. Collective. Raises InputError or ComputationError.
+
+    `frame`, `factoring`: see analysis.natural_modes. `figure`: a .png of the first six elastic modes. Returns plain
+    numbers for a table or JSON: frequencies_hz (m), the number of rigid_body_modes, which come first at 0 Hz, and with
+    nodes participation_factors (m, 6), effective_masses (m, 6) and masses (6) along x, y, z and about the axes through
+    the centre of mass.
+    """
+    comm = comm or startup.start_mpi()
+    progress = progress or Progress(comm, show=False)
+    if figure is not None:
+        if not str(figure).endswith(".png"):
+            raise InputError(f"figure {figure}: expected a name that ends in .png")
+        check_outputs({figure: PNG}, comm, [model], progress=progress)
+        with agreed(comm):
+            pyplot()  # refused early where there is none
+    startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
+    with progress.stage("read", str(model)):
+        loaded = read_model(model, comm)
+    with loaded, closing(natural_modes(loaded, count, frame, factoring=factoring, progress=progress)) as found:
+        report = {"model": str(model), "size": loaded.size, **_numbers(found), "warnings": list(loaded.remarks)}
+        if figure is not None:
+            with progress.stage("figure"):
+                _draw(figure, loaded, found)
+            report["figure"] = str(figure)
+    return report | {"timing": asdict(progress.timing())}
+
+
+def _numbers(found: NaturalModes) -> dict:
+    report = {"frequencies_hz": found.frequencies.tolist(), "rigid_body_modes": found.rigid, "residual": found.residual}
+    if found.masses is not None:
+        report |= {
+            "motions": list(MOTIONS),
+            "masses": found.masses.tolist(),
+            "effective_masses": found.effective_masses.tolist(),
+            "participation_factors": found.participation.tolist(),
+        }
+    return report
+
+
+def tables_of_modes(report) -> tuple[list[dict], list[dict]]:
+    """Rows for tables of what modes_of_file returned: effective masses in % of the whole, and participation factors."""
+    masses, factors = np.array(report["masses"]), np.array(report["participation_factors"])
+    # a straight beam along x has no inertia about x, but round-off
+    there = masses > ROUND_OFF * np.repeat([masses[:3].max(), masses[3:].max()], 3)
+    share = np.divide(report["effective_masses"], masses, out=np.zeros_like(factors), where=there)
+    factors[np.abs(factors) < np.sqrt(ROUND_OFF * masses)] = 0.0
+    named = [{"mode": i, "f (Hz)": f} for i, f in enumerate(report["frequencies_hz"], 1)]
+    rows = [row | _by_motion(100 * part, 2) for row, part in zip(named, share, strict=True)]
+    rows.append({"mode": "sum", "f (Hz)": ""} | _by_motion(100 * share.sum(axis=0), 2))
+    return rows, [row | _by_motion(part, 5) for row, part in zip(named, factors, strict=True)]
+
+
+def _by_motion(values, digits):
+    return {name: round(value, digits) for name, value in zip(MOTIONS, values.tolist(), strict=True)}
+
+
+def _draw(figure, model, found):
+    """The picture, by way of a file that is read mode by mode, as a result is. Collective."""
+    comm, elastic = model.comm, found.frequencies[found.rigid :]
+    if model.dofs is None or found.shapes is None or not len(elastic):
+        raise InputError(f"figure {figure}: no elastic mode with nodes to draw; ask for more modes, or convert --nodes")
+    with atomic_output(figure, comm) as temporary:
+        store = Path(f"{temporary}.h5")
+        try:
+            with writing(store, comm) as file:
+                with local_rows(found.shapes) as rows:
+                    columns = rows.real[:, rows.shape[1] - len(elastic) :]
+                    file.rows("basis/V", np.ascontiguousarray(columns.T), axis=1)
+                file.small("reduced/frequencies", elastic)
+                write_nodes(file, model)
+            with agreed(comm):
+                if comm.rank == 0:
+                    with h5py.File(store, "r") as file:
+                        draw_shapes(temporary, Shapes(file, str(figure)))
+        finally:
+            if comm.rank == 0:
+                store.unlink(missing_ok=True)

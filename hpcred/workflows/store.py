@@ -1,0 +1,59 @@
+"""A folder of expansion points enters; a list of its entries leaves, and those that are not wanted go."""
+
+from __future__ import annotations
+
+import time
+
+from ..formats.point_store import describe_entry, entries_of
+from ..parallel import startup
+from ..parallel.failures import InputError, agreed
+
+UNFINISHED = 3600.0  # seconds after which a file that nobody finished counts as left behind
+
+
+def list_store(folder, *, check: bool = False, comm=None) -> list[dict]:
+    """The entries of a store: see formats.point_store.describe_entry. `check`: all checksums. Collective.
+
+    Raises InputError where there is no such folder.
+    """
+    comm = comm or startup.start_mpi()
+    rows = []
+    with agreed(comm):
+        if comm.rank == 0:
+            found = [describe_entry(path, check) for path in entries_of(folder)]
+            rows = [row for row in found if row is not None]
+    return comm.bcast(rows)
+
+
+def prune_store(folder, *, older: float | None = None, below: float | None = None, model: str | None = None,
+                broken: bool = False, comm=None) -> list[dict]:  # fmt: skip
+    """Remove entries of a store; returns those that went. Collective. Raises InputError.
+
+    Those that fit all that is given: not used for `older` seconds, of the model of that name, `broken` (by all their
+    checksums, or left by a run that was killed). With `below` (bytes) of these only so many, the longest unused first,
+    that what stays in the folder is not larger.
+    """
+    if older is None and below is None and model is None and not broken:
+        raise InputError("--prune: say what is to go: --older 30d, --below 10G, --model NAME or --broken")
+    comm = comm or startup.start_mpi()
+    gone, now = [], time.time()
+    rows = list_store(folder, check=broken, comm=comm)
+    with agreed(comm):
+        if comm.rank == 0:
+            paths = {path.name: path for path in entries_of(folder)}
+            total = sum(row["bytes"] for row in rows)
+            for row in sorted(rows, key=lambda row: row["used"]):
+                age = now - row["used"]
+                if ".tmp-" in row["entry"] and age < UNFINISHED:
+                    continue  # a run may be writing it
+                fits = (older is None or age > older, model is None or row["model"] == model,
+                        not broken or not row["valid"])  # fmt: skip
+                if not all(fits) or (below is not None and total <= below):
+                    continue
+                try:
+                    paths[row["entry"]].unlink(missing_ok=True)
+                except OSError as error:
+                    raise InputError(f"store {folder}: {row['entry']} cannot be removed ({error.strerror})") from error
+                total -= row["bytes"]
+                gone.append(row)
+    return comm.bcast(gone)

@@ -1,0 +1,66 @@
+"""Natural modes against closed solutions and a dense eigensolver."""
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+from helpers import bar, dense_model
+from scipy.linalg import eigh
+
+import hpcred
+from hpcred.model.second_order_model import SecondOrderModel
+
+pytestmark = pytest.mark.mpi
+
+HELD = hpcred.Tangent(node=1)
+
+
+def test_a_cantilever_moves_the_mass_that_books_say(comm):
+    """8 / (pi^2 (2 j - 1)^2) of the mass along the axis; 61.31 % and 18.83 % in the first two bending modes."""
+    with bar(comm, 1.0, 24, diameter=0.3) as model, closing(hpcred.natural_modes(model, 16, HELD)) as found:
+        share = found.effective_masses[:, :3] / found.masses[:3]
+        axial = share[:, 0].max(), np.sort(share[:, 0])[-2]
+        assert axial == pytest.approx((8 / np.pi**2, 8 / (9 * np.pi**2)), rel=2e-3)
+        bending = np.sort(share[:, 1] + share[:, 2])[::-1][:4]  # of two planes
+        assert bending == pytest.approx([0.6131, 0.6131, 0.1883, 0.1883], rel=5e-3)
+        assert found.rigid == 0 and found.residual < 1e-8
+
+
+def test_all_modes_together_move_the_whole_mass(comm):
+    """All modes of a clamped block, against numpy."""
+    with hpcred.solid((2, 1, 1), size=(0.4, 0.1, 0.15), comm=comm) as model:
+        K, M, _ = dense_model(model)
+        with closing(hpcred.natural_modes(model, model.size)) as found:
+            squares = eigh(K, M, eigvals_only=True)
+            assert found.frequencies == pytest.approx(np.sqrt(squares) / (2 * np.pi), rel=1e-9)
+            assert found.effective_masses.sum(axis=0) == pytest.approx(found.masses, rel=1e-9)
+
+
+@pytest.mark.parametrize("frame", [None, hpcred.Buckens(), hpcred.NoFrame()])
+def test_a_free_body_shows_its_rigid_body_modes_at_zero(linkage, frame):
+    """By inertia relief, or by a shifted K; elastic modes have no part in the motion of the whole."""
+    K, M, _ = dense_model(linkage)
+    elastic = np.sqrt(eigh(K, M, eigvals_only=True)[6:10]) / (2 * np.pi)
+    with closing(hpcred.natural_modes(linkage, 10, frame)) as found:
+        assert found.rigid == 6 and found.frequencies[:6].tolist() == [0.0] * 6
+        assert found.frequencies[6:] == pytest.approx(elastic, rel=1e-8)
+        assert found.effective_masses[:6].sum(axis=0) == pytest.approx(found.masses, rel=1e-8)
+        assert found.effective_masses[6:].max() < 1e-12 * found.masses.min()
+
+
+def test_null_vectors_that_no_node_tells_of(comm):
+    """A free chain without nodes, and a count of rigid-body modes only."""
+    K = 2 * np.eye(9) - np.eye(9, k=1) - np.eye(9, k=-1)
+    K[0, 0] = K[8, 8] = 1
+    with SecondOrderModel.from_scipy(K, np.eye(9), comm=comm) as model:
+        with closing(hpcred.natural_modes(model, 4)) as found:
+            exact = 2 * np.sin(np.arange(4) * np.pi / 18) / (2 * np.pi)
+            assert found.frequencies == pytest.approx(exact, rel=1e-9)
+            assert found.rigid == 1 and found.masses is None and found.effective_masses is None
+        with pytest.raises(hpcred.InputError, match="10 modes asked for, model has 9"):
+            hpcred.natural_modes(model, 10)
+
+
+def test_fewer_than_the_rigid_body_modes(linkage):
+    with closing(hpcred.natural_modes(linkage, 3)) as found:
+        assert found.rigid == 3 and found.frequencies.tolist() == [0.0] * 3 and found.shapes is None

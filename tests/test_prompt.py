@@ -1,0 +1,134 @@
+"""What stands everywhere on a command line, `modes`, and `info` of files that hpcred wrote."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import DATA
+from helpers import SIMULATION, refused
+
+from hpcred.cli import run
+from hpcred.report.tables import as_json, show_table
+
+JOB = 'model = "model.h5"\nband = [0.0, 300.0]\ntolerance = 1e-3\n[frame]\nkind = "buckens"\n'
+
+
+@pytest.mark.parametrize("command", [[], ["reduce"], ["example"], ["example", "solid"], ["modes"]])
+def test_help_has_a_short_name(capsys, command):
+    assert run([*command, "-h"]) == 0
+    assert capsys.readouterr().out.startswith(" ".join(["Usage: hpcred", *command]))
+
+
+def test_shells_complete_commands_and_options(hpcred):
+    for words, expected in (("hpcred mod", "modes"), ("hpcred reduce --out-of", "--out-of-core")):
+        found = hpcred(_HPCRED_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=str(len(words.split()) - 1))
+        assert found.stdout.split() == [expected]
+
+
+@pytest.mark.parametrize("option", [["--json", "-"], ["--json=-"]])
+def test_json_on_standard_output_is_alone_there(hpcred, linkage_folder, option):
+    """Also what PETSc itself prints goes elsewhere."""
+    found = hpcred("info", "model.h5", "--modes", 8, *option, "--", "-mat_view_nothing", "-log_view")
+    report = json.loads(found.stdout)
+    assert report["lowest_frequencies_hz"][:6] == [0.0] * 6 and report["lowest_frequencies_hz"][6] > 30
+    assert "rigid body modes" in found.stderr and "PETSc Performance Summary" in found.stderr
+    assert "nothing used the PETSc option -mat_view_nothing" in found.stderr
+
+
+def test_json_has_no_nan():
+    assert json.loads(as_json({"a": [1.0, float("nan")], "b": (float("-inf"), "x")})) == {"a": [1.0, None],
+                                                                                         "b": [None, "x"]}  # fmt: skip
+
+
+def test_quiet_and_verbose(linkage_folder, capsys):
+    assert run(["--quiet", "info", "model.h5"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert run(["info", "model.h5", "--verbose"]) == 0
+    assert "] read: model.h5" in capsys.readouterr().err
+    assert "cannot be combined" in refused(capsys, "info", "model.h5", "--quiet", "--verbose")
+    assert run(["info", "model.h5", "--quiet", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["size"] == 120
+
+
+def test_petsc_options_that_nothing_used_are_named(hpcred, linkage_folder):
+    Path("job.toml").write_text(JOB)
+    found = hpcred("reduce", "job.toml", "--", "-shift_mat_mumps_icntl_14", "80", "-shift_nothing", "1", ranks=2)
+    assert found.stdout.count("nothing used the PETSc option -shift_nothing 1;") == 1
+    found = hpcred("--version", "--", "-nothing")
+    assert "nothing used the PETSc option -nothing;" in found.stdout
+
+
+@pytest.mark.parametrize("columns", [None, 80, 72])
+def test_tables_fit_the_terminal(monkeypatch, capsys, columns):
+    """Numbers and short words are whole; text takes several lines."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+    if columns:
+        monkeypatch.setenv("COLUMNS", str(columns))
+    points = "10 Hz (1), 150 Hz (5), 240 Hz (3), 300 Hz (1)"
+    rows = [{"row": 1, "method": "modal + second-order Krylov", "points (order)": points, "size": 14,
+             "largest |u_y - reference| (m)": 1.23456e-07, "Q": 1.98765e-10}]  # fmt: skip
+    show_table("title", rows)
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= (columns or 80)
+    assert all(word in text for word in ("1.23456e-07", "1.98765e-10", "second-order", "|u_y"))
+
+
+def test_modes_of_a_file(linkage_folder, capsys):
+    assert run(["modes", "model.h5", "--count", "8", "--figure", "m.png", "--json", "m.json"]) == 0
+    text = capsys.readouterr().out
+    assert "6 rigid-body modes" in text
+    assert re.search(r"sum( +100){6}", text)
+    report = json.loads(Path("m.json").read_text())
+    assert np.sum(report["effective_masses"], axis=0) == pytest.approx(report["masses"])
+    assert Path("m.png").read_bytes().startswith(b"\x89PNG")
+    assert sorted(path.name for path in Path().iterdir()) == ["job.toml", "m.json", "m.png", "model.h5"]
+    assert run(["modes", "model.h5", "--count", "2", "--frame", "tangent:7"]) == 0
+    assert "0 rigid-body modes" in capsys.readouterr().out
+    for arguments, says in (
+        (["--count", "0"], "expected at least 1"), (["--figure", "m.jpg"], "ends in .png"),
+        (["--count", "6", "--figure", "n.png"], "no elastic mode"), (["--frame", "loose"], "--frame: found 'loose'"),
+    ):  # fmt: skip
+        assert says in refused(capsys, "modes", "model.h5", *arguments)
+
+
+def said(capsys, *arguments):
+    capsys.readouterr()
+    assert run(list(arguments)) == 0
+    return " ".join(capsys.readouterr().out.split())
+
+
+def test_info_of_everything_that_hpcred_writes(linkage_folder, capsys):
+    Path("job.toml").write_text(JOB)
+    said(capsys, "reduce", "job.toml")
+    said(capsys, "response", "model.h5", "--band", "0,300", "--points", "11", "--frame", "buckens", "-o", "r.h5")
+    said(capsys, "export", "result.h5")
+    Path("sim.toml").write_text(SIMULATION)
+    said(capsys, "simulate", "sim.toml")
+    for name, expected in (
+        ("result.h5", ["hpcred result", "dofs 120", "frame buckens", "eps <= 0.001 over 0 to 300 Hz"]),
+        ("r.h5", ["frequency responses", "frequencies 11", "band hz 0, 300", "arrays response, eps"]),
+        ("simulation.h5", ["hpcred simulation", "times 21", "constraints 1:x, 1:y, 1:z, 7:x, 7:z, 14:z"]),
+        ("result.SID_FEM", ["SID file", "mass kg 5.39798", "interface nodes 20"]),
+        (str(DATA / "sid" / "beam.SID_FEM"), ["SID file", "mass kg 12.5604", "1860, 1861, 1862"]),
+    ):
+        text = said(capsys, "info", name)
+        assert all(part in text for part in expected), text
+        assert "convert it first" in refused(capsys, "info", name, "--modes", "3")
+    assert "at least 1" in refused(capsys, "info", "model.h5", "--modes", "0")
+
+
+def test_the_files_of_the_readme_run_on_its_example(tmp_path, monkeypatch, capsys):
+    """Both job files and the simulation, on the model that its first command makes."""
+    monkeypatch.chdir(tmp_path)
+    text = (Path(__file__).parent.parent / "README.md").read_text()
+    example = re.search(r"^    hpcred (example linkage .*?)(?: +#.*)?$", text, re.M)[1]
+    assert run(example.split()) == 0
+    for name, command in (("job.toml", "reduce"), ("sim.toml", "simulate")):
+        blocks = re.findall(rf"(?m)^    # {name};.*\n(?:(?:    .*)?\n)+?(?=^\S|\Z)", text)
+        blocks = [re.split(r"\n\n    (?:mpiexec|hpcred)", block)[0] for block in blocks]
+        assert len(blocks) == (2 if name == "job.toml" else 1)
+        for block in blocks:
+            Path(name).write_text(re.sub(r"(?m)^    ", "", block))
+            assert run([command, name]) == 0, capsys.readouterr().err
