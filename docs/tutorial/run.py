@@ -63,7 +63,7 @@ def _environment(folder):
     """`hpcred` is the one of this repository; as many ranks as a page asks for; tables as wide as a page."""
     tools = Path(tempfile.mkdtemp(dir=folder, prefix=".bin"))
     shim = tools / "hpcred"
-    shim.write_text(f'#!/bin/sh\nexec {sys.executable} -m hpcred --quiet "$@"\n')
+    shim.write_text(f'#!/bin/sh\nexec {sys.executable} -m hpcred "$@"\n')
     shim.chmod(0o755)
     return {
         "OPENBLAS_NUM_THREADS": "1",

@@ -168,8 +168,11 @@ def test_the_reference_has_every_key_command_and_name():
         assert f"## hpcred {' '.join(words)}\n" in GENERATED["reference/command-line.md"]
     for name in hpcred.__all__:
         assert re.search(rf"^::: hpcred\.[\w.]+\.{name}$", GENERATED["reference/python.md"], re.M), name
-    for kind in ("model", "result", "response", "restart", "simulation"):
-        assert f"## hpcred-{kind}, version" in GENERATED["reference/files.md"]
+    modules = "".join(path.read_text() for path in (ROOT / "hpcred" / "formats").glob("*.py"))
+    kinds = re.findall(r'^FORMAT.*"(hpcred-\w+)"', modules, re.M)
+    assert len(kinds) >= 5
+    for kind in kinds:
+        assert f"## {kind}, version" in GENERATED["reference/files.md"]
 
 
 def test_examples_in_python_run(tmp_path, monkeypatch, capsys):
