@@ -107,6 +107,7 @@ from .workflows.modes import modes_of_file as modes_of_file
 from .workflows.modes import tables_of_modes as tables_of_modes
 from .workflows.paper import reproduce as reproduce
 from .workflows.reduce import reduce_job as reduce_job
+from .workflows.report import report_file as report_file
 from .workflows.response import response_file as response_file
 from .workflows.simulate import simulate_file as simulate_file
 from .workflows.store import list_store as list_store

@@ -52,8 +52,8 @@ Overrides = Annotated[
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
 FORMATS = (
-    "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff, png; nastran, nastran-op4, ansys, "
-    "abaqus or simscape of a model in interface coordinates."
+    "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff; png, svg, pdf, gif, webp; "
+    "nastran, nastran-op4, ansys, abaqus or simscape of a model in interface coordinates."
 )
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
@@ -441,7 +441,7 @@ def store(
     ])  # fmt: skip
     total = sum(row["bytes"] for row in rows)
     print(f"{len(rows)} entries{' removed' if prune else ''}, {total / 1e6:.6g} MB")
-    write_json(json, rows)
+    _write_json(json, rows)
     return int(not prune and not all(row["valid"] for row in rows if ".tmp-" not in row["entry"]))
 
 
@@ -453,6 +453,7 @@ def evaluate(
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
     points: Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")] = 61,
     output: Annotated[str | None, typer.Option("-o", help="Write the responses to this .csv or HDF5 file.")] = None,
+    figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw responses: .png, .svg, .pdf.")] = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
     check: Annotated[int | None, typer.Option(help="Set said against exact at so many fresh frequencies.")] = None,
     seed: Annotated[int | None, typer.Option(help="The fresh frequencies of an earlier --check.")] = None,
@@ -469,10 +470,11 @@ def evaluate(
     parts of the band; --full MODEL.h5 --check 5 sets it against full solves.
     """
     result = results[0]
-    if len(results) > 1 and (estimate or check is not None or full is None):
+    if len(results) > 1 and (estimate or figure or check is not None or full is None):
         raise InputError("evaluate: several results are compared with the model that --full names, and without "
-                         "--estimate or --check; call evaluate once for each result")  # fmt: skip
-    given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check}
+                         "--estimate, --check or --figure; call evaluate once for each result")  # fmt: skip
+    given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check,
+             "--figure": figure}
     allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
     wrong = [option for option, value in given.items() if value is not None and option not in allowed]
     if wrong or (estimate and check is not None):
@@ -510,15 +512,48 @@ def evaluate(
         return 0 if report["passed"] else 1
     report = hpcred.evaluate_result(
         result, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits, points=points,
-        output=output, groups=groups, factoring=factoring, progress=_progress(),
+        output=output, figure=figure, groups=groups, factoring=factoring, progress=_progress(),
     )  # fmt: skip
     columns = {"f (Hz)": "frequencies_hz", "|H| reduced": "reduced_norm", "|H| full": "full_norm", "eps": "eps"}
     columns = {title: report[key] for title, key in columns.items() if key in report}
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if full:
         print(f"Q = {report['Q']:.6g}, largest eps = {report['eps_max']:.6g}; {report['arithmetic']}")
+    for name in report.get("figures", ()):
+        print(f"drawn: {name}")
     _write_json(json, report)
     return None
+
+
+@app.command()
+def report(
+    results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
+    full: Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")] = None,
+    output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="The HTML file.")] = "report.html",
+    band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
+    exact: Annotated[int, typer.Option(help="Frequencies at which the full model is solved.")] = 21,
+    pairs: Annotated[str | None, typer.Option(help="Responses, such as 20:z/20:z,20:z/1:x.")] = None,
+    modes: Annotated[int, typer.Option(help="Number of shapes to look at.")] = 10,
+    png: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
+    svg: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
+    csv: Annotated[str | None, typer.Option(metavar="DIR", help="The numbers as tables, too.")] = None,
+    groups: Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")] = None,
+    out_of_core: OutOfCore = None,
+    low_rank: LowRank = None,
+    json: JsonFile = None,
+):
+    """Write a report on results beside each other, one HTML file to look at in a browser, without a network."""
+    told = hpcred.report_file(
+        results, full, output=output, band=_band(band), exact=exact, pairs=pairs.split(",") if pairs else (),
+        modes=modes, png=png, svg=svg, csv=csv, groups=groups, factoring=_factoring(out_of_core, low_rank),
+        progress=_progress(),
+    )  # fmt: skip
+    for line in told["notes"]:
+        print(f"note: {line}")
+    for name in told["files"]:
+        print(name)
+    print(f"{told['output']}: {told['megabytes']:.1f} MB")
+    _write_json(json, told)
 
 
 @app.command()
@@ -574,11 +609,15 @@ def export(
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
     units: Annotated[str, typer.Option(help="Units of the file: SI; mm,t,s; ...")] = "SI",
+    modes: Annotated[str | None, typer.Option(help="Shapes of a picture, from 1, such as 7,8.")] = None,
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
     chosen = [int(number) for number in _numbers(nodes, "--nodes")] if nodes else None
-    report = hpcred.export_result(result, kind, output, nodes=chosen, units=units, progress=_progress())
+    shapes = [int(number) for number in _numbers(modes, "--modes")] if modes else None
+    report = hpcred.export_result(
+        result, kind, output, nodes=chosen, units=units, modes=shapes, progress=_progress()
+    )
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")
     else:

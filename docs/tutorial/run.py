@@ -82,13 +82,20 @@ def pictures(text: str, page: Path) -> list[str]:
     return re.findall(rf"\]\({re.escape(page.stem)}/([^)/]+)\)", text)
 
 
+def picture(folder, name) -> Path:
+    """Where a run left a picture. Raises Failed."""
+    for path in Path(folder).rglob(name):
+        return path
+    raise Failed(f"the page has the picture {name}, which no command made")
+
+
 def main(page):
     page = Path(page)
     with tempfile.TemporaryDirectory() as folder:
         text = run_page(page.read_text(), Path(folder))
         for name in pictures(text, page):
             page.with_suffix("").mkdir(exist_ok=True)
-            shutil.copy(Path(folder) / name, page.with_suffix("") / name)
+            shutil.copy(picture(folder, name), page.with_suffix("") / name)
     page.write_text(text)
 
 

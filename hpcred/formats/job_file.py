@@ -32,10 +32,11 @@ class Job:
     model.interfaces.Interface; its name stands for a node in inputs, outputs and frames. `band`: Hz. `tolerance`:
     eps that points, orders and size are chosen for, over the band, within the limits `adaptive` (see
     reduction.adaptive.Limits); `unreached`: where it is not reached the model is written under a name that says so
-    ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result. `body_origin`
-    (m), `lumped_integrals`: see multibody.floating_frame. deflation_tolerance, drop_above, projection,
-    allow_unstable, groups, coordinates: see reduction.settings.Reduction. out_of_core, low_rank, memory_mb: see
-    linalg.factorisation.Factoring. `store`: a folder of expansion points (see formats.point_store).
+    ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result; `report`: whether
+    an HTML report is written beside it. `body_origin` (m), `lumped_integrals`: see multibody.floating_frame.
+    deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
+    out_of_core, low_rank, memory_mb: see linalg.factorisation.Factoring. `store`: a folder of expansion points (see
+    formats.point_store).
     """
 
     model: str | Source
@@ -53,6 +54,7 @@ class Job:
     deflation_tolerance: float = Reduction.deflation_tolerance
     drop_above: float | None = None
     write_basis: bool = True
+    report: bool = False
     body_origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lumped_integrals: bool = False
     projection: str = Reduction.projection

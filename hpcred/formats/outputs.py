@@ -24,9 +24,11 @@ PNG, SVG, PDF = "PNG picture", "SVG picture", "PDF file"
 ZIP, MATLAB, SID, UFF, VTK = "zip archive", "MATLAB .mat file", "SID file", "universal file", "VTK file"
 SUPERELEMENT, MBDYN, MARKET, OP4 = "superelement", ".fem file for MBDyn", "Matrix Market file", "Nastran OP4 file"
 OTHER = "file of another kind"
-PICTURES = {".png": PNG, ".svg": SVG, ".pdf": PDF}
+GIF, WEBP, HTML = "GIF picture", "WebP picture", "HTML report"
+PICTURES = {".png": PNG, ".svg": SVG, ".pdf": PDF, ".gif": GIF, ".webp": WEBP}
 BEGINNINGS = (
-    (b"\x89PNG", PNG), (b"%PDF", PDF), (b"    -1\n", UFF), (b"%%MatrixMarket", MARKET),
+    (b"\x89PNG", PNG), (b"%PDF", PDF), (b"GIF8", GIF), (b"RIFF", WEBP), (b"<!DOCTYPE html>", HTML),
+    (b"    -1\n", UFF), (b"%%MatrixMarket", MARKET),
     (b"** superelement", SUPERELEMENT), (b"! superelement", SUPERELEMENT), (b"$ superelement", SUPERELEMENT),
     (b"$ external superelement", SUPERELEMENT), (b"** hpcred ", MBDYN),
     (b"<VTKFile", VTK), (b"f_hz,", CSV_OF_RESPONSES), (b"t,position_x,", CSV_OF_MOTION), (b"{\n", JSON), (b"[\n", JSON),

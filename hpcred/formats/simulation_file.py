@@ -36,13 +36,15 @@ VERSION = 1
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationJob(Simulation):
-    """A Simulation and its files. `body`: result.h5. `output`: an HDF5 file; .csv and .png are written beside it.
+    """A Simulation and its files. `body`: result.h5. `output`: an HDF5 file; .csv and .png are written beside it, and
+    with `paraview` a .pvd with the motion of all nodes, one file a time in a folder.
 
     In sim.toml, file names are relative to the folder of that file.
     """
 
     body: str
     output: str = "simulation.h5"
+    paraview: bool = False
 
     __pydantic_config__ = CONFIG
 

@@ -66,7 +66,13 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
                 output, reduced, model, basis=job.write_basis, origin=job.body_origin, lumped=job.lumped_integrals
             )
         record = replace(record, timing=progress.timing())
-        return Reduced(output, record, reduced.size, tuple(reduced.frequencies.tolist()))
+        found = Reduced(output, record, reduced.size, tuple(reduced.frequencies.tolist()))
+    if job.report:
+        from .report import report_file  # which reads models as jobs do
+
+        with progress.stage("report"):
+            report_file([output], output=Path(output).with_suffix(".html"), comm=comm)
+    return found
 
 
 def _name_of(job, accuracy) -> str:

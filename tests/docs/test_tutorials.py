@@ -31,7 +31,7 @@ def test_what_a_page_shows_is_what_its_commands_print(page, tmp_path):
     text = page.read_text()
     assert said(tutorial.run_page(text, tmp_path)) == said(text)
     for name in tutorial.pictures(text, page):
-        assert (tmp_path / name).stat().st_size > 10_000 and (page.with_suffix("") / name).exists()
+        assert tutorial.picture(tmp_path, name).stat().st_size > 10_000 and (page.with_suffix("") / name).exists()
 
 
 def test_a_page_is_written_anew(tmp_path):
