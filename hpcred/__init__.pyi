@@ -91,7 +91,9 @@ from .reduction.reduce import reduce as reduce
 from .reduction.reduced_model import ReducedModel as ReducedModel
 from .reduction.second_order_krylov import SecondOrderKrylov as SecondOrderKrylov
 from .reduction.settings import Reduction as Reduction
+from .workflows.batch import write_script as write_script
 from .workflows.bench import bench as bench
+from .workflows.collect import collect_sweep as collect_sweep
 from .workflows.compare import compare_results as compare_results
 from .workflows.convert import convert as convert
 from .workflows.convert import list_formats as list_formats
@@ -112,3 +114,4 @@ from .workflows.response import response_file as response_file
 from .workflows.simulate import simulate_file as simulate_file
 from .workflows.store import list_store as list_store
 from .workflows.store import prune_store as prune_store
+from .workflows.sweep import run_sweep as run_sweep

@@ -86,7 +86,8 @@ def run(arguments: list[str]) -> int:
             os.environ["HPCRED_TRACEBACK"] = "1"
         if _Session.quiet and _Session.verbose:
             raise InputError("--quiet: cannot be combined with --verbose")
-        _Session.progress = hpcred.Progress(comm, show=False if _Session.quiet else _Session.verbose or None)
+        show = False if _Session.quiet else _Session.verbose or None
+        _Session.progress = hpcred.Progress(comm, show=show, bars=True)
         with redirect_stdout(_stdout(comm, arguments)):
             try:
                 status = app(arguments, prog_name="hpcred", standalone_mode=False)
@@ -94,6 +95,8 @@ def run(arguments: list[str]) -> int:
                 if hasattr(error, "format_message"):  # a usage error of the parser
                     raise InputError(f"{error.format_message()} (see hpcred --help)") from error
                 raise
+            finally:
+                _Session.progress.close()
             if _Session.profile and startup.started():
                 show_profile(comm, _Session.progress)
             _warn(_unused_options(petsc_args))
@@ -443,6 +446,72 @@ def store(
     print(f"{len(rows)} entries{' removed' if prune else ''}, {total / 1e6:.6g} MB")
     _write_json(json, rows)
     return int(not prune and not all(row["valid"] for row in rows if ".tmp-" not in row["entry"]))
+
+
+@app.command()
+def sweep(
+    file: Annotated[str, typer.Argument(metavar="SWEEP.toml")],
+    parallel: Annotated[int | None, typer.Option(help="Runs at the same time.")] = None,
+    index: Annotated[int | None, typer.Option(help="Only this share of the runs, from 1; with --of.")] = None,
+    of: Annotated[int | None, typer.Option(help="Number of shares.")] = None,
+    store: Annotated[str | None, typer.Option(metavar="DIR", help="Expansion points are kept and found there.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, list the runs, and stop.")] = False,
+    slurm: Annotated[bool, typer.Option("--slurm", help="Write the array script for SLURM.")] = False,
+    pbs: Annotated[bool, typer.Option("--pbs", help="Write the array script for PBS.")] = False,
+    submit: Annotated[bool, typer.Option("--submit", help="Submit that script.")] = False,
+    json: JsonFile = None,
+):
+    """Run many reductions that differ in some keys of the job; what is finished is skipped.
+
+    On this machine, one after the other or --parallel; or as an array of a batch system. See docs/sweeps.md.
+    """
+    if slurm or pbs or submit:
+        if slurm == pbs:
+            raise InputError("--submit: belongs to --slurm or --pbs" if submit and not slurm else
+                             "--slurm: write one script after the other, --slurm or --pbs")  # fmt: skip
+        if dry_run or parallel is not None or index is not None or of is not None:
+            raise InputError("--slurm, --pbs: a script is written and nothing runs; leave the other options out")
+        report = hpcred.write_script(file, "slurm" if slurm else "pbs", store=store, submit=submit)
+        print(f"{report['script']} written; " + (report["said"] or f"submit it by: {report['command']}"))
+        _write_json(json, report)
+        return 0
+    report = hpcred.run_sweep(
+        file, parallel=parallel, index=index, of=of, store=store, dry_run=dry_run, progress=_progress()
+    )
+    columns = [key for key in report["runs"][0] if key not in ("sentence", "output")] if report["runs"] else []
+    show_table(report["folder"], [{key: row.get(key, "") for key in columns} for row in report["runs"]])
+    for row in report["failed"]:
+        print(f"FAILED {row['run']}: {row['sentence']}")
+    if not dry_run:
+        print(f"{report['finished']} finished, {report['skipped']} skipped, {len(report['failed'])} failed; "
+              f"{report['factorisations']} factorisations made, {report['factorisations_saved']} saved")  # fmt: skip
+    _write_json(json, report)
+    return int(bool(report["failed"]) and not dry_run)
+
+
+@app.command()
+def collect(
+    file: Annotated[str, typer.Argument(metavar="SWEEP.toml")],
+    output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help=".csv, .json or .h5")] = None,
+    figures: Annotated[str | None, typer.Option(metavar="DIR", help="Draw errors over size, keys, frequency.")] = None,
+    store: Annotated[str | None, typer.Option(metavar="DIR", help="As for sweep.")] = None,
+    json: JsonFile = None,
+):
+    """One table of the results of a sweep, and figures that compare them."""
+    report = hpcred.collect_sweep(file, output=output, figures=figures, store=store)
+    rows = report["rows"]
+    short = {"factorisations": "factored", "factorisations_saved": "saved", "memory_mb": "MB"}
+    known = [key for key in rows[0] if any(row[key] is not None for row in rows)]
+    show_table(file, [{short.get(key, key): "" if row[key] is None else row[key] for key in known} for row in rows])
+    for line in report["remarks"]:
+        print(f"note: {line}")
+    for name in (*([output] if output else []), *report["figures"]):
+        print(f"written to {name}")
+    if report["missing"]:
+        print(f"{len(report['missing'])} of {len(report['rows'])} runs have no result of their job: "
+              f"{', '.join(report['missing'])}")  # fmt: skip
+    _write_json(json, report)
+    return int(bool(report["missing"]))
 
 
 @app.command()

@@ -20,6 +20,7 @@ from ..reduction.settings import Reduction
 from .model_source import Source
 from .toml_file import CONFIG, check_file_names, parse, read_table
 
+PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`
 Targets = str | tuple[int | tuple[int | str, str], ...]
 
 
@@ -141,6 +142,11 @@ def read_job(path, overrides=()) -> Job:
         raise InputError(f"{path}: {error}") from error
 
 
+def job_from(table: dict, folder, output) -> Job:
+    """A checked Job from the tables of a job file in `folder`, with its result at `output`. Raises InputError."""
+    return replace(_with_folder(parse(Job, table), folder), output=str(output))
+
+
 def _with_folder(job, folder):
     """The job with its file names relative to the current folder."""
 
@@ -150,6 +156,23 @@ def _with_folder(job, folder):
     model = at(job.model) if isinstance(job.model, str) else Source(
         **{key: at(name) for key, name in asdict(job.model).items()}
     )  # fmt: skip
-    moved = {key: at(getattr(job, key)) for key in ("output", "inputs", "outputs", "out_of_core", "store")}
+    moved = {key: at(getattr(job, key)) for key in PLACES}
     interface = tuple(replace(item, nodes=at(item.nodes)) for item in job.interface)
     return replace(job, model=model, interface=interface, **moved)
+
+
+def plain(job: Job) -> dict:
+    """The job as plain types, with absolute names of files, which stay right wherever they are used."""
+    table = asdict(job)
+
+    def absolute(name):
+        return str(Path(name).absolute()) if isinstance(name, str) else name
+
+    for key in (*PLACES, "model"):
+        if key in table:
+            table[key] = absolute(table[key])
+    if isinstance(table["model"], dict):
+        table["model"] = {key: absolute(name) for key, name in table["model"].items()}
+    for item in table["interface"]:
+        item["nodes"] = absolute(item["nodes"])
+    return table

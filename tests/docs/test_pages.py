@@ -65,8 +65,7 @@ def refusal(line, whole):
     words = words[: words.index("--")] if "--" in words else words
     if not words or words[0].startswith("-"):
         return None
-    for known in ("--quiet", "--profile", "--traceback"):
-        words = [word for word in words if word != known]
+    words = [word for word in words if word not in hpcred.cli.WORDS]
     size = 2 if tuple(words[:2]) in COMMANDS else 1
     if tuple(words[:size]) not in COMMANDS:
         return None if not whole and any(name[: len(words)] == tuple(words) for name in COMMANDS) else "no such command"
