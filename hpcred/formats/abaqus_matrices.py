@@ -12,15 +12,18 @@ import numpy as np
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from .entries import Entries, LabelledEntries, joined, label_of
-from .text import LARGEST_LABEL, first_bytes, first_line, numbers, pieces, triples, whole
+from .text import LARGEST_LABEL, first_bytes, first_line, numbers, pieces, shown, triples, whole
 
 ENDINGS = {"K": "STIF", "M": "MASS", "D": "DMPV"}
 STRUCTURAL_DAMPING = "DMPS"
+MATRIX_MARKET = re.compile(
+    rb"(?i)\s*[%#][^\n]*(?:matrixmarket|matrix +(?:coordinate|array)|(?:real|integer) +(?:general|symmetric|skew))"
+)
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so has lines of numbers."""
-    return first_line(start)[:1].isdigit() or first_line(start)[:1] == b"-"
+    """Whether a file that starts so has lines of numbers; not one of Matrix Market whose header is damaged."""
+    return not MATRIX_MARKET.match(start) and (first_line(start)[:1].isdigit() or first_line(start)[:1] == b"-")
 
 
 def read(path, comm) -> Entries | LabelledEntries:
@@ -30,12 +33,12 @@ def read(path, comm) -> Entries | LabelledEntries:
         columns = len(line.replace(b",", b" ").split())
         if columns == 6 and b"." not in b"".join(line.replace(b",", b" ").split()[:5]):
             raise InputError(
-                f"{path}: found a first line '{line.decode('latin-1')[:80]}' of 6 numbers, as of matrices element by "
+                f"{path}: found a first line '{shown(line)}' of 6 numbers, as of matrices element by "
                 "element, expected the assembled matrix; leave Element by Element out of *Matrix Generate"
             )
         if columns not in (3, 5):
             raise InputError(
-                f"{path}: found a first line '{line.decode('latin-1')[:80]}' of {columns} numbers, expected "
+                f"{path}: found a first line '{shown(line)}' of {columns} numbers, expected "
                 "row, column, value or node, dof, node, dof, value"
             )
     return _read_coordinates(path, comm) if columns == 3 else _read_matrix_input(path, comm)

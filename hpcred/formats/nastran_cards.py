@@ -93,6 +93,8 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     distinct, back = np.unique(names, return_inverse=True)
     fits = np.array([wanted.fullmatch(name) is not None for name in distinct], bool)[back] if len(names) else []
     mine = (card >= 0) & np.asarray(fits, bool)[card] if len(names) else np.zeros(len(card), bool)
+    if strict and (card < 0).any():
+        raise piece.refusal(int(number[card < 0][0]), "a card, not a line that continues one")
     card, start, stop, number, head, starts = (part[mine] for part in (card, start, stop, number, head, starts))
     if strict:
         odd = ~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8))

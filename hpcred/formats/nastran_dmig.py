@@ -17,7 +17,7 @@ from .abaqus_matrices import is_one_triangle
 from .entries import LabelledEntries, joined, label_name, label_of
 from .nastran_cards import CARD, lines_of, reals, wholes
 from .nastran_names import single
-from .text import first_bytes, first_line, is_packed, records
+from .text import first_bytes, first_line, is_packed, records, shown
 
 NAME = re.compile(rb"DMIG")
 START = re.compile(rb"(?mi)^DMIG[ ,*]")
@@ -164,8 +164,7 @@ def _pieces(path, comm):
         if piece.start + len(piece.text) == size and not piece.text.endswith(b"\n"):
             last = piece.text.rsplit(b"\n", 1)[-1]
             if not re.match(rb"(?i)[ \t]*(?:ENDDATA|\$|$)", last):
-                shown = last.decode("latin-1")[:80]
-                raise InputError(f"{path}: found the last line '{shown}' without an end; the file is cut off")
+                raise InputError(f"{path}: found the last line '{shown(last)}' without an end; the file is cut off")
 
 
 def _entries(piece, lines, matrix):

@@ -10,6 +10,7 @@ from .judge import Case
 from .mutations import damaged_text
 
 NODES = 3
+MAPPING = [b"Matrix", b"Eqn", b"Node", b"DOF"]
 SIZE = 3 * NODES
 
 
@@ -28,6 +29,7 @@ def model_numbers(folder: Path) -> dict[str, np.ndarray]:
         for key in ("node", "direction", "position"):
             if "dofs" in file:
                 found[key] = file[f"dofs/{key}"][...]
+        found["named"] = np.array("dofs" in file)
     return found
 
 
@@ -48,9 +50,7 @@ def chosen(rng, *options):
 def number(value, rng=None, form=None):
     """A number in one of the forms that programs write; `form`: of all of them in a file."""
     form = form or chosen(rng, "%.17g", "%.16e", "%.9E", "%.15D", "%+.6e")
-    if form.endswith("D"):
-        return (form[:-1] + "E") % value if False else ((form[:-1] + "E") % value).replace("E", "D")
-    return form % value
+    return ((form[:-1] + "E") % value).replace("E", "D") if form.endswith("D") else form % value
 
 
 def entries(matrix, part="all"):
@@ -340,12 +340,19 @@ def ansys(rng, kind):
     read = readings.harwell_boeing if hbmat else readings.matrix_market
 
     def second(files):
-        found = list_of_nodes(files["nodes.lis"])
-        require_places(found)
         mats = {key: read(files[f"{title}.txt"]) for key, title in titles.items()}
         if not hbmat:
             readings.require(b"% Creator: ANSYS" in files["Stiffness.txt"], "not of ANSYS")
-        return readings.model(mats, readings.mapping(files["rows.mapping"]), found)
+        unnamed = readings.model(mats) | {"named": np.array(False)}
+        if files["rows.mapping"].split(b"\n")[0].split() != MAPPING:
+            return unnamed  # what hpcred does not know it leaves alone, and says so
+        labels = readings.mapping(files["rows.mapping"])
+        try:
+            found = list_of_nodes(files["nodes.lis"])
+            require_places(found)
+        except readings.Nonsense:
+            return unnamed
+        return readings.model(mats, labels, found)
 
     which = chosen(rng, "rows.mapping", "nodes.lis", "Stiffness.txt", "Mass.txt")
     return case(rng, kind, files, which, ["convert", "Stiffness.txt", "m.h5"], second)

@@ -52,12 +52,17 @@ def lines_of(text: bytes, remarks=(b"%", b"#", b"**")) -> list[bytes]:
     text = text.removeprefix(b"\xef\xbb\xbf")
     found = []
     for line in text.split(b"\n"):
-        line = line.removesuffix(b"\r")
-        if not line.strip() or line.strip().startswith(remarks):
-            continue
-        require(not re.search(rb"[\x00-\x08\x0b-\x1f\x7f]", line), "a character that is no text")
-        found.append(line)
+        line = plain(line)
+        if line.strip() and not line.strip().startswith(remarks):
+            found.append(line)
     return found
+
+
+def plain(line: bytes) -> bytes:
+    """A line with blanks for what C takes for blanks, its end off; other control characters are refused."""
+    line = re.sub(rb"[\x0b\x0c\r]", b" ", line.rstrip(b"\r"))
+    require(not re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", line), "a character that is no text")
+    return line
 
 
 def words_of(line: bytes, commas=True) -> list[bytes]:
@@ -86,6 +91,9 @@ def one_triangle(entries, sign=1.0):
 
 
 def matrix_market(text: bytes) -> np.ndarray:
+    """A Matrix Market file; without its first line it is a list of row, column, value."""
+    if text.lstrip()[:1].isdigit():
+        return coordinates(text)
     head, _, rest = text.removeprefix(b"\xef\xbb\xbf").partition(b"\n")
     words = head.lower().split()
     require(len(words) == 5 and words[:2] == [b"%%matrixmarket", b"matrix"], "no header")
@@ -231,11 +239,10 @@ def dmig(text: bytes, name: bytes):
     require(text.endswith(b"\n"), "a last line without end")
     cards = []
     for line in text.upper().split(b"\n"):
-        line = line.removesuffix(b"\r")
+        line = plain(line)
         if not line.strip() or line.startswith(b"$"):
             continue
         require(b"$" not in line, "a remark behind a card")
-        require(not re.search(rb"[\x00-\x08\x0b-\x1f\x7f-\xff]", line), "a character that is no text")
         head, fields = bulk_fields(line)
         if b"A" <= line[:1] <= b"Z":
             cards.append((re.split(rb"[ *,]", line[:8])[0], []))
@@ -279,8 +286,7 @@ def label_of(node: bytes, direction: bytes):
 
 def op4(text: bytes) -> np.ndarray:
     """The only real matrix of an OUTPUT4 text."""
-    require(not re.search(rb"[\x00-\x08\x0b-\x1f\x7f-\xff\t]", text.replace(b"\r\n", b"\n")), "no text")
-    lines = [line.removesuffix(b"\r") for line in text.split(b"\n")]
+    lines = [plain(line) for line in text.split(b"\n")]
     while lines and not lines[-1].strip():
         lines.pop()
     head, at = lines[0], 1
@@ -349,7 +355,7 @@ def op4(text: bytes) -> np.ndarray:
 
 def harwell_boeing(text: bytes) -> np.ndarray:
     """A real assembled matrix in fields of fixed width, formats such as (16I5), (5E16.8), (1P,5D16.9)."""
-    lines = [line.removesuffix(b"\r") for line in text.split(b"\n")]
+    lines = [plain(line) for line in text.split(b"\n")]
     require(len(lines) > 5, "no header")
     cards = [digits(word) for word in lines[1].split()]
     require(len(cards) in (4, 5), "no counts of lines")
@@ -392,10 +398,9 @@ def mapping(text: bytes) -> list[tuple[int, int]]:
     require(first.split() == [b"Matrix", b"Eqn", b"Node", b"DOF"], "no heading")
     found = {}
     for line in rest:
-        words = line.split()
+        words = plain(line).split()
         if not words:
             continue
-        require(not re.search(rb"[\x00-\x08\x0b\x0c\x0e-\x1f]", line), "no text")
         require(len(words) == 3 and words[2] in DOFS, "no row")
         equation = digits(words[0], 1)
         require(equation not in found, "an equation twice")
@@ -406,7 +411,7 @@ def mapping(text: bytes) -> list[tuple[int, int]]:
 
 
 def model(matrices: dict, labels=None, places=None) -> dict[str, np.ndarray]:
-    """What a model of these has: rows in the order of their labels, without those that Abaqus holds by 1e36.
+    """What a model of these has: rows as numbered or in the order of labels, without those that Abaqus holds by 1e36.
 
     `matrices`: arrays by K, M, D, or all of them entries by label; `labels`: of the rows; `places`: by node.
     """
@@ -418,15 +423,13 @@ def model(matrices: dict, labels=None, places=None) -> dict[str, np.ndarray]:
                     for key, entries in matrices.items()}  # fmt: skip
     size = len(matrices["K"])
     require(all(matrix.shape == (size, size) for key, matrix in matrices.items() if key in "KMD"), "other sizes")
-    order = np.arange(size)
     if labels is None and places is not None:
         count = size // len(places)
         require(count * len(places) == size and count in (1, 2, 3, 6), "other nodes")
         labels = [(node, direction) for node in places for direction in range(1, count + 1)]
     if labels is not None:
         require(len(labels) == size, "another number of rows")
-        order = np.array(sorted(range(size), key=lambda k: labels[k]), dtype=int)
-    order = order[np.abs(np.diag(matrices["K"]))[order] < HELD]
+    order = np.flatnonzero(np.abs(np.diag(matrices["K"])) < HELD)
     require(len(order), "no free row")
     found = {key: matrix[np.ix_(order, order)] for key, matrix in matrices.items() if key in "KMD"}
     require(all(np.abs(matrix).max() <= 1e60 for matrix in matrices.values()), "beyond all units")
