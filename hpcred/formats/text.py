@@ -245,7 +245,7 @@ def padded(values, counts, width) -> np.ndarray:
 
 
 def _refuse_empty_fields(piece, commas):
-    """Raise InputError where nothing stands between two commas, or in front of one: it is not known what was left out."""
+    """Raise InputError where nothing stands between two commas, or in front of one: what is left out is not known."""
     if commas and b"," in piece.text and (empty := EMPTY_FIELD.search(piece.text)):
         raise piece.refusal(piece.text[: empty.end()].count(b"\n"), "a number between two commas")
 

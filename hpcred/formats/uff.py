@@ -100,7 +100,8 @@ def _datasets(path, marks):
             if match is None or b"b" in line:
                 if match is not None and int(match[1]) not in (*NODE_LINES, *ELEMENTS):
                     continue  # binary functions
-                raise InputError(f"{path}: found '{shown(line, 20)}' below a line of -1, expected the number of a dataset")
+                found = shown(line, 20)
+                raise InputError(f"{path}: found '{found}' below a line of -1, expected the number of a dataset")
             found.append((int(match[1]), file.tell(), high))
     return found
 

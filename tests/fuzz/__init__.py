@@ -1,4 +1,4 @@
-"""Cases made by rule, run through the command line, and judged: `make fuzz`, or `python -m fuzz` with tests/ on the path.
+"""Cases made by rule, run through the command line, and judged: `make fuzz`.
 
 A case is a folder of files and one command. Its verdict is one of four:
 
@@ -13,6 +13,6 @@ wrong           Success with other numbers, or where the second reading says tha
 
 Damage can turn a file into another good one: a digit of a value in a text without checksum. There the second reading
 reads the damaged text, and `right` is what that text says. A text that the second reading cannot read must be refused.
-Binary files have no second reading: there the places where damage makes another good file (values, coordinates, padding)
-are left out, and `right` is what the undamaged file says. HDF5 files of hpcred have checksums, so nothing is left out.
+Binary files have no second reading: there the places where damage makes another good file (values, coordinates,
+padding) are left out, and `right` is what the undamaged file says. In HDF5 files of hpcred nothing is left out.
 """

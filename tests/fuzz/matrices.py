@@ -1,4 +1,4 @@
-"""Models of one chain of nodes in every text format that hpcred reads, some of them damaged: cases of `convert` leave."""
+"""Models of a chain of nodes in every text format that hpcred reads, most of them damaged: cases of convert leave."""
 
 from pathlib import Path
 
@@ -70,7 +70,7 @@ def matrix_market(matrix, rng):
     form = chosen(rng, "%.17g", "%.16e", "%.9E", "%.15D", "%+.6e")
     remarks = ["% a remark"] * int(rng.integers(3))
     if rng.random() < 0.2:
-        return text(["%%MatrixMarket matrix array real general", *remarks, "%d %d" % matrix.shape,
+        return text(["%%MatrixMarket matrix array real general", *remarks, f"{matrix.shape[0]} {matrix.shape[1]}",
                      *(number(value, form=form) for value in matrix.T.ravel())], rng)  # fmt: skip
     part = chosen(rng, "lower", "upper", "all") if symmetric else "all"
     kind = "general" if part == "all" else "symmetric"
@@ -79,7 +79,7 @@ def matrix_market(matrix, rng):
     blank = chosen(rng, " ", "  ", "\t")
     lines = [blank.join((f"{int(i)}", f"{int(j)}", number(value, form=form))) for i, j, value in found]
     return text([f"%%MatrixMarket matrix coordinate real {kind}", *remarks,
-                 "%d %d %d" % (*matrix.shape, len(lines)), *lines], rng)  # fmt: skip
+                 f"{matrix.shape[0]} {matrix.shape[1]} {len(lines)}", *lines], rng)  # fmt: skip
 
 
 def coordinates(matrix, rng):
@@ -94,7 +94,7 @@ def labelled(matrix, labels, rng):
 
 
 def triangle(matrix, rng=None):
-    return text(["%d %d %20.13e" % item for item in entries(matrix, "upper")])
+    return text([f"{i} {j} {value:20.13e}" for i, j, value in entries(matrix, "upper")])
 
 
 def dmig(name, matrix, labels, rng):
@@ -160,23 +160,23 @@ def harwell_boeing(matrix, rng, title="A matrix"):
     symmetric = (matrix == matrix.T).all() and rng.random() < 0.7
     found = entries(matrix, "lower" if symmetric else "all")
     starts = np.cumsum([1] + [sum(j == k + 1 for _, j, _ in found) for k in range(len(matrix))])
-    whole_format, real_format = chosen(rng, (10, 8), (1, 14), (16, 5)), chosen(rng, ("5E16.8", 5, "%16.8E"), ("D25.15", 1,
-                                       "%25.15D"), ("1P,3E24.16", 3, "%24.16E"), ("4D20.12", 4, "%20.12D"))  # fmt: skip
-    per, wide = whole_format
+    per, wide = chosen(rng, (10, 8), (1, 14), (16, 5))
+    real_format, *layout = chosen(rng, ("5E16.8", 5, "%16.8E"), ("D25.15", 1, "%25.15D"),
+                                  ("1P,3E24.16", 3, "%24.16E"), ("4D20.12", 4, "%20.12D"))  # fmt: skip
 
     def numbers(values, count, form):
-        return ["".join(number(value, form=form) if form[-1] != "d" else form % value for value in values[at : at + count])
+        return ["".join(number(value, form=form) for value in values[at : at + count])
                 for at in range(0, len(values), count)]  # fmt: skip
 
     sections = [numbers(starts, per, f"%{wide}d"), numbers([i for i, _, _ in found], per, f"%{wide}d"),
-                numbers([value for _, _, value in found], *real_format[1:])]  # fmt: skip
+                numbers([value for _, _, value in found], *layout)]  # fmt: skip
     cards = [len(section) for section in sections]
     pointer = f"({per}I{wide})"
     old = rng.random() < 0.5
     lines = [
         f"{title:<72}{'KEY':<8}", "".join(f"{item:14d}" for item in (sum(cards), *cards, *[0] * old)),
         f"{'RSA' if symmetric else 'RUA':<14}" + "".join(f"{item:14d}" for item in (*matrix.shape, len(found), 0)),
-        f"{pointer:<16}{pointer:<16}{'(' + real_format[0] + ')':<20}{'':<20}",
+        f"{pointer:<16}{pointer:<16}{'(' + real_format + ')':<20}{'':<20}",
     ]  # fmt: skip
     return text([*lines, *(line for section in sections for line in section)], rng)
 
@@ -257,7 +257,8 @@ def numbered(rng, kind, write, read):
     command = ["convert", *(word for key in mats for word in (f"-{key}", f"{key}.mtx")), "-o", "m.h5"]
 
     def second(files):
-        return readings.model({key: (read if key == role else readings.matrix_market)(files[f"{key}.mtx"]) for key in mats})
+        read_of = {key: read if key == role else readings.matrix_market for key in mats}
+        return readings.model({key: read_of[key](files[f"{key}.mtx"]) for key in mats})
 
     return case(rng, kind, files, f"{role}.mtx", command, second)
 
@@ -315,9 +316,11 @@ def calculix(rng, kind):
 
     def second(files):
         mats = {key: readings.triangle(files[f"a.{suffix}"]) for key, suffix in (("K", "sti"), ("M", "mas"))}
-        found = readings.input_file(files["a.inp"])
+        found, labels = readings.input_file(files["a.inp"]), readings.calculix_dofs(files["a.dof"])
         require_places(found)
-        return readings.model(mats, readings.calculix_dofs(files["a.dof"]), found)
+        if {node for node, _ in labels} - found.keys():  # nodes that CalculiX made: the rows have no names, it is said
+            return readings.model(mats, labels) | {"named": np.array(False)}
+        return readings.model(mats, labels, found)
 
     return case(rng, kind, files, f"a.{chosen(rng, 'sti', 'mas', 'dof', 'inp')}", ["convert", "a.sti", "m.h5"], second)
 
@@ -329,14 +332,15 @@ def ansys(rng, kind):
     hbmat = rng.random() < 0.6
     titles = {"K": "Stiffness", "M": "Mass"}
     files = {"rows.mapping": mapping(labels, rng), "nodes.lis": nlist(where)}
-    for key, title in titles.items():
+    for title in titles.values():
         if hbmat:
             about = f"{title} matrix from ANSYS FULL file dumped into Harwell-Boeing format"
             files[f"{title}.txt"] = harwell_boeing(matrix(rng), rng, about)
         else:
             lines = text(["%%MatrixMarket matrix coordinate real symmetric", "% Creator: ANSYS Inc"])
             found = entries(matrix(rng), "lower")
-            files[f"{title}.txt"] = lines + text([f"{SIZE} {SIZE} {len(found)}", *("%d %d %.14e" % item for item in found)])
+            listed = [f"{i} {j} {value:.14e}" for i, j, value in found]
+            files[f"{title}.txt"] = lines + text([f"{SIZE} {SIZE} {len(found)}", *listed])
     read = readings.harwell_boeing if hbmat else readings.matrix_market
 
     def second(files):
@@ -360,7 +364,8 @@ def ansys(rng, kind):
 
 def nlist(places):
     lines = [f"{node:9d} {x:17.10g} {y:17.10g} {z:17.10g}" for node, (x, y, z) in places.items()]
-    return text(["", " LIST ALL SELECTED NODES.   DSYS=      0", "", "    NODE        X             Y             Z", *lines])
+    head = ["", " LIST ALL SELECTED NODES.   DSYS=      0", "", "    NODE        X             Y             Z"]
+    return text([*head, *lines])
 
 
 def list_of_nodes(content):

@@ -1,7 +1,7 @@
-"""Second readings of text formats, in plain Python and from the descriptions of the formats: bytes enter, numbers leave.
+"""Second readings of text formats, in plain Python from the descriptions of the formats: bytes enter, numbers leave.
 
-They share nothing with hpcred and are strict: what has no sense, or two, raises Nonsense. Matrices come as dense arrays,
-rows with names as labels (node, direction from 1).
+They share nothing with hpcred and are strict: what has no sense, or two, raises Nonsense. Matrices come as dense
+arrays, rows with names as labels (node, direction from 1).
 """
 
 import re
@@ -206,7 +206,7 @@ def input_file(text: bytes) -> dict[int, tuple]:
             require(keyword, "no keyword")
         elif keyword == b"node":
             words = [word.strip() for word in line.strip().removesuffix(b",").split(b",")]
-            words = [b"0" if not word else word for word in words]
+            words = [word or b"0" for word in words]
             words = [word for item in words for word in item.split()]
             require(2 <= len(words) <= 4, "not two to four numbers")
             label = whole(words[0], 1, LARGEST_LABEL)
@@ -368,14 +368,16 @@ def harwell_boeing(text: bytes) -> np.ndarray:
     require(len(formats) >= 3 and formats[0][2] == formats[1][2] == b"I" and formats[2][2] in b"EDF", "no formats")
     rows, columns, entries = sizes[:3]
     at, found = 4, []
-    for (_, repeat, letter, width), count, card in zip(formats, (columns + 1, entries, entries), cards[1:], strict=False):
+    counts = columns + 1, entries, entries
+    for (_, repeat, letter, width), count, card in zip(formats, counts, cards[1:], strict=False):
         repeat, width = int(repeat or 1), int(width)
         require(card == -(-count // repeat), "another number of lines")
         section = []
         for line in lines[at : at + card]:
             fields = [line[width * k : width * (k + 1)] for k in range(min(repeat, count - len(section)))]
             fields = [field.strip() for field in fields]
-            section += [digits(item, 1) if letter == b"I" else real(item.replace(b"E ", b"E+"), True) for item in fields]
+            fields = [item.replace(b"E ", b"E+") for item in fields]
+            section += [digits(item, 1) if letter == b"I" else real(item, True) for item in fields]
         require(len(section) == count and len(lines[at : at + card]) == card, "too few numbers")
         at += card
         found.append(section)
