@@ -100,8 +100,8 @@ def _datasets(path, marks):
             if match is None or b"b" in line:
                 if match is not None and int(match[1]) not in (*NODE_LINES, *ELEMENTS):
                     continue  # binary functions
-                found = shown(line, 20)
-                raise InputError(f"{path}: found '{found}' below a line of -1, expected the number of a dataset")
+                below = shown(line, 20)
+                raise InputError(f"{path}: found '{below}' below a line of -1, expected the number of a dataset")
             found.append((int(match[1]), file.tell(), high))
     return found
 

@@ -199,13 +199,15 @@ def calculix_dofs(text: bytes) -> list[tuple[int, int]]:
 def input_file(text: bytes) -> dict[int, tuple]:
     """Places by node number, ascending, of the *Node blocks of an input file without parts; elements have nodes."""
     found, used, keyword = {}, set(), None
-    for line in lines_of(text, (b"**",)):
+    for line in text.removeprefix(b"\xef\xbb\xbf").split(b"\n"):
+        if not line.strip() or line.strip().startswith(b"**"):
+            continue
         if line.strip().startswith(b"*"):
             words = [word.strip().lower() for word in line.strip()[1:].split(b",")]
             keyword = words[0].replace(b" ", b"")
             require(keyword, "no keyword")
         elif keyword == b"node":
-            words = [word.strip() for word in line.strip().removesuffix(b",").split(b",")]
+            words = [word.strip() for word in plain(line).strip().removesuffix(b",").split(b",")]
             words = [word or b"0" for word in words]
             words = [word for item in words for word in item.split()]
             require(2 <= len(words) <= 4, "not two to four numbers")
@@ -213,7 +215,7 @@ def input_file(text: bytes) -> dict[int, tuple]:
             place = tuple(real(word) for word in words[1:]) + (0.0,) * (4 - len(words))
             require(found.setdefault(label, place) == place, "a node at two places")
         elif keyword == b"element":
-            used |= {whole(word) for word in words_of(line)[1:]}
+            used |= {whole(word) for word in words_of(plain(line))[1:]}
         elif keyword is None:
             raise Nonsense("data before the first keyword")
     require(found and used <= found.keys(), "nodes of elements that are not there")
@@ -250,6 +252,8 @@ def dmig(text: bytes, name: bytes):
             require(cards and line[:1] in b" +*,", "a line that continues nothing")
         cards[-1][1].append(fields)
     header, column_labels, entries, places = None, set(), [], set()
+    require(b"ENDDATA" not in [kind for kind, _ in cards[:-1]], "cards below the end")
+    require(not cards or cards[-1][0] != b"ENDDATA" or len(cards[-1][1]) == 1, "lines below the end")
     for kind, lines in cards:
         if kind != b"DMIG":
             continue
