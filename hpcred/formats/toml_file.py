@@ -131,8 +131,8 @@ def _plain(kind):
     return get_args(kind)[0] if get_origin(kind) is Annotated else kind
 
 
-def _kind_of(table) -> str:
-    return next(item.default for item in fields(table) if item.name == "kind")
+def _kind_of(table) -> str | None:
+    return next((item.default for item in fields(table) if item.name == "kind"), None)
 
 
 def _dataclass_of(kind, found):

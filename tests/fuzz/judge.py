@@ -39,7 +39,7 @@ def run_case(case: Case, ranks: int = 0) -> tuple[str, str]:
         folder = Path(name)
         write(case, folder)
         before = snapshot(folder)
-        with contextlib.chdir(folder) if sys.version_info >= (3, 11) else _inside(folder):
+        with inside(folder):
             status, text = _in_own_process(case.command, ranks) if ranks else _in_this_process(case.command)
         return _verdict(case, folder, before, status, text)
 
@@ -134,7 +134,8 @@ def _in_own_process(command, ranks):
 
 
 @contextlib.contextmanager
-def _inside(folder):
+def inside(folder):
+    """The folder as working folder."""
     before = os.getcwd()
     os.chdir(folder)
     try:
