@@ -8,7 +8,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import repeated_key
 from ..parallel.petsc import MPI
 from .entries import joined, label_name, label_of
-from .text import LARGEST_LABEL, numbers, pieces, places, ragged, whole
+from .text import LARGEST_LABEL, numbers, pieces, places, ragged, require_file, whole
 
 LARGEST_COORDINATE = 1e15  # more than a body has, in any unit
 
@@ -46,6 +46,7 @@ def read(path, comm) -> Nodes:
 
 def read_node_numbers(path) -> tuple[int, ...]:
     """The numbers of nodes in a text, one or several a line, in their order; on this rank. Raises InputError."""
+    require_file(path)
     found = []
     for piece in pieces(path, MPI.COMM_SELF):
         values, counts, lines = ragged(piece, expected="node numbers")

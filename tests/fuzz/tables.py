@@ -180,6 +180,15 @@ def toml(value) -> str:
     return json.dumps(value) if isinstance(value, (str, bool)) else repr(value)
 
 
+@functools.cache
+def parsed(text):
+    return tomllib.loads(f"x = {text}")["x"]
+
+
+def chosen(rng, options):
+    return options[int(rng.integers(len(options)))] if options else VALUES[0]
+
+
 class Raw(str):
     """TOML to put in as it is."""
 
@@ -196,7 +205,7 @@ def plain(value):
         return [plain(item) for item in value]
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items() if item is not None}
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53 else value
 
 
 def case(rng, root, goods, name, command, echo) -> Case:
@@ -205,27 +214,29 @@ def case(rng, root, goods, name, command, echo) -> Case:
     table = tomllib.loads(base)
     keys = list(keys_of(root, table))
     path, kind, owner = keys[int(rng.integers(len(keys)))]
-    value = Raw(VALUES[int(rng.integers(len(VALUES)))])
+    value = Raw(chosen(rng, [text for text in VALUES if fits(parsed(text), kind)] if rng.random() < 0.4 else VALUES))
     chance = rng.random()
     if chance < 0.03:
-        return Case(f"good: {base!r}", {**good_files(), name: base.encode()}, command, {}, lambda folder: {}, good=True)
+        files = {key: item for key, item in good_files().items() if (command[0], key) != ("reduce", "result.h5")}
+        return Case(f"good: {base!r}", {**files, name: base.encode()}, command, {}, lambda folder: {}, good=True)
     if chance < 0.05:
         path, kind = (*path[:-1], "no_such_key"), type(None)
     put(table, path, value)
-    parsed = tomllib.loads(f"x = {value}")["x"]
     text = "".join(f"{json.dumps(key)} = {toml(item)}\n" for key, item in table.items())
     shown = ".".join(map(str, path)) + f" = {value if len(value) < 60 else value[:60] + '...'} ({owner.__name__})"
     is_name = path[-1] in NAMES
 
     def read(folder):
         settings, finite = echo(folder)
-        for step in path if not is_name else ():
+        for step in path if told is not None else ():
             settings = settings[step]
-        return {"settings": np.array(json.dumps(plain(None if is_name else settings))), "finite": np.array(finite)}
+        return {"settings": np.array(json.dumps(plain(None if told is None else settings))), "finite": np.array(finite)}
 
-    told = None if is_name or echo is no_echo else parsed
-    expected = {"settings": np.array(json.dumps(plain(told))), "finite": np.array(True)} if fits(parsed, kind) else None
+    told = None if is_name or echo is no_echo else parsed(value)
+    expected = {"settings": np.array(json.dumps(plain(told))), "finite": np.array(True)} if fits(parsed(value), kind) else None
     files = {**good_files(), name: text.encode()}
+    if command[0] == "reduce":
+        del files["result.h5"]  # which would be replaced
     return Case(shown, files, command, expected, read)
 
 
@@ -269,7 +280,7 @@ def all_finite(file) -> bool:
 def job(rng, kind):
     from hpcred.formats.job_file import Job
 
-    return case(rng, Job, JOBS, "fuzz.toml", ["reduce", "fuzz.toml", "--set", "output=fuzz.h5"], of_result)
+    return case(rng, Job, JOBS, "fuzz.toml", ["reduce", "fuzz.toml"], of_result)
 
 
 def simulation(rng, kind):
