@@ -41,8 +41,8 @@ def outcome(folder: Path) -> dict[str, np.ndarray]:
             text = re.sub(r'"(?:date|seconds|timing|memory\w*)": [^,}]*', "", json.dumps(json.loads(path.read_bytes())))
             found["json"] = np.array(text)
         elif path.name in ("out.csv", "out.SID_FEM"):
-            text = path.read_text()
-            found[path.name] = np.array([float(word) for word in re.findall(r"-?\d+\.\d+(?:[eEdD][+-]?\d+)?", text)])
+            words = re.findall(r"-?\d+\.\d+(?:[eE][+-]?\d+)?", path.read_text().replace("D", "E"))
+            found[path.name] = np.array([float(word) for word in words])
     return found
 
 
