@@ -1,7 +1,7 @@
 """The fuzzer: seconds and a seed enter, a table of verdicts by kind of case leaves; exit status 1 where one is bad.
 
-Cases run in a child, one after the other, which is replaced where a case crashes or hangs it; every so-manieth runs as a
-command of its own, on one rank or two. A failing case is kept as a folder with the command that repeats it.
+Cases run in a child, one after the other, which is replaced where a case crashes or hangs it; every so-manieth runs as
+a command of its own, on one rank or two. A failing case is kept as a folder with the command that repeats it.
 """
 
 import argparse
@@ -15,23 +15,27 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from launch import mpi_environment
+
 from .judge import INTERNAL, LIMIT, VERDICTS, WRONG, run_case, write
 
-APART = 50  # one in so many cases runs as a command of its own, on one rank and two in turn
+APART = 51  # one in so many cases runs as a command of its own, on one rank and two in turn
 MEMORY = 16 * 2**30  # bytes of address space of a case
 
 
 class Worker:
     """A child that makes and judges cases one by one."""
 
-    def __init__(self):
-        self.process = None
+    process = None
 
     def ask(self, kind, seed, number, ranks):
         """Verdict, reason and note of a case; a crash or a hang of the child is an internal error."""
         if self.process is None:
             command = [sys.executable, "-m", "fuzz", "--worker"]
-            self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            # the environment as Python found it: what Open MPI adds to that of this process would confuse an mpiexec
+            self.process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=mpi_environment()
+            )
         self.process.stdin.write(json.dumps([kind, seed, number, ranks]).encode() + b"\n")
         self.process.stdin.flush()
         if not select.select([self.process.stdout], [], [], 2 * LIMIT)[0]:

@@ -96,6 +96,12 @@ def _verdict(case, folder, before, status, text):
     return REFUSED, told[0]
 
 
+def run_good(command):
+    """A command that must succeed, in the working folder, for what a damaged one is compared with."""
+    status, text = _in_this_process(command)
+    assert status == 0, (command, text)
+
+
 def _in_this_process(command):
     """Exit status and what was printed to stderr, by Python and by libraries."""
     from hpcred.cli import run
@@ -124,7 +130,9 @@ def _in_own_process(command, ranks):
     launcher = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
     line = [*launcher, sys.executable, "-m", "hpcred", "--quiet", *command]
     try:
-        done = subprocess.run(line, capture_output=True, timeout=LIMIT, env=mpi_environment())
+        done = subprocess.run(
+            line, stdin=subprocess.DEVNULL, capture_output=True, timeout=LIMIT, env=mpi_environment()
+        )
     except subprocess.TimeoutExpired:
         return None, f"hung for {LIMIT} s"
     text = done.stderr.decode("utf-8", "replace")

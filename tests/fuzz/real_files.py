@@ -15,7 +15,7 @@ import scipy.sparse
 from ansys_files import write_full, write_rst
 from conftest import DATA
 
-from .judge import Case, inside, write
+from .judge import Case, inside, run_good, write
 from .matrices import model_numbers
 from .mutations import lines_changed, words_changed
 
@@ -107,14 +107,12 @@ BINARY = {
 @functools.cache
 def good(kind):
     """Files by name, the damaged one, the words to damage, and the numbers of the good model."""
-    from hpcred.cli import run
-
     with tempfile.TemporaryDirectory() as name, inside(name):
         path, words = BINARY[kind](Path(name))
         files = {item.name: item.read_bytes() for item in Path(name).iterdir()}
     with tempfile.TemporaryDirectory() as name, inside(name):
         write(Case("", files, [], None, model_numbers), Path(name))
-        assert run(["--quiet", "convert", path.name, "m.h5"]) == 0
+        run_good(["convert", path.name, "m.h5"])
         return files, path.name, words, model_numbers(Path(name))
 
 
