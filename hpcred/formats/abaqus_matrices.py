@@ -17,13 +17,13 @@ from .text import LARGEST_LABEL, first_bytes, first_line, numbers, pieces, shown
 ENDINGS = {"K": "STIF", "M": "MASS", "D": "DMPV"}
 STRUCTURAL_DAMPING = "DMPS"
 MATRIX_MARKET = re.compile(
-    rb"(?i)\s*[%#][^\n]*(?:matrixmarket|matrix +(?:coordinate|array)|(?:real|integer) +(?:general|symmetric|skew))"
+    rb"(?im)^[ \t]*%[^\n]*(?:matrixmarket|matrix +(?:coordinate|array)|(?:real|integer) +(?:general|symmetric|skew))"
 )
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so has lines of numbers; not one of Matrix Market whose header is damaged."""
-    return not MATRIX_MARKET.match(start) and (first_line(start)[:1].isdigit() or first_line(start)[:1] == b"-")
+    """Whether a file that starts so has lines of numbers."""
+    return first_line(start)[:1].isdigit() or first_line(start)[:1] == b"-"
 
 
 def read(path, comm) -> Entries | LabelledEntries:
@@ -44,9 +44,18 @@ def read(path, comm) -> Entries | LabelledEntries:
     return _read_coordinates(path, comm) if columns == 3 else _read_matrix_input(path, comm)
 
 
+def _pieces(path, comm):
+    """As text.pieces; refused is Matrix Market with a damaged header, whose sizes would be taken for an entry."""
+    for piece in pieces(path, comm):
+        if b"%" in piece.text and (header := MATRIX_MARKET.search(piece.text)):
+            raise piece.refusal(piece.text[: header.start()].count(b"\n"), "the header of a Matrix Market file as the "
+                                "first line, or no such line")  # fmt: skip
+        yield piece
+
+
 def _read_coordinates(path, comm):
     with agreed(comm):
-        parts = [triples(piece, commas=True)[:3] for piece in pieces(path, comm)]
+        parts = [triples(piece, commas=True)[:3] for piece in _pieces(path, comm)]
         i, j, v = joined(parts, (np.int64, np.int64, float))
         del parts
     below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
@@ -62,7 +71,7 @@ def _read_coordinates(path, comm):
 def _read_matrix_input(path, comm):
     with agreed(comm):
         parts = []
-        for piece in pieces(path, comm):
+        for piece in _pieces(path, comm):
             table, lines = numbers(piece, 5)
             labels = []
             for k in (0, 2):

@@ -52,9 +52,8 @@ def lines_of(text: bytes, remarks=(b"%", b"#", b"**")) -> list[bytes]:
     text = text.removeprefix(b"\xef\xbb\xbf")
     found = []
     for line in text.split(b"\n"):
-        line = plain(line)
         if line.strip() and not line.strip().startswith(remarks):
-            found.append(line)
+            found.append(plain(line))
     return found
 
 
@@ -188,7 +187,7 @@ def triangle(text: bytes) -> np.ndarray:
 def calculix_dofs(text: bytes) -> list[tuple[int, int]]:
     require(text.endswith(b"\n"), "a last line without end")
     found = []
-    for line in text.split(b"\n")[:-1]:
+    for line in text.removeprefix(b"\xef\xbb\xbf").split(b"\n")[:-1]:
         words = line.removesuffix(b"\r").split(b".")
         require(len(words) == 2 and len(words[1]) == 1, "no node.direction")
         found.append((digits(words[0], 1, LARGEST_LABEL), digits(words[1], 1, 6)))
@@ -199,6 +198,7 @@ def calculix_dofs(text: bytes) -> list[tuple[int, int]]:
 def input_file(text: bytes) -> dict[int, tuple]:
     """Places by node number, ascending, of the *Node blocks of an input file without parts; elements have nodes."""
     found, used, keyword = {}, set(), None
+    text = re.sub(rb"(?m)^([ \t]*\*[^\n]*,)[ \t]*\r?\n(?![ \t]*\*)", rb"\1", text)  # keywords that go on
     for line in text.removeprefix(b"\xef\xbb\xbf").split(b"\n"):
         if not line.strip() or line.strip().startswith(b"**"):
             continue
@@ -291,8 +291,7 @@ def label_of(node: bytes, direction: bytes):
 def op4(text: bytes) -> np.ndarray:
     """The only real matrix of an OUTPUT4 text."""
     lines = [plain(line) for line in text.split(b"\n")]
-    while lines and not lines[-1].strip():
-        lines.pop()
+    lines = [line for line in lines if line.strip()]
     head, at = lines[0], 1
     columns, rows, form, kind = (int(head[8 * k : 8 * k + 8]) if re.fullmatch(rb" *-?\d+", head[8 * k : 8 * k + 8])
                                  else require(False, "no header") for k in range(4))  # fmt: skip
