@@ -265,7 +265,7 @@ def dmig(text: bytes, name: bytes):
             require(header is None and not any(whole_card[8:]), "two headers")
             header = [digits(whole_card[k] or b"0") for k in (2, 3, 7)]
             continue
-        require(header is not None and not own[3], "a column before its header")
+        require(not own[3], "no column")
         column = label_of(own[1], own[2])
         column_labels.add(column)
         fours = [whole_card[k : k + 4] for k in range(4, len(whole_card), 4)]
@@ -358,7 +358,7 @@ def op4(text: bytes) -> np.ndarray:
 
 def harwell_boeing(text: bytes) -> np.ndarray:
     """A real assembled matrix in fields of fixed width, formats such as (16I5), (5E16.8), (1P,5D16.9)."""
-    lines = [plain(line) for line in text.split(b"\n")]
+    lines = [line.rstrip(b"\r") if k < 4 else plain(line) for k, line in enumerate(text.split(b"\n"))]
     require(len(lines) > 5, "no header")
     cards = [digits(word) for word in lines[1].split()]
     require(len(cards) in (4, 5), "no counts of lines")
