@@ -170,6 +170,7 @@ def test_ends_of_a_range_are_inside():
         (["modes", "model.h5", "--count", "1000000"], "1000000 modes asked for"),
         (["example", "solid", "--cells", "100000", "100000", "100000", "-o", "x.h5"], "cells"),
         (["example", "solid", "--cells", "1", "1", "1", "--size", "nan", "1", "1", "-o", "x.h5"], "size"),
+        (["reduce", "job.toml", "--set", 'interface=[{name = "end", nodes = "none.txt"}]'], "no such file"),
         (["info", "a\0b"], "no such file"),
         (["info", 300 * "n"], "no such file"),
     ],

@@ -89,3 +89,12 @@ def test_a_packed_node_table_keeps_its_order(comm, folder, monkeypatch):
     with load_source(Source(str(K), str(K), nodes=str(nodes)), comm) as model:
         node, position = gathered(comm, model.dofs.node, model.dofs.position)
     assert np.array_equal(node, np.repeat(np.arange(40, 0, -1), 3)) and np.array_equal(position[:, 0], node)
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "1e400", "-1e61"])
+def test_inputs_that_are_no_numbers_are_refused(comm, folder, number):
+    square = "%%MatrixMarket matrix coordinate real general\n2 2 2\n1 1 1.0\n2 2 1.0\n"
+    write(folder / "K.mtx", square, comm)
+    write(folder / "B.mtx", square.replace("2 2 2", "2 1 1").replace("1 1 1.0\n2 2 1.0", f"1 1 {number}"), comm)
+    with pytest.raises(hpcred.InputError, match="B.mtx.* found the value|B.mtx, line 3"):
+        load_source(Source(folder / "K.mtx", folder / "K.mtx", B=folder / "B.mtx"), comm)

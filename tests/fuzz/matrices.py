@@ -1,5 +1,6 @@
 """Models of a chain of nodes in every text format that hpcred reads, most of them damaged: cases of convert leave."""
 
+import re
 from pathlib import Path
 
 import h5py
@@ -10,6 +11,7 @@ from .judge import Case
 from .mutations import damaged_text
 
 NODES = 3
+HEADING = re.compile(rb"LIST ALL SELECTED NODES|NODE +X +Y +Z\b")
 MAPPING = [b"Matrix", b"Eqn", b"Node", b"DOF"]
 SIZE = 3 * NODES
 
@@ -348,7 +350,8 @@ def ansys(rng, kind):
         if not hbmat:
             readings.require(b"% Creator: ANSYS" in files["Stiffness.txt"], "not of ANSYS")
         unnamed = readings.model(mats) | {"named": np.array(False)}
-        if files["rows.mapping"].split(b"\n")[0].split() != MAPPING:
+        head = files["rows.mapping"].removeprefix(b"\xef\xbb\xbf").split(b"\n")[0]
+        if head.split() != MAPPING or not HEADING.search(files["nodes.lis"]):
             return unnamed  # what hpcred does not know it leaves alone, and says so
         labels = readings.mapping(files["rows.mapping"])
         try:

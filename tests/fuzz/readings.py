@@ -9,7 +9,7 @@ import re
 import numpy as np
 
 REAL = re.compile(rb"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eEdD][+-]?\d+)?")
-BARE = re.compile(rb"([+-]?(?:\d+\.\d*|\.\d+))([+-]\d+)")  # an exponent without letter
+BARE = re.compile(rb"([+-]?(?:\d+\.?\d*|\.\d+))([+-]\d+)")  # an exponent without letter
 LARGEST_LABEL = 2**31 - 1
 HELD = 1e35  # on the diagonal of K it is Abaqus' support
 DOFS = (b"UX", b"UY", b"UZ", b"ROTX", b"ROTY", b"ROTZ")
@@ -399,7 +399,7 @@ def harwell_boeing(text: bytes) -> np.ndarray:
 
 def mapping(text: bytes) -> list[tuple[int, int]]:
     """Labels in the order of the equations from HBMAT's list."""
-    first, *rest = text.split(b"\n")
+    first, *rest = text.removeprefix(b"\xef\xbb\xbf").split(b"\n")
     require(first.split() == [b"Matrix", b"Eqn", b"Node", b"DOF"], "no heading")
     found = {}
     for line in rest:
