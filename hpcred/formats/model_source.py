@@ -169,7 +169,8 @@ def read_source(source: Source, comm) -> Parts:
 def _remove_supports(comm, parts):
     """Remove the rows that Abaqus holds by 1e36 on the diagonal of K, and keep their labels. Collective."""
     K = parts.matrices["K"]
-    held = K.rows[(K.rows == K.columns) & (np.abs(K.values) >= HELD)]
+    size_of = np.abs(K.values)
+    held = K.rows[(K.rows == K.columns) & (size_of >= HELD) & (size_of <= LARGEST_VALUE)]  # inf is no support
     held = np.unique(np.concatenate(comm.allgather(np.unique(held))))  # few: those of the supports
     if not len(held):
         return

@@ -200,7 +200,7 @@ def input_file(text: bytes) -> dict[int, tuple]:
     found, used, keyword = {}, set(), None
     text = re.sub(rb"(?m)^([ \t]*\*[^\n]*,)[ \t]*\r?\n(?![ \t]*\*)", rb"\1", text)  # keywords that go on
     for line in text.removeprefix(b"\xef\xbb\xbf").split(b"\n"):
-        if not line.strip() or line.strip().startswith(b"**"):
+        if not line.strip() or line.strip().startswith((b"**", b"%", b"#")):
             continue
         if line.strip().startswith(b"*"):
             words = [word.strip().lower() for word in line.strip()[1:].split(b",")]
@@ -290,7 +290,7 @@ def label_of(node: bytes, direction: bytes):
 
 def op4(text: bytes) -> np.ndarray:
     """The only real matrix of an OUTPUT4 text."""
-    lines = [plain(line) for line in text.split(b"\n")]
+    lines = [plain(line) for line in text.removeprefix(b"\xef\xbb\xbf").split(b"\n")]
     lines = [line for line in lines if line.strip()]
     head, at = lines[0], 1
     columns, rows, form, kind = (int(head[8 * k : 8 * k + 8]) if re.fullmatch(rb" *-?\d+", head[8 * k : 8 * k + 8])
