@@ -313,17 +313,16 @@ def _weights(model, item, rows, members) -> np.ndarray:
         return np.array(item.weights)[order][np.searchsorted(np.array(item.nodes)[order], node)]
     if item.weights == "equal":
         return np.ones(len(rows))
-    points = {int(n): p for n, p in zip(model.dofs.node[members], model.dofs.position[members], strict=True)}
-    known = {}
-    for part in model.comm.allgather(points):  # as large as the set
-        known |= part
-    areas = surface_areas(model.comm, model.elements, known)
-    if not any(areas.values()):
+    found = model.comm.allgather((model.dofs.node[members], model.dofs.position[members]))  # as large as the set
+    numbers, positions = (np.concatenate(part) for part in zip(*found, strict=True))
+    numbers, first = np.unique(numbers, return_index=True)
+    areas = surface_areas(model.comm, model.elements, numbers, positions[first])
+    if not areas.any():
         raise InputError(
             f"interface '{item.name}': weights: 'area' needs elements with a face on the set, and {model.name} has "
             "none there; take 'equal', or give a list of weights"
         )
-    return np.array([areas[int(n)] for n in node])
+    return areas[np.searchsorted(numbers, node)]
 
 
 def _check_overlaps(model, interfaces):
