@@ -75,7 +75,7 @@ def all_faces(cells: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.
 def free(corners: np.ndarray, solid: np.ndarray) -> np.ndarray:
     """Which faces count (f,): those of one solid only, and shells, each place once.
 
-    A skin of shells on a solid is the face of the solid. A face that is folded to a triangle or a line has fewer corners.
+    A skin of shells on a solid is the face of the solid. One that is folded to a triangle or a line has fewer corners.
     """
     if not len(corners):
         return np.zeros(0, dtype=bool)

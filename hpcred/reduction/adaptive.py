@@ -718,15 +718,16 @@ class Search:
 
     # the end
 
-    def compress(self, reason, drop_above=None) -> tuple[np.ndarray, Accuracy]:
+    def compress(self, reason, drop_above=None, kept=range(0)) -> tuple[np.ndarray, Accuracy]:
         """The columns U (m, k) of the basis that the tolerance asks for, and what is known of them. Collective.
 
-        Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the error counts.
+        The columns `kept` of the basis stay in the span of U. Pseudo-modes above `drop_above` (Hz) are left out, and
+        what that does to the error counts.
         """
         with self.run.progress.stage("compress"):
-            return decided(self.run.model.comm, self._compress, reason, drop_above)
+            return decided(self.run.model.comm, self._compress, reason, drop_above, list(kept))
 
-    def _compress(self, reason, drop_above):
+    def _compress(self, reason, drop_above, kept):
         settings, law, ports, band = self.settings, self.law, self.ports, self.settings.band
         outer = self.projections.model()
         S = grid([outer], law, band, UNIFORM)
@@ -738,6 +739,7 @@ class Search:
             if settings.size is not None and U.shape[1] > settings.size:
                 reason = reason or f"with {settings.size} coordinates"
                 U = compressed(outer, law, S, ports, 0.0, most=settings.size)
+            U = _with(outer.vectors[kept].T, U)
             inner_model, embedding = restricted(outer, U, law)
             fine = finer(grid([outer, inner_model], law, band, UNIFORM), 4)
             fine, curve = largest(inner_model, outer, embedding, law, fine, ports)
@@ -771,6 +773,15 @@ class Search:
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
             loss_factor=law.eta,
         )  # fmt: skip
+
+
+def _with(first, others):
+    """Orthonormal columns that span the orthonormal `first` (m, c) and the others (m, k)."""
+    if not first.shape[1]:
+        return others
+    rest = others - first @ (first.T @ others)
+    left, values, _ = np.linalg.svd(rest - first @ (first.T @ rest), full_matrices=False)
+    return np.hstack([first, left[:, values > 1e-6]])
 
 
 def _rounded(f):

@@ -89,6 +89,22 @@ def test_end_to_end_flexibility_is_that_of_beam_theory(comm):
     assert all(found["rigid"][name] < found["averaging"][name] for name in beam)
 
 
+@pytest.mark.parametrize("height", [0.03, 0.1, 0.7])
+def test_a_flat_set_that_moves_in_its_plane_has_the_directions_of_the_plane(comm, height):
+    """Its centre has round-off of the height, which is no arm."""
+    with hpcred.solid((3, 2, 2), size=(0.03, 0.02, height), clamped=True, comm=comm) as model:
+        top = Nodes(box=((0.0, 0.0, height * 0.99), (1.0, 1.0, height * 1.01)))
+        marked = model.with_interfaces([Interface(name="top", nodes=top, kind="rigid", directions=("x", "y"))])
+        assert marked.interfaces[0].directions == ("x", "y", "rz")
+
+
+def test_numbers_of_reference_nodes_do_not_collide(comm):
+    with hpcred.solid((4, 2, 2), comm=comm) as model:
+        marked = model.with_interfaces([face("a", 0.04, node=37), face("b", 0.02)])
+        assert [item.node for item in marked.interfaces] == [37, 38]
+        assert marked.with_interfaces([]).interfaces == ()
+
+
 @pytest.mark.parametrize("directions", [("x", "y", "z", "rx", "ry", "rz"), ("x", "y")])
 def test_a_rigid_set_is_a_model_made_rigid_by_hand(comm, directions):
     """T^T A T in dense numpy, with T from the positions; all or some directions coupled."""
