@@ -36,11 +36,10 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
         written[output.with_suffix(".png")] = PNG
     check_outputs(written, comm, [path, setup.body], progress=progress)
     motion = None
-    with agreed(comm):
+    with progress.stage("simulate", setup.body), agreed(comm):  # a stage loads PETSc, on all ranks together
         if comm.rank == 0:
-            with progress.stage("simulate", setup.body):
-                body = read_result(setup.body, MPI.COMM_SELF).body(setup.nodes)
-                motion = simulate(body, setup, progress)
+            body = read_result(setup.body, MPI.COMM_SELF).body(setup.nodes)
+            motion = simulate(body, setup, progress)
     motion = comm.bcast(motion)
     files = [(output.with_suffix(".csv"), write_motion_csv)]
     notes = list(motion.notes)
