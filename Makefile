@@ -1,4 +1,4 @@
-# make demo | test | test-slow | test-ccx | bench | lint | install
+# make demo | test | test-slow | test-ccx | test-dolfinx | test-chromium | test-slurm | docs | test-docs | bench | lint | install
 #
 # On Debian, `install` brings the missing system packages (as root or by sudo) and a virtual environment on top
 # of them. To use an existing PETSc instead (cluster module, conda), see "Installing" in README.md.
@@ -16,7 +16,7 @@ export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 export OMPI_MCA_rmaps_base_oversubscribe := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install demo test test-slow test-ccx bench lint
+.PHONY: install demo test test-slow test-ccx test-dolfinx test-chromium test-slurm docs test-docs bench lint
 
 install: .venv/.ready
 
@@ -44,7 +44,7 @@ demo: install
 	mpiexec -n 2 $(PYTHON) -m hpcred
 
 test: install
-	$(PYTHON) -m pytest -m "not slow and not ccx"
+	$(PYTHON) -m pytest -m "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs"
 
 test-slow: install
 	$(PYTHON) -m pytest -m slow
@@ -56,10 +56,44 @@ test-ccx: install
 	    calculix-ccx gmsh python3-gmsh; }
 	$(PYTHON) -m pytest -m ccx
 
+# DOLFINx, in both builds, assembles the matrices of examples/dolfinx
+test-dolfinx: install
+	@dpkg-query -W python3-dolfinx-real python3-dolfinx-complex >/dev/null 2>&1 || { $(SUDO) apt-get update -qq && \
+	    $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
+	    python3-dolfinx python3-dolfinx-real python3-dolfinx-complex; }
+	$(PYTHON) -m pytest -m dolfinx
+
+# reports in a browser without a screen
+test-chromium: install
+	@which chromium >/dev/null || { $(SUDO) apt-get update -qq && \
+	    $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium; }
+	$(PYTHON) -m pytest -m chromium
+
+# SLURM on this machine as this user, in a temporary folder: the scripts of jobs/ are submitted to it
+test-slurm: install
+	@PATH="$$PATH:/usr/sbin" which slurmctld slurmd sbatch munged >/dev/null || { $(SUDO) apt-get update -qq && \
+	    $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
+	    slurmctld slurmd slurm-client munge; }
+	$(PYTHON) -m pytest -m slurm -v
+
+.venv/.docs-ready: .venv/.ready
+	.venv/bin/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"], sep="\n")' \
+	    > .venv/docs-requirements.txt
+	.venv/bin/python -m pip install -q -c .venv/constraints.txt -r .venv/docs-requirements.txt
+	@touch $@
+
+# the site, into build/site
+docs: .venv/.docs-ready
+	NO_MKDOCS_2_WARNING=1 $(PYTHON) -m mkdocs build --strict --quiet
+	@echo build/site/index.html
+
+test-docs: .venv/.docs-ready
+	$(PYTHON) -m pytest -m docs
+
 # the peers need numpy 2 and MKL, in an environment of their own
 .venv-peers/.ready: Makefile
 	/usr/bin/python3 -m venv --clear .venv-peers
-	.venv-peers/bin/python -m pip install -q numpy scipy h5py pypardiso pymor
+	.venv-peers/bin/python -m pip install -q numpy scipy h5py pypardiso pymor pyyeti ansys-mapdl-reader
 	@touch $@
 
 bench: install .venv-peers/.ready

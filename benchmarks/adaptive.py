@@ -142,9 +142,10 @@ def main():
     finish("adaptive", table)
 
 
-if sys.argv[1:2] == ["--reduce"]:
-    reduce(sys.argv[2], float(sys.argv[3]), int(sys.argv[4]))
-elif sys.argv[1:2] == ["--check"]:
-    check(sys.argv[2], int(sys.argv[3]))
-else:
-    main()
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--reduce"]:
+        reduce(sys.argv[2], float(sys.argv[3]), int(sys.argv[4]))
+    elif sys.argv[1:2] == ["--check"]:
+        check(sys.argv[2], int(sys.argv[3]))
+    else:
+        main()

@@ -1,16 +1,14 @@
 """(g) Reading K and M of 10^7 stored nonzeros each from ANSYS' .full on 2 ranks, against ansys-mapdl-reader.
 
-The peer needs an environment of its own (it brings VTK): HPCRED_ANSYS_PYTHON, or .venv-ansys, which is made where pip
-can. Without it only our own times are printed.
+Without the peer in its environment (HPCRED_PEER_PYTHON) only our own times are printed.
 """
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 
-from common import ENVIRONMENT, HERE, finish, workspace
+from common import ENVIRONMENT, HERE, PEER_PYTHON, finish, workspace
 
 sys.path.insert(0, str(HERE.parent / "tests"))
 from ansys_files import write_large  # noqa: E402
@@ -52,19 +50,9 @@ print(json.dumps({"seconds": seconds, "memory_mb": memory, "cpu": cpu, "sums": s
 """
 
 
-def peer_python():
-    """The interpreter that has the peer, or None."""
-    folder = HERE.parent / ".venv-ansys"
-    python = Path(os.environ.get("HPCRED_ANSYS_PYTHON", folder / "bin/python"))
-    if not python.is_file():
-        made = subprocess.run([sys.executable, "-m", "venv", str(folder)], check=False)
-        python = folder / "bin/python"
-        if made.returncode or subprocess.run([python, "-m", "pip", "install", "-q", "ansys-mapdl-reader",
-                                              "scipy"],
-                                             check=False).returncode:  # fmt: skip
-            return None
-    found = subprocess.run([python, "-c", "import scipy, ansys.mapdl.reader"], check=False, capture_output=True)
-    return None if found.returncode else python
+def has_peer():
+    command = [PEER_PYTHON, "-c", "import scipy, ansys.mapdl.reader"]
+    return Path(PEER_PYTHON).is_file() and not subprocess.run(command, check=False, capture_output=True).returncode
 
 
 def ours(path, ranks):
@@ -91,9 +79,8 @@ def main():
 
         for ranks in (1, 2):
             row(f"hpcred, {ranks} rank(s)", ours(path, ranks))
-        python = peer_python()
-        if python:
-            run = subprocess.run([python, "-c", PEER, str(path)], check=True, stdout=subprocess.PIPE, text=True)
+        if has_peer():
+            run = subprocess.run([PEER_PYTHON, "-c", PEER, str(path)], check=True, stdout=subprocess.PIPE, text=True)
             found = json.loads(run.stdout.strip().splitlines()[-1])
             row(f"ansys-mapdl-reader {found['version']}", found)
             for item in rows[:2]:

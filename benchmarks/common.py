@@ -21,8 +21,9 @@ POINTS = (100.0, 3000.0, 6000.0, 9000.0)
 
 
 def hpcred(*arguments, ranks=2, folder="."):
-    """Run the command line on some ranks, each with one thread."""
-    command = ["mpiexec", "-n", str(ranks), sys.executable, "-m", "hpcred", *map(str, arguments)]
+    """Run the command line on some ranks, each with one thread; None: without a launcher."""
+    launcher = ["mpiexec", "-n", str(ranks)] if ranks is not None else []
+    command = [*launcher, sys.executable, "-m", "hpcred", *map(str, arguments)]
     subprocess.run(command, check=True, cwd=folder, env={**ENVIRONMENT, "OPENBLAS_NUM_THREADS": "1"}, stdout=sys.stderr)
 
 

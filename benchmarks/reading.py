@@ -15,7 +15,7 @@ hpcred.start("real")
 from hpcred.parallel.petsc import MPI
 from hpcred.formats.matrix_formats import read_entries
 from hpcred.formats.model_file import read_model
-from hpcred.parallel.stages import memory_mb
+from hpcred.parallel.progress import memory_mb
 comm = MPI.COMM_WORLD
 comm.Barrier()
 before, start = memory_mb(), time.perf_counter()

@@ -52,8 +52,8 @@ Overrides = Annotated[
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
 FORMATS = (
-    "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff, png; nastran, nastran-op4, ansys, "
-    "abaqus or simscape of a model in interface coordinates."
+    "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff; png, svg, pdf, gif, webp; "
+    "nastran, nastran-op4, ansys, abaqus or simscape of a model in interface coordinates."
 )
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
@@ -86,7 +86,8 @@ def run(arguments: list[str]) -> int:
             os.environ["HPCRED_TRACEBACK"] = "1"
         if _Session.quiet and _Session.verbose:
             raise InputError("--quiet: cannot be combined with --verbose")
-        _Session.progress = hpcred.Progress(comm, show=False if _Session.quiet else _Session.verbose or None)
+        show = False if _Session.quiet else _Session.verbose or None
+        _Session.progress = hpcred.Progress(comm, show=show, bars=True)
         with redirect_stdout(_stdout(comm, arguments)):
             try:
                 status = _call(arguments)
@@ -94,6 +95,8 @@ def run(arguments: list[str]) -> int:
                 if hasattr(error, "format_message"):  # a usage error of the parser
                     raise InputError(f"{error.format_message()} (see hpcred --help)") from error
                 raise
+            finally:
+                _Session.progress.close()
             if _Session.profile and startup.started():
                 show_profile(comm, _Session.progress)
             _warn(_unused_options(petsc_args))
@@ -453,8 +456,74 @@ def store(
     ])  # fmt: skip
     total = sum(row["bytes"] for row in rows)
     print(f"{len(rows)} entries{' removed' if prune else ''}, {total / 1e6:.6g} MB")
-    write_json(json, rows)
+    _write_json(json, rows)
     return int(not prune and not all(row["valid"] for row in rows if ".tmp-" not in row["entry"]))
+
+
+@app.command()
+def sweep(
+    file: Annotated[str, typer.Argument(metavar="SWEEP.toml")],
+    parallel: Annotated[int | None, typer.Option(help="Runs at the same time.")] = None,
+    index: Annotated[int | None, typer.Option(help="Only this share of the runs, from 1; with --of.")] = None,
+    of: Annotated[int | None, typer.Option(help="Number of shares.")] = None,
+    store: Annotated[str | None, typer.Option(metavar="DIR", help="Expansion points are kept and found there.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, list the runs, and stop.")] = False,
+    slurm: Annotated[bool, typer.Option("--slurm", help="Write the array script for SLURM.")] = False,
+    pbs: Annotated[bool, typer.Option("--pbs", help="Write the array script for PBS.")] = False,
+    submit: Annotated[bool, typer.Option("--submit", help="Submit that script.")] = False,
+    json: JsonFile = None,
+):
+    """Run many reductions that differ in some keys of the job; what is finished is skipped.
+
+    On this machine, one after the other or --parallel; or as an array of a batch system. See docs/sweeps.md.
+    """
+    if slurm or pbs or submit:
+        if slurm == pbs:
+            raise InputError("--submit: belongs to --slurm or --pbs" if submit and not slurm else
+                             "--slurm: write one script after the other, --slurm or --pbs")  # fmt: skip
+        if dry_run or parallel is not None or index is not None or of is not None:
+            raise InputError("--slurm, --pbs: a script is written and nothing runs; leave the other options out")
+        report = hpcred.write_script(file, "slurm" if slurm else "pbs", store=store, submit=submit)
+        print(f"{report['script']} written; " + (report["said"] or f"submit it by: {report['command']}"))
+        _write_json(json, report)
+        return 0
+    report = hpcred.run_sweep(
+        file, parallel=parallel, index=index, of=of, store=store, dry_run=dry_run, progress=_progress()
+    )
+    columns = [key for key in report["runs"][0] if key not in ("sentence", "output")] if report["runs"] else []
+    show_table(report["folder"], [{key: row.get(key, "") for key in columns} for row in report["runs"]])
+    for row in report["failed"]:
+        print(f"FAILED {row['run']}: {row['sentence']}")
+    if not dry_run:
+        print(f"{report['finished']} finished, {report['skipped']} skipped, {len(report['failed'])} failed; "
+              f"{report['factorisations']} factorisations made, {report['factorisations_saved']} saved")  # fmt: skip
+    _write_json(json, report)
+    return int(bool(report["failed"]) and not dry_run)
+
+
+@app.command()
+def collect(
+    file: Annotated[str, typer.Argument(metavar="SWEEP.toml")],
+    output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help=".csv, .json or .h5")] = None,
+    figures: Annotated[str | None, typer.Option(metavar="DIR", help="Draw errors over size, keys, frequency.")] = None,
+    store: Annotated[str | None, typer.Option(metavar="DIR", help="As for sweep.")] = None,
+    json: JsonFile = None,
+):
+    """One table of the results of a sweep, and figures that compare them."""
+    report = hpcred.collect_sweep(file, output=output, figures=figures, store=store)
+    rows = report["rows"]
+    short = {"factorisations": "factored", "factorisations_saved": "saved", "memory_mb": "MB"}
+    known = [key for key in rows[0] if any(row[key] is not None for row in rows)]
+    show_table(file, [{short.get(key, key): "" if row[key] is None else row[key] for key in known} for row in rows])
+    for line in report["remarks"]:
+        print(f"note: {line}")
+    for name in (*([output] if output else []), *report["figures"]):
+        print(f"written to {name}")
+    if report["missing"]:
+        print(f"{len(report['missing'])} of {len(report['rows'])} runs have no result of their job: "
+              f"{', '.join(report['missing'])}")  # fmt: skip
+    _write_json(json, report)
+    return int(bool(report["missing"]))
 
 
 @app.command()
@@ -465,6 +534,7 @@ def evaluate(
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
     points: Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")] = 61,
     output: Annotated[str | None, typer.Option("-o", help="Write the responses to this .csv or HDF5 file.")] = None,
+    figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw responses: .png, .svg, .pdf.")] = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
     check: Annotated[int | None, typer.Option(help="Set said against exact at so many fresh frequencies.")] = None,
     seed: Annotated[int | None, typer.Option(help="The fresh frequencies of an earlier --check.")] = None,
@@ -481,10 +551,11 @@ def evaluate(
     parts of the band; --full MODEL.h5 --check 5 sets it against full solves.
     """
     result = results[0]
-    if len(results) > 1 and (estimate or check is not None or full is None):
+    if len(results) > 1 and (estimate or figure or check is not None or full is None):
         raise InputError("evaluate: several results are compared with the model that --full names, and without "
-                         "--estimate or --check; call evaluate once for each result")  # fmt: skip
-    given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check}
+                         "--estimate, --check or --figure; call evaluate once for each result")  # fmt: skip
+    given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check,
+             "--figure": figure}
     allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
     wrong = [option for option, value in given.items() if value is not None and option not in allowed]
     if wrong or (estimate and check is not None):
@@ -522,15 +593,50 @@ def evaluate(
         return 0 if report["passed"] else 1
     report = hpcred.evaluate_result(
         result, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits, points=points,
-        output=output, groups=groups, factoring=factoring, progress=_progress(),
+        output=output, figure=figure, groups=groups, factoring=factoring, progress=_progress(),
     )  # fmt: skip
     columns = {"f (Hz)": "frequencies_hz", "|H| reduced": "reduced_norm", "|H| full": "full_norm", "eps": "eps"}
     columns = {title: report[key] for title, key in columns.items() if key in report}
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if full:
         print(f"Q = {report['Q']:.6g}, largest eps = {report['eps_max']:.6g}; {report['arithmetic']}")
+        worst = report["worst_pair"]
+        print(f"worst pair by itself: output {worst['output']}, input {worst['input']}: {worst['error']:.2g}")
+    for name in report.get("figures", ()):
+        print(f"drawn: {name}")
     _write_json(json, report)
     return None
+
+
+@app.command()
+def report(
+    results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
+    full: Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")] = None,
+    output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="The HTML file.")] = "report.html",
+    band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
+    exact: Annotated[int, typer.Option(help="Frequencies at which the full model is solved.")] = 21,
+    pairs: Annotated[str | None, typer.Option(help="Responses, such as 20:z/20:z,20:z/1:x.")] = None,
+    modes: Annotated[int, typer.Option(help="Number of shapes to look at.")] = 10,
+    png: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
+    svg: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
+    csv: Annotated[str | None, typer.Option(metavar="DIR", help="The numbers as tables, too.")] = None,
+    groups: Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")] = None,
+    out_of_core: OutOfCore = None,
+    low_rank: LowRank = None,
+    json: JsonFile = None,
+):
+    """Write a report on results beside each other, one HTML file to look at in a browser, without a network."""
+    told = hpcred.report_file(
+        results, full, output=output, band=_band(band), exact=exact, pairs=pairs.split(",") if pairs else (),
+        modes=modes, png=png, svg=svg, csv=csv, groups=groups, factoring=_factoring(out_of_core, low_rank),
+        progress=_progress(),
+    )  # fmt: skip
+    for line in told["notes"]:
+        print(f"note: {line}")
+    for name in told["files"]:
+        print(name)
+    print(f"{told['output']}: {told['megabytes']:.1f} MB")
+    _write_json(json, told)
 
 
 @app.command()
@@ -586,11 +692,15 @@ def export(
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
     units: Annotated[str, typer.Option(help="Units of the file: SI; mm,t,s; ...")] = "SI",
+    modes: Annotated[str | None, typer.Option(help="Shapes of a picture, from 1, such as 7,8.")] = None,
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
     chosen = [int(number) for number in _numbers(nodes, "--nodes")] if nodes else None
-    report = hpcred.export_result(result, kind, output, nodes=chosen, units=units, progress=_progress())
+    shapes = [int(number) for number in _numbers(modes, "--modes")] if modes else None
+    report = hpcred.export_result(
+        result, kind, output, nodes=chosen, units=units, modes=shapes, progress=_progress()
+    )
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")
     else:
@@ -610,12 +720,13 @@ def simulate(
     set_: Overrides = None,
     json: JsonFile = None,
 ):
-    """Simulate a reduced body in time, with large rigid motion, forces and point constraints."""
+    """Simulate a reduced body in time, with large rigid motion, loads, joints, drives and springs."""
     report = hpcred.simulate_file(file, overrides=set_ or [], progress=_progress())
-    rows = [{"node": int(node), "largest displacement (m)": value}
+    rows = [{"node": node, "largest displacement (m)": value}
             for node, value in report["largest_displacement_m"].items()]  # fmt: skip
     show_table(", ".join(report["output"]), rows)
-    print(f"constraint drift {report['constraint_drift_m']:.1e} m, energy defect {report['energy_defect']:.1e}")
+    print(f"constraint drift {report['constraint_drift_m']:.1e} m and {report['constraint_drift_rad']:.1e} rad, "
+          f"energy defect {report['energy_defect']:.1e}")  # fmt: skip
     for line in report["notes"]:
         print(f"note: {line}")
     _write_json(json, report)

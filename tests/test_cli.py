@@ -1,4 +1,4 @@
-"""The command line as users meet it: what it refuses, and the README's example."""
+"""The command line as users meet it: what it refuses."""
 
 import re
 from pathlib import Path
@@ -100,11 +100,3 @@ def test_more_ranks_than_rows_are_refused(hpcred, tmp_path, monkeypatch):
     assert result.returncode == 2
     assert result.stderr.count("2 rows cannot be distributed over 3 ranks") == 1
     assert not Path("model.h5").exists()
-
-
-def test_the_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    text = (Path(__file__).parent.parent / "README.md").read_text()
-    (example,) = re.findall(r"```python\n(.*?)```", text, re.S)
-    exec(compile(example, "README.md", "exec"), {})
-    assert "largest error" in capsys.readouterr().out

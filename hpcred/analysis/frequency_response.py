@@ -75,6 +75,8 @@ def _full(framed, frequencies, factoring, progress):
         sensors = owned.owns(from_dense(model.B if model.Ct is None else model.Ct))
         response = np.zeros((len(frequencies), sensors.getSizes()[1], loads.getSizes()[1]), dtype=complex)
         solvers = owned.owns(_Solvers(framed, factoring))
+        if progress is not None:
+            progress.step("frequencies of the full model", 0, len(frequencies))
         for i, frequency in enumerate(frequencies):
             try:
                 response[i] = solvers.response(2 * np.pi * frequency, loads, sensors)
@@ -84,7 +86,7 @@ def _full(framed, frequencies, factoring, progress):
                     f"square {error.distance:.1e}); leave it out or add damping"
                 ) from error
             if progress is not None:
-                progress.say(f"full model, {frequency:g} Hz ({i + 1} of {len(frequencies)})")
+                progress.step("frequencies of the full model", i + 1, len(frequencies))
     return response
 
 

@@ -8,7 +8,9 @@ from ..analysis.error import error_integral, relative_error
 from ..analysis.frequency_response import frequency_response
 from ..model.frames import Buckens
 from ..multibody.body import body_of
-from ..multibody.simulation import Joint, Simulation, SineForce, simulate
+from ..multibody.joints import Joint
+from ..multibody.loads import SineForce
+from ..multibody.simulation import Simulation, simulate
 from ..parallel.failures import agreed
 from ..reduction.krylov import Krylov, StaticCorrection
 from ..reduction.modes import Modes

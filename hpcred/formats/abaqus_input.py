@@ -13,7 +13,7 @@ import numpy as np
 
 from ..model.elements import NODES, abaqus_kind, in_vtk_order
 from ..parallel.failures import InputError, agreed
-from ..parallel.lookup import sort_over_ranks
+from ..parallel.lookup import look_up, sort_over_ranks
 from .abaqus_sets import GROUP, read_sets
 from .node_table import Nodes, finite
 from .text import (
@@ -115,6 +115,7 @@ def read(path, comm, calculix=False) -> Mesh:
     named = {}
     nodes = _nodes(path, comm, nodes, named)
     elements, keys = _elements(comm, elements, groups, named, calculix)
+    _require_nodes(path, comm, nodes, elements)
     return Mesh(nodes, elements, read_sets(comm, sets, groups, named, elements, keys), sections)
 
 
@@ -161,7 +162,9 @@ def _keywords(path, positions):
             line = file.readline()
             while line.rstrip().endswith(b",") and file.tell() < stop:
                 line = line.rstrip() + file.readline()
-            keyword, *parameters = _fields(line.decode("latin-1").strip().lstrip("*"))
+            keyword, *parameters = _fields(line.decode("latin-1").strip().lstrip("*")) or [""]
+            if not keyword.strip():
+                raise InputError(f"{path}: found a line with nothing behind its asterisk, expected a keyword")
             pairs = (item.partition("=") for item in parameters)
             given = {_word(key): value.strip().strip("\"'") for key, _, value in pairs if key.strip()}
             sections.append(Section(path, position, _word(keyword), given, file.tell(), stop))
@@ -365,6 +368,19 @@ def _elements(comm, blocks, groups, named, calculix):
          for kind in kinds},
         {kind: np.concatenate([np.zeros(0, np.int64), *keys.get(kind, [])]) for kind in kinds},
     )  # fmt: skip
+
+
+def _require_nodes(path, comm, nodes, elements):
+    """Raise InputError where an element stands on a node that the file does not have."""
+    for kind, corners in elements.items():
+        wanted = np.unique(corners)
+        there, _ = look_up(comm, nodes.label, [], wanted)
+        with agreed(comm):
+            if not there.all():
+                raise InputError(
+                    f"{path}: found the node {wanted[~there][0]} in elements ({kind}), but no place of it; expected a "
+                    "*Node line for each node"
+                )
 
 
 def _numbers_in_first_line(block):

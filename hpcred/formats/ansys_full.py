@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
-from ..parallel.lookup import repeated_key
+from ..parallel.lookup import look_up, repeated_key
 from . import ansys_records
 from .ansys_nodes import find_nodes, turn_found
 from .ansys_records import BLOCKS, INTEGER, RecordFile, Squeezed, columns, squeezed_columns
-from .entries import Entries, label_name, label_of, require_sane
+from .entries import Entries, label_name, label_of, node_and_direction, require_sane
 from .parts import Parts
 from .petsc_binary import row_share
 from .text import LARGEST_LABEL
@@ -72,6 +72,7 @@ def read_parts(path, comm):
             f"CDWRITE,DB,{file.path.stem},cdb"
         )
     else:
+        _require_places(comm, path, found, label)
         parts.nodes, parts.elements = found.nodes, found.elements
         parts.files["nodes"] = found.file
         parts.warnings.append(f"{path}: nodes taken from {found.file}")
@@ -82,6 +83,18 @@ def read_parts(path, comm):
             "contain their part, but their own motion is not in the model, and pictures show it as zero"
         )
     return parts
+
+
+def _require_places(comm, path, found, label):
+    """Raise InputError where a node of the matrices is not in the file of nodes, also where all its dofs are held."""
+    node = np.unique(node_and_direction(label)[0])
+    there, _ = look_up(comm, found.nodes.label, [], node)
+    with agreed(comm):
+        if not there.all():
+            raise InputError(
+                f"{path}: found rows of the node {node[~there][0]}, which is not in {found.file}; one of the files is "
+                "damaged, or of another model"
+            )
 
 
 def _header(file):

@@ -5,6 +5,7 @@ of each row; beam.inp beside them has nodes, elements, sets, supports (*Boundary
 """
 
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +117,7 @@ def _name_rows(comm, parts, files, label, row):
             f"shells; the rows have no names, and {by_row}"
         )
         return
+    _require_order(comm, files["dofs"], label)
     if "input" not in files:
         parts.warnings.append(
             f"{files['dofs']}: found no input file ({Path(files['dofs']).stem}.inp) beside it, which would give "
@@ -124,6 +126,7 @@ def _name_rows(comm, parts, files, label, row):
         return
     mesh = abaqus_input.read(files["input"], comm, calculix=True)
     with agreed(comm):
+        _require_steps(files["input"], mesh.sections)
         _refuse_local_directions(mesh.sections)
     turning, without = rigid_bodies(mesh.sections)
     node, _ = node_and_direction(label)
@@ -145,6 +148,31 @@ def _name_rows(comm, parts, files, label, row):
     if any(kind in SINGULAR_MASS for kind in _element_types(mesh.sections)):
         parts.warnings.append(
             f"{files['M']}: elements of the type C3D20R have a singular mass matrix, by CalculiX' reduced integration"
+        )
+
+
+def _require_order(comm, path, label):
+    """Raise InputError unless rows ascend by node and direction, as CalculiX numbers them."""
+    ends = [pair for pair in comm.allgather((label[0], label[-1]) if len(label) else None) if pair]
+    with agreed(comm):
+        wrong = np.flatnonzero(np.diff(label) <= 0)
+        if wrong.size:
+            found = label_name(label[wrong[0] + 1]), label_name(label[wrong[0]])
+        else:
+            found = next(((label_name(b[0]), label_name(a[1])) for a, b in pairwise(ends) if b[0] <= a[1]), None)
+        if found:
+            raise InputError(
+                f"{path}: found {found[0]} below {found[1]}, expected lines that ascend; the file is damaged"
+            )
+
+
+def _require_steps(path, sections):
+    """Raise InputError unless the file has a step, and its end."""
+    keywords = [section.keyword for section in sections]
+    if not 1 <= keywords.count("step") == keywords.count("endstep"):
+        raise InputError(
+            f"{path}: found {keywords.count('step')} *Step and {keywords.count('endstep')} *End Step, expected the "
+            "step that wrote the matrices, and its end; the file is cut off or damaged"
         )
 
 

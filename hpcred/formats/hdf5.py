@@ -143,6 +143,15 @@ def reading(path, kind: str, version: int | None = None):
         yield file
 
 
+def kind_of_file(path) -> str | None:
+    """The format that an HDF5 file of hpcred names, or None. Raises nothing."""
+    try:
+        with h5py.File(path, "r") as file:
+            return str(file.attrs.get("format", "")) or None
+    except OSError:
+        return None
+
+
 def texts(dataset) -> list[str]:
     """A list of texts from a dataset of fixed-length bytes."""
     return [item.decode() for item in dataset[...]]

@@ -20,6 +20,7 @@ from ..reduction.settings import Reduction
 from .model_source import Source
 from .toml_file import CONFIG, check_file_names, parse, read_table
 
+PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`
 Targets = str | tuple[int | tuple[int | str, str], ...]
 
 
@@ -32,10 +33,11 @@ class Job:
     model.interfaces.Interface; its name stands for a node in inputs, outputs and frames. `band`: Hz. `tolerance`:
     eps that points, orders and size are chosen for, over the band, within the limits `adaptive` (see
     reduction.adaptive.Limits); `unreached`: where it is not reached the model is written under a name that says so
-    ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result. `body_origin`
-    (m), `lumped_integrals`: see multibody.floating_frame. deflation_tolerance, drop_above, projection,
-    allow_unstable, groups, coordinates: see reduction.settings.Reduction. out_of_core, low_rank, memory_mb: see
-    linalg.factorisation.Factoring. `store`: a folder of expansion points (see formats.point_store).
+    ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result; `report`: whether
+    an HTML report is written beside it. `body_origin` (m), `lumped_integrals`: see multibody.floating_frame.
+    deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
+    out_of_core, low_rank, memory_mb: see linalg.factorisation.Factoring. `store`: a folder of expansion points (see
+    formats.point_store).
     """
 
     model: str | Source
@@ -53,6 +55,7 @@ class Job:
     deflation_tolerance: float = Reduction.deflation_tolerance
     drop_above: float | None = None
     write_basis: bool = True
+    report: bool = False
     body_origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lumped_integrals: bool = False
     projection: str = Reduction.projection
@@ -139,6 +142,11 @@ def read_job(path, overrides=()) -> Job:
         raise InputError(f"{path}: {error}") from error
 
 
+def job_from(table: dict, folder, output) -> Job:
+    """A checked Job from the tables of a job file in `folder`, with its result at `output`. Raises InputError."""
+    return replace(_with_folder(parse(Job, table), folder), output=str(output))
+
+
 def _with_folder(job, folder):
     """The job with its file names relative to the current folder."""
 
@@ -148,6 +156,23 @@ def _with_folder(job, folder):
     model = at(job.model) if isinstance(job.model, str) else Source(
         **{key: at(name) for key, name in asdict(job.model).items()}
     )  # fmt: skip
-    moved = {key: at(getattr(job, key)) for key in ("output", "inputs", "outputs", "out_of_core", "store")}
+    moved = {key: at(getattr(job, key)) for key in PLACES}
     interface = tuple(replace(item, nodes=at(item.nodes)) for item in job.interface)
     return replace(job, model=model, interface=interface, **moved)
+
+
+def plain(job: Job) -> dict:
+    """The job as plain types, with absolute names of files, which stay right wherever they are used."""
+    table = asdict(job)
+
+    def absolute(name):
+        return str(Path(name).absolute()) if isinstance(name, str) else name
+
+    for key in (*PLACES, "model"):
+        if key in table:
+            table[key] = absolute(table[key])
+    if isinstance(table["model"], dict):
+        table["model"] = {key: absolute(name) for key, name in table["model"].items()}
+    for item in table["interface"]:
+        item["nodes"] = absolute(item["nodes"])
+    return table

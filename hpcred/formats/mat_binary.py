@@ -210,6 +210,7 @@ class _Level5:
         own = self._small((1, 2), 2**16).astype(np.uint8).tobytes().decode("latin-1")
         if len(shape) < 2 or min(shape) < 0:
             raise self._wrong(f"a matrix of shape {shape}")
+        self._require_names([own])
         kind, is_complex = int(flags[0]) & 0xFF, bool(int(flags[0]) & COMPLEX)
         name, items = name or own, int(np.prod(shape, dtype=object))
         if kind in NUMERIC:
@@ -254,9 +255,15 @@ class _Level5:
         if length < 1 or len(names) % length:
             raise self._wrong(f"a struct '{name}' with {len(names)} letters in names of {length}")
         fields = [names[k : k + length].split(b"\0")[0].decode("latin-1") for k in range(0, len(names), length)]
+        self._require_names(fields)
         names = [f"{name}.{field}" if items == 1 else f"{name}({k + 1}).{field}"
                  for k in range(min(items, MOST_ITEMS)) for field in fields]  # fmt: skip
         self._items(names, items * len(fields), depth)
+
+    def _require_names(self, names):
+        wrong = next((name for name in names if name and not name.isidentifier()), None)
+        if wrong is not None:
+            raise self._wrong(f"the name {wrong!r}, which MATLAB does not give,")
 
     def _items(self, names, count, depth):
         for k in range(count):

@@ -26,6 +26,7 @@ from ..model.second_order_model import SecondOrderModel, row_range
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
+from ..parallel.memory import give_back
 from ..parallel.petsc import MPI
 from . import (
     abaqus_input,
@@ -304,19 +305,25 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
     for key in ("K", "M"):
         if not comm.allreduce(int(np.count_nonzero(parts.matrices[key].values))):
             raise InputError(f"{parts.files[key]}: found no number other than zero in {key}, expected a matrix")
-    mine = {key: _owned(comm, starts, parts.matrices.pop(key)) for key in list(parts.matrices)}
+    mine = {}
+    for key in list(parts.matrices):
+        mine[key] = _owned(comm, starts, parts.matrices.pop(key))
+        give_back()
     with agreed(comm):
         indptr, indices, values = compress(mine, first, last, size)
-    del mine
+    give_back()
     B = read_columns(comm, starts, size, inputs, variables=variables) if inputs else None
     Ct = read_columns(comm, starts, size, outputs, transposed=True, variables=variables) if outputs else None
     dofs = _dofs(comm, parts, size, starts, name) if parts.nodes is not None else None
     held = _held(comm, parts) if parts.nodes is not None else None
     remarks = dict.fromkeys(sentence for sentences in comm.allgather(parts.warnings) for sentence in sentences)
-    return SecondOrderModel.from_csr(
+    model = SecondOrderModel.from_csr(
         comm, size, indptr, indices, values, B, Ct, dofs, column_names(inputs, B), column_names(outputs, Ct), name,
         parts.elements, held, parts.sets, tuple(remarks),
     )  # fmt: skip
+    del indptr, indices, values
+    give_back()
+    return model
 
 
 def _number_rows(comm, parts):

@@ -12,9 +12,9 @@ import numpy as np
 
 from ..model.dofs import SCALAR
 from ..parallel.failures import InputError, agreed
-from ..parallel.lookup import number_over_ranks
+from ..parallel.lookup import number_over_ranks, repeated_key
 from .abaqus_matrices import is_one_triangle
-from .entries import LabelledEntries, joined, label_of
+from .entries import LabelledEntries, joined, label_name, label_of
 from .nastran_cards import CARD, lines_of, reals, wholes
 from .nastran_names import single
 from .text import first_bytes, first_line, is_packed, records
@@ -123,6 +123,7 @@ def read_matrices(path, comm, wanted: dict[str, Matrix]) -> tuple[dict[str, Labe
     result = {}
     for key, matrix in wanted.items():
         i, j, v = joined(parts.pop(key), (np.int64, np.int64, float))
+        _require_once(path, comm, matrix, i, j)
         there = comm.allreduce(len(number_over_ranks(comm, j)[0]))
         if key == "K" and there < matrix.columns:
             raise InputError(
@@ -140,6 +141,20 @@ def read_matrices(path, comm, wanted: dict[str, Matrix]) -> tuple[dict[str, Labe
             i, j, v = (np.concatenate(pair) for pair in ((i, j[off]), (j, i[off]), (v, v[off])))
         result[key] = LabelledEntries(i, j, v)
     return result, warnings
+
+
+def _require_once(path, comm, matrix, i, j):
+    """Raise InputError where a place of a matrix is given more than once, as no program writes it."""
+    names, place = number_over_ranks(comm, np.concatenate([i, j]))
+    key = place[: len(i)] * comm.allreduce(len(names)) + place[len(i) :]
+    twice = repeated_key(comm, key)
+    if twice is not None:
+        found = np.flatnonzero(key == twice)[:1]
+        (row, column), *_ = sum(comm.allgather([(i[k], j[k]) for k in found]), [])
+        raise InputError(
+            f"{path}: found the entry {label_name(row)}, {label_name(column)} of the matrix {matrix.name} more than "
+            "once; the file is damaged"
+        )
 
 
 def _pieces(path, comm):

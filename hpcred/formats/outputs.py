@@ -7,6 +7,7 @@ read-only or no file (a pipe, a device). A file of the same kind is, which is sa
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import stat
 import zipfile
@@ -24,14 +25,18 @@ PNG, SVG, PDF = "PNG picture", "SVG picture", "PDF file"
 ZIP, MATLAB, SID, UFF, VTK = "zip archive", "MATLAB .mat file", "SID file", "universal file", "VTK file"
 SUPERELEMENT, MBDYN, MARKET, OP4 = "superelement", ".fem file for MBDyn", "Matrix Market file", "Nastran OP4 file"
 OTHER = "file of another kind"
-PICTURES = {".png": PNG, ".svg": SVG, ".pdf": PDF}
+GIF, WEBP, HTML = "GIF picture", "WebP picture", "HTML report"
+PICTURES = {".png": PNG, ".svg": SVG, ".pdf": PDF, ".gif": GIF, ".webp": WEBP}
 BEGINNINGS = (
-    (b"\x89PNG", PNG), (b"%PDF", PDF), (b"    -1\n", UFF), (b"%%MatrixMarket", MARKET),
+    (b"\x89PNG", PNG), (b"%PDF", PDF), (b"GIF8", GIF), (b"RIFF", WEBP), (b"<!DOCTYPE html>", HTML),
+    (b"    -1\n", UFF), (b"%%MatrixMarket", MARKET),
     (b"** superelement", SUPERELEMENT), (b"! superelement", SUPERELEMENT), (b"$ superelement", SUPERELEMENT),
     (b"$ external superelement", SUPERELEMENT), (b"** hpcred ", MBDYN),
     (b"<VTKFile", VTK), (b"f_hz,", CSV_OF_RESPONSES), (b"t,position_x,", CSV_OF_MOTION), (b"{\n", JSON), (b"[\n", JSON),
-    (b"[]", JSON), (b"{}", JSON),
+    (b"[]", JSON), (b"{}", JSON), (b"# hpcred sweep", "job of a sweep"),
+    (b"#!/bin/bash\n# hpcred sweep", "script of a sweep"),
 )  # fmt: skip
+TITLES = re.compile(rb"[A-Za-z][^\n,;]*(,[A-Za-z][^\n,;]*)+\n")  # the first line of a table, all of it words
 EMPTY = "empty file"
 
 _keep = False
@@ -67,6 +72,8 @@ def kind_of(path) -> str:
     if sid.begins(start):
         return SID
     kind = next((kind for begins, kind in BEGINNINGS if start.startswith(begins)), None)
+    if kind is None and TITLES.match(start):
+        return f".csv table of {start.split(b',')[0].decode()}"
     return kind or (OP4 if nastran_op4.begins(start) else OTHER)
 
 

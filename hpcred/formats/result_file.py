@@ -18,13 +18,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import scipy.linalg
 from pydantic import TypeAdapter, ValidationError
 
 from ..linalg.blocks import create_block, local_rows
 from ..model.dofs import SCALAR
 from ..model.elements import surface_triangles
 from ..model.interfaces import InterfaceNode
-from ..multibody.body import Body, Surface, body_of
+from ..multibody.body import Body, Surface, body_of, number_of
 from ..multibody.floating_frame import FloatingFrame
 from ..multibody.node_shapes import NodeShape, shapes_of_rows
 from ..parallel.failures import InputError, agreed
@@ -60,7 +61,7 @@ class Result:
         return f"{self.path}: {self.reduced}"
 
     def body(self, nodes=None) -> Body:
-        """The body with chosen interface nodes, by default those of the inputs and outputs.
+        """The body with chosen interface nodes, by number or name, by default those of the inputs and outputs.
 
         On one rank. Raises InputError where the file has no floating-frame quantities or no such node.
         """
@@ -70,7 +71,7 @@ class Result:
                 "was two-sided"
             )
         known = {shape.node: shape for shape in self.nodes}
-        nodes = list(known) if nodes is None else list(nodes)
+        nodes = list(known) if nodes is None else list(dict.fromkeys(number_of(self.nodes, node) for node in nodes))
         missing = [node for node in nodes if node not in known]
         if missing:
             known |= {shape.node: shape for shape in self._shapes_of_nodes(missing)}
@@ -120,9 +121,10 @@ class Result:
 class Shapes:
     """Shapes of the columns of a basis at the nodes, read from an open file one by one.
 
-    `nodes` (k,) their numbers, with those that are held, which do not move; `points` (k, 3) in m, `cells` by kind as
-    indices of points, `names` and `frequencies` (m,) of the columns: the stored basis is the diagonalised one (54), so
-    that they are the pseudo-modes.
+    `nodes` (k,) their numbers, with those that are held, which do not move; `points` (k, 3) in m, `cells` by kind
+    as indices of points, `names` and `frequencies` (m,) of the shapes: pseudo-modes, which the columns of the basis
+    are (54), but in interface coordinates, or the basis vectors of a two-sided projection. `interface`: numbers of
+    the interface nodes.
     """
 
     def __init__(self, file, name):
@@ -140,8 +142,12 @@ class Shapes:
         self.points = position[first]
         self._place = place[: len(self._direction)]
         self._basis = file["basis/V"]
+        self.interface = file["interface/node"][...] if "interface" in file else np.zeros(0, dtype=int)
         kind = "basis vector" if "basis/W" in file else "pseudo-mode"
         self.frequencies = file["reduced/frequencies"][...]
+        self._mixture = None
+        if "reduced/interfaces" in file:
+            self._mixture = scipy.linalg.eigh(file["reduced/K"][...], file["reduced/M"][...])[1]
         width = len(str(len(self.frequencies)))
         self.names = [f"{kind} {k + 1:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies)]
         self.cells = {}
@@ -151,9 +157,15 @@ class Shapes:
             there = (self.nodes[index] == cells).all(axis=1)  # a frame may hold all dofs of a node
             self.cells[key] = index[there]
 
-    def displacement(self, column) -> np.ndarray:
-        """(k, 3); the translational dofs of a column."""
-        values, moved = self._basis[column][self._rows], self._direction < 3
+    def displacement(self, number) -> np.ndarray:
+        """(k, 3); the translational dofs of a shape."""
+        if self._mixture is None:
+            return self.column(number)
+        return sum(factor * self.column(k) for k, factor in enumerate(self._mixture[:, number]))
+
+    def column(self, number) -> np.ndarray:
+        """(k, 3); the translational dofs of a column of the basis, which belongs to a coordinate."""
+        values, moved = self._basis[number][self._rows], self._direction < 3
         displaced = np.zeros((len(self.nodes), 3))
         displaced[self._place[moved], self._direction[moved]] = values[moved]
         return displaced

@@ -1,13 +1,20 @@
 """Files of a simulation: sim.toml enters as a SimulationJob; simulation.h5 and a .csv leave. SI units.
 
-simulation.h5, with nt output times, m elastic coordinates, k nodes, c constrained directions:
+sim.toml: the keys of SimulationJob, with the tables [[force]], [[moment]], [[constraint]], [[drive]] and [[spring]];
+docs/simulate.md lists them.
+
+simulation.h5, with nt output times, m elastic coordinates, k nodes, c and d components of constraints, s springs:
 t (nt); position (nt, 3) of the body frame; quaternion (nt, 4), scalar first; velocity, angular_velocity (nt, 3) in body
 axes; elastic, elastic_velocity (nt, m)
-nodes/number (k); nodes/position (nt, k, 3), nodes/displacement (nt, k, 3) in inertial axes
-constraints/name (c), such as 7:x; constraints/force (nt, c) on the body
-energy/kinetic, elastic, gravity, work, dissipated (nt)
+nodes/number, name (k); nodes/position, displacement, rotation (nt, k, 3) in inertial axes; rotation: a vector in rad
+constraints/name (c), such as 7:x; constraints/force (nt, c) on the body; constraints/moment_name (d), such as 7:rx;
+constraints/moment (nt, d) on the body; all joints and drives of a node together, in inertial axes
+springs/name (s), such as 1:7 for the first one, at node 7; springs/force, moment (nt, s, 3) on the body; springs/energy
+(nt, s)
+energy/kinetic, elastic, gravity, springs, work (of forces and moments), drives (their work), dissipated (nt)
 provenance: JSON with versions, setup, largest errors, and where the time went
-The .csv has one line a time: t, position, quaternion, elastic coordinates, displacements, forces and energies.
+The .csv has one line a time: t, position, quaternion, elastic coordinates, displacements, rotations of nodes that have
+some, forces, moments and energies.
 """
 
 from __future__ import annotations
@@ -17,7 +24,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..multibody.simulation import AXES, Motion, Simulation
+from ..multibody.joints import AXES
+from ..multibody.simulation import Motion, Simulation
 from ..parallel.failures import InputError
 from .hdf5 import writing
 from .toml_file import CONFIG, check_file_names, parse, read_table
@@ -28,13 +36,15 @@ VERSION = 1
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationJob(Simulation):
-    """A Simulation and its files. `body`: result.h5. `output`: an HDF5 file; .csv and .png are written beside it.
+    """A Simulation and its files. `body`: result.h5. `output`: an HDF5 file; .csv and .png are written beside it, and
+    with `paraview` a .pvd with the motion of all nodes, one file a time in a folder.
 
     In sim.toml, file names are relative to the folder of that file.
     """
 
     body: str
     output: str = "simulation.h5"
+    paraview: bool = False
 
     __pydantic_config__ = CONFIG
 
@@ -73,10 +83,16 @@ def _arrays(motion) -> dict:
     return {
         **{name: getattr(motion, name) for name in names},
         "nodes/number": np.array(motion.nodes, dtype=int),
+        "nodes/name": motion.node_names,
         "nodes/position": motion.node_position,
         "nodes/displacement": motion.node_displacement,
+        "nodes/rotation": motion.node_rotation,
         "constraints/name": motion.constraint_names,
         "constraints/force": motion.constraint_force,
+        "constraints/moment_name": motion.moment_names,
+        "constraints/moment": motion.constraint_moment,
+        "springs/name": motion.spring_names,
+        **{f"springs/{name}": getattr(motion, f"spring_{name}") for name in ("force", "moment", "energy")},
         **{f"energy/{name}": value for name, value in motion.energies.items()},
     }
 
@@ -87,11 +103,16 @@ def write_motion_csv(path, motion: Motion):
     columns |= {f"position_{a}": motion.position[:, i] for i, a in enumerate(AXES)}
     columns |= {f"quaternion_{a}": motion.quaternion[:, i] for i, a in enumerate("wxyz")}
     columns |= {f"q{k + 1}": motion.elastic[:, k] for k in range(motion.elastic.shape[1])}
-    for j, node in enumerate(motion.nodes):
-        columns |= {f"displacement_{node}_{a}": motion.node_displacement[:, j, i] for i, a in enumerate(AXES)}
-    columns |= {
-        f"constraint_force_{name.replace(':', '_')}": motion.constraint_force[:, i]
-        for i, name in enumerate(motion.constraint_names)
-    }
+    for kind, values in (("displacement", motion.node_displacement), ("rotation", motion.node_rotation)):
+        for j, name in enumerate(motion.node_names):
+            if kind == "displacement" or motion.node_rotates[j]:
+                columns |= {f"{kind}_{name}_{a}": values[:, j, i] for i, a in enumerate(AXES)}
+    for kind, names in (("force", motion.constraint_names), ("moment", motion.moment_names)):
+        values = getattr(motion, f"constraint_{kind}")
+        columns |= {f"constraint_{kind}_{name.replace(':', '_')}": values[:, i] for i, name in enumerate(names)}
+    for kind in ("force", "moment"):
+        values = getattr(motion, f"spring_{kind}")
+        for j, name in enumerate(motion.spring_names):
+            columns |= {f"spring_{kind}_{name.replace(':', '_')}_{a}": values[:, j, i] for i, a in enumerate(AXES)}
     columns |= {f"energy_{name}": value for name, value in motion.energies.items()}
     np.savetxt(path, np.array(list(columns.values())).T, "%.10e", ",", header=",".join(columns), comments="")

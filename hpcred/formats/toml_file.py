@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import os
+import re
 import sys
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -53,7 +54,8 @@ def parse(kind, table: dict):
         return TypeAdapter(kind).validate_json(text, strict=True)
     except ValidationError as error:
         # of several mistakes the deepest: of the kinds of value that a key takes, the one that was meant
-        details = max(error.errors(), key=lambda item: (len(item["loc"]), item["type"] == UNKNOWN))
+        meant = (UNKNOWN, "value_error")
+        details = max(error.errors(), key=lambda item: (len(item["loc"]), item["type"] in meant))
         raise InputError(_sentence(kind, table, details)) from error
 
 
@@ -186,10 +188,34 @@ def _override(table, text):
         value = tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         value = value.strip()
+    try:
+        put(table, key, value)
+    except InputError as error:
+        raise InputError(f"--set: {error}") from error
+
+
+def put(table: dict, key: str, value):
+    """Put a value at the place "a.b.0.c" of nested tables and lists, in place of what is there. Raises InputError."""
     *path, last = key.strip().split(".")
     try:
         for part in path:
             table = table[int(part)] if isinstance(table, list) else table.setdefault(part, {})
         table[int(last) if isinstance(table, list) else last] = value
     except (AttributeError, IndexError, TypeError, ValueError) as error:
-        raise InputError(f"--set: the job has no place '{key}'") from error
+        raise InputError(f"the job has no place '{key}'") from error
+
+
+def as_value(value) -> str:
+    """A value as TOML in one line: texts, numbers, lists and tables, without the keys of a table that are None."""
+    if isinstance(value, dict):
+        items = (f"{_as_key(key)} = {as_value(item)}" for key, item in value.items() if item is not None)
+        return "{" + ", ".join(items) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(as_value(item) for item in value) + "]"
+    if isinstance(value, str):  # JSON leaves one character as it is that TOML does not take
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return str(value).lower() if isinstance(value, bool) else repr(value)
+
+
+def _as_key(key):
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else as_value(key)

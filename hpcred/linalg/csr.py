@@ -6,17 +6,23 @@ import numpy as np
 def compress(entries: dict, first: int, last: int, columns: int):
     """CSR of the rows first..last-1 on the union pattern of square matrices, with duplicates summed.
 
-    `entries`: name -> (rows, columns, values) with global numbers from 0. Returns indptr (rows + 1,), indices
-    (nonzeros,) and a dict name -> values (nonzeros,).
+    `entries`: name -> (rows, columns, values) with global numbers from 0, emptied on the way. Returns indptr
+    (rows + 1,), indices (nonzeros,) and a dict name -> values (nonzeros,).
     """
-    # 32-bit row numbers of PETSc overflow in the product
-    keys = {name: (np.asarray(i, dtype=np.int64) - first) * int(columns) + j for name, (i, j, _) in entries.items()}
-    diagonal = np.arange(last - first) * (columns + 1) + first  # always present, as PETSc wants it
-    pattern = np.unique(np.concatenate([diagonal, *(np.unique(key) for key in keys.values())]))
-    rows, indices = np.divmod(pattern, columns)
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows.astype(np.int64), minlength=last - first))])
+    names, keys, data = list(entries), {}, {}
+    pattern = np.arange(last - first) * (columns + 1) + first  # the diagonal is always present, as PETSc wants it
+    for name in names:
+        i, j, data[name] = entries.pop(name)
+        key = np.asarray(i, dtype=np.int64) - first  # 32-bit row numbers of PETSc overflow in the product
+        key *= int(columns)
+        key += j
+        del i, j
+        keys[name] = key
+        pattern = np.union1d(pattern, key)
     values = {}
-    for name, (_, _, data) in entries.items():
-        place = np.searchsorted(pattern, keys[name])
-        values[name] = np.bincount(place, weights=data, minlength=pattern.size)
+    for name in names:
+        place = np.searchsorted(pattern, keys.pop(name))
+        values[name] = np.bincount(place, weights=data.pop(name), minlength=pattern.size)
+    rows, indices = np.divmod(pattern, columns)
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=last - first))])
     return indptr, indices, values

@@ -52,12 +52,12 @@ def modes_in_interval(K, M, low, high, prefix="modes_", settings=None):
     return _pairs(eps, K, found)
 
 
-def lowest_modes(K, M, count, solve, prefix="modes_"):
+def lowest_modes(K, M, count, solve, prefix="modes_", monitor=None):
     """The `count` lowest eigenpairs of (K, M) on the space where `solve` inverts K. Collective.
 
     `solve(x, y)`: y = K^-1 x for vectors; for a free body by inertia relief, which keeps the rigid-body modes
-    out. Returns eigenvalues (count,) ascending and a block whose columns span the eigenvectors: as many, or twice as
-    many in a complex build (see _pairs).
+    out. `monitor(found)` is told now and then how many are found. Returns eigenvalues (count,) ascending and a block
+    whose columns span the eigenvectors: as many, or twice as many in a complex build (see _pairs).
     """
     eps = _create(K, M, prefix)
     eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
@@ -72,6 +72,8 @@ def lowest_modes(K, M, count, solve, prefix="modes_"):
     pc.setType("python")
     inverse = _Inverse(solve)
     pc.setPythonContext(inverse)
+    if monitor is not None:
+        eps.setMonitor(lambda _eps, _iteration, converged, *_: monitor(min(converged, count)))
     eps.setFromOptions()
     eps.solve()
     if inverse.error is not None:

@@ -21,6 +21,7 @@ from ..parallel.decisions import decided
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
 from ..parallel.petsc import MPI, PETSc
+from ..parallel.ranges import COORDINATE, LABEL, within
 from .dofs import DIRECTIONS, SCALAR, Dofs, require_dofs
 from .elements import surface_areas
 
@@ -47,8 +48,10 @@ class Nodes:
                 f"interface.nodes: found {', '.join(given) or 'none'}, expected exactly one of set, box, sphere, "
                 "cylinder, or node numbers"
             )
+        for key in ("box", "sphere", "cylinder"):
+            within(f"interface.nodes.{key}", getattr(self, key), COORDINATE)
         radius = (self.sphere or self.cylinder or (1.0,))[-1]
-        if not 0 < radius < np.inf:
+        if radius <= 0:
             raise InputError(f"interface.nodes: found radius {radius:g} m, expected a positive one")
         if self.cylinder is not None and self.cylinder[0] == self.cylinder[1]:
             raise InputError("interface.nodes.cylinder: its two points are the same, expected the ends of its axis")
@@ -109,12 +112,11 @@ class Interface:
         if isinstance(self.weights, tuple):
             if not isinstance(self.nodes, tuple) or len(self.weights) != len(self.nodes):
                 raise InputError(f"{where}: weights: a list of numbers needs `nodes` as a list of as many numbers")
-            if not all(0 < weight < np.inf for weight in self.weights):
-                raise InputError(f"{where}: weights: found {min(self.weights):g}, expected positive finite numbers")
-        if self.node is not None and not 0 < self.node < 2**62:
-            raise InputError(f"{where}: node: found {self.node}, expected a positive number")
-        if not np.isfinite(self.at or 0.0).all():
-            raise InputError(f"{where}: at: found {list(self.at)}, expected finite coordinates in m")
+            within(f"{where}: weights", self.weights, (1e-12, 1e12, ""))
+        if isinstance(self.nodes, tuple):
+            within(f"{where}: nodes", self.nodes, LABEL)
+        within(f"{where}: node", self.node, LABEL)
+        within(f"{where}: at", self.at, COORDINATE)
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,11 @@ import numpy as np
 
 from ..linalg.csr import compress
 from ..parallel.digest import digest, digest_of_block
-from ..parallel.failures import InputError, agreed, settle, watched
+from ..parallel.failures import InputError, Owned, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
 from .dofs import DIRECTIONS, Dofs, row_of, target_name
 from .interfaces import InterfaceNode, interface_column, single_targets, with_interfaces
+from .petsc_matrices import decoupled, labels, taken
 
 SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
 
@@ -314,6 +315,62 @@ class SecondOrderModel:
         indptr, indices, values = compress(mine, first, last, size)
         return cls.from_csr(comm, size, indptr, indices, values, **keywords)
 
+    @classmethod
+    def from_petsc(
+        cls, K, M, D=None, nodes=None, *, numbers=None, dofs=None, held=None, name="model", elements=None, sets=None
+    ):
+        """A model of matrices that are assembled in PETSc, as finite-element libraries leave them. Collective.
+
+        K, M, D: PETSc.Mat (n, n) with one layout of rows and columns; the model keeps references, so that they can be
+        destroyed but must not be changed. They are copied only where the nonzero patterns differ, where rows are held,
+        and from storage types other than AIJ.
+
+        `nodes` (nodes of this rank, 3): positions in m, in the order of the rows, each with the same number of rows in
+        x, y, z (rx, ry, rz); `numbers` (nodes,): their numbers, by default from 1 over all ranks. `dofs`: labels of the
+        rows of this rank instead, where nodes have different rows. `held` (rows,): numbers (global, from 0, named by
+        any rank) of rows with boundary conditions, which the model does not keep; [] for none. `elements` and `sets`:
+        as of the model, with node numbers.
+
+        Raises InputError as from_csr does, for imaginary parts, and where `held` is not given while some rows have a
+        diagonal and nothing else, as libraries leave the rows of boundary conditions.
+        """
+        given = {key: mat for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
+        mats, free = taken(given, held, name)
+        comm = mats["K"].comm.tompi4py()
+        with Owned(comm) as owned:
+            for mat in mats.values():
+                owned.owns(mat)
+            dofs = labels(K, nodes, numbers, dofs, name)
+            away = None
+            if dofs is not None:
+                away = dofs.take(np.setdiff1d(np.arange(len(dofs.node)), free))
+                away, dofs = away if comm.allreduce(len(away.node)) else None, dofs.take(free)
+            choice_made = any(comm.allgather(held is not None))
+            first = mats["K"].getOwnershipRange()[0]
+            with agreed(comm):
+                indptr, indices, _ = mats["K"].getValuesCSR()
+                values = {key: _real(mat.getValuesCSR()[2], f"{name}: {key}") for key, mat in mats.items()}
+                _check_rows(indptr, indices, values, first, name, dofs)
+                alone = [] if choice_made else decoupled(indptr, indices, values.values(), first)
+                if len(alone):
+                    raise InputError(
+                        f"{name}: found {len(alone)} rows with nothing beside the diagonal, the first is "
+                        f"{_row_name(alone[0], first, dofs)}, as boundary conditions leave them; name such rows by "
+                        "`held`, or give held=[] to keep them"
+                    )
+            return cls(
+                copy(mats["M"]), copy(mats["K"]), copy(mats["D"]) if "D" in mats else None, None, None, dofs,
+                name=name, elements=elements or {}, held=away, sets=sets or {},
+            )  # fmt: skip
+
+
+def _real(values, what):
+    if np.iscomplexobj(values) and values.imag.any():
+        raise InputError(
+            f"{what}: found {np.count_nonzero(values.imag)} entries with imaginary parts, expected real ones"
+        )
+    return values.real
+
 
 def dense_matrix(like: PETSc.Mat, local: np.ndarray) -> PETSc.Mat:
     """A dense matrix with the row layout of `like` from the rows of this rank. Collective."""
@@ -385,29 +442,28 @@ def listed(names, most=4) -> str:
     return shown or "none"
 
 
+def _row_name(row, first, dofs):
+    if dofs is None:
+        return f"dof {first + row + 1}"
+    return f"dof {first + row + 1} (node {dofs.node[row]}, {DIRECTIONS[dofs.direction[row]]})"
+
+
 def _check_rows(indptr, indices, values, first, name, dofs):
     """Refuse rows that no mechanical model has."""
-
-    def row_name(row):
-        if dofs is None:
-            return f"dof {first + row + 1}"
-        direction = DIRECTIONS[dofs.direction[row]]
-        return f"dof {first + row + 1} (node {dofs.node[row]}, {direction})"
-
     rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     for key, data in values.items():
         bad = np.flatnonzero(~np.isfinite(data))
         if bad.size:
             raise InputError(
                 f"{name}: matrix {key} has {bad.size} entries that are NaN or Inf, "
-                f"the first in the row of {row_name(rows[bad[0]])}"
+                f"the first in the row of {_row_name(rows[bad[0]], first, dofs)}"
             )
     diagonal = np.flatnonzero(indices == rows + first)
     negative = diagonal[values["M"][diagonal] < 0]
     if negative.size:
         raise InputError(
             f"{name}: the mass matrix has {negative.size} negative diagonal entries, the first at "
-            f"{row_name(rows[negative[0]])}: {values['M'][negative[0]]:g}; expected none"
+            f"{_row_name(rows[negative[0]], first, dofs)}: {values['M'][negative[0]]:g}; expected none"
         )
     touched = np.zeros(len(indptr) - 1, dtype=bool)
     for key in ("K", "M"):
@@ -415,6 +471,6 @@ def _check_rows(indptr, indices, values, first, name, dofs):
     empty = np.flatnonzero(~touched)
     if empty.size:
         raise InputError(
-            f"{name}: {empty.size} dofs have no entry in K nor in M, the first is {row_name(empty[0])}; "
+            f"{name}: {empty.size} dofs have no entry in K nor in M, the first is {_row_name(empty[0], first, dofs)}; "
             "no element touches them: remove them from the model"
         )

@@ -33,6 +33,21 @@ class Body:
     nodes: list[NodeShape]
     surface: Surface | None = None
 
+    def number(self, node) -> int:
+        """The number of a node that is given by its number or name. Raises InputError for an unknown name."""
+        return number_of(self.nodes, node)
+
+
+def number_of(shapes, node) -> int:
+    """The number of a node that is given by its number or by the name of one of some NodeShapes. Raises InputError."""
+    if not isinstance(node, str):
+        return int(node)
+    names = {shape.name: shape.node for shape in shapes if shape.name}
+    if node not in names:
+        known = f"its interfaces are {', '.join(names)}" if names else "no node of the body has a name"
+        raise InputError(f"node '{node}': no interface of this name; {known}")
+    return names[node]
+
 
 def body_of(model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lumped=False) -> Body:
     """The Body of a SecondOrderModel and of what `reduce` made of it, before its basis is closed. Collective.

@@ -24,6 +24,11 @@ class NodeShape:
     rotates: bool
     name: str = ""
 
+    @property
+    def label(self) -> str:
+        """Its name, or its number where it has none."""
+        return self.name or str(self.node)
+
 
 def node_shapes(model, columns, nodes) -> list[NodeShape]:
     """The shapes of nodes from the basis `columns` (a block (n, m)), zero where the model is held.

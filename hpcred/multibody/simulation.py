@@ -2,117 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
-from pydantic import Field
-from scipy.spatial.transform import Rotation
 
 from ..parallel.failures import ComputationError, InputError
-from ..parallel.ranges import ANYTHING, COUNT, FREQUENCY, LABEL, within
+from ..parallel.ranges import COUNT, LABEL, within
 from .body import Body, check_moving, remarks
-from .equations_of_motion import FlexibleBody, Force, PointConstraint, rotation
+from .checks import require_finite
+from .drives import AnyDrive
+from .equations_of_motion import FlexibleBody, node_motion
+from .joints import AXES, Joint, holds_of
+from .loads import AnyForce, AnyMoment, Vector, load_of
+from .rotations import quaternion, rotation, vector_of
+from .springs import ZERO, AnySpring, element_of
 
-Vector = tuple[float, float, float]
-AXES = ("x", "y", "z")
-ZERO = (0.0, 0.0, 0.0)
-
-
-def _require_finite(where, **values):
-    """Raise InputError for NaN and Inf, which TOML can write, and for numbers beyond all units."""
-    for key, value in values.items():
-        within(f"{where}{key}", value, ANYTHING)
-
-
-@dataclass(frozen=True)
-class ConstantForce:
-    """A force in N in inertial axes at a node."""
-
-    node: int
-    value: Vector
-    kind: Literal["constant"] = field(default="constant", kw_only=True, repr=False)
-
-    def __post_init__(self):
-        within("force.node", self.node, LABEL)
-        _require_finite("force.", value=self.value)
-
-    def __call__(self, t):
-        return np.asarray(self.value)
-
-    def longest_step(self):
-        return np.inf
-
-
-@dataclass(frozen=True)
-class SineForce:
-    """amplitude sin(2 pi frequency t + phase) at a node; N, Hz, rad."""
-
-    node: int
-    amplitude: Vector
-    frequency: float
-    phase: float = 0.0
-    kind: Literal["sine"] = field(default="sine", kw_only=True, repr=False)
-
-    def __post_init__(self):
-        within("force.node", self.node, LABEL)
-        _require_finite("force.", amplitude=self.amplitude, frequency=self.frequency, phase=self.phase)
-        if self.frequency <= 0:
-            raise InputError(f"force.frequency: found {self.frequency:g}, expected a positive frequency in Hz")
-        within("force.frequency", self.frequency, FREQUENCY)
-        within("force.phase", self.phase, (-1e6, 1e6, "rad"))
-
-    def __call__(self, t):
-        return np.asarray(self.amplitude) * np.sin(2 * np.pi * self.frequency * t + self.phase)
-
-    def longest_step(self):
-        return 1 / (8 * self.frequency)
-
-
-@dataclass(frozen=True)
-class TableForce:
-    """Forces in N at ascending times in s, linear between them, constant before the first and after the last."""
-
-    node: int
-    times: tuple[float, ...]
-    values: tuple[Vector, ...]
-    kind: Literal["table"] = field(default="table", kw_only=True, repr=False)
-
-    def __post_init__(self):
-        within("force.node", self.node, LABEL)
-        _require_finite("force.", times=self.times, values=self.values)
-        if len(self.times) != len(self.values) or not self.times:
-            raise InputError(
-                f"force.values: found {len(self.values)} forces for {len(self.times)} times, expected as many"
-            )
-        if any(late <= early for early, late in zip(self.times, self.times[1:], strict=False)):
-            raise InputError("force.times: expected ascending times")
-
-    def __call__(self, t):
-        return np.array([np.interp(t, self.times, column) for column in zip(*self.values, strict=True)])
-
-    def longest_step(self):
-        return min(np.diff(self.times), default=np.inf)
-
-
-AnyForce = Annotated[ConstantForce | SineForce | TableForce, Field(discriminator="kind")]
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A node held in inertial directions, at the point `at` (m) or where it starts."""
-
-    node: int
-    directions: tuple[str, ...] = AXES
-    at: Vector | None = None
-
-    def __post_init__(self):
-        _require_finite("constraint.", at=self.at or ())
-        within("constraint.node", self.node, LABEL)
-        if not self.directions or any(name not in AXES for name in self.directions):
-            raise InputError(f"constraint.directions: found {list(self.directions)}, expected some of x, y, z")
-        if len(set(self.directions)) < len(self.directions):
-            raise InputError(f"constraint.directions: found {list(self.directions)}, expected each once")
+ENERGIES = ("kinetic", "elastic", "gravity", "springs")
+POWERS = ("work", "drives", "dissipated")
+MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,9 +27,9 @@ class Simulation:
     """One simulation; SI units, inertial axes.
 
     end: last time; steps: output intervals. start: "given" by position, rotation (vector, rad), velocity,
-    angular_velocity of the body frame and the elastic coordinates, or "static": the rest position under gravity and the
-    forces at t = 0. observe: nodes whose displacements are found beside those of forces and constraints. The tolerances
-    are those of the integrator.
+    angular_velocity of the body frame and the elastic coordinates, or "static": the rest position under gravity, loads
+    and drives at t = 0. observe: nodes whose displacements are found beside those of the tables below. The tolerances
+    are those of the integrator. Nodes are numbers, or names of interfaces.
     """
 
     end: float
@@ -135,11 +42,14 @@ class Simulation:
     angular_velocity: Vector = ZERO
     elastic: tuple[float, ...] = ()
     elastic_velocity: tuple[float, ...] = ()
-    observe: tuple[int, ...] = ()
+    observe: tuple[int | str, ...] = ()
     relative_tolerance: float = 1e-5
     absolute_tolerance: float = 1e-8
     force: tuple[AnyForce, ...] = ()
+    moment: tuple[AnyMoment, ...] = ()
     constraint: tuple[Joint, ...] = ()
+    drive: tuple[AnyDrive, ...] = ()
+    spring: tuple[AnySpring, ...] = ()
 
     def __post_init__(self):
         for key in ("end", "steps", "relative_tolerance", "absolute_tolerance"):
@@ -151,16 +61,26 @@ class Simulation:
         within("absolute_tolerance", self.absolute_tolerance, (1e-30, 1.0, ""))
         within("observe", self.observe, LABEL)
         moving = ("velocity", "angular_velocity", "elastic", "elastic_velocity")
-        _require_finite("", **{key: getattr(self, key) for key in ("gravity", "position", "rotation", *moving)})
+        require_finite("", **{key: getattr(self, key) for key in ("gravity", "position", "rotation", *moving)})
         if self.start not in ("given", "static"):
             raise InputError(f"start: found '{self.start[:40]}', expected 'given' or 'static'")
         if self.start == "static" and any(any(getattr(self, key)) for key in moving):
             raise InputError(f"start: 'static' is a state of rest; leave out {', '.join(moving)}")
 
     @property
-    def nodes(self) -> list[int]:
-        """All nodes that are observed, loaded or held."""
-        return sorted({*self.observe, *(item.node for item in (*self.force, *self.constraint))})
+    def nodes(self) -> list:
+        """All nodes that are observed, loaded, held or driven: numbers, then names."""
+        tables = (*self.force, *self.moment, *self.constraint, *self.drive, *self.spring)
+        found = {*self.observe, *(item.node for item in tables)}
+        return sorted(found, key=lambda node: (isinstance(node, str), node))
+
+    def numbered(self, body: Body) -> Simulation:
+        """The same with the numbers of nodes for their names. Raises InputError for a name that the body has not."""
+        tables = {
+            key: tuple(replace(item, node=body.number(item.node)) for item in getattr(self, key))
+            for key in ("force", "moment", "constraint", "drive", "spring")
+        }
+        return replace(self, observe=tuple(map(body.number, self.observe)), **tables)
 
 
 @dataclass
@@ -168,11 +88,15 @@ class Motion:
     """What a simulation found at its output times t (nt,); SI units.
 
     position (nt, 3) of the body frame and quaternion (nt, 4), scalar first; velocity (nt, 3) and angular_velocity
-    (nt, 3) in body axes; elastic, elastic_velocity (nt, m). For k nodes: node_position (nt, k, 3) and
-    node_displacement from the undeformed place at the start, inertial axes. constraint_force (nt, c) on the body with
-    `constraint_names`. energies: kinetic, elastic, gravity, work (of the forces), dissipated (nt,). drift: largest
-    distance of a held point from its place. balance: largest defect of the energy relative to the largest energy.
-    notes: what was changed or approximated. factorisations: of the integrator's Newton matrices.
+    (nt, 3) in body axes; elastic, elastic_velocity (nt, m). For k nodes with node_names (texts): node_position
+    (nt, k, 3), node_displacement from the undeformed place at the start, and node_rotation from the undeformed
+    rotation there, a rotation vector not longer than pi (that of the body frame where node_rotates is false), inertial
+    axes. constraint_force (nt, c) in N and constraint_moment (nt, d) in N m on the body with `constraint_names` and
+    `moment_names`, inertial axes. spring_force, spring_moment (nt, s, 3) on the body and spring_energy (nt, s), with
+    `spring_names`. energies: kinetic, elastic, gravity, springs, work (of forces and moments), drives (their work),
+    dissipated (nt,). drift, rotation_drift: largest distance (m) and angle (rad) of a held node from where it is held.
+    balance: largest defect of the energy relative to the largest energy. notes: what was changed or approximated.
+    factorisations: of the integrator's Newton matrices.
     """
 
     t: np.ndarray
@@ -183,12 +107,22 @@ class Motion:
     elastic: np.ndarray
     elastic_velocity: np.ndarray
     nodes: list
+    node_names: list
+    node_rotates: list
     node_position: np.ndarray
     node_displacement: np.ndarray
+    node_rotation: np.ndarray
     constraint_names: list
     constraint_force: np.ndarray
+    moment_names: list
+    constraint_moment: np.ndarray
+    spring_names: list
+    spring_force: np.ndarray
+    spring_moment: np.ndarray
+    spring_energy: np.ndarray
     energies: dict
     drift: float
+    rotation_drift: float
     balance: float
     notes: list
     factorisations: int
@@ -198,9 +132,11 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     """Simulate a Body whose `nodes` hold those of the setup, as an index-2 system by Radau IIA of order 5.
 
     On one rank. Raises InputError (dependent constraints, free rigid motion in a static start, structural damping, no
-    mass in a direction, rigid-body motions in the basis, an unknown node) or ComputationError.
+    mass in a direction, rigid-body motions in the basis, an unknown node, a joint or moment at a node without
+    rotations) or ComputationError.
     """
     check_moving(body, "a simulation")
+    setup = setup.numbered(body)
     shapes = {shape.node: shape for shape in body.nodes}
     for node in setup.nodes:
         if node not in shapes:
@@ -210,17 +146,21 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     for key in ("elastic", "elastic_velocity"):
         if len(getattr(setup, key)) not in (0, size):
             raise InputError(f"{key}: found {len(getattr(setup, key))} numbers, expected {size}")
-    system = FlexibleBody(
-        body.floating_frame, body.reduced.K, body.reduced.D, setup.gravity,
-        [Force(shapes[item.node], item) for item in setup.force],
-        [PointConstraint(shapes[item.node], np.eye(3)[[AXES.index(name) for name in item.directions]], item.at)
-         for item in setup.constraint],
-    )  # fmt: skip
-    r, p = np.array(setup.position), np.roll(Rotation.from_rotvec(setup.rotation).as_quat(), 1)  # scalar first
+    r, p = np.array(setup.position), quaternion(setup.rotation)
     A = rotation(p)
     q, u = (np.array(getattr(setup, key) or np.zeros(size)) for key in ("elastic", "elastic_velocity"))
     z = np.concatenate([A.T @ setup.velocity, A.T @ setup.angular_velocity, u])
-    origin = {node: r + A @ system.local(shape, np.zeros(size)) for node, shape in shapes.items()}
+    first, undeformed = (
+        {node: node_motion(shape, body.floating_frame.origin, r, A, state) for node, shape in shapes.items()}
+        for state in (q, np.zeros(size))
+    )
+    start = {node: (shapes[node], motion.x, motion.R) for node, motion in first.items()}
+    system = FlexibleBody(
+        body.floating_frame, body.reduced.K, body.reduced.D, setup.gravity,
+        [load_of(item, shapes[item.node]) for item in (*setup.force, *setup.moment)],
+        [element_of(item, *start[item.node]) for item in setup.spring],
+        holds_of(setup.constraint, setup.drive, start),
+    )  # fmt: skip
     notes = remarks(body)
     if setup.start == "static":
         r, p, q = system.equilibrium(r, p)
@@ -232,7 +172,11 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     if change > 1e-10 * max(1.0, np.abs(z).max()):
         notes.append(f"the initial velocities did not fit the constraints and were projected (change {change:.2g})")
     t, states, rates, factorisations = _integrate(system, setup, y0, yp0, progress)
-    return _motion(system, setup, shapes, origin, t, states, rates, notes, factorisations)
+    return Motion(
+        t=t, notes=notes, factorisations=factorisations, **_motion(system, t, states, rates),
+        **_nodes(body, undeformed, t, states, system), **_reactions(body, system, t, states, rates),
+        **_springs(body, setup, system, t, states),
+    )  # fmt: skip
 
 
 def _integrate(system, setup, y0, yp0, progress):
@@ -255,7 +199,7 @@ def _integrate(system, setup, y0, yp0, progress):
     forces = system.split(yp0)[4]
     system.split(tolerance)[4][:] *= max(1.0, np.abs(forces).max(initial=0.0))
     # a pulse must not be stepped over
-    longest = min([setup.end / 20, *(item.longest_step() for item in setup.force)])
+    longest = min([setup.end / 20, *(item.longest_step() for item in (*setup.force, *setup.moment, *setup.drive))])
     found = solve_dae(
         residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
         rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
@@ -268,25 +212,93 @@ def _integrate(system, setup, y0, yp0, progress):
     return found.t, found.y, found.yp, int(found.nlu)
 
 
-def _motion(system, setup, shapes, origin, t, states, rates, notes, factorisations):
-    r, p, q, z, _, energy = (part.T for part in system.split(states))
-    multipliers = system.split(rates)[4].T
+def _steps(system, t, states):
+    """Time, r, A, q and z, one output time after the other."""
+    r, p, q, z, _, _ = (part.T for part in system.split(states))
+    return zip(t, r, rotation(p), q, z, strict=True)
+
+
+def _names(body) -> dict:
+    """The name of each node, or its number where it has none, by number."""
+    return {shape.node: shape.label for shape in body.nodes}
+
+
+def _motion(system, t, states, rates):
+    """What a Motion says of the body frame, elastic coordinates, energies and errors."""
+    r, p, q, z, _, powers = (part.T for part in system.split(states))
     p = p / np.linalg.norm(p, axis=1)[:, None]
-    axes = rotation(p)
-    nodes = list(shapes)
-    positions = np.array(
-        [[r[i] + A @ system.local(shapes[node], q[i]) for node in nodes] for i, A in enumerate(axes)]
-    ).reshape(len(t), len(nodes), 3)
-    parts = np.array([system.energies(r[i], p[i], q[i], z[i]) for i in range(len(t))])
-    energies = dict(zip(("kinetic", "elastic", "gravity"), parts.T, strict=True))
-    energies |= {"work": energy[:, 0], "dissipated": energy[:, 1]}
-    defect = parts.sum(axis=1) - parts[0].sum() - energy[:, 0] + energy[:, 1]
-    scale = max(np.abs(parts - parts[0] * [0, 0, 1]).max(), np.abs(energy).max(), np.finfo(float).tiny)
-    place = system.places(r[0], p[0], q[0])
-    drift = max(np.abs(system.drift(r[i], A, q[i], place)).max(initial=0.0) for i, A in enumerate(axes))
-    names = [f"{item.node}:{name}" for item in setup.constraint for name in item.directions]
-    start = np.array([origin[node] for node in nodes]).reshape(len(nodes), 3)
-    return Motion(
-        t, r, p, z[:, :3], z[:, 3:6], q, z[:, 6:], nodes, positions, positions - start, names, multipliers,
-        energies, float(drift), float(np.abs(defect).max() / scale), notes, factorisations,
-    )  # fmt: skip
+    stored = np.array([system.energies(*state) for state in zip(r, p, q, z, strict=True)])
+    energies = {**dict(zip(ENERGIES, stored.T, strict=True)), **dict(zip(POWERS, powers.T, strict=True))}
+    defect = stored.sum(axis=1) - stored[0].sum() - powers @ [1, 1, -1]
+    from_start = stored - stored[0] * [0, 0, 1, 0]  # where gravity is zero is nobody's choice
+    scale = max(np.abs(from_start).max(), np.abs(powers).max(), np.finfo(float).tiny)
+    gaps = np.array([system.gaps(now, system.node_motions(*state)) for now, *state, _ in _steps(system, t, states)])
+    turned = np.concatenate([[False] * len(hold.translations) + [True] * (len(hold) - len(hold.translations))
+                             for hold in system.holds] or [np.zeros(0, dtype=bool)])  # fmt: skip
+    return {
+        "position": r, "quaternion": p, "velocity": z[:, :3], "angular_velocity": z[:, 3:6], "elastic": q,
+        "elastic_velocity": z[:, 6:], "energies": energies, "balance": float(np.abs(defect).max() / scale),
+        "drift": float(np.abs(gaps[:, ~turned]).max(initial=0.0)),
+        "rotation_drift": float(np.abs(gaps[:, turned]).max(initial=0.0)),
+    }  # fmt: skip
+
+
+def _nodes(body, undeformed, t, states, system):
+    """What a Motion says of nodes."""
+    origin = body.floating_frame.origin
+    steps = [state for _, *state, _ in _steps(system, t, states)]
+    moved = [[node_motion(shape, origin, *state) for shape in body.nodes] for state in steps]
+    shape = (len(t), len(body.nodes), 3)
+    places = np.array([[node.x for node in nodes] for nodes in moved]).reshape(shape)
+    first = [undeformed[item.node] for item in body.nodes]
+    turned = [node.R @ start.R.T for nodes in moved for node, start in zip(nodes, first, strict=True)]
+    return {
+        "nodes": [item.node for item in body.nodes],
+        "node_names": list(_names(body).values()),
+        "node_rotates": [item.rotates for item in body.nodes],
+        "node_position": places,
+        "node_displacement": places - np.array([start.x for start in first]).reshape(shape[1:]),
+        "node_rotation": vector_of(np.array(turned)).reshape(shape) if turned else np.zeros(shape),
+    }
+
+
+def _reactions(body, system, t, states, rates):
+    """What a Motion says of the forces and moments of constraints: the components that a joint can transmit."""
+    multipliers = system.split(rates)[4].T
+    found = [
+        system.reactions(now, system.node_motions(*state), mine)
+        for (now, *state, _), mine in zip(_steps(system, t, states), multipliers, strict=True)
+    ]
+    able = {}
+    for hold in system.holds:
+        able[hold.shape.node] = able.get(hold.shape.node, False) | hold.components()
+    names_of, names, columns = _names(body), ([], []), ([], [])
+    for node, components in able.items():
+        for i in np.flatnonzero(components):
+            names[i // 3].append(f"{names_of[node]}:{'r' * (i // 3)}{AXES[i % 3]}")
+            columns[i // 3].append([reaction[node][i] for reaction in found])
+    force, moment = (np.array(part).reshape(-1, len(t)).T for part in columns)
+    return {
+        "constraint_names": names[0], "constraint_force": force, "moment_names": names[1], "constraint_moment": moment
+    }  # fmt: skip
+
+
+def _springs(body, setup, system, t, states):
+    """What a Motion says of springs. Raises ComputationError where a bushing was twisted too far."""
+    names_of, count = _names(body), len(system.springs)
+    wrenches, energies = np.zeros((len(t), count, 6)), np.zeros((len(t), count))
+    for i, (now, r, A, q, z) in enumerate(_steps(system, t, states)):
+        motions = system.node_motions(r, A, q)
+        for k, spring in enumerate(system.springs):
+            node = motions[spring.shape.node]
+            wrenches[i, k] = spring.wrench(node.x, node.R, *np.split(node.B @ z, 2))
+            energies[i, k] = spring.energy(node.x, node.R)
+            if spring.angle(node.R) > MOST_TWIST:
+                raise ComputationError(
+                    f"spring: the bushing at node {spring.shape.label} was twisted by {spring.angle(node.R):.3g} rad "
+                    f"at t = {now:.4g} s, and knows rotations up to {MOST_TWIST:g} rad; stiffen it, or load it less"
+                )
+    return {
+        "spring_names": [f"{k + 1}:{names_of[item.node]}" for k, item in enumerate(setup.spring)],
+        "spring_force": wrenches[:, :, :3], "spring_moment": wrenches[:, :, 3:], "spring_energy": energies,
+    }  # fmt: skip

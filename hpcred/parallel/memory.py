@@ -1,5 +1,6 @@
 """How much memory a rank may take: of the machine, a container and the batch system, the smallest limit counts."""
 
+import ctypes
 import os
 import resource
 from pathlib import Path
@@ -69,3 +70,10 @@ def _control_groups():
             except (OSError, ValueError):
                 continue
     return found
+
+
+def give_back():
+    """Hand freed memory back to the operating system: Open MPI tells malloc to keep it for ever."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # of the GNU C library
+    if trim is not None:
+        trim(0)

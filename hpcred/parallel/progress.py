@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from .petsc import PETSc
 
 SHORT = 2.0  # seconds of a run that needs no progress
+LARGE = 30_000  # dofs of a model whose first factorisation may take longer than anybody waits for a line
+MINUTE = 60.0  # seconds between lines of steps that are not worth one each
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,13 +31,16 @@ class Progress:
     """Times named stages. A stage inside a stage is taken off the outer one, so the sum is the elapsed time.
 
     `seconds` holds the time per stage of this rank. `show`: lines on stderr of rank 0, by default once a run has
-    lasted SHORT seconds.
+    lasted SHORT seconds. `bars`: on a terminal steps are bars below the lines; call close() then.
     """
 
-    def __init__(self, comm, show: bool | None = None):
+    def __init__(self, comm, show: bool | None = None, bars: bool = False):
         self.comm = comm
         self.seconds: dict[str, float] = {}
         self._after = SHORT if show is None else 0.0 if show else float("inf")
+        self._bars = Bars() if bars and comm.rank == 0 and sys.stderr.isatty() else None
+        self._begun: dict[str, float] = {}
+        self._said = float("-inf")
         self._open: list[str] = []
         self._start = self._mark = time.perf_counter()
 
@@ -65,11 +70,46 @@ class Progress:
         """Seconds since the start, on this rank."""
         return time.perf_counter() - self._start
 
+    @property
+    def shown(self) -> bool:
+        """Whether this rank shows anything by now."""
+        return self.comm.rank == 0 and self.elapsed() >= self._after
+
+    def expect(self, size: int):
+        """A model of so many dofs is worked on: of a large one everything is said from the start."""
+        if size >= LARGE and self._after == SHORT:
+            self._after = 0.0
+
     def say(self, text: str):
         """One line of rank 0, with elapsed time and memory."""
-        elapsed = time.perf_counter() - self._start
-        if self.comm.rank == 0 and elapsed >= self._after:
-            print(f"[{elapsed:8.1f} s {memory_mb():7.0f} MB] {text}", file=sys.stderr, flush=True)
+        if self.shown:
+            self._said = self.elapsed()
+            line = f"[{self._said:8.1f} s {memory_mb():7.0f} MB] {text}"
+            if self._bars is not None:
+                self._bars.line(line)
+            else:
+                print(line, file=sys.stderr, flush=True)
+
+    def step(self, what: str, done: int, total: int | None = None, always: bool = False):
+        """So many of the steps `what` are done, of `total` where that is known: a bar, or a line with the time left.
+
+        A line at most once a MINUTE, unless `always`. The time left is that of as many steps of the same length.
+        """
+        now = self.elapsed()
+        if done == 0 or what not in self._begun:
+            self._begun[what] = now
+        if not self.shown:
+            return
+        if self._bars is not None:
+            self._bars.step(what, done, total)
+        elif done and (always or now - self._said >= MINUTE):
+            left = in_time((now - self._begun[what]) / done * (total - done)) if total else ""
+            self.say(f"{what}: {done}{f' of {total}' if total else ''} done" + (f", about {left} left" if left else ""))
+
+    def close(self):
+        """Take the bars away."""
+        if self._bars is not None:
+            self._bars.close()
 
     def tell(self, text: str):
         """One line of rank 0, however short the run is, unless progress is off."""
@@ -77,9 +117,60 @@ class Progress:
             print(text, file=sys.stderr, flush=True)
 
     def timing(self) -> Timing:
-        """Where the time went until now. Collective."""
+        """Where the time went until now; bars are taken away. Collective."""
+        self.close()
         self._charge()
         memory = self.comm.allgather(round(memory_mb(), 1))
         seconds = {name: round(value, 4) for name, value in self.seconds.items()}
         elapsed = round(time.perf_counter() - self._start, 4)
         return self.comm.bcast(Timing(seconds=seconds, elapsed=elapsed, memory_mb_per_rank=tuple(memory)))
+
+
+def in_time(seconds: float) -> str:
+    """Seconds in words: 40 s, 12 min, 3 h 20 min."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"
+
+
+class Bars:
+    """Bars of rich on a terminal, one for each kind of step, below the lines that are said. Drawn at each step only."""
+
+    def __init__(self):
+        self._display, self._tasks = None, {}
+
+    def _start(self):
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as Display
+
+        columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+        self._display = Display(
+            *columns, console=Console(stderr=True), transient=True, auto_refresh=False, redirect_stdout=False,
+            redirect_stderr=False,
+        )  # fmt: skip
+        self._display.start()
+
+    def line(self, text):
+        """A line above the bars."""
+        if self._display is None:
+            print(text, file=sys.stderr, flush=True)
+        else:
+            self._display.console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    def step(self, what, done, total):
+        """Move the bar of `what`; a new one where it begins anew."""
+        if self._display is None:
+            self._start()
+        if done == 0 and what in self._tasks:
+            self._display.remove_task(self._tasks.pop(what))
+        if what not in self._tasks:
+            self._tasks[what] = self._display.add_task(what, total=total)
+        self._display.update(self._tasks[what], completed=done, total=total)
+        self._display.refresh()
+
+    def close(self):
+        if self._display is not None:
+            self._display.stop()
+            self._display, self._tasks = None, {}

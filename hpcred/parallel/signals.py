@@ -7,6 +7,7 @@ which does nothing else, is told of signals at once, and kills a process that li
 import os
 import select
 import signal
+from contextlib import contextmanager
 
 PATIENCE = 8.0  # seconds; more than those that a rank waits for the others
 
@@ -26,6 +27,19 @@ def hear():
     signal.set_wakeup_fd(mouth, warn_on_full_buffer=False)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, _terminate)
+
+
+@contextmanager
+def heard_by(handler, numbers):
+    """Have the handler hear the signals in the block, however long what it asks for takes."""
+    mouth = signal.set_wakeup_fd(-1)
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
+        signal.set_wakeup_fd(mouth, warn_on_full_buffer=False)
 
 
 def no_longer():
@@ -48,6 +62,8 @@ def _watch(process, ear):
     for descriptor in (0, 1):  # who reads what the process writes must see its end
         os.dup2(nowhere, descriptor)
     word = os.read(ear, 1)
+    while word and word[0] not in (signal.SIGINT, signal.SIGTERM):
+        word = os.read(ear, 1)
     if not word:
         return  # the process has come to its end
     while select.select([ear], [], [], PATIENCE)[0]:

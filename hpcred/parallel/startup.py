@@ -45,12 +45,20 @@ def debian_builds() -> dict[str, list[str]]:
 
 
 def can_choose() -> bool:
-    """Whether this machine offers both builds and the environment has not chosen one."""
-    return not os.environ.get("PETSC_DIR") and not _installed() and len(debian_builds()) == 2
+    """Whether this machine offers both builds and nobody has chosen one."""
+    return not _chosen() and len(debian_builds()) == 2
 
 
-def _installed():
-    return importlib.util.find_spec("petsc4py") is not None
+def _chosen():
+    """Whether the environment, or the program before it came here, has settled which petsc4py there is."""
+    if os.environ.get("PETSC_DIR") or "petsc4py" in sys.modules:
+        return True
+    found = importlib.util.find_spec("petsc4py")
+    if found is None:
+        return False
+    # with Debian's development files comes a link to its default build, which Python then finds: nobody's choice
+    folder = os.path.dirname(os.path.dirname(os.path.realpath(found.origin)))
+    return folder not in map(os.path.realpath, sum(debian_builds().values(), []))
 
 
 def insist(scalar: str | None = None, petsc_args=()):
@@ -66,7 +74,8 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
     """Import PETSc and SLEPc, and return the scalar type taken, "real" or "complex". Collective.
 
     `scalar` insists on one build (as does the environment variable HPCRED_SCALAR); `preferred` is taken where
-    there is a choice. A PETSC_DIR in the environment, or a petsc4py that Python finds by itself, leaves none.
+    there is a choice. A PETSC_DIR in the environment, a petsc4py that is loaded, or one that Python finds by itself
+    outside of Debian's builds, leaves none.
     `petsc_args` are PETSc options as on a command line. `low_rank`: block low rank factors will be asked for. Only the
     first call loads; raises InputError if the build is not to be had.
     """
@@ -74,7 +83,7 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
     if scalar or petsc_args or _insisted is _NOT_ASKED:
         insist(scalar, petsc_args)
     if _scalar is None:
-        if not os.environ.get("PETSC_DIR") and not _installed():
+        if not _chosen():
             sys.path[:0] = _choose(debian_builds(), preferred)
             if not low_rank:
                 _load_scotch()

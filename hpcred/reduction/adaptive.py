@@ -32,6 +32,7 @@ from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
 from ..parallel.petsc import PETSc, is_complex
 from ..parallel.ranges import COUNT, FREQUENCY, within
+from ..parallel.stopping import stop_if_asked
 from .chain import Entry
 from .compression import columns, compressed
 from .error_estimate import (
@@ -288,6 +289,7 @@ class Search:
                 self.waiting = decided(self.run.model.comm, self._next, taken)
             if hidden:  # the next point checks the model that has these modes
                 self.before = self._hold(), self.basis.size
+            stop_if_asked(self.run.model.comm, f"point {len(self.points)}")
 
     def _hold(self):
         """Where the newest blocks begin that are held back."""
@@ -327,6 +329,7 @@ class Search:
         """Add blocks of a point until the estimate over the band is small. Returns what was judged last."""
         run, made = self.run, len(self.run.factorisations)
         before = self.basis.size
+        run.progress.step("points", len(self.points))
         with Owned(run.model.comm) as owned:
             f, count = self._open(f)
             chain = None

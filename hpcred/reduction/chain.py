@@ -136,6 +136,7 @@ class Chain:
         """The first `count` blocks, fewer where the loads are exhausted, for a basis. Raises SingularMatrix."""
         parts = []
         while self._place < count and not (self.complete and self._place == len(self.ends)):
+            self.run.progress.step("blocks", self._place, count)
             start, stop = self.advance()
             j = self._place - 1
             parts.append(Part(f"{name}, block {j}", self.offered[j], start, stop, j < self.stored))

@@ -22,6 +22,7 @@ from ..linalg.factorisation import SingularMatrix
 from ..model.dofs import DIRECTIONS
 from ..parallel.decisions import decided
 from ..parallel.failures import HpcredError, InputError, Owned
+from ..parallel.ranges import COUNT, FREQUENCY, within
 from .ingredient import Ingredient
 from .modes import choose, lowest_modes_by
 from .run import Run
@@ -66,8 +67,8 @@ class FixedInterfaceModes(Ingredient):
     def __post_init__(self):
         if (self.count is None) == (self.band is None):
             raise InputError(f"{self.kind}: expected exactly one of count and band")
-        if self.count is not None and self.count < 1:
-            raise InputError(f"{self.kind}.count: found {self.count}, expected at least 1")
+        within(f"{self.kind}.count", self.count, COUNT)
+        within(f"{self.kind}.band", self.band, FREQUENCY)
         if self.band is not None and not 0 <= self.band[0] < self.band[1]:
             raise InputError(f"{self.kind}.band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
 

@@ -180,7 +180,9 @@ def lowest_modes_by(run, count, solve):
             with local_rows(left) as rows:
                 y.setArray(rows[:, 0])
 
-        values, block = lowest_modes(run.model.K, run.model.M, count, invert)
+        values, block = lowest_modes(
+            run.model.K, run.model.M, count, invert, monitor=lambda found: run.progress.step("modes", found, count)
+        )
         if not count:
             return values, block
         owned.owns(block)

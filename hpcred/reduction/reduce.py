@@ -16,6 +16,7 @@ from ..model.second_order_model import SYMMETRIC_TO
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
+from ..parallel.stopping import stop_if_asked
 from .adaptive import Accuracy, Adaptive, Search
 from .chain import Store
 from .craig_bampton import ConstraintModes
@@ -59,6 +60,7 @@ def reduce(
             raise InputError("tolerance: a reduction to a tolerance needs the band in Hz")
         adaptive = Adaptive(tolerance=tolerance, band=tuple(band))
     progress = progress or Progress(model.comm, show=False)
+    progress.expect(model.size)
     frame, damping = frame or NoFrame(), damping or NoDamping()
     check_model(model)
     two_sided = settings.projection == "two_sided" and model.Ct is not None
@@ -93,11 +95,14 @@ def reduce(
         groups = number_of_groups(settings.groups, runs[0], points)
         ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}
         for i, ingredient in enumerate(basis):
+            progress.step("points and modes", i, len(basis), always=True)
             for r, (vectors, run) in enumerate(zip(bases, runs, strict=True)):
                 if (i, r) in ready:
                     ready[i, r].join(vectors, run)
                 else:
                     ingredient.extend(vectors, run)
+            if i + 1 < len(basis) or adaptive is not None:
+                stop_if_asked(model.comm, f"part {i + 1} of the basis")
         accuracy = None
         if adaptive is not None:
             accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, settings.drop_above)

@@ -70,13 +70,25 @@ def cut_figure(stem, t, curves, title):
 
 
 def motion_figure(path, motion):
-    """Displacements, constraint forces and energies of a Motion over time, as PNG."""
-    panels = [("displacement (m)", [
-        (f"node {node} {a}", motion.node_displacement[:, j, i]) for j, node in enumerate(motion.nodes)
-        for i, a in enumerate(AXES) if np.ptp(motion.node_displacement[:, j, i]) > 1e-9
-    ])]  # fmt: skip
-    panels.append(("constraint force (N)", list(zip(motion.constraint_names, motion.constraint_force.T, strict=True))))
-    panels.append(("energy (J)", list(motion.energies.items())))
+    """Displacements, rotations, forces and moments of constraints and springs, and energies over time, as PNG."""
+
+    def curves(names, values, least=0.0):
+        """Of values (nt, k, 3), but for those that change by no more than `least`."""
+        return [(f"{name} {a}", values[:, j, i]) for j, name in enumerate(names) for i, a in enumerate(AXES)
+                if np.ptp(values[:, j, i]) > least]  # fmt: skip
+
+    rotating = np.flatnonzero(motion.node_rotates)
+    names = [f"node {name}" for name in motion.node_names]
+    springs = [f"spring {name}" for name in motion.spring_names]
+    panels = [
+        ("displacement (m)", curves(names, motion.node_displacement, least=1e-9)),
+        ("rotation (rad)", curves([names[j] for j in rotating], motion.node_rotation[:, rotating], least=1e-9)),
+        ("constraint force (N)", list(zip(motion.constraint_names, motion.constraint_force.T, strict=True))),
+        ("constraint moment (N m)", list(zip(motion.moment_names, motion.constraint_moment.T, strict=True))),
+        ("spring force (N)", curves(springs, motion.spring_force)),
+        ("spring moment (N m)", curves(springs, motion.spring_moment)),
+        ("energy (J)", [(name, value) for name, value in motion.energies.items() if value.any()]),
+    ]
     time_figure(path, motion.t, [panel for panel in panels if panel[1]])
 
 
@@ -139,6 +151,69 @@ def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"
                 title_fontsize=8)  # fmt: skip
     figure.savefig(path, dpi=150, format=kind, metadata={"Date": None} if kind == "svg" else None)
     plt.close(figure)
+
+
+def pair_figure(path, curves, title, errors=(), tolerance=None, kind="png"):
+    """Magnitude and phase of one response by several models, and below the relative error where `errors` are given.
+
+    `curves`: (label, frequencies (F,) in Hz, complex (F,)); `errors`: (label, frequencies, (F,)). Those whose label
+    ends in "full model", and errors that end in "exact", are dots where there are few. `kind`: png, svg or pdf.
+    """
+    plt = pyplot()
+    rows = 3 if errors else 2
+    figure, panels = plt.subplots(
+        rows, figsize=(7.5, 2.2 + 1.9 * rows), sharex=True, layout="constrained", height_ratios=(3, 2, 2)[:rows]
+    )
+    for place, (label, frequencies, values) in enumerate(curves):
+        style = _style(place, label, len(frequencies))
+        panels[0].semilogy(frequencies, np.where(values != 0, np.abs(values), np.nan), label=label, **style)
+        angle = np.angle(values, deg=True)
+        jump = np.flatnonzero(np.abs(np.diff(angle)) > 180) + 1  # no line from one end of the circle to the other
+        panels[1].plot(np.insert(frequencies, jump, frequencies[jump]), np.insert(angle, jump, np.nan), **style)
+    panels[0].set(title=title, ylabel="|H|")
+    panels[1].set(ylabel="phase (degrees)", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
+    if errors:
+        _error_panel(panels[2], errors, tolerance)
+    _finish(figure, panels, curves[0][1], path, kind)
+
+
+def errors_figure(path, curves, title, tolerance=None, kind="png"):
+    """Relative errors over frequency. `curves`: (label, frequencies (F,) in Hz, (F,)), as in pair_figure."""
+    figure, axes = pyplot().subplots(figsize=(7.5, 4.2), layout="constrained")
+    _error_panel(axes, curves, tolerance)
+    axes.set_title(title)
+    _finish(figure, [axes], curves[0][1], path, kind)
+
+
+def _style(place, label, count):
+    full = label.endswith("full model")
+    colour = INK if full else COLOURS[place % len(COLOURS)]
+    if full and count > 100:  # under the others
+        return {"color": "#bbbbbb", "linestyle": "-", "linewidth": 3.5, "zorder": 1}
+    if label.endswith(("full model", "exact")) and count <= 100:
+        return {"color": colour, "linestyle": "none", "marker": "o", "markersize": 4.5, "fillstyle": "none"}
+    return {"color": colour, "linestyle": DASHES[place // len(COLOURS) % len(DASHES)], "linewidth": 1.2}
+
+
+def _error_panel(axes, curves, tolerance):
+    for place, (label, frequencies, errors) in enumerate(curves):
+        axes.semilogy(frequencies, np.where(np.asarray(errors) > 0, errors, np.nan), label=label,
+                      **_style(place, label, len(frequencies)))  # fmt: skip
+    if tolerance is not None:
+        axes.axhline(tolerance, color=COLOURS[1], linewidth=1.0, linestyle="--", label="tolerance")
+    axes.set_ylabel("relative error")
+
+
+def _finish(figure, panels, frequencies, path, kind):
+    for axes in panels:
+        axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+    panels[-1].set_xlabel("frequency (Hz)")
+    panels[-1].set_xlim(frequencies[0], frequencies[-1])
+    figure.savefig(path, dpi=150, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    pyplot().close(figure)
 
 
 def save(figure, stem):

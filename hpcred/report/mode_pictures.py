@@ -1,53 +1,293 @@
-"""Shapes to look at: those of a result with their points and elements enter, a picture of the first ones leaves."""
+"""Shapes to look at: those of a result with their points and elements enter, pictures and moving pictures leave.
+
+The surface is drawn with a depth buffer, so that hidden parts are hidden and 10^5 nodes take seconds; titles, colour
+bar, axes and scale bar are matplotlib's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.elements import edges
 from ..parallel.failures import InputError
-from .figures import COLOURS, pyplot
+from .figures import COLOURS, INK, pyplot
+from .rasteriser import Canvas
+from .surface import Surface, surface_of
 
-LINES = 20_000  # segments that a picture takes
+FIRST = 6  # shapes that a picture shows unless others are named
+SWING = 0.10  # largest displacement in a picture, relative to the diagonal of the body
+FRAMES = 24  # of an animation
+DOTS, MOVING_DOTS = 150, 80  # per inch
+FINE = 2  # pixels are drawn in each direction for one that is shown
+WIDTH, TALLEST = 10.0, 3.4  # inches: of the figure, and of a panel at most
+TITLE, FOOT, GAP = 0.32, 0.75, 0.12  # inches
+ISOMETRIC = (0.5, -0.75, 0.45)
+# from where bodies are seen, flat ones by the direction in which they are thin
+FLAT = {0: (0.85, -0.4, 0.4), 1: (0.35, -0.85, 0.42), 2: (0.35, -0.6, 0.72)}
+LIGHT = np.array([-0.35, -0.45, -0.82])  # direction towards the light in right, down, away from the viewer
+ARROW = {"arrowstyle": "-|>", "color": INK, "lw": 1.0, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 8}
+OUTLINE, UNDEFORMED, EDGE = (0.13, 0.13, 0.13), (0.62, 0.62, 0.62), (0.25, 0.25, 0.25)
+MARK = tuple(int(COLOURS[1][k : k + 2], 16) / 255 for k in (1, 3, 5))
 
 
-def draw_shapes(path, shapes) -> list[str]:
-    """A picture (PNG) of the first six shapes over the undeformed body; call it on one rank. Returns their names.
+def picture_of(kind):
+    """A writer (path, shapes, modes) -> names of pictures of a kind: png, svg, pdf, or moving ones: gif, webp."""
+    def write(path, shapes, modes=None):
+        return (animate_shapes if kind in ("gif", "webp") else draw_shapes)(path, shapes, modes, kind)
 
-    `shapes` as for formats.vtk.write_vtk, with `frequencies` in Hz. Raises InputError without elements, and where they
-    are too many for a picture.
+    return write
+
+
+def draw_shapes(path, shapes, modes=None, kind="png") -> list[str]:
+    """A picture of shapes on the surface of the body; call it on one rank. Returns their names.
+
+    `shapes` as for formats.vtk.write_vtk, with `frequencies` in Hz and `interface` (node numbers, which are marked).
+    `modes`: numbers from 1, by default the first six. Colour is the size of the displacement; the undeformed outline
+    is grey. Raises InputError where there is no such shape.
     """
     plt = pyplot()
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection
-
-    pairs = [cells[:, list(pair)] for kind, cells in shapes.cells.items() for pair in edges(kind)]
-    if not pairs:
-        raise InputError("no elements to draw; take format 'vtk', which shows the nodes as points")
-    pairs = np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
-    if len(pairs) > LINES:
-        raise InputError(f"{len(pairs)} edges are too many for a picture; take format 'vtk' and ParaView")
-    extent = np.ptp(shapes.points, axis=0)
-    count = min(6, len(shapes.names))
-    figure = plt.figure(figsize=(10.0, 2.9 * -(-count // 3)), layout="constrained")
-    for k in range(count):
-        field = shapes.displacement(k)
-        scale = 0.12 * np.linalg.norm(extent) / max(np.linalg.norm(field, axis=1).max(), 1e-300)
-        moved = shapes.points + scale * field
-        axes = figure.add_subplot(-(-count // 3), 3, k + 1, projection="3d")
-        width = 0.6 if len(pairs) > 100 else 1.8
-        axes.add_collection3d(Line3DCollection(shapes.points[pairs], colors="#bbbbbb", linewidths=width / 2))
-        axes.add_collection3d(Line3DCollection(moved[pairs], colors=COLOURS[0], linewidths=width))
-        room = np.stack(
-            [np.minimum(shapes.points, moved).min(axis=0), np.maximum(shapes.points, moved).max(axis=0)]
-        )
-        middle, half = room.mean(axis=0), max(np.ptp(room, axis=0).max() / 2, 1e-12)
-        lengths = np.maximum(np.ptp(room, axis=0) / 2, 0.15 * half)
-        for limit, centre, length in zip(
-            (axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, lengths, strict=True
-        ):
-            limit(centre - length, centre + length)
-        axes.set_box_aspect(lengths, zoom=1.0)
-        axes.set_axis_off()
-        f = shapes.frequencies[k]
-        axes.set_title(f"{f:.0f} Hz" if f >= 1000 else f"{f:.4g} Hz", fontsize=10)
-    figure.savefig(path, dpi=120, format="png")
+    stage = _Stage(shapes, _chosen(shapes, modes, FIRST), DOTS)
+    figure, images = stage.figure()
+    for k, image in enumerate(images):
+        image.set_data(stage.picture(k, 1.0))
+    figure.savefig(path, dpi=DOTS, format=kind, metadata={"Date": None} if kind == "svg" else None)
     plt.close(figure)
-    return shapes.names[:count]
+    return [shapes.names[k] for k in stage.modes]
+
+
+def animate_shapes(path, shapes, modes=None, kind="gif") -> list[str]:
+    """As draw_shapes, moving: one period of each, without end; by default of the first shape only."""
+    plt = pyplot()
+    from PIL import Image
+
+    stage = _Stage(shapes, _chosen(shapes, modes, 1), MOVING_DOTS)
+    figure, images = stage.figure()
+    frames = {}
+    amplitudes = np.sin(2 * np.pi * np.arange(FRAMES) / FRAMES).round(12)
+    for amplitude in amplitudes:
+        if amplitude not in frames:  # most are passed twice
+            for k, image in enumerate(images):
+                image.set_data(stage.picture(k, amplitude))
+            figure.canvas.draw()
+            frames[amplitude] = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
+    plt.close(figure)
+    if kind == "gif":
+        palette = frames[1.0].quantize(256, method=Image.Quantize.MEDIANCUT)
+        frames = {key: frame.quantize(palette=palette, dither=Image.Dither.NONE) for key, frame in frames.items()}
+    frames = [frames[amplitude] for amplitude in amplitudes]
+    frames[0].save(path, format=kind, save_all=True, append_images=frames[1:], duration=60, loop=0)
+    return [shapes.names[k] for k in stage.modes]
+
+
+def _chosen(shapes, modes, first):
+    """Columns, counted from 0."""
+    count = len(shapes.names)
+    if modes is None:
+        return list(range(min(first, count)))
+    wrong = [k for k in modes if not 1 <= k <= count]
+    if wrong or not modes:
+        raise InputError(f"modes: found {', '.join(map(str, wrong)) or 'none'}, expected numbers from 1 to {count}")
+    return [k - 1 for k in modes]
+
+
+@dataclass(frozen=True)
+class View:
+    """Seen from afar: `axes` (3, 3), rows right, down and away from the viewer; `scale` in pixels a metre; the point
+    that is in the `middle` (3,) of width x height pixels."""
+
+    axes: np.ndarray
+    scale: float
+    middle: np.ndarray
+    width: int
+    height: int
+
+    def screen(self, points):
+        """Pixels right and down, and depth in pixels (v, 3)."""
+        return (points - self.middle) @ self.axes.T * self.scale + [self.width / 2, self.height / 2, 0.0]
+
+
+def axes_of_view(points) -> np.ndarray:
+    """Right, down and away (3, 3) for a body, z upwards; a flat body is seen from its broad side."""
+    extent = np.ptp(points, axis=0)
+    thin = int(extent.argmin())
+    flat = extent[thin] < 0.2 * np.sort(extent)[1]
+    towards = np.array(FLAT[thin] if flat else ISOMETRIC)
+    away = -towards / np.linalg.norm(towards)
+    right = np.cross(away, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(away, right), away])
+
+
+class _Stage:
+    """The body, the chosen shapes on its surface, and how they are laid out in one figure."""
+
+    def __init__(self, shapes, modes, dots):
+        self.shapes, self.modes, self.dots = shapes, modes, dots
+        self.surface = surface_of(shapes.points, shapes.cells)
+        points = self.surface.points
+        self.marked = np.flatnonzero(np.isin(shapes.nodes, shapes.interface))
+        diagonal = max(np.linalg.norm(np.ptp(shapes.points, axis=0)), 1e-12)
+        self.fields, self.sizes = [], []
+        for k in modes:
+            field = shapes.displacement(k)
+            size = np.linalg.norm(field, axis=1)
+            largest = max(size.max(initial=0.0), 1e-300)
+            self.fields.append(SWING * diagonal / largest * field)
+            self.sizes.append(size / largest)
+        axes = axes_of_view(points)
+        seen = [(points + sign * field[self.surface.nodes]) @ axes.T for field in self.fields for sign in (-1, 0, 1)]
+        low, high = np.min([s.min(axis=0) for s in seen], axis=0), np.max([s.max(axis=0) for s in seen], axis=0)
+        room = np.maximum((high - low)[:2], 1e-3 * diagonal) * 1.06
+        self.columns = self._columns(room[0] / room[1])
+        self.rows = -(-len(modes) // self.columns)
+        wide = (WIDTH - GAP * (self.columns + 1)) / self.columns
+        self.panel = wide, min(wide * room[1] / room[0], TALLEST if self.columns > 1 else 1.6 * TALLEST)
+        width, height = (int(dots * FINE * length) // FINE * FINE for length in self.panel)
+        self.view = View(axes, min(width / room[0], height / room[1]), (low + high) / 2 @ axes, width, height)
+
+    def _columns(self, aspect):
+        """As many panels beside each other as make the figure nearly square."""
+        if len(self.modes) == 1:
+            return 1
+        heights = {c: -(-len(self.modes) // c) * (TITLE + WIDTH / c / aspect) for c in (1, 2, 3)}
+        fitting = [c for c in heights if heights[c] <= 0.95 * WIDTH]
+        return min(fitting or [3], default=3) if len(self.modes) > 1 else 1
+
+    def figure(self):
+        """An empty matplotlib figure with titles, axes, scale bar and colour bar, and its images, one a shape."""
+        plt = pyplot()
+        tall = self.rows * (self.panel[1] + TITLE) + FOOT
+        figure = plt.figure(figsize=(WIDTH, tall), dpi=self.dots)
+        images = []
+        for place, k in enumerate(self.modes):
+            row, column = divmod(place, self.columns)
+            left = GAP + column * (self.panel[0] + GAP)
+            bottom = FOOT + (self.rows - 1 - row) * (self.panel[1] + TITLE)
+            axes = figure.add_axes([left / WIDTH, bottom / tall, self.panel[0] / WIDTH, self.panel[1] / tall])
+            axes.set_axis_off()
+            size = self.view.height // FINE, self.view.width // FINE
+            images.append(axes.imshow(np.ones((*size, 3)), interpolation="nearest", aspect="auto"))
+            axes.set_title(f"{k + 1}:  {in_hertz(self.shapes.frequencies[k])}", fontsize=11, color=INK, pad=3)
+        self._legend(figure, tall)
+        return figure, images
+
+    def _legend(self, figure, tall):
+        axes = figure.add_axes([0, 0, 1, FOOT / tall], xlim=(0, WIDTH), ylim=(0, FOOT))
+        axes.set_axis_off()
+        tip = self.view.axes[:2] * [[1], [-1]] * 0.24  # inches, of the unit vectors, up positive
+        origin = np.array([0.42, 0.30])
+        for name, end in zip("xyz", tip.T, strict=True):
+            if np.linalg.norm(end) > 0.02:
+                axes.annotate("", origin + end, origin, arrowprops=ARROW)
+                axes.text(*(origin + end * (1 + 0.09 / np.linalg.norm(end))), name, fontsize=9, color=INK, ha="center",
+                          va="center")  # fmt: skip
+        inch = self.view.scale / (self.dots * FINE)  # inches a metre
+        length = round_length(1.6 / inch)
+        axes.plot([1.1, 1.1 + length * inch], [0.28, 0.28], color=INK, linewidth=2.5, solid_capstyle="butt")
+        axes.text(1.1 + length * inch / 2, 0.35, in_metres(length), fontsize=9, color=INK, ha="center", va="bottom")
+        left = 3.6
+        if len(self.marked):
+            axes.plot([left], [0.30], "o", color=MARK, markersize=5, markeredgewidth=0)
+            axes.text(left + 0.12, 0.30, "interface node", fontsize=9, color=INK, va="center")
+        axes.plot([left + 1.3, left + 1.65], [0.30, 0.30], color=UNDEFORMED, linewidth=1.2)
+        axes.text(left + 1.75, 0.30, "undeformed", fontsize=9, color=INK, va="center")
+        bar = figure.add_axes([(WIDTH - 3.0) / WIDTH, 0.27 / tall, 2.6 / WIDTH, 0.12 / tall])
+        bar.imshow(np.linspace(0, 1, 256)[None], cmap="viridis", aspect="auto", extent=(0, 1, 0, 1))
+        bar.set(yticks=[], xticks=[0, 0.5, 1])
+        bar.tick_params(labelsize=8, length=2, pad=2, color=INK, labelcolor=INK)
+        bar.set_title("displacement / its largest", fontsize=9, color=INK, pad=3)
+        for spine in bar.spines.values():
+            spine.set_linewidth(0.4)
+
+    def picture(self, place, amplitude) -> np.ndarray:
+        """Pixels (h, w, 3) of a shape that is deflected by `amplitude` from -1 to 1."""
+        field, size = self.fields[place], self.sizes[place] * abs(amplitude)
+        moved = self.surface.points + amplitude * field[self.surface.nodes]
+        marks = self.shapes.points[self.marked] + amplitude * field[self.marked]
+        fine = render(self.surface, moved, size[self.surface.nodes], self.view, marks)
+        return fine.reshape(fine.shape[0] // FINE, FINE, fine.shape[1] // FINE, FINE, 3).mean(axis=(1, 3))
+
+
+def render(surface: Surface, moved, values, view: View, marks=()) -> np.ndarray:
+    """The pixels (h, w, 3), 0 to 1, of a surface whose points have moved to `moved` (v, 3).
+
+    `values` (v,), 0 to 1, are its colour; `marks` (k, 3): points that are marked, hidden or not.
+    """
+    colours = pyplot().get_cmap("viridis")
+    canvas = Canvas(view.width, view.height)
+    image = np.ones((view.height, view.width, 3))
+    screen = view.screen(moved)
+    near = 0.004 * max(view.width, view.height)
+    if len(surface.triangles):
+        canvas.fill(screen, surface.triangles)
+        (y, x), number, weights = canvas.weights(screen, surface.triangles)
+        corners = surface.triangles[number].T
+        normals = _normals(screen, surface.triangles)
+        shade = 0.5 + 0.5 * np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
+        image[y, x] = colours((weights * values[corners]).sum(axis=0))[:, :3] * shade[number][:, None]
+        if len(surface.edges) and _mean_length(screen, surface.edges) > 7 * FINE:
+            _paint(image, canvas.strokes(screen, surface.edges, 1, near), EDGE, 0.5)
+    else:
+        size = int(np.clip(np.sqrt(0.15 * view.width * view.height / len(screen)), 3 * FINE, 9 * FINE))
+        order = np.argsort(-screen[:, 2], kind="stable")
+        _splats(image, screen[order], colours(values[order])[:, :3], size)
+    rest = view.screen(surface.points)
+    _paint(image, canvas.strokes(rest, surface.outline, FINE, near), UNDEFORMED, 0.9)
+    if len(surface.edges):
+        _paint(image, canvas.strokes(screen, surface.outline, FINE, near), OUTLINE, 0.75)
+    if len(marks):
+        place = view.screen(np.asarray(marks))
+        for width, colour in ((9 * FINE, (1.0, 1.0, 1.0)), (7 * FINE, MARK)):
+            _paint(image, canvas.discs(place, width, np.inf), colour, 1.0)
+    return image
+
+
+def _normals(screen, triangles):
+    """Unit normals (t, 3), towards the viewer."""
+    a, b, c = (screen[triangles[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals *= np.where(normals[:, 2:] > 0, -1.0, 1.0)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+
+
+def _mean_length(screen, pairs):
+    return np.linalg.norm(screen[pairs[:, 0], :2] - screen[pairs[:, 1], :2], axis=1).mean()
+
+
+def _paint(image, pixels, colour, cover):
+    image[pixels] = (1 - cover) * image[pixels] + cover * np.array(colour)
+
+
+def _splats(image, screen, colours, size):
+    """Round dots from back to front, the rim darker."""
+    half = (size - 1) / 2
+    height, width = image.shape[:2]
+    dots = [(dx - half, dy - half) for dy in range(size) for dx in range(size)]
+    dots = np.array([dot for dot in dots if np.hypot(*dot) <= size / 2])
+    light = 1.0 - 0.45 * (np.hypot(*dots.T) / (size / 2)) ** 4
+    for first in range(0, len(screen), max(1, 2**21 // len(dots))):  # the later ones lie in front
+        part = slice(first, first + max(1, 2**21 // len(dots)))
+        x = np.rint(screen[part, :1] + dots[:, 0]).astype(int)
+        y = np.rint(screen[part, 1:2] + dots[:, 1]).astype(int)
+        fits = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        image[y[fits], x[fits]] = (colours[part][:, None] * light[:, None])[fits]
+
+
+def in_hertz(frequency) -> str:
+    """A frequency in four digits."""
+    return f"{frequency:.0f} Hz" if frequency >= 1000 else f"{frequency:.4g} Hz"
+
+
+def round_length(length) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not above a length."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(max(step for step in (1, 2, 5) if step * power <= length * (1 + 1e-12)) * power)
+
+
+def in_metres(length) -> str:
+    """A round length with its unit."""
+    for size, unit in ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")):
+        if length >= size * (1 - 1e-9):
+            return f"{length / size:g} {unit}"
+    return f"{length:g} m"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import scipy.linalg
 
-from ..analysis.error import error_integral, relative_error
+from ..analysis.error import error_integral, relative_error, worst_pair
 from ..analysis.frequency_response import frequency_response
 from ..formats.hdf5 import atomic_output
 from ..formats.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
@@ -24,8 +24,6 @@ from ..reduction.reduce import reduce
 from ..report.figures import error_figure
 from .evaluate import SAME, band_of, factoring_of, frequencies_over, model_of_record
 
-NOTHING = 1e-3  # of the geometric mean of the largest responses of an output and of an input
-
 
 def compare_results(
     results, full, *, frequencies=(), band=None, points: int = 61, modes: int = 10, output=None, figure=None,
@@ -34,8 +32,8 @@ def compare_results(
     """Results of one model (names of files) against the model file `full`, which is solved once. Collective.
 
     They must have the same inputs, outputs, frame and damping. The other keywords are those of evaluate_result. `rows`:
-    for each result its coordinates, size, largest eps (55), Q (57), and the pair of output and input with the largest
-    error relative to the largest response of that pair. `modes`: the lowest modes of the model (so many) and, for each
+    for each result its coordinates, size, largest eps (55), Q (57), and the worst pair of output and input (see
+    analysis.error.worst_pair). `modes`: the lowest modes of the model (so many) and, for each
     result, the relative error of the frequency of its pseudo-mode with the largest modal assurance criterion,
 
         MAC = (phi^T M psi)^2 / (phi^T M phi psi^T M psi),
@@ -62,21 +60,16 @@ def compare_results(
             model, grid, first.frame, first.damping, factoring=factoring, progress=progress, groups=groups
         )
         shapes = _modes(model, first, modes, results, reduced, factoring, progress)
-    largest = np.abs(known).max(axis=0)
-    # of a pair that symmetry makes nothing of, the error beside those of the same output and of the same input
-    beside = np.sqrt(largest.max(axis=1)[:, None] * largest.max(axis=0))
-    sizes = np.maximum(largest, np.maximum(NOTHING * beside, 1e-300))
     rows, curves = [], []
     for label, item in zip(labels, reduced, strict=True):
         found = frequency_response(item, grid)
         eps = relative_error(known, found)
-        pairs = np.abs(known - found).max(axis=0) / sizes
-        i, j = np.unravel_index(pairs.argmax(), pairs.shape)
+        i, j, error = worst_pair(known, found)
         curves.append((label, eps))
         rows.append({
             "result": label, "coordinates": item.record.coordinates, "size": item.size,
             "largest eps": float(eps.max()), "Q": error_integral(grid, eps),
-            "worst pair": f"{item.output_names[i]} / {item.input_names[j]}", "its error": float(pairs[i, j]),
+            "worst pair": f"{item.output_names[i]} / {item.input_names[j]}", "its error": error,
         })  # fmt: skip
     report = {"full": str(full), "frequencies_hz": grid.tolist(), "rows": rows, "modes": shapes,
               "eps": {label: eps.tolist() for label, eps in curves}}  # fmt: skip

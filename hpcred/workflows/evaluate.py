@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import numpy as np
 
-from ..analysis.error import error_integral, relative_error
+from ..analysis.error import error_integral, relative_error, worst_pair
 from ..analysis.error_check import accuracy_of, check_reduced, said_at
 from ..analysis.frequency_response import frequency_response
 from ..formats.model_file import read_model
@@ -23,6 +23,7 @@ from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.record import signature_of, versions
+from .pair_figures import check_figures, figures_of_pairs
 from .reduce import with_interfaces, with_targets
 
 MOST = (1, 10**7, "")  # frequencies
@@ -30,26 +31,28 @@ SAME = 1e-8  # relative difference of signatures of the same matrices, written a
 
 
 def evaluate_result(
-    result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, groups: int | None = None,
-    factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
+    result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None,
+    groups: int | None = None, factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Responses of result.h5, and eps(f) (55) and Q (57) against the model file `full` if given. Collective.
 
     `frequencies` (Hz), or else `points` of them over `band` (two numbers, default that of the job). The frame, the
     damping, the inputs and outputs of the full model are those of the reduction, and so is `factoring` unless it is
-    given; that it is the model of the reduction is checked. `output`: a .csv or HDF5 file for
-    the responses, see formats.response_file. `groups`: see
-    frequency_response. Returns plain numbers for a table or JSON. Raises InputError.
+    given; that it is the model of the reduction is checked. `output`: a .csv or HDF5 file for the responses, see
+    formats.response_file. `figure`: a .png, .svg or .pdf of every response and its error, see workflows.pair_figures.
+    `groups`: see frequency_response. Returns plain numbers for a table or JSON. Raises InputError.
     """
     comm = comm or startup.start_mpi()
     reduced = elastic_part(read_result(result, comm).reduced)
     record = reduced.record
     grid = frequencies_over(frequencies, band or band_of(reduced), points)
+    given = [(record.job or {}).get(key) for key in ("inputs", "outputs")]
+    reads = [result, full, *(name for name in given if isinstance(name, str))]
     if output is not None:
         check_response_name(output)
-        given = [(record.job or {}).get(key) for key in ("inputs", "outputs")]
-        reads = [result, full, *(name for name in given if isinstance(name, str))]
         check_outputs({output: kind_of_responses(output)}, comm, reads, progress=progress)
+    if figure is not None:
+        check_figures(figure, comm, reads, progress)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     arrays = {"frequencies": grid, "reduced": frequency_response(reduced, grid)}
     report["reduced_norm"] = np.linalg.norm(arrays["reduced"], axis=(1, 2)).tolist()
@@ -71,12 +74,22 @@ def evaluate_result(
             "eps": arrays["eps"].tolist(),
             "eps_max": float(arrays["eps"].max()),
             "Q": error_integral(grid, arrays["eps"]),
+            "worst_pair": _worst_pair(arrays, reduced),
         }  # fmt: skip
     if output is not None:
         made = {"result": str(result), "model": record.model, "versions": versions()}
         names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
         write_responses(output, Responses(**arrays, **names, record=made), comm)
+    if figure is not None:
+        labels = {"reduced": "reduced", "full": "full model"}
+        curves = [(label, grid, arrays[key]) for key, label in labels.items() if key in arrays]
+        report["figures"] = figures_of_pairs(figure, reduced.output_names, reduced.input_names, curves, comm)
     return report
+
+
+def _worst_pair(arrays, reduced) -> dict:
+    i, j, error = worst_pair(arrays["full"], arrays["reduced"])
+    return {"output": reduced.output_names[i], "input": reduced.input_names[j], "error": error}
 
 
 def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) -> dict:

@@ -33,7 +33,7 @@ from ..multibody.body_units import in_units
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
-from ..report.mode_pictures import draw_shapes
+from ..report.mode_pictures import picture_of
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,7 @@ class Export:
     kind: str | None  # see formats.outputs
     takes: str = "body"
     surface: bool = False
+    picture: bool = False  # of chosen shapes
 
 
 EXPORTS = {
@@ -64,7 +65,8 @@ EXPORTS = {
     "fmu": Export(write_fmu, ".fmu", outputs.ZIP, takes="reduced"),
     "vtk": Export(write_vtk, ".vtu", outputs.VTK, takes="shapes"),
     "uff": Export(write_uff, ".uff", outputs.UFF, takes="shapes"),
-    "png": Export(draw_shapes, ".png", outputs.PNG, takes="shapes"),
+    **{suffix[1:]: Export(picture_of(suffix[1:]), suffix, kind, takes="shapes", picture=True)
+       for suffix, kind in outputs.PICTURES.items()},
     "nastran": Export(nastran_dmig, ".pch", outputs.SUPERELEMENT, takes="superelement"),
     "nastran-op4": Export(nastran_op4, "_external.op4", None, takes="superelement"),
     "ansys": Export(ansys_superelement, "_ansys.inp", outputs.SUPERELEMENT, takes="superelement"),
@@ -78,12 +80,15 @@ WITHOUT_NODES = {
 }
 
 
-def export_result(result, kind, path=None, *, nodes=None, units: str = "SI", comm=None, progress=None) -> dict:
+def export_result(
+    result, kind, path=None, *, nodes=None, units: str = "SI", modes=None, comm=None, progress=None
+) -> dict:
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
     `kind`: one of EXPORTS; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of
     the interface nodes, by default those of the inputs and outputs; a superelement has those of its coordinates.
-    `units`: of the file, see model.units.units_of; only formats of a body have others than SI. Returns what was
+    `units`: of the file, see model.units.units_of; only formats of a body have others than SI. `modes`: numbers from 1
+    of the shapes of a picture, by default the first six, of a moving one (gif, webp) the first. Returns what was
     written: output, format, and shapes (their names), or coordinates (their number), remarks on what the format does
     not hold, and nodes, or inputs and outputs by name; of a superelement, the files beside the output.
     """
@@ -95,6 +100,8 @@ def export_result(result, kind, path=None, *, nodes=None, units: str = "SI", com
     export = EXPORTS[kind]
     if export.takes in WITHOUT_NODES and nodes is not None:
         raise InputError(f"--nodes: '{kind}' {WITHOUT_NODES[export.takes]}; leave it out")
+    if modes is not None and not export.picture:
+        raise InputError(f"--modes: '{kind}' shows all shapes or none; leave it out")
     if nodes is not None and (not len(nodes) or len(set(nodes)) < len(nodes)):
         raise InputError(f"--nodes: found {list(nodes)}, expected at least one node, and each once")
     system = units_of(units)
@@ -110,18 +117,18 @@ def export_result(result, kind, path=None, *, nodes=None, units: str = "SI", com
     report = None
     with atomic_output(path, comm) as temporary, agreed(comm):
         if comm.rank == 0:
-            report = {"output": str(path), "format": kind, **_write(export, result, temporary, nodes, system)}
+            report = {"output": str(path), "format": kind, **_write(export, result, temporary, nodes, system, modes)}
     if seen_later and progress is not None:
         progress.tell(f"{path} existed and was replaced")
     return comm.bcast(report)
 
 
-def _write(export, path, target, nodes, system) -> dict:
+def _write(export, path, target, nodes, system, modes) -> dict:
     """Write one format on one rank."""
     result = read_result(path, MPI.COMM_SELF)
     if export.takes == "shapes":
         with result.shapes() as shapes, _naming(path):
-            return {"shapes": export.write(target, shapes)}
+            return {"shapes": export.write(target, shapes, modes) if export.picture else export.write(target, shapes)}
     if export.takes == "reduced":
         reduced = result.reduced
         with _naming(path):

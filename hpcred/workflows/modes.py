@@ -12,7 +12,7 @@ import numpy as np
 from ..analysis.natural_modes import NaturalModes, natural_modes
 from ..formats.hdf5 import atomic_output, writing
 from ..formats.model_file import read_model, write_nodes
-from ..formats.outputs import PNG, check_outputs
+from ..formats.outputs import PICTURES, PNG, check_outputs
 from ..formats.result_file import Shapes
 from ..linalg.blocks import local_rows
 from ..linalg.factorisation import Factoring
@@ -42,7 +42,7 @@ def modes_of_file(
     if figure is not None:
         if not str(figure).endswith(".png"):
             raise InputError(f"figure {figure}: expected a name that ends in .png")
-        check_outputs({figure: PNG}, comm, [model], progress=progress)
+        check_outputs({figure: PICTURES.get(Path(figure).suffix.lower(), PNG)}, comm, [model], progress=progress)
         with agreed(comm):
             pyplot()  # refused early where there is none
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
@@ -103,7 +103,7 @@ def _draw(figure, model, found):
             with agreed(comm):
                 if comm.rank == 0:
                     with h5py.File(store, "r") as file:
-                        draw_shapes(temporary, Shapes(file, str(figure)))
+                        draw_shapes(temporary, Shapes(file, str(figure)), kind=Path(figure).suffix[1:].lower())
         finally:
             if comm.rank == 0:
                 store.unlink(missing_ok=True)

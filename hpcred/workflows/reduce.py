@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..formats.job_file import Job, read_job
+from ..formats.contents import content_of
+from ..formats.job_file import Job, plain, read_job
 from ..formats.model_file import read_model
 from ..formats.model_source import column_names, load_source, read_columns
 from ..formats.node_table import read_node_numbers
@@ -15,6 +16,7 @@ from ..formats.result_file import FORMAT, write_result
 from ..parallel import startup
 from ..parallel.failures import ComputationError, InputError, agreed
 from ..parallel.progress import Progress
+from ..parallel.stopping import listening
 from ..reduction.record import Record
 from ..reduction.reduce import reduce
 
@@ -34,6 +36,9 @@ class Reduced:
 def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Progress | None = None) -> Reduced:
     """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.
 
+    With a `store` in the job SIGTERM or SIGUSR1 to any rank end the run after the current point, by
+    parallel.stopping.Stopped, and the same job goes on from there.
+
     Where a tolerance was not reached, the model is written under a name that says so, unless the job wants otherwise.
     Takes the PETSc build that fits the job, where PETSc is not loaded yet. Collective. Raises InputError or
     ComputationError.
@@ -46,27 +51,37 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
         job.factoring  # noqa: B018  (refused early)
     startup.start(preferred=job.preferred_scalar, low_rank=job.low_rank is not None)
     progress = progress or Progress(comm, show=False)
+    store = PointStore(job.store, comm) if job.store is not None else None
     check_outputs({job.output: hdf5_kind(FORMAT)}, comm, [*reads, *job.files], progress=progress)
     if job.search is not None and job.unreached == "mark":
         check_outputs({_not_reached(job.output): hdf5_kind(FORMAT)}, comm, [*reads, *job.files])
     with progress.stage("read", str(job.model)):
         model = model_of_job(job, comm)
-    store = PointStore(job.store, comm) if job.store is not None else None
-    with agreed(comm):
-        check_room(job.output, _bytes(job, model) if job.write_basis else 0)
-    with model, reduce(
-        model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings, factoring=job.factoring,
-        store=store, progress=progress,
-    ) as reduced:  # fmt: skip
-        output = _name_of(job, reduced.record.accuracy)
-        record = replace(reduced.record, job=_plain(job), timing=progress.timing())
-        reduced.record = record
-        with progress.stage("write", output):
-            write_result(
-                output, reduced, model, basis=job.write_basis, origin=job.body_origin, lumped=job.lumped_integrals
-            )
-        record = replace(record, timing=progress.timing())
-        return Reduced(output, record, reduced.size, tuple(reduced.frequencies.tolist()))
+    with model:
+        with agreed(comm):
+            check_room(job.output, _bytes(job, model) if job.write_basis else 0)
+        with progress.stage("read"):
+            contents = {str(Path(name).absolute()): content_of(name, comm) for name in job.files}
+        with listening(store is not None):
+            reduced = reduce(
+                model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings,
+                factoring=job.factoring, store=store, progress=progress,
+            )  # fmt: skip
+        with reduced:
+            output = _name_of(job, reduced.record.accuracy)
+            reduced.record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
+            with progress.stage("write", output):
+                write_result(
+                    output, reduced, model, basis=job.write_basis, origin=job.body_origin, lumped=job.lumped_integrals
+                )
+            record = replace(reduced.record, timing=progress.timing())
+            found = Reduced(output, record, reduced.size, tuple(reduced.frequencies.tolist()))
+    if job.report:
+        from .report import report_file  # which reads models as jobs do
+
+        with progress.stage("report"):
+            report_file([output], output=Path(output).with_suffix(".html"), comm=comm)
+    return found
 
 
 def _name_of(job, accuracy) -> str:
@@ -89,18 +104,6 @@ def _bytes(job, model) -> int:
     if job.search is not None:
         columns += job.adaptive.size or SIZE
     return 8 * model.size * min(columns, model.size)
-
-
-def _plain(job) -> dict:
-    """The job as plain types, with absolute names of files, which stay right wherever the result is used."""
-    table = asdict(job)
-    for key in ("model", "output", "inputs", "outputs", "out_of_core", "store"):
-        if isinstance(table[key], str):
-            table[key] = str(Path(table[key]).absolute())
-    if isinstance(table["model"], dict):
-        table["model"] = {key: str(Path(name).absolute()) if isinstance(name, str) else name
-                          for key, name in table["model"].items()}  # fmt: skip
-    return table
 
 
 def model_of_job(job: Job, comm):

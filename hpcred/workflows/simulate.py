@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 from ..formats.hdf5 import atomic_output
-from ..formats.outputs import CSV_OF_MOTION, PNG, check_outputs, hdf5_kind
+from ..formats.outputs import CSV_OF_MOTION, PNG, VTK, check_outputs, hdf5_kind
 from ..formats.result_file import read_result
 from ..formats.simulation_file import FORMAT, read_simulation, write_motion, write_motion_csv
+from ..formats.vtk import write_motion_vtk
 from ..multibody.simulation import simulate
 from ..parallel import startup
 from ..parallel.failures import agreed
@@ -34,11 +37,18 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     written = {output: hdf5_kind(FORMAT), output.with_suffix(".csv"): CSV_OF_MOTION}
     if has_matplotlib():
         written[output.with_suffix(".png")] = PNG
+    if setup.paraview:
+        written[output.with_suffix(".pvd")] = VTK
     check_outputs(written, comm, [path, setup.body], progress=progress)
     motion = None
-    with progress.stage("simulate", setup.body), agreed(comm):  # a stage loads PETSc, on all ranks together
+    # the stage on all ranks, because the first one starts PETSc, which is collective
+    with progress.stage("simulate", setup.body), agreed(comm):
         if comm.rank == 0:
-            body = read_result(setup.body, MPI.COMM_SELF).body(setup.nodes)
+            result = read_result(setup.body, MPI.COMM_SELF)
+            body = result.body(setup.nodes)
+            if setup.paraview:
+                with result.shapes():
+                    pass  # refused early where the file has no basis
             motion = simulate(body, setup, progress)
     motion = comm.bcast(motion)
     files = [(output.with_suffix(".csv"), write_motion_csv)]
@@ -55,16 +65,35 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
             with atomic_output(target, comm) as temporary, agreed(comm):
                 if comm.rank == 0:
                     write(temporary, motion)
+    if setup.paraview:
+        with progress.stage("write", str(output.with_suffix(".pvd"))):
+            report["output"].append(_write_paraview(output, setup.body, motion, comm))
     return report
+
+
+def _write_paraview(output, body, motion, comm):
+    """A .pvd, and one .vtu a time in a folder beside it, made new. Collective. Returns the name of the .pvd."""
+    target, folder = output.with_suffix(".pvd"), output.with_name(f"{output.stem}_vtu")
+    with atomic_output(target, comm) as temporary, agreed(comm):
+        if comm.rank == 0:
+            result = read_result(body, MPI.COMM_SELF)
+            with result.shapes() as shapes, tempfile.TemporaryDirectory(dir=output.parent) as fresh:
+                made = Path(fresh) / folder.name
+                made.mkdir()
+                write_motion_vtk(temporary, made, shapes, motion, result.floating_frame.origin)
+                shutil.rmtree(folder, ignore_errors=True)
+                made.rename(folder)
+    return str(target)
 
 
 def _figures(motion):
     return {
         "constraint_drift_m": motion.drift,
+        "constraint_drift_rad": motion.rotation_drift,
         "energy_defect": motion.balance,
         "factorisations": motion.factorisations,
         "largest_displacement_m": {
-            str(node): float(np.linalg.norm(motion.node_displacement[:, i], axis=-1).max())
-            for i, node in enumerate(motion.nodes)
+            name: float(np.linalg.norm(motion.node_displacement[:, i], axis=-1).max())
+            for i, name in enumerate(motion.node_names)
         },
     }

@@ -154,7 +154,8 @@ def test_elements_of_several_lines(comm, folder, monkeypatch):
     monkeypatch.setattr("hpcred.formats.text.PIECE", 10)
     numbers = np.arange(1, 21)
     element = ", ".join(map(str, numbers[:15])) + ",\n " + ", ".join(map(str, numbers[15:]))
-    text = "*Node\n1, 1.\n*Element, type=C3D20R, elset=all\n" + "".join(f"{k}, {element}\n" for k in range(1, 8))
+    text = "*Node\n" + "".join(f"{n}, {n}.\n" for n in numbers) + "*Element, type=C3D20R, elset=all\n"
+    text += "".join(f"{k}, {element}\n" for k in range(1, 8))
     elements = read(write(folder / "a.inp", text + "*Element, type=XYZ\n1, 2\n*Step\n", comm), comm).elements
     (found,) = gathered(comm, elements["hexahedron20"])
     assert np.array_equal(found, np.tile(numbers, (7, 1))) and set(elements) == {"hexahedron20"}

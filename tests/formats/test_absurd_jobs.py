@@ -23,6 +23,7 @@ NOT_A_WORD = ["1", "nan", "true", "[]", "[[1, 2]]", "{}", '{a.b = "c"}', "1979-0
 NUMBER, LIST = NOT_A_NUMBER + ABSURD, ["nan", "1", '"text"', "{}", "[[]]", "[true]", *PAIR[:4], "[1e300]"]
 
 # what a job is without the key, the key, and values that it must not take
+FACE = '[[interface]]\nname = "end"\nnodes = [7, 8]\n'
 KEYS = [
     *((JOB + POINT, key, NOT_A_WORD) for key in ("output", "projection", "unreached", "out_of_core")),
     (POINT, "model", NOT_A_WORD),
@@ -58,6 +59,18 @@ KEYS = [
     (JOB + '[[basis]]\nkind = "second_order_krylov"\n', "basis.0.s", NUMBER + PAIR),
     *((POINT + '[model]\nK = "K.mtx"\nM = "M.mtx"\n', f"model.{key}", NOT_A_WORD)
       for key in ("K", "M", "D", "B", "C", "nodes", "dofs")),
+    *((JOB + POINT + FACE, f"interface.0.{key}", values) for key, values in (
+        ("name", [*NOT_A_WORD, '"a:x"', '"7"', '"a b"']), ("at", NUMBER + PAIR), ("node", [*NUMBER, "0", "-1", "1.5"]),
+        ("nodes", ["1", "nan", "[]", "{}", "[0]", "[-1]", "[1, 1]", "[1.5]", "[[1]]", "{box = [1]}", "{set = 1}",
+                   "{box = [[0.0, 0.0, nan], [1.0, 1.0, 1.0]]}", "{sphere = [[0.0, 0.0, 0.0], -1.0]}",
+                   "{sphere = [[0.0, 0.0, 0.0], inf]}", '{set = "A", sphere = [[0.0, 0.0, 0.0], 1.0]}',
+                   "{cylinder = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 1.0]}"]),
+        ("kind", NOT_A_WORD), ("weights", ["1", "nan", "[1.0]", "[1.0, -1.0]", "[1.0, inf]", '"heavy"']),
+        ("directions", ["[]", '["w"]', '["x", "x"]', "1", '"x"']),
+    )),
+    (JOB + POINT, "coordinates", [*NOT_A_WORD, '"physical"']),
+    *((JOB + '[[basis]]\nkind = "craig_bampton"\n', f"basis.0.{key}", [*NUMBER, *more, "-1"])
+      for key, more in (("count", ["0", "1.5"]), ("band", PAIR))),
     *((JOB, key, ["1", '"text"', "nan", "[1]", "[[]]", '{kind = "none such"}', '{a = 1}'])
       for key in ("frame", "damping", "basis", "adaptive")),
 ]  # fmt: skip
@@ -81,7 +94,8 @@ MOTIONS = [
                                                            "angular_velocity", "constraint.0.at", "force.0.amplitude")),
     (simulation("sine"), "force.0.phase", NUMBER), (simulation("constant"), "force.0.value", NUMBER + PAIR),
     (simulation("table"), "force.0.times", LIST), (simulation("table"), "force.0.values", LIST),
-    *((simulation("sine"), key, [*NUMBER, "0", "-1"]) for key in ("force.0.node", "constraint.0.node")),
+    *((simulation("sine"), key, [*(value for value in NUMBER if '"' not in value), "0", "-1"])  # a text is a name
+      for key in ("force.0.node", "constraint.0.node")),
     *((simulation("sine"), key, LIST) for key in ("elastic", "elastic_velocity")),
     (simulation("sine"), "observe", [*LIST, "[0]", "[-1]"]),
     (simulation("sine"), "constraint.0.directions", ["[]", '["w"]', '["x", "x"]', "1", "nan", '"x"', "{}"]),

@@ -5,14 +5,15 @@ import pytest
 from helpers import bar
 
 import hpcred
-from hpcred import Buckens, Krylov, ModalDamping, Modes, Simulation
+from hpcred import Buckens, Joint, Krylov, ModalDamping, Modes, Rayleigh, Simulation
 from hpcred.examples.beam import Rod
 from hpcred.formats.exudyn import write_exudyn
 from hpcred.model.damping import Structural
 from hpcred.model.elements import surface_triangles
 from hpcred.model.interfaces import Interface, Nodes
 from hpcred.multibody.body import body_of
-from hpcred.multibody.equations_of_motion import rotation
+from hpcred.multibody.node_shapes import interface_nodes
+from hpcred.multibody.rotations import rotation
 from hpcred.multibody.simulation import simulate
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
@@ -62,6 +63,69 @@ def test_exudyn_moves_the_body_as_we_do(tmp_path):
     assert ours.position[-1] == pytest.approx(place, abs=5e-6)
     assert rotation(ours.quaternion[-1]) == pytest.approx(axes, abs=1e-4)
     assert np.abs(ours.elastic[-1]).max() > 5e-5
+
+
+def pendulum(kind):
+    """A body and its node to hang it on; how long it swings (s), least elastic rotation (rad), tolerance (m).
+
+    The mean of directions, by which the integrals of beams are taken, is used in other places by Exudyn than by us.
+    """
+    if kind == "linkage":
+        with (
+            hpcred.linkage() as model,
+            hpcred.reduce(model, [Modes(index=tuple(range(7, 13)))], Buckens(), Rayleigh(2.0, 1e-4)) as rom,
+        ):
+            return body_of(model, rom, [1, 14]), 1, 0.2, 1e-3, 3e-5
+    face = Nodes(box=((-1e-6, -1, -1), (1e-6, 1, 1)))
+    with (
+        hpcred.solid((6, 1, 1), [1.0, 0.1, 0.1], 3, False, young=2e7) as block,
+        block.with_interfaces([Interface(name="hinge", nodes=face)]) as plain,
+        plain.with_inputs([("hinge", "all")]) as model,
+        hpcred.reduce(model, [Modes(index=(7, 8, 9)), Krylov(frequency=0.0)], Buckens(), Rayleigh(0.0, 1e-3)) as rom,
+    ):
+        return body_of(model, rom, [28, *interface_nodes(model)]), "hinge", 0.6, 0.03, 1e-6
+
+
+@pytest.mark.parametrize("kind", ["linkage", "interface of a solid"])
+def test_exudyn_swings_a_pendulum_as_we_do(tmp_path, kind):
+    """Falling from rest on a revolute joint; rotations of markers by the exponential map, as ours."""
+    exudyn = pytest.importorskip("exudyn")
+    from exudyn import itemInterface as items
+    from exudyn.FEM import ObjectFFRFreducedOrderInterface
+
+    body, hinge, end, bending, tolerance = pendulum(kind)
+    write_exudyn(tmp_path / "body.npz", body)
+    file = np.load(tmp_path / "body.npz")
+    place = file["names"].tolist().index(str(hinge))
+    interface = ObjectFFRFreducedOrderInterface()
+    interface.LoadFromFile(str(tmp_path / "body.npz"))
+    mbs = exudyn.SystemContainer().AddSystem()
+    own = interface.AddObjectFFRFreducedOrder(mbs, positionRef=[0, 0, 0], gravity=[0, 0, -9.81])["oFFRFreducedOrder"]
+    mbs.SetObjectParameter(own, "dampingMatrixReduced", exudyn.MatrixContainer(file["dampingMatrixReduced"]))
+    ground = mbs.AddMarker(items.MarkerBodyRigid(
+        bodyNumber=mbs.AddObject(items.ObjectGround()), localPosition=body.nodes[place].position.tolist()
+    ))  # fmt: skip
+    marker = mbs.AddMarker(items.MarkerSuperElementRigid(
+        bodyNumber=own, meshNodeNumbers=file["markerNodes"][place].tolist(), weightingFactors=[0.25] * 4,
+        useAlternativeApproach=True, rotationsExponentialMap=2,
+    ))  # fmt: skip
+    mbs.AddObject(items.GenericJoint(markerNumbers=[ground, marker], constrainedAxes=[1, 1, 1, 1, 0, 1]))
+    mbs.Assemble()
+    settings = exudyn.SimulationSettings()
+    settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = 1000, end
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
+    settings.solution.file.write = False
+    settings.timeIntegration.verboseMode = 0
+    mbs.SolveDynamic(settings)
+    theirs = [mbs.GetObjectOutputSuperElement(own, exudyn.OutputVariableType.Position, node) for node in (0, 1)]
+    joint = Joint(hinge, kind="revolute", axis=(0.0, 1.0, 0.0))
+    setup = Simulation(end=end, gravity=(0.0, 0.0, -9.81), constraint=(joint,), steps=20, relative_tolerance=1e-6,
+                       absolute_tolerance=1e-9)  # fmt: skip
+    ours = simulate(body, setup)
+    assert ours.node_position[-1] == pytest.approx(np.array(theirs), abs=tolerance)
+    assert np.linalg.norm(ours.node_displacement[-1], axis=1).max() > 0.1
+    assert np.abs(ours.elastic @ body.nodes[place].psi.T).max() > bending  # rad
+    assert ours.balance < 1e-4 and ours.rotation_drift < 1e-6
 
 
 def bent(path, held, loaded, moment):

@@ -3,7 +3,7 @@
 import pytest
 from helpers import SIMULATION
 
-from hpcred import Joint, SineForce, TableForce
+from hpcred import Bushing, Joint, LineSpring, RampDrive, SineForce, SineMoment, TableForce
 from hpcred.formats.simulation_file import read_simulation
 from hpcred.parallel.failures import InputError
 
@@ -22,6 +22,48 @@ def test_settings_arrive(path):
     assert setup.constraint == (Joint(1), Joint(7, ("x", "z")), Joint(14, ("z",)))
 
 
+def test_joints_and_names_arrive(tmp_path):
+    (tmp_path / "sim.toml").write_text("""
+body = "result.h5"
+end = 1.0
+observe = ["tip", 3]
+moment = [{kind = "sine", node = "tip", amplitude = [1.0, 0.0, 0.0], frequency = 2.0, axes = "body"}]
+[[constraint]]
+node = "hub"
+kind = "revolute"
+axis = [0.0, 1.0, 0.0]
+[[constraint]]
+node = 4
+kind = "universal"
+axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+[[drive]]
+kind = "ramp"
+node = "hub"
+about = [0.0, 1.0, 0.0]
+rate = 3.0
+[[spring]]
+kind = "line"
+node = 5
+at = [0.0, 0.0, 0.0]
+stiffness = 2.0
+[[spring]]
+kind = "bushing"
+node = "tip"
+rotational_damping = [1.0, 2.0, 3.0]
+""")
+    setup = read_simulation(tmp_path / "sim.toml")
+    assert setup.nodes == [3, 4, 5, "hub", "tip"]
+    assert setup.moment == (SineMoment("tip", (1.0, 0.0, 0.0), 2.0, axes="body"),)
+    assert setup.constraint == (
+        Joint("hub", kind="revolute", axis=(0.0, 1.0, 0.0)),
+        Joint(4, kind="universal", axes=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),
+    )
+    assert setup.drive == (RampDrive(node="hub", about=(0.0, 1.0, 0.0), rate=3.0),)
+    assert setup.spring == (
+        LineSpring(5, (0.0, 0.0, 0.0), 2.0), Bushing("tip", rotational_damping=(1.0, 2.0, 3.0))
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize(
     "change, says",
     [
@@ -30,10 +72,19 @@ def test_settings_arrive(path):
         ("end=soon", "end: found 'soon', expected a number"),
         ("start=rest", "start: found 'rest', expected 'given' or 'static'"),
         ("force.0.kind=cosine", r"force\[0\].kind: found 'cosine', expected one of constant, sine, table"),
-        ("force.0.frequency=0.0", "force.frequency: found 0, expected a positive frequency"),
-        ("force.1.times=[0.0]", "found 2 forces for 1 times"),
+        ("force.0.frequency=0.0", "force.frequency: found 0, expected a number of more than 0"),
+        ("force.1.times=[0.0]", "force.values: found 2 values for 1 times"),
         ("force.1.times=[1.0, 0.0]", "expected ascending times"),
         ("constraint.1.directions=['x', 'q']", r"constraint.directions: found \['x', 'q'\]"),
+        ("constraint.1.kind='hinge'", r"constraint\[1\].kind: found 'hinge', expected 'point' or 'spherical'"),
+        ("constraint.1.kind='fixed'", "constraint.directions: found .* at a joint of kind 'fixed'"),
+        ("constraint.0.axis=[0.0, 1.0]", r"constraint\[0\].axis: found \[0.0, 1.0\], expected \[a number,"),
+        ("constraint.0.axes=[[0.0, 1.0, 0.0]]", r"constraint\[0\].axes: found \[\[0.0, 1.0, 0.0\]\]"),
+        ("force.0.node=1.5", r"force\[0\].node: found 1.5, expected a whole number or a text"),
+        ("force.0.axes='node'", r"force\[0\].axes: found 'node', expected 'inertial' or 'body'"),
+        ("spring=[{node=1}]", r"spring\[0\].kind: missing; expected one of line, bushing"),
+        ("drive=[{kind='ramp', node=1, rate=1.0}]", "drive: node 1 needs a direction `along`"),
+        ("drive=[{kind='ramp', node=1, along=[1.0, 0.0, 0.0]}]", r"drive\[0\].rate: missing; expected a number"),
         ("gravity=[0.0, 1.0]", r"gravity: found \[0.0, 1.0\], expected \[a number, a number, a number\]"),
         ("gravity=[0.0, 0.0, nan]", r"gravity: found \[0.0, 0.0, nan\], expected .* finite"),
         ("force.0.amplitude=[0.0, 0.0, inf]", r"force\[0\].amplitude: found .* finite"),

@@ -1,11 +1,16 @@
 """Shapes for ParaView, read by meshio: against the basis in the result file, and elements against their volume."""
 
+from pathlib import Path
+from xml.etree import ElementTree
+
 import h5py
 import meshio
 import numpy as np
 import pytest
 from conftest import DATA
+from helpers import MODES_JOB, SIMULATION
 
+from hpcred.cli import run
 from hpcred.workflows.export import export_result
 
 JOB = """
@@ -32,10 +37,38 @@ def test_shapes_of_the_linkage(tmp_path, monkeypatch, hpcred):
         V, node, direction = file["basis/V"][...], file["dofs/node"][...], file["dofs/direction"][...]
     assert mesh.point_data["node"].tolist() == list(range(1, 21))
     assert [name for name in mesh.point_data if name != "node"] == names
-    assert names[0] == "pseudo-mode 1: 33.3047 Hz" and len(names) == 6
+    assert names[0] == "pseudo_mode_1_33.3047_Hz" and len(names) == 6
     for row, name in zip(V, names, strict=True):
         for d in range(3):
             assert mesh.point_data[name][node[direction == d] - 1, d] == pytest.approx(row[direction == d])
+
+
+def test_a_motion_for_paraview(linkage_folder):
+    """Displacements of the observed nodes are those of simulation.h5, and distances of a stiff body stay."""
+    Path("modes.toml").write_text(MODES_JOB)
+    Path("sim.toml").write_text(SIMULATION + "\n")
+    assert run(["reduce", "modes.toml"]) == 0
+    Path("simulation_vtu").mkdir()
+    (Path("simulation_vtu") / "old.vtu").write_text("of an earlier run")
+    assert run(["simulate", "sim.toml", "--set", "paraview=true", "--set", "rotation=[0.0, 0.0, 0.3]"]) == 0
+    sets = ElementTree.parse("simulation.pvd").getroot().findall("Collection/DataSet")
+    with h5py.File("simulation.h5") as file:
+        t, nodes, moved = file["t"][...], file["nodes/number"][...], file["nodes/displacement"][...]
+        place = file["nodes/position"][...]
+    assert [float(item.get("timestep")) for item in sets] == t.tolist()
+    assert sorted(path.name for path in Path("simulation_vtu").iterdir()) == [
+        Path(item.get("file")).name for item in sets
+    ]
+    for i in (0, 7, 20):
+        mesh = meshio.read(sets[i].get("file"))
+        rows = np.searchsorted(mesh.point_data["node"], nodes)
+        assert mesh.points[rows] == pytest.approx(place[i], abs=1e-12)
+        assert mesh.point_data["displacement"][rows] == pytest.approx(moved[i], abs=1e-12)
+        stiff = mesh.points - mesh.point_data["elastic"]
+        with h5py.File("model.h5") as file:
+            undeformed = file["dofs/position"][::6]
+        assert np.linalg.norm(stiff[0] - stiff[19]) == pytest.approx(np.linalg.norm(undeformed[0] - undeformed[19]))
+        assert [(block.type, len(block.data)) for block in mesh.cells] == [("line", 19)]
 
 
 @pytest.mark.parametrize("name, kind, count", [("blockC3D10", "tetra10", 122), ("blockC3D8", "hexahedron", 90)])

@@ -13,6 +13,7 @@ from helpers import CHORD_JOB
 import hpcred as package
 from hpcred.cli import run
 from hpcred.examples.beam import Rod
+from hpcred.workflows.pair_figures import in_file_name, pairs_to_show
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
@@ -231,3 +232,29 @@ def test_what_does_not_go_together_is_refused(automatic, capsys, arguments, says
     automatic()
     assert run(["evaluate", "result.h5", *arguments]) == 2
     assert says in capsys.readouterr().err
+
+
+def test_a_figure_of_every_response(linkage_folder):
+    """Named after the pair where there are several; the reduced model alone, or with the full one and their error."""
+    assert run(["reduce", "job.toml"]) == 0
+    assert run(["evaluate", "result.h5", "--band", "1,300", "--points", "5", "--figure", "one.svg"]) == 0
+    text = Path("one.svg").read_text()
+    command = ["evaluate", "result.h5", "--full", "model.h5", "--band", "1,300", "--points", "5", "--figure", "two.svg"]
+    assert run(command) == 0
+    assert len(Path("two.svg").read_text()) > 1.3 * len(text)
+    assert run(["reduce", "job.toml", "--set", 'inputs=[[20, "z"], [12, "z"]]', "--set", 'output="r.h5"']) == 0
+    assert run(["evaluate", "r.h5", "--band", "1,300", "--points", "5", "--figure", "f.png", "--json", "e.json"]) == 0
+    figures = json.loads(Path("e.json").read_text())["figures"]
+    assert figures == ["f_20z-20z.png", "f_20z-12z.png", "f_12z-12z.png"]
+    assert all(Path(name).read_bytes()[:4] == b"\x89PNG" for name in figures)
+
+
+def test_pairs_worth_a_figure():
+    H = np.zeros((2, 2, 2), dtype=complex)
+    H[:, 0, 0], H[:, 1, 1], H[:, 0, 1], H[:, 1, 0] = 1.0, 3.0, 2.0, 2.0
+    assert pairs_to_show(H, ("a", "b"), ("a", "b"), 9) == [(0, 0), (0, 1), (1, 1)]
+    assert pairs_to_show(H, ("a", "b"), ("a", "c"), 9) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    assert pairs_to_show(H, ("a", "b"), ("a", "b"), 2) == [(0, 1), (1, 1)]
+    H[:, 0, 1] = H[:, 1, 0] = 1e-14
+    assert pairs_to_show(H, ("a", "b"), ("a", "b"), 9) == [(0, 0), (1, 1)]
+    assert in_file_name("output 3:z/a b") == "output_3z_a_b"

@@ -12,6 +12,7 @@ import hpcred as package
 from hpcred import Buckens, Modes, read_sid
 from hpcred.cli import run
 from hpcred.parallel.failures import InputError
+from hpcred.report import mode_pictures
 from hpcred.workflows.export import EXPORTS, export_result
 
 STRUCTURAL = """kind = "structural"
@@ -20,7 +21,8 @@ loss_factor = 0.02
 
 
 @pytest.mark.mpi
-def test_all_formats_without_more(reduced_linkage, comm):
+def test_all_formats_without_more(reduced_linkage, comm, monkeypatch):
+    monkeypatch.setattr(mode_pictures, "MOVING_DOTS", 40)
     result = reduced_linkage()
     for kind, export in EXPORTS.items():
         if export.takes == "superelement":
@@ -71,10 +73,12 @@ def test_exports_are_refused_on_all_ranks(reduced_linkage, comm):
         ({"kind": "sid", "nodes": [1, 1]}, "expected at least one node, and each once"),
         ({"kind": "sid", "nodes": []}, "expected at least one node, and each once"),
         ({"kind": "vtk", "nodes": [1]}, "'vtk' shows all nodes"),
+        ({"kind": "vtk", "modes": [1]}, "--modes: 'vtk' shows all shapes or none"),
+        ({"kind": "gif", "modes": [7]}, "result.h5: modes: found 7, expected numbers from 1 to 6"),
         ({"kind": "statespace-npz", "nodes": [1]}, "'statespace-npz' has inputs and outputs, and no nodes"),
         ({"kind": "abaqus", "nodes": [1]}, "'abaqus' has the interface nodes of the job"),
         ({"kind": "nastran"}, r'result.h5: found pseudo-modal coordinates.*coordinates = "interface"'),
-        ({"kind": "npz", "path": result}, "this is the result itself"),
+        ({"kind": "npz", "path": result}, "which this run reads; choose another name"),
         ({"kind": "npz", "path": result.parent / "nowhere/x.npz"}, "nowhere does not exist"),
     ):
         with pytest.raises(InputError, match=says):

@@ -50,6 +50,64 @@ def test_files_of_a_simulation(made):
     assert path.with_name("simulation.png").read_bytes()[:4] == b"\x89PNG"
 
 
+JOINTS = """
+body = "result.h5"
+end = 0.05
+steps = 10
+gravity = [0.0, 0.0, -9.81]
+[[moment]]
+kind = "constant"
+node = 20
+value = [0.0, 1.0, 0.0]
+axes = "body"
+[[constraint]]
+node = 1
+kind = "revolute"
+axis = [0.0, 1.0, 0.0]
+[[drive]]
+kind = "ramp"
+node = 1
+about = [0.0, 1.0, 0.0]
+rate = 2.0
+duration = 0.02
+[[spring]]
+kind = "line"
+node = 14
+at = [0.0, 0.0, 1.0]
+stiffness = 100.0
+damping = 1.0
+[[spring]]
+kind = "bushing"
+node = 20
+rotational_stiffness = [1.0, 1.0, 1.0]
+"""
+
+
+@pytest.mark.mpi
+def test_joints_drives_and_springs_in_the_files(made, comm):
+    path = made()
+    if comm.rank == 0:
+        path.write_text(JOINTS)
+    report = simulate_file(path)
+    assert report["constraint_drift_rad"] < 1e-6 and report["energy_defect"] < 1e-4
+    table = np.genfromtxt(path.with_name("simulation.csv"), delimiter=",", names=True)
+    with h5py.File(path.with_name("simulation.h5")) as file:
+        assert file["nodes/name"][...].tolist() == [b"1", b"14", b"20"]
+        assert file["nodes/rotation"][-1, 0] == pytest.approx([0, 2.0 * 0.04, 0], abs=1e-6)
+        assert table["rotation_1_y"] == pytest.approx(file["nodes/rotation"][:, 0, 1], abs=1e-10)
+        assert file["constraints/name"][...].tolist() == [b"1:x", b"1:y", b"1:z"]
+        assert file["constraints/moment_name"][...].tolist() == [b"1:rx", b"1:ry", b"1:rz"]
+        assert table["constraint_moment_1_ry"] == pytest.approx(file["constraints/moment"][:, 1], rel=1e-6, abs=1e-6)
+        assert file["springs/name"][...].tolist() == [b"1:14", b"2:20"]
+        force, moment, energy = (file[f"springs/{key}"][...] for key in ("force", "moment", "energy"))
+        assert force.shape == moment.shape == (11, 2, 3) and np.abs(moment[-1, 1]).max() > 1e-3
+        assert table["spring_force_1_14_z"] == pytest.approx(force[:, 0, 2], rel=1e-6, abs=1e-9)
+        assert file["energy/springs"][...] == pytest.approx(energy.sum(axis=1)) and energy[-1].min() > 0
+        assert table["energy_drives"] == pytest.approx(file["energy/drives"][...], rel=1e-6, abs=1e-9)
+        setup = json.loads(file["provenance"][()])["setup"]
+        assert setup["drive"][0]["kind"] == "ramp" and setup["spring"][1]["kind"] == "bushing"
+
+
 @pytest.mark.mpi
 def test_simulations_are_refused_on_all_ranks(made, comm):
     path = made()
@@ -58,6 +116,7 @@ def test_simulations_are_refused_on_all_ranks(made, comm):
         ("force.0.node=99", "result.h5: node 99 does not exist"),
         ("body=model.h5", "found an HDF5 file of format 'hpcred-model', expected 'hpcred-result'"),
         ("output=nowhere/out.h5", "nowhere does not exist"),
+        ("force.0.node='pin'", "node 'pin': no interface of this name; no node of the body has a name"),
         ("ende=1.0", "sim.toml: ende: unknown key"),
         ("start=static", "they leave 1 rigid motions free"),
     ):
@@ -65,6 +124,13 @@ def test_simulations_are_refused_on_all_ranks(made, comm):
         with pytest.raises(InputError, match=re.escape(says)):
             simulate_file(path, overrides=overrides)
     assert names(path.parent, comm) == before
+
+
+def test_a_program_of_two_ranks_ends(made, hpcred):
+    """PETSc, which all ranks start together, has not been started by a reduction before."""
+    path = made()
+    found = hpcred("simulate", path, "--set", "end=0.001", ranks=2)
+    assert found.returncode == 0 and "constraint drift" in found.stdout, found.stderr
 
 
 def test_structural_damping_has_no_motion(made):

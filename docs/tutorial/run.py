@@ -1,0 +1,103 @@
+"""Runs a page: its files are written, its commands run in order, and what they print is put in the page.
+
+A block ```toml title="job.toml" (or of any other language with a title) is a file. A block ```console has commands
+behind "$ " and below each what it prints. Pictures of the page that lie in a folder with its name are taken over
+from the folder of the run. From the root of the repository, with gmsh and CalculiX for the first page:
+
+    python docs/tutorial/run.py docs/tutorial/1-lever.md
+    python docs/tutorial/run.py docs/tutorial/2-crank.md
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+FILE = re.compile(r'^```\w+ title="([^"]+)"\n(.*?)^```$', re.M | re.S)
+SESSION = re.compile(r"^```console\n(.*?)^```$", re.M | re.S)
+BLOCK = re.compile(rf"(?:{FILE.pattern})|(?:{SESSION.pattern})", re.M | re.S)
+WIDTH = 100
+ROOT = Path(__file__).parents[2]
+
+
+class Failed(Exception):
+    """A command of the page did not end as it should."""
+
+
+def run_page(text: str, folder: Path) -> str:
+    """The text of the page with what its commands print when they run in the folder. Raises Failed."""
+    environment = _environment(folder)
+
+    def replaced(found):
+        if found[1]:
+            path = folder / found[1]
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(found[2])
+            return found[0]
+        said = [f"$ {command}\n{_output(command, folder, environment)}" for command in commands(found[3])]
+        return "```console\n" + "".join(said) + "```"
+
+    return BLOCK.sub(replaced, text)
+
+
+def commands(session: str) -> list[str]:
+    """The commands of a console block; a line that ends with a backslash goes on in the next."""
+    return [found.rstrip("\n") for found in re.findall(r"^\$ ((?:.*\\\n)*.*)$", session, re.M)]
+
+
+def _output(command, folder, environment):
+    words = ["bash", "-o", "pipefail", "-c", command]
+    done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, timeout=1200)
+    if done.returncode:
+        raise Failed(f"$ {command}\n{done.stdout}{done.stderr}\nexit status {done.returncode}")
+    lines = [line.rstrip() for line in done.stdout.splitlines()]
+    return "".join(f"{line}\n" for line in lines if line)
+
+
+def _environment(folder):
+    """`hpcred` is the one of this repository; as many ranks as a page asks for; tables as wide as a page."""
+    tools = Path(tempfile.mkdtemp(dir=folder, prefix=".bin"))
+    shim = tools / "hpcred"
+    shim.write_text(f'#!/bin/sh\nexec {sys.executable} -m hpcred "$@"\n')
+    shim.chmod(0o755)
+    return {
+        "OPENBLAS_NUM_THREADS": "1",
+        **os.environ,
+        "PATH": f"{tools}:{os.environ['PATH']}",
+        "PYTHONPATH": str(ROOT),
+        "COLUMNS": str(WIDTH),
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    }
+
+
+def pictures(text: str, page: Path) -> list[str]:
+    """The names of the pictures that the page has of the run."""
+    return re.findall(rf"\]\({re.escape(page.stem)}/([^)/]+)\)", text)
+
+
+def picture(folder, name) -> Path:
+    """Where a run left a picture. Raises Failed."""
+    for path in Path(folder).rglob(name):
+        return path
+    raise Failed(f"the page has the picture {name}, which no command made")
+
+
+def main(page):
+    page = Path(page)
+    with tempfile.TemporaryDirectory() as folder:
+        text = run_page(page.read_text(), Path(folder))
+        for name in pictures(text, page):
+            page.with_suffix("").mkdir(exist_ok=True)
+            shutil.copy(picture(folder, name), page.with_suffix("") / name)
+    page.write_text(text)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,58 @@
+"""Numbers of a simulation's tables enter; what cannot be is refused with its key."""
+
+import numpy as np
+
+from ..parallel.failures import InputError
+from ..parallel.ranges import ANYTHING, FREQUENCY, LABEL, within
+
+
+def require_finite(where, **values):
+    """Raise InputError for NaN and Inf, which TOML can write, and for numbers beyond all units; None passes.
+
+    `where` ends with a dot.
+    """
+    for key, value in values.items():
+        within(f"{where}{key}", value, ANYTHING)
+
+
+def require_node(where, node):
+    """Raise InputError for a number that no node has; a name passes."""
+    within(f"{where}node", node, LABEL)
+
+
+def require_sine(where, frequency, phase):
+    """Raise InputError for what is no frequency in Hz above 0 and phase in rad."""
+    require_positive(where, frequency=frequency)
+    within(f"{where}frequency", frequency, FREQUENCY)
+    within(f"{where}phase", phase, (-1e6, 1e6, "rad"))
+
+
+def require_positive(where, **values):
+    """Raise InputError for numbers that are not more than 0."""
+    for key, value in values.items():
+        if value <= 0:
+            raise InputError(f"{where}{key}: found {value:g}, expected a number of more than 0")
+
+
+def require_not_negative(where, **values):
+    """Raise InputError for numbers, or lists of them, below 0."""
+    for key, value in values.items():
+        if (np.asarray(value, dtype=float) < 0).any():
+            raise InputError(f"{where}{key}: found {value}, expected nothing below 0")
+
+
+def require_times(where, times, values):
+    """Raise InputError unless there is a value for each of some ascending times."""
+    if len(times) != len(values) or not times:
+        raise InputError(f"{where}values: found {len(values)} values for {len(times)} times, expected as many")
+    if any(late <= early for early, late in zip(times, times[1:], strict=False)):
+        raise InputError(f"{where}times: expected ascending times")
+
+
+def unit(where, key, vector) -> np.ndarray:
+    """The unit vector (3,) of an axis. Raises InputError for one without length."""
+    require_finite(where, **{key: vector})
+    length = np.linalg.norm(vector)
+    if length == 0:
+        raise InputError(f"{where}{key}: found {list(vector)}, which has no direction")
+    return np.asarray(vector, dtype=float) / length

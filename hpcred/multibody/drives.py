@@ -1,0 +1,154 @@
+"""Prescribed displacements and rotations: a time enters, the value and its rate leave (m, m/s or rad, rad/s)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.interpolate import CubicSpline
+
+from ..parallel.failures import InputError
+from .checks import (
+    require_finite,
+    require_node,
+    require_not_negative,
+    require_sine,
+    require_times,
+    unit,
+)
+from .loads import Vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """The support of a node moves `along` a direction (m) or turns `about` an axis (rad), one of them; inertial axes.
+
+    It holds the node to itself in that direction, beside what the joints at the node hold. `through`: a point of the
+    axis, by default where the node is held. Drives of one node add up.
+    """
+
+    node: int | str
+    along: Vector | None = None
+    about: Vector | None = None
+    through: Vector | None = None
+
+    def __post_init__(self):
+        if (self.along is None) == (self.about is None):
+            raise InputError(
+                f"drive: node {self.node} needs a direction `along` which it is displaced or an axis `about` which it "
+                "turns, one of them"
+            )
+        if self.through is not None and self.about is None:
+            raise InputError(f"drive.through: found {list(self.through)} without `about`, of whose axis it is a point")
+        require_node("drive.", self.node)
+        require_finite("drive.", through=self.through)
+        self.direction  # noqa: B018  refused here if it has none
+
+    @property
+    def direction(self) -> np.ndarray:
+        """The unit vector (3,) of `along` or `about`."""
+        return unit("drive.", "along", self.along) if self.about is None else unit("drive.", "about", self.about)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConstantDrive(Drive):
+    """Displaced by `value` from the beginning."""
+
+    value: float
+    kind: Literal["constant"] = field(default="constant", repr=False)
+
+    def __post_init__(self):
+        super().__post_init__()
+        require_finite("drive.", value=self.value)
+
+    def __call__(self, t):
+        return self.value, 0.0
+
+    def longest_step(self):
+        return np.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class RampDrive(Drive):
+    """The rate grows smoothly from 0 to `rate` in `duration` (s), and stays.
+
+    With a = t / duration it is rate (a - sin(2 pi a) / (2 pi)), so that the acceleration begins and ends with 0.
+    """
+
+    rate: float
+    duration: float = 0.0
+    kind: Literal["ramp"] = field(default="ramp", repr=False)
+
+    def __post_init__(self):
+        super().__post_init__()
+        require_finite("drive.", rate=self.rate, duration=self.duration)
+        require_not_negative("drive.", duration=self.duration)
+
+    def __call__(self, t):
+        end = self.duration
+        if t >= end:
+            return self.rate * (t - end / 2), self.rate
+        a = max(t, 0.0) / end
+        turn = 2 * np.pi
+        value = a * a / 2 + (np.cos(turn * a) - 1) / turn**2
+        return self.rate * end * value, self.rate * (a - np.sin(turn * a) / turn)
+
+    def longest_step(self):
+        return self.duration / 8 or np.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class SineDrive(Drive):
+    """amplitude sin(2 pi frequency t + phase); Hz, rad."""
+
+    amplitude: float
+    frequency: float
+    phase: float = 0.0
+    kind: Literal["sine"] = field(default="sine", repr=False)
+
+    def __post_init__(self):
+        super().__post_init__()
+        require_finite("drive.", amplitude=self.amplitude)
+        require_sine("drive.", self.frequency, self.phase)
+
+    def __call__(self, t):
+        omega = 2 * np.pi * self.frequency
+        angle = omega * t + self.phase
+        return self.amplitude * np.sin(angle), self.amplitude * omega * np.cos(angle)
+
+    def longest_step(self):
+        return 1 / (8 * self.frequency)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableDrive(Drive):
+    """Values at ascending times (s): a cubic spline through them, at rest before the first and after the last."""
+
+    times: tuple[float, ...]
+    values: tuple[float, ...]
+    kind: Literal["table"] = field(default="table", repr=False)
+
+    def __post_init__(self):
+        super().__post_init__()
+        require_finite("drive.", times=self.times, values=self.values)
+        require_times("drive.", self.times, self.values)
+        if len(self.times) < 2:
+            raise InputError("drive.times: found one time, expected two or more; one value is kind = 'constant'")
+
+    @cached_property
+    def _spline(self):
+        return CubicSpline(self.times, self.values, bc_type="clamped")
+
+    def __call__(self, t):
+        if not self.times[0] < t < self.times[-1]:
+            return self.values[0 if t <= self.times[0] else -1], 0.0
+        return float(self._spline(t)), float(self._spline(t, 1))
+
+    def longest_step(self):
+        return min(np.diff(self.times))
+
+
+AnyDrive = Annotated[ConstantDrive | RampDrive | SineDrive | TableDrive, Field(discriminator="kind")]

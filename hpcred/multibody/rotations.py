@@ -1,0 +1,56 @@
+"""Rotations in space: quaternions and rotation vectors enter, matrices, rates and rotation vectors leave."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+SMALL = 1e-3  # rad; below it, series have no error that double precision could show
+
+
+def rotation(p: np.ndarray) -> np.ndarray:
+    """A (3, 3) from body to inertial axes of a quaternion (w, x, y, z) of any length; (k, 3, 3) of (k, 4)."""
+    return Rotation.from_quat(p[..., [1, 2, 3, 0]]).as_matrix()  # SciPy puts the scalar last
+
+
+def quaternion(vector) -> np.ndarray:
+    """The unit quaternion (w, x, y, z) of a rotation vector (3,) in rad."""
+    return np.roll(Rotation.from_rotvec(vector).as_quat(), 1)
+
+
+def quaternion_rate(p: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """p' of a body that turns with omega (3,) in body axes."""
+    w, x, y, z = p
+    matrix = np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]])
+    return 0.5 * matrix @ omega
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """(3, 3): skew(v) u = v x u."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a x b (3,), in a fraction of numpy's time."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def of_vector(vector) -> np.ndarray:
+    """The rotation matrix exp(skew(vector)) of a rotation vector (3,), exactly (Rodrigues)."""
+    return Rotation.from_rotvec(vector).as_matrix()
+
+
+def vector_of(matrix) -> np.ndarray:
+    """The rotation vector (3,) of a matrix, or (k, 3) of (k, 3, 3); not longer than pi."""
+    return Rotation.from_matrix(matrix).as_rotvec()
+
+
+def rate_matrix(vector) -> np.ndarray:
+    """J (3, 3): exp(skew(vector)) turns with J vector' in the axes that it turns in (left Jacobian of the rotations).
+
+    J = I + (1 - cos a) / a^2 W + (a - sin a) / a^3 W^2 with W = skew(vector) and a its angle.
+    """
+    W, a = skew(vector), float(np.linalg.norm(vector))
+    if a < SMALL:
+        first, second = 1 / 2 - a * a / 24, 1 / 6 - a * a / 120
+    else:
+        first, second = (1 - np.cos(a)) / a**2, (a - np.sin(a)) / a**3
+    return np.eye(3) + first * W + second * W @ W

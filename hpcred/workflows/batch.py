@@ -1,0 +1,128 @@
+"""A sweep file enters; a script for SLURM or PBS that runs its jobs as an array leaves, and is submitted if asked."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+from ..formats.hdf5 import atomic_output
+from ..formats.sweep_file import read_sweep
+from ..parallel.failures import ComputationError, InputError
+from .sweep import make_folder
+
+SUBMIT = {"slurm": "sbatch", "pbs": "qsub"}
+AGAIN = 10  # times that a job that was stopped is put into the queue again
+
+SLURM = """#!/bin/bash
+# hpcred sweep
+#SBATCH --job-name={name}
+#SBATCH --array=1-{shares}{at_once}
+#SBATCH --nodes={nodes}
+#SBATCH --ntasks={ranks}
+#SBATCH --cpus-per-task=1
+#SBATCH --mem-per-cpu={memory}M
+#SBATCH --time={time}
+#SBATCH --output={log}
+#SBATCH --open-mode=append
+#SBATCH --requeue
+#SBATCH --signal=B:TERM@60
+{lines}set -euo pipefail
+index=${{SLURM_ARRAY_TASK_ID:?submit this script as an array, as its --array says}}
+"""
+
+PBS = """#!/bin/bash
+# hpcred sweep
+#PBS -N {name}
+{array}#PBS -l select={nodes}:ncpus={each}:mpiprocs={each}:ompthreads=1:mem={node_memory}mb
+#PBS -l walltime={time}
+#PBS -o {folder}
+#PBS -j oe
+#PBS -r y
+{lines}set -euo pipefail
+index=${{PBS_ARRAY_INDEX{single}}}
+"""
+
+BODY = """{setup}export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 HDF5_USE_FILE_LOCKING=FALSE PYTHONUNBUFFERED=1
+
+# SIGTERM comes ahead of the time limit; by USR1 the runs end after the current point, which a store keeps
+{command} --index "$index" --of {shares} &
+run=$!
+trap 'signalled=1; kill -USR1 "$run" 2>/dev/null || true' TERM USR1
+while true; do  # a signal ends `wait` before the run ends
+    signalled=0 status=0
+    wait "$run" || status=$?
+    [ "$signalled" = 1 ] || break
+done
+"""
+
+REQUEUE = """# 75: it stopped as asked; 138: it was asked before it could listen
+if {{ [ "$status" = 75 ] || [ "$status" = 138 ]; }} && [ "${{SLURM_RESTART_COUNT:-0}}" -lt {again} ]; then
+    scontrol requeue "${{SLURM_ARRAY_JOB_ID}}_${{SLURM_ARRAY_TASK_ID}}"
+fi
+"""
+
+
+def write_script(path, kind: str, *, store=None, submit: bool = False, comm=None) -> dict:
+    """Write <sweep>.slurm or <sweep>.pbs (`kind`: "slurm", "pbs") into the folder of the results, as [launch] says.
+
+    `submit`: hand it to sbatch or qsub. `store`: as for run_sweep. Returns `script`, the command that submits it, and
+    what that said. Raises InputError or ComputationError.
+    """
+    if (comm or MPI.COMM_WORLD).size > 1:
+        raise InputError("sweep: run it without mpiexec; [launch] of the sweep says on how many ranks each run is")
+    sweep = read_sweep(path, store)
+    if submit and shutil.which(SUBMIT[kind]) is None:
+        raise InputError(f"--submit: there is no {SUBMIT[kind]} on this machine")
+    make_folder(sweep)
+    script = sweep.folder / f"{sweep.path.stem}.{kind}"
+    with atomic_output(script, MPI.COMM_SELF) as temporary:
+        temporary.write_text(script_of(sweep, kind, store))
+    command, said = [SUBMIT[kind], str(script)], None
+    if submit:
+        # Python's own environment: MPI has put into that of the process what the ranks of the job must not find
+        found = subprocess.run(
+            command, capture_output=True, text=True, stdin=subprocess.DEVNULL, env=dict(os.environ)
+        )
+        if found.returncode:
+            raise ComputationError(f"{SUBMIT[kind]} {script}: {(found.stderr or found.stdout).strip()}")
+        said = found.stdout.strip()
+    return {"script": str(script), "command": shlex.join(command), "said": said}
+
+
+def script_of(sweep, kind, store=None) -> str:
+    """The text of an array script of a Sweep."""
+    launch = sweep.launch
+    shares = min(launch.shares or len(sweep.runs), len(sweep.runs))
+    directive = "#SBATCH" if kind == "slurm" else "#PBS"
+    lines = list(launch.lines)
+    if launch.account:
+        lines.insert(0, f"{directive} {'--account=' if kind == 'slurm' else '-A '}{launch.account}")
+    if launch.partition:
+        lines.insert(0, f"{directive} {'--partition=' if kind == 'slurm' else '-q '}{launch.partition}")
+    setup = [f"module load {name}" for name in launch.modules] + list(launch.setup)
+    setup += [f"export {name}={shlex.quote(value)}" for name, value in launch.environment.items()]
+    command = [sys.executable, "-m", "hpcred", "sweep", str(sweep.path.absolute())]
+    command += ["--store", str(Path(store).absolute())] if store else []
+    folder, each = sweep.folder.absolute(), launch.ranks // launch.nodes
+    at_once = f"%{launch.at_once}" if launch.at_once else ""
+    if any(character in str(folder) for character in '\n"'):
+        raise InputError(f"output {folder}: quotation marks and line breaks cannot stand in a batch script")
+    values = {
+        "name": "".join(letter if letter.isalnum() else "-" for letter in sweep.path.stem), "shares": shares,
+        "at_once": at_once, "nodes": launch.nodes, "ranks": launch.ranks, "each": each, "memory": launch.memory_mb,
+        "node_memory": each * launch.memory_mb, "time": launch.time,
+        "folder": f'"{folder}"' if " " in str(folder) else folder, "again": AGAIN,
+        "single": ":-1" if shares == 1 else ":?submit this script as an array, as its -J says",
+        "log": f'"{folder}/share-%a.log"' if " " in str(folder) else f"{folder}/share-%a.log",
+        "array": f"#PBS -J 1-{shares}{at_once}\n" if shares > 1 else "",  # PBS takes no array of one
+        "lines": "".join(line + "\n" for line in lines), "setup": "".join(line + "\n" for line in setup),
+        "command": shlex.join(command),
+    }  # fmt: skip
+    head, tail = (SLURM, REQUEUE) if kind == "slurm" else (PBS, "")
+    return head.format(**values) + BODY.format(**values) + tail.format(**values) + 'exit "$status"\n'

@@ -1,0 +1,134 @@
+"""Commands that run beside each other: named command lines enter, how each ended leaves; none outlives its parent."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psutil
+
+from ..parallel.failures import HpcredError
+from ..parallel.signals import heard_by
+from ..parallel.stopping import Stopped
+
+_libc = ctypes.CDLL(None)  # looked up here: little may be done between fork and exec
+
+PATIENCE = 5.0  # seconds that a process has to end after SIGTERM, before it is killed
+LOOK = 0.05  # seconds between two looks at the processes
+UNBOUND = {  # several launchers at once would each put their ranks on the first cores
+    "OMPI_MCA_hwloc_base_binding_policy": "none", "PRTE_MCA_hwloc_default_binding_policy": "none", "I_MPI_PIN": "0",
+    "HYDRA_BINDING": "none",
+}  # fmt: skip
+
+
+class Interrupted(HpcredError):
+    """The command was told to end, and ended its children first."""
+
+    def __init__(self, number):
+        super().__init__(f"ended by {signal.Signals(number).name}; the same command goes on with what is left")
+        self.exit_status = 128 + number
+
+
+@dataclass
+class Child:
+    """A command with the file for what it prints; once it has ended its `status` (negative: a signal) and `seconds`."""
+
+    name: str
+    command: list[str]
+    log: Path
+    status: int | None = None
+    seconds: float = 0.0
+    begun: float = 0.0
+    process: subprocess.Popen | None = field(default=None, repr=False)
+
+    @property
+    def last_line(self) -> str:
+        """The last sentence of hpcred in the log, or else the last line that has words."""
+        with suppress(OSError):
+            lines = [line.strip() for line in self.log.read_text(errors="replace").splitlines()]
+            lines = [line for line in lines if any(map(str.isalnum, line))]
+            said = [line for line in lines if line.startswith("hpcred: ")]
+            return (said or lines or [""])[-1]
+        return ""
+
+
+def run_all(children, at_once: int = 1, environment=None, ended=None, waiting=None):
+    """Run the children, so many at the same time, in the order of the list; each is a session of its own.
+
+    `ended(child)` is called when one has ended, `waiting(running)` with those under way at every look. SIGINT and
+    SIGTERM end all of them within seconds and raise Interrupted; SIGUSR1 is handed on to them, no other is started, and
+    Stopped is raised when they have ended. Where this process is killed the system ends them.
+    """
+    environment = {**os.environ, **(UNBOUND if at_once > 1 else {}), **(environment or {})}
+    left, running, passed_on = deque(children), [], False
+    with _noted() as noted:
+        try:
+            while running or (left and not passed_on):
+                if ending := noted & {signal.SIGINT, signal.SIGTERM}:
+                    raise Interrupted(min(ending))
+                if signal.SIGUSR1 in noted and not passed_on:
+                    passed_on = True
+                    for child in running:
+                        child.process.send_signal(signal.SIGUSR1)
+                while left and len(running) < at_once and not passed_on:
+                    running.append(_start(left.popleft(), environment))
+                for child in [child for child in running if child.process.poll() is not None]:
+                    running.remove(child)
+                    child.status, child.seconds = child.process.returncode, time.monotonic() - child.begun
+                    if ended is not None:
+                        ended(child)
+                if waiting is not None:
+                    waiting(running)
+                time.sleep(LOOK)
+        finally:
+            end(running)
+    if passed_on:
+        raise Stopped("stopped as asked; the same command goes on with what is left")
+
+
+@contextmanager
+def _noted():
+    """The signals that came meanwhile."""
+    noted = set()
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
+    with heard_by(lambda number, _: noted.add(number), numbers):
+        yield noted
+
+
+def _start(child, environment):
+    child.begun = time.monotonic()
+    with open(child.log, "wb") as log:
+        child.process = subprocess.Popen(
+            child.command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, env=environment,
+            start_new_session=True, preexec_fn=_end_with_parent if sys.platform == "linux" else None,
+        )  # fmt: skip
+    return child
+
+
+def _end_with_parent():
+    """Have Linux send SIGTERM when the parent is gone, whatever it died of."""
+    _libc.prctl(1, signal.SIGTERM)
+
+
+def end(children):
+    """End the processes and what they started: SIGTERM to each, SIGKILL to what is left after PATIENCE seconds."""
+    family = []
+    for child in children:
+        with suppress(psutil.NoSuchProcess):
+            head = psutil.Process(child.process.pid)
+            family += [head, *head.children(recursive=True)]
+        child.process.terminate()  # a launcher ends its ranks itself
+    _, alive = psutil.wait_procs(family, timeout=PATIENCE)
+    for process in alive:
+        with suppress(psutil.NoSuchProcess):
+            process.kill()
+    for child in children:
+        child.status = child.process.wait()

@@ -1,0 +1,144 @@
+"""A sweep file enters; one table of all its results leaves, and figures that compare them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from ..analysis.error import error_integral, relative_error
+from ..analysis.frequency_response import frequency_response
+from ..formats.response_file import read_responses
+from ..formats.result_file import read_result
+from ..formats.sweep_file import read_sweep
+from ..formats.sweep_table import check_table_name, write_sweep_table
+from ..parallel.failures import InputError
+from ..report.figures import pyplot
+from ..report.sweep_figures import curves_figure, key_figure, size_figure, stem_of
+from .sweep import responses_of, states_of
+
+SELF = MPI.COMM_SELF
+
+
+def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> dict:
+    """One row a run: name, status, the keys that vary, size, Q (57), the largest eps against the full model, the
+    estimate of an automatic reduction, seconds, factorisations made and saved, and memory of all ranks in MB.
+
+    `output`: a .csv, .json or HDF5 file for the table, see formats.sweep_table. `figures`: a folder, created where
+    needed, for error over size, error over each key with numbers, and eps(f), as PNG and SVG. `store`: as for
+    run_sweep. Returns rows, `missing` (runs without a result of their job), `curves` {run: (frequencies, eps)}, the
+    names of the figures and remarks. Raises InputError.
+    """
+    if (comm or MPI.COMM_WORLD).size > 1:
+        raise InputError("collect: run it without mpiexec")
+    sweep = read_sweep(path, store)
+    if output is not None:
+        check_table_name(output, SELF)
+    if figures is not None:
+        pyplot()  # refused early where there is none
+    states, full = states_of(sweep), responses_of(sweep)
+    rows, curves, remarks = [], {}, []
+    for run in sweep.runs:
+        row, curve = _row(run, states[run.name], full.get(run.name), sweep.keys)
+        rows.append(row)
+        if curve is not None:
+            curves[run.name] = curve
+    if lacking := sorted({str(file) for file in full.values() if not file.is_file()}):
+        remarks.append(f"the full response {', '.join(lacking)} is not there; `hpcred sweep {path}` computes it")
+    if output is not None:
+        write_sweep_table(output, rows, curves, SELF)
+    drawn = _draw(Path(figures), rows, curves, sweep, remarks) if figures is not None else []
+    return {
+        "rows": rows,
+        "missing": [row["run"] for row in rows if row["size"] is None],
+        "curves": {name: [list(map(float, part)) for part in curve] for name, curve in curves.items()},
+        "figures": drawn,
+        "remarks": remarks,
+    }
+
+
+def _row(run, state, full, keys):
+    """A row of the table, and the frequencies and errors of its curve or None."""
+    row = {"run": run.name, "status": state.word}
+    row |= {key: _plain(run.values.get(key), run.labels.get(key)) for key in keys}
+    row |= dict.fromkeys(
+        ("size", "Q", "eps", "estimate", "seconds", "factorisations", "factorisations_saved", "memory_mb")
+    )
+    if not state.done:
+        return row, None
+    reduced = read_result(state.file, SELF).reduced
+    record, curve = reduced.record, None
+    row |= {
+        "size": reduced.size, "seconds": record.timing.elapsed, "factorisations": len(record.factorisations),
+        "factorisations_saved": record.factorisations_saved, "memory_mb": sum(record.timing.memory_mb_per_rank),
+    }  # fmt: skip
+    if record.accuracy is not None:
+        row["estimate"] = record.accuracy.largest
+        row["Q"] = record.accuracy.mean * (record.accuracy.band[1] - record.accuracy.band[0])
+        curve = record.accuracy.frequencies, record.accuracy.eps
+    if full is not None and full.is_file():
+        curve = errors_against(reduced, full)
+        row["Q"], row["eps"] = error_integral(*curve), float(curve[1].max())
+    return row, curve
+
+
+def errors_against(reduced, path):
+    """Frequencies (F,) in Hz and eps (F,) of a ReducedModel against the full response of a file. Raises InputError."""
+    responses = read_responses(path)
+    if responses.full is None:
+        raise InputError(f"{path}: has no response of a full model; remove it, and it is made again")
+    for key in ("input_names", "output_names"):
+        if getattr(responses, key) != getattr(reduced, key):
+            raise InputError(f"{path}: its {key.replace('_', ' ')} are not those of the reduced model")
+    found = frequency_response(reduced, responses.frequencies)
+    return responses.frequencies, relative_error(responses.full, found)
+
+
+def _plain(value, label):
+    """A number or text as it is; of a table or a list what stands for it in names."""
+    return value if value is None or isinstance(value, (int, float, str)) else label
+
+
+def _draw(folder, rows, curves, sweep, remarks) -> list[str]:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--figures {folder}: cannot be created ({error.strerror}); choose another") from error
+    drawn, error = [], next((key for key in ("eps", "estimate") if any(row[key] is not None for row in rows)), None)
+    known = [row for row in rows if error and row[error] is not None and np.isfinite(row[error])]
+    if not known:
+        remarks.append("no figures: no error is known; evaluate = true in the sweep computes it")
+        return []
+    keys = {key: [row[key] for row in known] for key in sweep.keys}
+    numeric = [key for key, values in keys.items() if all(_is_number(value) for value in values)]
+    words = [key for key in keys if key not in numeric]
+    kinds = {run.name: " + ".join(item.kind for item in run.job.basis) or "automatic" for run in sweep.runs}
+
+    def method(row):
+        return ", ".join(_said(key, row[key]) for key in words) or kinds[row["run"]]
+
+    size_figure(folder / "error_over_size", known, method, error)
+    drawn.append("error_over_size")
+    for key in numeric:
+        if len(set(keys[key])) > 1:
+            others = [other for other in keys if other != key and keys[other] != keys[key]]
+            stem = f"error_over_{stem_of(key)}"
+            key_figure(folder / stem, known, key, lambda row, others=others: ", ".join(
+                _said(other, row[other]) for other in others), error)  # fmt: skip
+            drawn.append(stem)
+    if curves:
+        curves_figure(folder / "errors", curves)
+        drawn.append("errors")
+    return [str(folder / f"{stem}.png") for stem in drawn]
+
+
+def _is_number(value):
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _said(key, value):
+    """A key and its value in a legend, with the last words of the key."""
+    short = key if re.search(r"\.\d+\.", key) else key.rpartition(".")[2]
+    return f"{short} {value:.6g}" if isinstance(value, float) else f"{short} {value}"

@@ -1,0 +1,69 @@
+"""Responses by several models enter; a figure of every output and input leaves, with the relative error of the pair."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..formats.hdf5 import atomic_output
+from ..formats.outputs import PICTURES, check_outputs
+from ..parallel.failures import agreed
+from ..report.figures import MOST, check_figure_name, pair_figure, pyplot
+
+ZERO = 1e-12  # of the largest response, below which one is round-off
+
+
+def check_figures(path, comm, reads, progress):
+    """Refuse early what cannot be drawn or written. Collective. Raises InputError."""
+    check_figure_name(path)
+    check_outputs({path: PICTURES[Path(path).suffix.lower()]}, comm, reads, progress=progress)
+    with agreed(comm):
+        pyplot()
+
+
+def figures_of_pairs(path, outputs, inputs, responses, comm, most=MOST) -> list[str]:
+    """Draw the responses of `outputs` (r) to `inputs` (p), by name, those of pairs_to_show. Collective.
+
+    `responses`: (label, frequencies (F,) in Hz, complex (F, r, p)), the reduced one first; where the second one is at
+    the same frequencies, the difference of the two relative to the second is drawn too. One pair is drawn as `path`,
+    several under names with the pair in them. Returns the names of the files.
+    """
+    path, written = Path(path), []
+    alone = len(outputs) * len(inputs) == 1
+    for i, j in pairs_to_show(responses[0][2], outputs, inputs, most):
+        name = f"{outputs[i]}-{inputs[j]}"
+        target = path if alone else path.with_name(f"{path.stem}_{in_file_name(name)}{path.suffix}")
+        with atomic_output(target, comm) as temporary, agreed(comm):
+            if comm.rank == 0:
+                curves = [(label, f, values[:, i, j]) for label, f, values in responses]
+                errors = [("of this pair", curves[0][1], _relative(curves[0][2], curves[1][2]))] if (
+                    len(curves) > 1 and np.array_equal(curves[0][1], curves[1][1])) else []  # fmt: skip
+                pair_figure(temporary, curves, f"output {outputs[i]}, input {inputs[j]}", errors,
+                            kind=target.suffix[1:])  # fmt: skip
+        written.append(str(target))
+    return written
+
+
+def pairs_to_show(H, outputs, inputs, most) -> list[tuple[int, int]]:
+    """Output and input (from 0) of the `most` largest responses of H (F, r, p), in their order: without those that are
+    zero to round-off, and of a symmetric H with one of the two that are equal."""
+    size = np.abs(H).max(axis=0)
+    reciprocal = tuple(inputs) == tuple(outputs) and np.allclose(
+        H, H.transpose(0, 2, 1), rtol=1e-6, atol=1e-6 * size.max()
+    )
+    pairs = [(i, j) for i in range(len(outputs)) for j in range(len(inputs))
+             if size[i, j] > ZERO * size.max() and (i <= j or not reciprocal)]  # fmt: skip
+    largest = set(sorted(pairs, key=lambda pair: -size[pair])[:most])
+    return [pair for pair in pairs if pair in largest]
+
+
+def in_file_name(name: str) -> str:
+    """A name with only letters, digits, dots, hyphens and underscores."""
+    return "".join(letter if letter.isalnum() or letter in ".-_" else "_" if letter != ":" else "" for letter in name)
+
+
+def _relative(reduced, full):
+    size = np.abs(full)
+    return np.divide(np.abs(reduced - full), size, out=np.full(len(full), np.nan), where=size > 0)
+

@@ -1,0 +1,118 @@
+"""What a report shows, for papers: sheets enter; figures (png, svg, pdf) or tables (csv) in a folder leave."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import asdict
+from pathlib import Path
+
+from ..formats.hdf5 import atomic_output
+from ..formats.response_file import Responses, write_responses
+from ..parallel.failures import InputError, agreed
+from ..parallel.petsc import MPI
+from ..report.figures import errors_figure, pair_figure, pyplot
+from ..report.mode_pictures import draw_shapes
+from .pair_figures import in_file_name
+
+
+def make_folder(folder, comm):
+    """Make a folder unless it is there. Collective. Raises InputError."""
+    with agreed(comm):
+        if comm.rank == 0:
+            try:
+                Path(folder).mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(f"{folder}: cannot be made ({error.strerror}), expected a folder") from error
+
+
+def check_drawing(comm):
+    """Refuse early where there is no matplotlib. Collective. Raises InputError."""
+    with agreed(comm):
+        pyplot()
+
+
+def draw_files(folder, kind, sheets, chosen) -> list[str]:
+    """Responses of every pair, errors, and shapes of every result with nodes; on one rank. Returns the names."""
+    written = []
+
+    def into(name, draw):
+        path = Path(folder) / f"{in_file_name(name)}.{kind}"
+        with atomic_output(path, MPI.COMM_SELF) as temporary:
+            draw(temporary)
+        written.append(str(path))
+
+    names = list(dict.fromkeys(name for pairs in chosen for name, _, _ in pairs))
+    for name in names:
+        curves = _curves_of(name, sheets, chosen)
+        into(f"response_{name.replace('/', '-')}", lambda path, c=curves, n=name: pair_figure(
+            path, c, "output {}, input {}".format(*n.split("/", 1)), kind=kind))  # fmt: skip
+    errors = _errors_of(sheets)
+    if errors:
+        tolerances = {sheet.record.accuracy.tolerance for sheet in sheets if sheet.record.accuracy is not None}
+        common = tolerances.pop() if len(tolerances) == 1 else None
+        into("error", lambda path: errors_figure(path, errors, "relative error of all outputs and inputs", common,
+                                                 kind=kind))  # fmt: skip
+    for sheet in sheets:
+        if sheet.body is not None:
+            with sheet.result.shapes() as shapes:
+                into(f"shapes_{sheet.name}", lambda path, s=shapes: draw_shapes(path, s, kind=kind))
+    return written
+
+
+def _curves_of(name, sheets, chosen):
+    curves = []
+    for sheet, pairs in zip(sheets, chosen, strict=True):
+        for known, i, j in pairs:
+            if known == name:
+                curves.append((sheet.name, sheet.frequencies, sheet.response[:, i, j]))
+                if sheet.full is not None and not sheet.full_as_before:
+                    curves.append(("full model", sheet.exact, sheet.full[:, i, j]))
+    return curves
+
+
+def _errors_of(sheets):
+    curves = []
+    for sheet in sheets:
+        accuracy = sheet.record.accuracy
+        if accuracy is not None:
+            curves.append((f"{sheet.name}, estimate", accuracy.frequencies, accuracy.eps))
+        if sheet.eps is not None:
+            curves.append((f"{sheet.name}, exact", sheet.exact, sheet.eps))
+    return curves
+
+
+def write_tables(folder, sheets, rows_of_frequencies) -> list[str]:
+    """Responses, errors, points and frequencies of every result as .csv; on one rank. Returns the names.
+
+    `rows_of_frequencies`: from a sheet to rows for its pseudo-frequencies.
+    """
+    written = []
+    for sheet in sheets:
+        accuracy, reduced = sheet.record.accuracy, sheet.reduced
+        tables = {"frequencies": rows_of_frequencies(sheet)}
+        if accuracy is not None:
+            rows = zip(accuracy.frequencies, accuracy.eps, strict=True)
+            tables["error"] = [{"f_hz": f, "eps": eps} for f, eps in rows]
+            tables["points"] = [asdict(point) for point in accuracy.points]
+        if sheet.eps is not None:
+            rows = zip(sheet.exact.tolist(), sheet.eps.tolist(), strict=True)
+            tables["error_exact"] = [{"f_hz": f, "eps": eps} for f, eps in rows]
+        for key, rows in tables.items():
+            written.append(_write_table(folder, f"{key}_{sheet.name}", rows))
+        names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
+        responses = {"response": (sheet.frequencies, {"reduced": sheet.response})}
+        if sheet.full is not None:
+            responses["response_full"] = sheet.exact, {"full": sheet.full}
+        for key, (frequencies, arrays) in responses.items():
+            written.append(str(Path(folder) / f"{key}_{in_file_name(sheet.name)}.csv"))
+            write_responses(written[-1], Responses(frequencies=frequencies, **arrays, **names), MPI.COMM_SELF)
+    return written
+
+
+def _write_table(folder, name, rows):
+    target = str(Path(folder) / f"{in_file_name(name)}.csv")
+    with atomic_output(target, MPI.COMM_SELF) as path, open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    return target

@@ -1,0 +1,240 @@
+"""A sweep file enters; its jobs run, here or as an array of a batch system, and one result each leaves."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shlex
+import sys
+import time
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from mpi4py import MPI
+
+from ..formats.contents import content_of
+from ..formats.hdf5 import atomic_output, check_writable, reading
+from ..formats.job_file import plain
+from ..formats.result_file import FORMAT, VERSION
+from ..formats.sweep_file import Run, Sweep, read_sweep
+from ..parallel.failures import InputError
+from ..parallel.progress import MINUTE, Progress, in_time
+from ..parallel.stopping import Stopped
+from .children import Child, run_all
+
+SELF = MPI.COMM_SELF
+
+
+@dataclass(frozen=True)
+class State:
+    """What there is of a run: "finished", "not reached" (its tolerance), "missing", "of another job" or "damaged";
+    the file and its record as plain types, where there is one."""
+
+    word: str
+    file: Path | None = None
+    record: dict | None = None
+
+    @property
+    def done(self) -> bool:
+        return self.word in ("finished", "not reached")
+
+
+def states_of(sweep: Sweep) -> dict[str, State]:
+    """What there is of each run, by name. A result counts as that of a run if its record says the same job and the
+    files that it was made from have the same contents; times of files do not matter."""
+    content = cache(lambda name: content_of(name, SELF) if os.path.isfile(name) else None)
+    return {run.name: _state(run, content) for run in sweep.runs}
+
+
+def _state(run, content):
+    found = [State("missing")]
+    for path, word in ((run.output, "finished"), (run.beside(".not-reached.h5"), "not reached")):
+        if not path.is_file():
+            continue
+        try:
+            with reading(path, FORMAT, VERSION) as file:
+                record = json.loads(file["record"][()]) or {}
+        except (InputError, OSError, KeyError, ValueError):
+            found.append(State("damaged", path))
+            continue
+        same = run.same_job(record.get("job"), record.get("contents"), content)
+        found.append(State(word if same else "of another job", path, record))
+    return next((state for state in found if state.done), found[-1])
+
+
+def run_sweep(
+    path, *, parallel: int | None = None, index: int | None = None, of: int | None = None, store=None,
+    dry_run: bool = False, comm=None, progress: Progress | None = None,
+) -> dict:  # fmt: skip
+    """Run the jobs of a sweep file on this machine, `parallel` at a time, by default as its [launch] says.
+
+    Finished runs are skipped, failed ones do not keep the others from running. `index` and `of`: only that share of the
+    runs, as a task of an array does. `store`: see formats.sweep_file. `dry_run`: only say what there is. SIGINT and
+    SIGTERM end all runs; SIGUSR1 asks them to end after the current point. Returns folder, `runs` (rows with name,
+    status, size, seconds, and the sentence of one that failed), how many finished, were skipped and failed, and the
+    numbers of factorisations made and saved. Raises InputError, Interrupted or Stopped.
+    """
+    _alone(comm, "sweep")
+    sweep = read_sweep(path, store)
+    chosen = share(sweep, index, of)
+    at_once = parallel if parallel is not None else sweep.launch.parallel
+    if at_once < 1:
+        raise InputError(f"--parallel: found {at_once}, expected at least 1")
+    progress = progress or Progress(SELF, show=False)
+    before = states_of(sweep)
+    skipped = {run.name for run in chosen if before[run.name].done}
+    if dry_run:
+        return _report(sweep, chosen, before, skipped, {})
+    make_folder(sweep)
+    left = [run for run in chosen if run.name not in skipped]
+    for run in left:
+        if before[run.name].file is not None:
+            progress.say(f"{before[run.name].file}: {before[run.name].word}, made again")
+        with atomic_output(run.beside(".toml"), SELF) as temporary:
+            temporary.write_text(f"# hpcred sweep: one job of it\n{run.job_text()}")
+    children = [_child(sweep, run.name, "reduce", str(run.beside(".toml").absolute()), log=run.beside(".log"))
+                for run in left]  # fmt: skip
+    run_all(children, at_once, sweep.launch.environment, **_told(progress, len(children), at_once))
+    after = states_of(sweep)
+    ended = {child.name: child for child in children}
+    if any(child.status == Stopped.exit_status for child in children):
+        raise Stopped("a run was stopped as asked; the same command goes on with what is left")
+    ended |= _full_responses(sweep, chosen, after, at_once, progress)
+    return _report(sweep, chosen, after, skipped, ended)
+
+
+def _alone(comm, command):
+    if (comm or MPI.COMM_WORLD).size > 1:
+        raise InputError(f"{command}: run it without mpiexec; [launch] of the sweep says on how many ranks each run is")
+
+
+def share(sweep, index, of) -> list[Run]:
+    """The runs of a task of an array: every `of`-th from the `index`-th on, which counts from 1. Raises InputError."""
+    if index is None and of is None:
+        return list(sweep.runs)
+    if index is None or of is None:
+        raise InputError("--index: belongs together with --of, such as --index 3 --of 8")
+    if of < 1 or not 1 <= index <= of:
+        raise InputError(f"--index: found {index} of {of}, expected 1 to the number of shares")
+    return list(sweep.runs[index - 1 :: of])
+
+
+def make_folder(sweep):
+    """Create the folder of the results. Raises InputError."""
+    try:
+        sweep.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"output {sweep.folder}: cannot be created ({error.strerror}); choose another") from error
+    check_writable(sweep.folder / "x.h5", SELF)
+
+
+def _child(sweep, name, *arguments, log):
+    """A command of hpcred on the ranks of the sweep."""
+    launcher = shlex.split(sweep.launch.launcher.replace("{ranks}", str(sweep.launch.ranks)))
+    return Child(name, [*launcher, sys.executable, "-m", "hpcred", *arguments], log)
+
+
+def _told(progress, total, at_once):
+    """What is said when a run has ended, and once a minute while they run."""
+    begun, count, said = time.monotonic(), [0], [time.monotonic()]
+
+    def left():
+        if not count[0] or count[0] == total:
+            return ""
+        return f", about {in_time((time.monotonic() - begun) / count[0] * (total - count[0]))} left"
+
+    def ended(child):
+        count[0] += 1
+        said[0] = time.monotonic()
+        word = "done" if child.status == 0 else f"ended with {child.status}: {child.last_line}"
+        progress.say(f"{child.name}: {word} in {in_time(child.seconds)}; {count[0]} of {total}{left()}")
+
+    def waiting(running):
+        if time.monotonic() - said[0] >= MINUTE:
+            said[0] = time.monotonic()
+            for child in running:
+                progress.say(f"{child.name}: {child.last_line}")
+            progress.say(f"{count[0]} of {total} runs ended, {len(running)} under way{left()}")
+
+    return {"ended": ended, "waiting": waiting}
+
+
+def _report(sweep, chosen, states, skipped, ended):
+    rows, made, saved = [], 0, 0
+    for run in chosen:
+        state, child = states[run.name], ended.get(run.name)
+        record = state.record or {}
+        status, sentence = state.word, ""
+        if child is not None and child.status != 0:
+            status = "not reached" if state.word == "not reached" else "failed"
+            sentence = child.last_line.removeprefix("hpcred: ") or f"ended with status {child.status}"
+        if state.word == "not reached":
+            sentence = f"tolerance not reached; see {state.file}"
+        if state.done and run.name not in skipped:
+            made += len(record.get("factorisations", ()))
+            saved += record.get("factorisations_saved", 0)
+        rows.append({
+            "run": run.name, "status": "skipped" if status == "finished" and run.name in skipped else status,
+            "sentence": sentence, **run.labels, "output": str(state.file or run.output),
+        })  # fmt: skip
+    for name, child in ended.items():
+        if name not in states and child.status != 0:
+            rows.append({"run": name, "status": "failed", "sentence": child.last_line.removeprefix("hpcred: ")})
+    return {
+        "folder": str(sweep.folder),
+        "runs": rows,
+        "finished": sum(row["status"] == "finished" for row in rows),
+        "skipped": sum(row["status"] == "skipped" for row in rows),
+        "failed": [{"run": row["run"], "sentence": row["sentence"]} for row in rows
+                   if row["status"] in ("failed", "not reached")],
+        "factorisations": made,
+        "factorisations_saved": saved,
+    }  # fmt: skip
+
+
+# the full response, once for all runs that share it
+
+
+def response_of(sweep, run, content) -> Path:
+    """The file of the full response that a run is compared with; its name stands for all that it depends on."""
+    job, asked = plain(run.job), sweep.evaluate
+    full = os.path.abspath(asked.full or run.job.model)
+    laws = [job[key] for key in ("inputs", "outputs", "interface", "frame", "damping")]
+    grid = asked.frequencies or [asked.band or run.job.band, asked.points]
+    what = [content(full), [content(name) for name in run.job.files[1:]], *laws, grid]
+    digest = hashlib.blake2b(json.dumps(what).encode(), digest_size=6).hexdigest()
+    return sweep.folder / f"full-{digest}.h5"
+
+
+def responses_of(sweep) -> dict[str, Path]:
+    """The file of the full response by name of the run; empty where nothing is compared."""
+    if sweep.evaluate is None:
+        return {}
+    content = cache(lambda name: content_of(name, SELF))
+    return {run.name: response_of(sweep, run, content) for run in sweep.runs}
+
+
+def _full_responses(sweep, chosen, states, at_once, progress):
+    """Compute the full responses that are not there yet; of several shares the one with the first run that needs it."""
+    wanted, children = {}, []
+    names = {run.name for run in chosen}
+    for name, file in responses_of(sweep).items():
+        wanted.setdefault(file, []).append(name)
+    for file, users in wanted.items():
+        result = next((states[name].file for name in users if states[name].done), None)
+        if file.exists() or result is None or users[0] not in names:
+            continue
+        run = next(run for run in sweep.runs if run.name == users[0])
+        asked = sweep.evaluate
+        if asked.frequencies:
+            grid = ["--frequencies", ",".join(map(repr, asked.frequencies))]
+        else:
+            band = asked.band or run.job.band
+            grid = ["--band", f"{band[0]!r},{band[1]!r}", "--points", str(asked.points)]
+        full = os.path.abspath(asked.full or run.job.model)
+        given = [str(result.absolute()), "--full", full, "-o", str(file.absolute()), *grid]
+        children.append(_child(sweep, file.stem, "evaluate", *given, log=file.with_suffix(".log")))
+    run_all(children, at_once, sweep.launch.environment, **_told(progress, len(children), at_once))
+    return {child.name: child for child in children}

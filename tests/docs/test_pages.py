@@ -1,0 +1,182 @@
+"""The pages by themselves: links, commands, messages, names of files, and the reference that is made from the code."""
+
+import ast
+import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+import typer.main
+from docs_pages import DOCS, PAGES, ROOT, reference
+from pydantic import Field
+
+import hpcred.cli
+from hpcred.workflows.export import EXPORTS
+
+GENERATED = reference.pages()
+COMMANDS = dict(reference.commands(typer.main.get_command(hpcred.cli.app)))
+FENCE = re.compile(r"^```.*?^```$", re.M | re.S)
+CODE = re.compile(r"`[^`\n]+`")
+LINK = re.compile(r"\]\(([^)#\s]*)(?:#[^)]*)?\)")
+
+
+def name_of(page):
+    return str(page.relative_to(ROOT))
+
+
+def broken_links(page, text):
+    """The targets of a page that are neither files nor pages made from the code."""
+    for target in LINK.findall(CODE.sub("", FENCE.sub("", text))):
+        place = (page.parent / target).resolve()
+        made = place.is_relative_to(DOCS) and place.relative_to(DOCS).as_posix() in GENERATED
+        if target and not target.startswith(("http://", "https://")) and not place.exists() and not made:
+            yield target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_to_files(page):
+    assert not list(broken_links(page, page.read_text()))
+
+
+def test_broken_links_are_seen():
+    text = "[a](faq.md#q) [b](nothing.md) [c](reference/job-file.md) [d](https://gmsh.info) `[e](code.md)`"
+    assert list(broken_links(DOCS / "index.md", text)) == ["nothing.md"]
+
+
+def commands_in(text):
+    """(command line, whether it is whole) of hpcred, in blocks of code and in sentences."""
+    text = re.sub("<!--.*?-->", "", text, flags=re.S)
+    blocks = [block.split("\n", 1)[1].rsplit("\n", 1)[0] for block in FENCE.findall(text)]
+    blocks += re.findall(r"(?:^    \S.*\n?)+", text, re.M)
+    for line in "\n".join(blocks).replace("\\\n", " ").splitlines():
+        found = re.match(r"\s*(?:\$ )?(?:(?:mpiexec -n \d+|srun) )?(hpcred (?!->).*)$", line)
+        if found:
+            yield re.split(r" [|>] |  +#|\s+% ", found[1])[0], True
+    for code in CODE.findall(FENCE.sub("", text)):
+        if code.startswith("`hpcred ") and "..." not in code:
+            yield code.strip("`"), False
+
+
+def refusal(line, whole):
+    """What the parser says against a command line, or None."""
+    _, *words = shlex.split(line, comments=True)
+    words = words[: words.index("--")] if "--" in words else words
+    if not words or words[0].startswith("-"):
+        return None
+    words = [word for word in words if word not in hpcred.cli.WORDS]
+    size = 2 if tuple(words[:2]) in COMMANDS else 1
+    if tuple(words[:size]) not in COMMANDS:
+        return None if not whole and any(name[: len(words)] == tuple(words) for name in COMMANDS) else "no such command"
+    try:
+        COMMANDS[tuple(words[:size])].make_context("hpcred", words[size:])
+    except Exception as error:
+        if whole or not re.search("Missing|requires an argument", str(error)):
+            return str(error) or type(error).__name__
+    return None
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_can_be_typed(page):
+    assert not {line: why for line, whole in commands_in(page.read_text()) if (why := refusal(line, whole))}
+
+
+def test_wrong_commands_are_seen():
+    text = "    mpiexec -n 2 hpcred reduce j --grups 2  # x\n\n    hpcred reduce\n\n`hpcred reduse` `hpcred reduce`"
+    assert [bool(refusal(*found)) for found in commands_in(text)] == [True, True, True, False]
+    assert len([line for page in PAGES for line in commands_in(page.read_text())]) > 60
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_files_that_are_named_exist(page):
+    named = re.findall(r"`((?:docs|examples|jobs|tests|hpcred|benchmarks)/[\w./-]+\.\w+)`", page.read_text())
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+def test_pages_that_the_program_names_exist():
+    named = {
+        name for path in (ROOT / "hpcred").rglob("*.py") for name in re.findall(r"docs/[\w/-]+\.md", path.read_text())
+    }
+    assert named and [name for name in named if not (ROOT / name).exists()] == []
+
+
+def sentences_of_the_program():
+    """Every text in the code, with … for what is filled in."""
+    for path in (ROOT / "hpcred").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield node.value
+            elif isinstance(node, ast.JoinedStr):
+                yield "".join(part.value if isinstance(part, ast.Constant) else "…" for part in node.values)
+
+
+def test_messages_are_those_of_the_program():
+    """Each message that the page explains is said somewhere, word for word."""
+    quoted = re.findall(r"^`([^`]+)`.*\n:   ", (DOCS / "troubleshooting.md").read_text(), re.M)
+    known = list(sentences_of_the_program())
+    patterns = {text: re.compile(".*?".join(map(re.escape, text.split("…"))), re.S) for text in quoted}
+    assert len(quoted) > 40
+    assert [text for text, pattern in patterns.items() if not any(pattern.search(item) for item in known)] == []
+
+
+def test_all_exports_are_on_their_page():
+    assert set(EXPORTS) <= set(re.findall(r"`([\w-]+)`", (DOCS / "exports.md").read_text()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Round:
+    """A table. `radius`: in m, |r| <R."""
+
+    radius: float
+    kind: Literal["round"] = "round"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flat:
+    """Another one."""
+
+    sides: tuple[float, ...] = (1.0, 2.0)
+    kind: Literal["flat"] = "flat"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawing:
+    """A file. `shapes`: what there is; `name`: how it is called. `size`: in m. `mode`: how."""
+
+    shapes: tuple[Annotated[Round | Flat, Field(discriminator="kind")], ...] = ()
+    name: str | None = None
+    size: tuple[float, float]
+    mode: Literal["a", "b"] = "a"
+
+
+def test_keys_are_taken_from_dataclasses():
+    page = reference.keys_of_file("a drawing", Drawing)
+    assert "- `name`: how it is called." in page
+    assert "| `size` | [number, number] | required |" in page
+    assert '| `mode` | `"a"` or `"b"` | `"a"` |' in page
+    assert '## `[[shapes]]` of kind "round"' in page and "\\|r" not in page and "&lt;R" in page
+    assert "| `sides` | list of number | `[1.0, 2.0]` |" in page
+
+
+def test_the_reference_has_every_key_command_and_name():
+    job = GENERATED["reference/job-file.md"]
+    for word in ("tolerance", "interface.nodes", "craig_bampton", "loss_factor", "memory_mb", "zeta0", "icntl"):
+        assert (word in job) == (word != "icntl")
+    for words in COMMANDS:
+        assert f"## hpcred {' '.join(words)}\n" in GENERATED["reference/command-line.md"]
+    for name in hpcred.__all__:
+        assert re.search(rf"^::: hpcred\.[\w.]+\.{name}$", GENERATED["reference/python.md"], re.M), name
+    modules = "".join(path.read_text() for path in (ROOT / "hpcred" / "formats").glob("*.py"))
+    kinds = re.findall(r'^FORMAT.*"(hpcred-\w+)"', modules, re.M)
+    assert len(kinds) >= 5
+    for kind in kinds:
+        assert f"## {kind}, version" in GENERATED["reference/files.md"]
+
+
+def test_examples_in_python_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    programs = re.findall(r"```python\n(.*?)```", (DOCS / "python.md").read_text(), re.S)
+    exec(compile("\n".join(programs), "docs/python.md", "exec"), {})
+    out = capsys.readouterr().out
+    assert "largest error" in out and "crank:rx" in out and Path("linkage.SID_FEM").exists()

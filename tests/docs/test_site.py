@@ -1,0 +1,72 @@
+"""The built site: strict, whole, and without anything from a network."""
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+from docs_pages import DOCS, ROOT, reference
+
+import hpcred
+
+pytestmark = [
+    pytest.mark.docs,
+    pytest.mark.skipif(importlib.util.find_spec("mkdocs") is None, reason="needs the extra 'docs'"),
+]
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The folder of the site."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    done = subprocess.run(
+        command, cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+def test_every_page_is_there_and_in_the_navigation(site):
+    pages = {page.relative_to(DOCS).with_suffix(".html").as_posix() for page in DOCS.rglob("*.md")}
+    pages |= {name.replace(".md", ".html") for name in reference.pages()}
+    assert [name for name in sorted(pages) if not (site / name).is_file()] == []
+    start = (site / "index.html").read_text()
+    menu = set(re.findall(r'<a href="([^"#]+)" class="md-nav__link', start)) | {"index.html"}
+    assert pages <= menu
+
+
+def test_nothing_is_fetched(site):
+    for page in site.rglob("*.html"):
+        text = page.read_text()
+        assert re.findall(r"<(?:script|link|img|iframe)[^>]*(?:src|href)=\"?(?:https?:)?//[^>]*>", text) == [], page
+    for sheet in site.rglob("*.css"):
+        assert not re.search(r"url\(['\"]?(?:https?:)?//|@import", sheet.read_text()), sheet
+
+
+def test_formulas_are_drawn_without_a_script(site):
+    for page in (site / "theory").glob("*.html"):
+        text = page.read_text()
+        assert "<math" in text and "arithmatex" not in text and "merror" not in text, page
+        assert not re.search(r"\$[^$<]*\\\w+", text), page
+
+
+def test_every_public_name_has_its_place(site):
+    text = (site / "reference" / "python.html").read_text()
+    places = {place.rpartition(".")[2] for place in re.findall(r'id="(hpcred\.[\w.]+)"', text)}
+    assert set(hpcred.__all__) <= places
+
+
+@pytest.mark.skipif(BROWSER is None, reason="needs chromium")
+def test_the_search_works_in_local_files(site, tmp_path):
+    done = subprocess.run(
+        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", "--dump-dom",
+         "--virtual-time-budget=10000", f"{(site / 'index.html').as_uri()}?q=inertia+relief"],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert re.search(r"\d+ matching documents", done.stdout)
+    assert "theory/free-bodies.html" in done.stdout.partition("md-search-result__list")[2]

@@ -1,0 +1,40 @@
+"""Which PETSc is taken, where Debian has two builds."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from launch import TWO_BUILDS, mpi_environment
+
+from hpcred.parallel import startup
+
+pytestmark = pytest.mark.skipif(not TWO_BUILDS, reason="needs Debian's two builds, and none chosen")
+
+
+def output(program, *paths):
+    path = os.pathsep.join([*map(str, paths), os.environ.get("PYTHONPATH", "")])
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env=mpi_environment(PYTHONPATH=path)
+    )
+    assert run.returncode == 0, run.stderr
+    return run.stdout.split()
+
+
+def test_the_link_to_the_default_build_is_no_choice(tmp_path):
+    """The development files of PETSc bring a link by which Python finds one build, also with DOLFINx."""
+    (tmp_path / "default").symlink_to(startup.debian_builds()["real"][0])
+    program = "from hpcred.parallel import startup as s; print(s.can_choose(), s.start('complex'))"
+    assert output(program, tmp_path / "default") == ["True", "complex"]
+
+
+def test_a_petsc_that_is_loaded_is_taken(tmp_path):
+    folders = startup.debian_builds()["complex"]
+    program = "from petsc4py import PETSc; from hpcred.parallel import startup as s; print(s.can_choose(), s.start())"
+    assert output(program, *folders) == ["False", "complex"]
+
+
+def test_a_petsc_of_another_origin_is_taken(tmp_path):
+    (tmp_path / "petsc4py").mkdir()
+    (tmp_path / "petsc4py" / "__init__.py").touch()
+    assert output("from hpcred.parallel import startup as s; print(s.can_choose())", tmp_path) == ["False"]

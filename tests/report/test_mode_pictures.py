@@ -1,0 +1,90 @@
+"""Pictures of shapes: what is hidden is hidden, colours are those of the displacement, and moving ones move."""
+
+import numpy as np
+import pytest
+from bodies import block
+from matplotlib import colormaps
+from PIL import Image
+
+from hpcred.parallel.failures import InputError
+from hpcred.report import mode_pictures
+from hpcred.report.mode_pictures import View, animate_shapes, axes_of_view, draw_shapes, in_metres, render, round_length
+from hpcred.report.surface import surface_of
+
+
+class Bending:
+    """Two shapes of a block that is held at x = 0: its tip moves in z, and in y."""
+
+    def __init__(self, cells=True):
+        self.points, hexahedra = block(8, 2, 1, (1.0, 0.4, 0.2))
+        self.nodes = np.arange(len(self.points)) + 1
+        self.cells = {"hexahedron": hexahedra} if cells else {}
+        self.names, self.frequencies, self.interface = ["first", "second"], np.array([12.5, 2000.0]), np.array([54])
+
+    def displacement(self, k):
+        field = np.zeros_like(self.points)
+        field[:, 2 - k] = 3.0 * self.points[:, 0] ** 2
+        return field
+
+
+def test_what_is_inside_a_body_is_not_seen():
+    outer, cells = block(2, 2, 2)
+    inner = 0.25 + 0.5 * outer
+    body = surface_of(np.concatenate([outer, inner]), {"hexahedron": np.concatenate([cells, cells + len(outer)])})
+    view = View(axes_of_view(outer), 110.0, np.full(3, 0.5), 200, 200)
+    values = (body.nodes >= len(outer)).astype(float)  # 1 inside
+    image = render(body, body.points, values, view)
+    low, high = colormaps["viridis"]([0.0, 1.0])[:, :3]
+    red_over_blue = image[..., 0] / image[..., 2]
+    seen = image.min(axis=-1) < 0.99
+    assert 0.3 < seen.mean() < 0.9
+    assert (red_over_blue[seen] < 1.2).all() and high[0] / high[2] > 5 > low[0] / low[2]
+    alone = surface_of(inner, {"hexahedron": cells})
+    image = render(alone, inner, np.ones(len(alone.points)), view)
+    assert (image[..., 0] / image[..., 2] > 3).mean() > 0.05  # and it would be seen
+
+
+@pytest.mark.parametrize("cells", [True, False])
+def test_a_picture(tmp_path, cells, monkeypatch):
+    monkeypatch.setattr(mode_pictures, "DOTS", 60)
+    shapes = Bending(cells)
+    assert draw_shapes(tmp_path / "a.png", shapes) == ["first", "second"]
+    first = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)
+    assert first.shape[1] == 600 and (first.min(axis=2) < 250).mean() > 0.02
+    assert draw_shapes(tmp_path / "b.png", shapes, [2]) == ["second"]
+    assert draw_shapes(tmp_path / "c.svg", shapes, [1], "svg") == ["first"]
+    assert b"<svg" in (tmp_path / "c.svg").read_bytes()
+    for wrong in ([3], [0], []):
+        with pytest.raises(InputError, match="modes: found .*expected numbers from 1 to 2"):
+            draw_shapes(tmp_path / "d.png", shapes, wrong)
+
+
+@pytest.mark.parametrize("kind", ["gif", "webp"])
+def test_a_moving_picture(tmp_path, kind, monkeypatch):
+    monkeypatch.setattr(mode_pictures, "MOVING_DOTS", 40)
+    path = tmp_path / f"a.{kind}"
+    assert animate_shapes(path, Bending(), None, kind) == ["first"]
+    image, frames = Image.open(path), []
+    for k in (0, 6, 12, 18):
+        image.seek(k)
+        frames.append(np.asarray(image.convert("RGB")).astype(int))
+    assert image.n_frames == 24
+
+    def differing(i, j):
+        return (np.abs(frames[i] - frames[j]).max(axis=-1) > 40).mean()
+
+    assert differing(0, 2) < 1e-3 < 0.01 < min(differing(0, 1), differing(1, 3))
+
+
+def test_scale_bars_are_round():
+    assert [round_length(x) for x in (0.99, 1.0, 4.9, 73.0)] == [0.5, 1.0, 2.0, 50.0]
+    assert [in_metres(x) for x in (2.0, 0.05, 2e-5, 5e-8)] == ["2 m", "50 mm", "20 µm", "5e-08 m"]
+
+
+def test_bodies_stand_upright():
+    for thin in (None, 0, 1, 2):
+        size = np.where(np.arange(3) == thin, 0.01, 1.0)
+        axes = axes_of_view(np.array([[0, 0, 0], size]))
+        assert axes @ axes.T == pytest.approx(np.eye(3)) and np.linalg.det(axes) == pytest.approx(1)
+        assert axes[0, 2] == 0 and axes[1, 2] < -0.5 or thin == 2  # z is up
+        assert axes[2, 2] < 0 and (thin is None or abs(axes[2, thin]) == np.abs(axes[2]).max())

@@ -1,0 +1,200 @@
+"""Reports: what is said and drawn is what the result files and the full model say, and nothing comes from a network."""
+
+import csv
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import MODES_JOB, refused
+
+import hpcred as package
+from hpcred.cli import run
+from hpcred.report.page import unpacked
+from hpcred.workflows.report import report_file
+
+TOLERANCE_JOB = """
+model = "model.h5"
+output = "result.h5"
+inputs = [[20, "z"], [1, "z"]]
+tolerance = 1e-3
+band = [0.0, 300.0]
+report = true
+[frame]
+kind = "buckens"
+[damping]
+kind = "rayleigh"
+alpha = 2.0
+beta = 1e-5
+"""
+ASSETS = files("hpcred.report") / "assets"
+
+
+class Page(HTMLParser):
+    """Texts, addresses, and whether every tag is closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.texts, self.addresses, self.open, self.data = [], [], [], ""
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.addresses += [value for key, value in attrs if key in ("src", "href", "action", "data")]
+        self.kind = dict(attrs).get("type")
+        if tag not in ("meta", "link", "input", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, text):
+        if self.open and self.open[-1] == "script":
+            self.data = text if self.kind == "application/json" else self.data
+        elif text.strip():
+            self.texts.append(text.strip())
+
+
+def page_of(path):
+    text = Path(path).read_text(encoding="utf-8")
+    return Page(text), text
+
+
+@pytest.fixture(scope="module")
+def linkage_report(tmp_path_factory):
+    """Two results of the linkage, reduced to a tolerance and by modes, in one report with the full model."""
+    folder = tmp_path_factory.mktemp("report")
+    with package.linkage() as model:
+        package.write_model(folder / "model.h5", model)
+    (folder / "job.toml").write_text(TOLERANCE_JOB)
+    modal = MODES_JOB.replace('"result.h5"', '"mod<al.h5"').replace('[1, "x"]', '[1, "z"]')
+    (folder / "modal.toml").write_text(modal.replace("[frame]", "band = [0.0, 300.0]\n[frame]", 1))
+    for job in ("job.toml", "modal.toml"):
+        assert run(["reduce", str(folder / job)]) == 0
+    told = report_file(
+        [folder / "result.h5", folder / "mod<al.h5"], folder / "model.h5", output=folder / "report.html", exact=5,
+        csv=folder / "tables", svg=folder / "figures",
+    )  # fmt: skip
+    return folder, told
+
+
+def test_the_page_is_whole_and_needs_no_network(linkage_report):
+    page, text = page_of(linkage_report[0] / "report.html")
+    assert [address for address in page.addresses if not address.startswith(("data:", "#"))] == []
+    for name in ("plotly-basic.min.js", "three.min.js"):
+        library = (ASSETS / name).read_text(encoding="utf-8")
+        assert text.count(library) == 1
+        text = text.replace(library, "")
+    assert set(re.findall(r"https?://[^\"' )]*", text)) == {"http://www.w3.org/2000/svg"}  # a name, not an address
+    assert "@import" not in text and "url(" not in text
+    assert "mod<al" in page.texts and "mod<al<" not in text  # names of users are not taken as tags
+
+
+def test_what_is_drawn_is_what_the_files_say(linkage_report):
+    folder, told = linkage_report
+    page, _ = page_of(folder / "report.html")
+    data = json.loads(page.data)
+    full = package.read_model(folder / "model.h5").with_inputs([(20, "z"), (1, "z")])
+    for name, drawn in zip(("result", "mod<al"), data["results"], strict=True):
+        result = package.read_result(folder / f"{name}.h5")
+        reduced, record = result.reduced, result.reduced.record
+        f = unpacked(drawn["frequencies"])
+        assert drawn["name"] == name and f[0] > 0 and f[-1] == 300 and (np.diff(f) > 0).all()
+        H = package.frequency_response(reduced, f)
+        exact = unpacked(drawn["full_frequencies"])
+        expected = package.frequency_response(full, exact, record.frame, record.damping)
+        assert [pair["name"] for pair in drawn["pairs"]] == ["20:z/20:z", "20:z/1:z", "1:z/1:z"]
+        for pair, i, j in zip(drawn["pairs"], (0, 0, 1), (0, 1, 1), strict=True):
+            assert np.array_equal(unpacked(pair["re"]) + 1j * unpacked(pair["im"]), H[:, i, j])
+            seen = unpacked(pair["full_re"]) + 1j * unpacked(pair["full_im"])
+            assert np.abs(seen - expected[:, i, j]).max() < 1e-9 * np.abs(expected).max()
+        eps = package.relative_error(expected, package.frequency_response(reduced, exact))
+        assert unpacked(drawn["exact_eps"]) == pytest.approx(eps, rel=1e-3, abs=1e-9)
+        assert np.array_equal(unpacked(drawn["pseudo"]), reduced.frequencies)
+        assert f"{reduced.size} coordinates" in page.texts
+        modes = unpacked(drawn["modes"])
+        assert modes[:6] == pytest.approx(package.read_result(folder / "mod<al.h5").reduced.frequencies[:6], rel=1e-9)
+    accuracy = package.read_result(folder / "result.h5").reduced.record.accuracy
+    drawn = data["results"][0]
+    assert np.array_equal(unpacked(drawn["eps"]), accuracy.eps) and drawn["tolerance"] == 1e-3
+    assert [point["estimate"] for point in drawn["points"]] == [point.estimate for point in accuracy.points]
+    assert any(accuracy.sentence in text for text in page.texts)
+    body = package.read_result(folder / "result.h5").floating_frame
+    assert f"{body.mass:.6g}" in page.texts
+    assert not drawn["full_as_before"] and data["results"][1]["full_as_before"] and not data["several_full"]
+
+
+def test_bodies_move_as_the_shapes_say(linkage_report):
+    folder, _ = linkage_report
+    drawn = json.loads(page_of(folder / "report.html")[0].data)["results"][0]["shape"]
+    points, marks = unpacked(drawn["points"]), unpacked(drawn["marks"])
+    with package.read_result(folder / "result.h5").shapes() as shapes:
+        assert drawn["mark_names"] == ["1", "20"] and drawn["names"] == list(shapes.names[:10])
+        at = np.searchsorted(shapes.nodes, [1, 20])
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        assert np.diff(points[marks], axis=0) == pytest.approx(np.diff(shapes.points[at], axis=0), abs=1e-6)
+        assert np.abs(middle).max() < 1e-6
+        for k, field in enumerate(drawn["fields"]):
+            u = shapes.displacement(k)
+            assert unpacked(field)[marks] == pytest.approx(u[at] / np.linalg.norm(u, axis=1).max(), abs=1e-6)
+            assert np.linalg.norm(unpacked(field), axis=1).max() == pytest.approx(1)
+    assert unpacked(drawn["triangles"]).max() < len(points) and len(unpacked(drawn["outline"])) == 19
+
+
+def test_tables_and_figures(linkage_report):
+    folder, told = linkage_report
+    assert all(Path(name).stat().st_size > 100 for name in told["files"])
+    assert sorted(path.name for path in (folder / "figures").iterdir()) == [
+        "error.svg", "response_1z-1z.svg", "response_20z-1z.svg", "response_20z-20z.svg", "shapes_mod_al.svg",
+        "shapes_result.svg",
+    ]  # fmt: skip
+    with open(folder / "tables/error_exact_result.csv", encoding="utf-8") as file:
+        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    drawn = json.loads(page_of(folder / "report.html")[0].data)["results"][0]
+    assert [row["eps"] for row in rows] == unpacked(drawn["exact_eps"]).tolist()
+
+
+def test_a_job_may_ask_for_a_report(linkage_report):
+    folder, _ = linkage_report
+    page, _ = page_of(folder / "result.html")
+    (drawn,) = json.loads(page.data)["results"]
+    assert drawn["name"] == "result" and "modes" not in drawn
+
+
+def test_a_model_without_nodes_has_a_report(folder):
+    with package.solid((3, 2, 2), inputs=1) as labelled, replace(labelled.shared(), dofs=None) as model:
+        package.write_model(folder / "plain.h5", model)
+    (folder / "job.toml").write_text(
+        'model = "plain.h5"\ninputs = [1]\nband = [0.0, 500.0]\n[[basis]]\nkind = "static_correction"'
+    )
+    assert run(["reduce", str(folder / "job.toml")]) == 0
+    report_file([folder / "result.h5"], output=folder / "report.html")
+    page, _ = page_of(folder / "report.html")
+    assert json.loads(page.data)["results"][0]["shape"] is None
+    assert any("no basis with node coordinates" in text for text in page.texts)
+
+
+@pytest.mark.mpi
+def test_on_any_number_of_ranks(reduced_linkage, comm):
+    result = reduced_linkage()
+    report_file([result], result.with_name("model.h5"), output=result.with_name("a.html"), exact=3, band=(0.0, 100.0))
+    data = json.loads(page_of(result.with_name("a.html"))[0].data)
+    assert max(unpacked(data["results"][0]["exact_eps"])) < 1.0 and data["band"] == [0.0, 100.0]
+
+
+def test_reports_are_refused(linkage_folder, capsys):
+    assert run(["reduce", "job.toml"]) == 0
+    for words, says in (
+        (("nowhere.h5",), "nowhere.h5: no such file"),
+        (("model.h5",), "found an HDF5 file of format 'hpcred-model', expected 'hpcred-result'"),
+        (("result.h5", "--pairs", "20:x/20:z"), "expected output/input of result, such as 20:z/20:z"),
+        (("result.h5", "--full", "model.h5", "--exact", "1"), "exact: found 1, expected at least 2"),
+        (("result.h5", "-o", "./result.h5"), "which this run reads; choose another name"),
+        (("result.h5", "-o", "nowhere/r.html"), "the folder nowhere does not exist"),
+    ):
+        assert says in refused(capsys, "report", *words)

@@ -1,0 +1,110 @@
+"""Reports in headless Chromium: no errors, all plots drawn, and the slider of the shapes moves the picture."""
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+
+import numpy as np
+import pytest
+from bodies import block
+from helpers import MODES_JOB
+from PIL import Image
+
+import hpcred as package
+from hpcred.cli import run
+from hpcred.report.page import body_for_page
+from hpcred.workflows import report
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+pytestmark = [pytest.mark.chromium, pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")]
+OPTIONS = [
+    "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1280,3600", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--enable-logging=stderr", "--v=0",
+    "--virtual-time-budget=20000",
+]  # fmt: skip
+
+
+def browse(page, *options):
+    """Open a page, and return its text when it is drawn; what it wrote to its console must not be an error."""
+    with tempfile.TemporaryDirectory() as profile:
+        found = subprocess.run(
+            [CHROMIUM, *OPTIONS, f"--user-data-dir={profile}", *options, f"file://{page}"], capture_output=True,
+            timeout=300, env={**os.environ, "HOME": profile},
+        )  # fmt: skip
+    said = [line for line in found.stderr.decode(errors="replace").splitlines() if "CONSOLE" in line]
+    assert not said
+    return found.stdout.decode(errors="replace")
+
+
+def screenshot(page, name):
+    browse(page, f"--screenshot={page.with_name(name)}")
+    return np.asarray(Image.open(page.with_name(name)).convert("RGB")).astype(int)
+
+
+@pytest.fixture(scope="module")
+def linkage_page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("browser")
+    with package.linkage() as model:
+        package.write_model(folder / "model.h5", model)
+    (folder / "job.toml").write_text(MODES_JOB)
+    assert run(["reduce", str(folder / "job.toml")]) == 0
+    package.report_file([folder / "result.h5"], folder / "model.h5", output=folder / "report.html", exact=5)
+    return folder / "report.html"
+
+
+def test_plots_are_drawn(linkage_page):
+    text = browse(linkage_page, "--dump-dom")
+    assert re.search(r'data-ready="\d+"', text) and 'data-bodies="1"' in text
+    for name in ("response", "error", "spectrum", "stages"):
+        part = text[text.index(f'id="{name}"') :][:20_000]
+        assert 'class="main-svg"' in part
+    assert text.count('class="scatterlayer') >= 3 and text.count('class="point"') > 10
+    assert "pseudo-mode 1: 33.3047 Hz</output>" in text
+
+
+def test_the_slider_moves_the_picture(linkage_page):
+    """The same page with a script that does what a hand would do."""
+    before = screenshot(linkage_page, "before.png")
+    text = linkage_page.read_text(encoding="utf-8")
+    hand = "<script>const s=document.querySelector('.mode');s.value=4;s.dispatchEvent(new Event('input'));</script>"
+    moved = linkage_page.with_name("moved.html")
+    moved.write_text(text.replace("</body>", f"{hand}</body>"), encoding="utf-8")
+    after = screenshot(moved, "after.png")
+    again = screenshot(linkage_page, "again.png")
+    changed = np.flatnonzero((np.abs(after - before).max(axis=2) > 60).any(axis=1))
+    coloured = (np.ptp(before, axis=2) > 60).sum()
+    assert coloured > 5000 and (np.abs(again - before).max(axis=2) > 60).sum() < 200
+    assert (np.abs(after - before).max(axis=2) > 60).sum() > 2000 and np.ptp(changed) < 600  # the view and its title
+    by_address = screenshot(linkage_page.parent / "report.html#mode=4", "by_address.png")
+    assert (np.abs(by_address - after).max(axis=2) > 60).sum() < 200
+
+
+def test_large_surfaces_open(linkage_page, monkeypatch):
+    """50,000 nodes and 10 shapes: below 30 MB, and drawn. The time is printed, not asserted."""
+
+    class Plate:
+        points, cells = block(158, 157, 1, (1.0, 1.0, 0.02))
+        nodes, interface = np.arange(len(points)), np.array([0])
+        names = [f"shape {k + 1}" for k in range(10)]
+
+        def displacement(self, k):
+            x, y, _ = self.points.T
+            return np.stack([0 * x, 0 * x, np.sin((k + 1) * 3 * x) * np.cos(k * y)], axis=1)
+
+    Plate.cells = {"hexahedron": Plate.cells}
+
+    def take(sheet, modes, most):
+        sheet.body, sheet.body_sentence = body_for_page(Plate(), modes, most)
+
+    monkeypatch.setattr(report, "_take_body", take)
+    page = linkage_page.with_name("large.html")
+    told = package.report_file([linkage_page.with_name("result.h5")], output=page)
+    assert told["megabytes"] < 30
+    start = time.perf_counter()
+    text = browse(page, "--dump-dom")
+    ready = int(re.search(r'data-ready="(\d+)"', text)[1])
+    print(f"{told['megabytes']:.1f} MB, ready after {ready} ms, {time.perf_counter() - start:.1f} s of the browser")
+    assert "50244 nodes on the surface" in text and "thinned" not in text.partition("<script")[0]
