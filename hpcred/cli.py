@@ -90,7 +90,7 @@ def run(arguments: list[str]) -> int:
         _Session.progress = hpcred.Progress(comm, show=show, bars=True)
         with redirect_stdout(_stdout(comm, arguments)):
             try:
-                status = app(arguments, prog_name="hpcred", standalone_mode=False)
+                status = _call(arguments)
             except Exception as error:
                 if hasattr(error, "format_message"):  # a usage error of the parser
                     raise InputError(f"{error.format_message()} (see hpcred --help)") from error
@@ -102,8 +102,20 @@ def run(arguments: list[str]) -> int:
             _warn(_unused_options(petsc_args))
             sys.stdout.flush()
         return status if isinstance(status, int) else 0
-    except (Exception, KeyboardInterrupt) as error:
+    except BaseException as error:
         return fail(error)
+
+
+def _call(arguments):
+    """What the command returns, or the exit status of the parser."""
+    if "_HPCRED_COMPLETE" in os.environ:
+        return app(arguments, prog_name="hpcred", standalone_mode=False)
+    command = typer.main.get_command(app)
+    try:  # the parser's own way to call a command takes interruptions and broken pipes of one rank for an end
+        with command.make_context("hpcred", arguments) as context:
+            return command.invoke(context)
+    except typer.Exit as error:
+        return error.exit_code
 
 
 def _stdout(comm, arguments):

@@ -16,6 +16,7 @@ from pathlib import Path
 import psutil
 
 from ..parallel.failures import HpcredError
+from ..parallel.signals import heard_by
 from ..parallel.stopping import Stopped
 
 _libc = ctypes.CDLL(None)  # looked up here: little may be done between fork and exec
@@ -98,12 +99,8 @@ def _noted():
     """The signals that came meanwhile."""
     noted = set()
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
-    before = {number: signal.signal(number, lambda number, _: noted.add(number)) for number in numbers}
-    try:
+    with heard_by(lambda number, _: noted.add(number), numbers):
         yield noted
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _start(child, environment):
