@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import scipy.linalg
 
-from ..analysis.error import error_integral, relative_error, worst_pair
+from ..analysis.error import error_integral, relative_error
 from ..analysis.frequency_response import frequency_response
 from ..formats.hdf5 import atomic_output
 from ..formats.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
@@ -20,6 +20,7 @@ from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.modes import Modes
+from ..reduction.pseudo_modal import worst_pair
 from ..reduction.reduce import reduce
 from ..report.figures import error_figure
 from .evaluate import SAME, band_of, factoring_of, frequencies_over, model_of_record
