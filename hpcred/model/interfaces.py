@@ -29,6 +29,7 @@ from .elements import surface_areas
 Vector = tuple[float, float, float]
 SIX = DIRECTIONS[:6]
 NAME = re.compile(r"[A-Za-z_][\w.\-]{0,62}")
+FAR = 20.0  # times the size of the body, beyond which a reference node is not meant
 FLAT = 1e-9  # of the radius of gyration of a set, below which a distance is round-off
 DEPENDENT = 1e-10  # eigenvalue of sum w E^T E, scaled, below which a motion of the reference node is not defined
 
@@ -275,6 +276,12 @@ def _reference(model, item, members):
     total = comm.allreduce(share.sum())
     centre = comm.allreduce(share @ position) / total if total else np.zeros(3)
     at = centre if item.at is None else np.array(item.at)
+    reach = np.max(comm.allgather(np.abs(model.dofs.position - centre).max(initial=0.0)))
+    if np.abs(at - centre).max() > FAR * reach:
+        raise InputError(
+            f"interface '{item.name}': at: found {list(item.at)} m, which is {np.abs(at - centre).max() / reach:.0f} "
+            "times as far from its set as any node of the body; coordinates are in m"
+        )
     spread = comm.allreduce(share @ ((position - centre) ** 2).sum(axis=1))
     length = np.sqrt(spread / total) if total and spread else 1.0
     arm = position - at
