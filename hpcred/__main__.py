@@ -2,11 +2,21 @@
 
 import sys
 
+from .parallel import signals
+
 
 def main():
-    from .cli import run
+    signals.hear()
+    try:
+        from .cli import run
 
-    sys.exit(run(sys.argv[1:]))
+        status = run(sys.argv[1:])
+    except KeyboardInterrupt as error:  # while modules are loaded
+        from .parallel.failures import end_job
+
+        end_job(error)
+    signals.no_longer()
+    sys.exit(status)
 
 
 if __name__ == "__main__":

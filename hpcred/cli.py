@@ -90,7 +90,7 @@ def run(arguments: list[str]) -> int:
         _Session.progress = hpcred.Progress(comm, show=show, bars=True)
         with redirect_stdout(_stdout(comm, arguments)):
             try:
-                status = app(arguments, prog_name="hpcred", standalone_mode=False)
+                status = _call(arguments)
             except Exception as error:
                 if hasattr(error, "format_message"):  # a usage error of the parser
                     raise InputError(f"{error.format_message()} (see hpcred --help)") from error
@@ -102,8 +102,20 @@ def run(arguments: list[str]) -> int:
             _warn(_unused_options(petsc_args))
             sys.stdout.flush()
         return status if isinstance(status, int) else 0
-    except (Exception, KeyboardInterrupt) as error:
+    except BaseException as error:
         return fail(error)
+
+
+def _call(arguments):
+    """What the command returns, or the exit status of the parser."""
+    if "_HPCRED_COMPLETE" in os.environ:
+        return app(arguments, prog_name="hpcred", standalone_mode=False)
+    command = typer.main.get_command(app)
+    try:  # the parser's own way to call a command takes interruptions and broken pipes of one rank for an end
+        with command.make_context("hpcred", arguments) as context:
+            return command.invoke(context)
+    except typer.Exit as error:
+        return error.exit_code
 
 
 def _stdout(comm, arguments):
@@ -245,6 +257,8 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
         _write_json(json, rows)
         print(f"model of row 0 written to {output}")
         show_timing(progress.timing())
+    elif json is not None:
+        raise InputError("--json: found before the command; write it after the command")
 
 
 def _names(text, option):
@@ -396,6 +410,10 @@ def reduce(
         show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
         print(f"{accuracy.measured}; {accuracy.missing_modes} modes missing; round-off {accuracy.noise:.0e}; "
               f"{accuracy.big_size} columns before the compression")  # fmt: skip
+        output, input_, own = accuracy.worst_pair
+        if own > 10 * accuracy.tolerance:
+            print(f"eps is the error of all responses together, in SI units; that of output {output} to input {input_} "
+                  f"by itself is {own:.1g}: ask for a smaller tolerance where it matters")  # fmt: skip
     residual = max((item.residual for item in record.factorisations), default=0.0)
     print(
         f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "

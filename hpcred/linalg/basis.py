@@ -106,13 +106,11 @@ class Basis:
                     break
                 scaled, rest, weight, resolved = decided(self.comm, _separate, gram, weight)
                 smallest = min(smallest, resolved)
-                fresh = copy_of(pending, self.mass)
-                try:
+                with Owned(self.comm) as inner_owned:
+                    fresh = inner_owned.owns(copy_of(pending, self.mass))
                     self._combine(fresh, scaled)
                     self._polish(fresh)
                     self._append(fresh)
-                finally:
-                    fresh.destroy()
                 self._combine(pending, rest)
                 if not weight.size:
                     break
@@ -152,12 +150,10 @@ class Basis:
     @contextmanager
     def _times_mass(self, block):
         first, last = block.getActiveColumns()
-        product = create_block(self.mass, last - first)
-        try:
+        with Owned(self.comm) as owned:
+            product = owned.owns(create_block(self.mass, last - first))
             apply(self.mass, block, product)
             yield product
-        finally:
-            product.destroy()
 
     def _project(self, block):
         """block <- block - V (V^H M block); returns the coefficients and block^H M block from before."""

@@ -1,20 +1,28 @@
 """The errors that users meet, and the one rule for failures of a rank.
 
-The rule: a rank that fails waits GRACE seconds for the others to fail as well. If all do, the error is common: it is
-raised on all ranks, and what they own together is closed on the way out. If not, this rank says its sentence and ends
-the job, so that nobody waits for it for ever. Ranks of a group follow the rule among themselves; what the group raises
-then reaches all ranks by `agreed`, or ends the job when the other groups are busy.
+The rule: a rank that fails waits GRACE seconds for the others to fail as well. If all do, and at the same place, the
+error is common: it is raised on all ranks, and what they own together is closed on the way out. If not, this rank says
+its sentence and ends the job, so that nobody waits for it for ever. Ranks of a group follow the rule among themselves;
+what the group raises then reaches all ranks by `agreed`, or ends the job when the other groups are busy.
+
+Ranks tell each other by one kind of message, an Iallgather on a communicator of this module, wherever they are: a rank
+that fails and one that comes to the end of a block meet in it, and see that they are not at the same place.
 """
 
 import os
 import pickle
 import sys
 import time
-from contextlib import ExitStack, contextmanager
+import zlib
+from contextlib import ExitStack, contextmanager, suppress
 
+import numpy as np
 from mpi4py import MPI
 
 GRACE = 4.0  # seconds that a failed rank waits for the others
+
+FINE, FAILED, ELSEWHERE = 0, 1, 2  # what a rank says at the end of a block; from ELSEWHERE on: where it fails
+ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job says that it has spoken
 
 unfinished: set = set()  # files that must not stay when the job is ended
 
@@ -37,6 +45,12 @@ class ComputationError(HpcredError, RuntimeError):
     """The input is fine as far as one can see, but the computation failed."""
 
 
+class Terminated(KeyboardInterrupt):
+    """The process was asked to end by SIGTERM."""
+
+    exit_status = 128 + 15
+
+
 @contextmanager
 def agreed(comm):
     """Raise on all ranks what any rank raised inside the block. Collective at the end of the block.
@@ -53,18 +67,19 @@ def agreed(comm):
         if error is not None:
             raise error
         return
+    if isinstance(error, Terminated):
+        end_job(error)  # a launcher has no patience
     private = watched(comm)
-    failed = bytearray(comm.size)
-    request = private.Iallgather(bytearray([error is not None]), failed)
-    if error is None:
-        request.Wait()
-    elif not _in_time(request):
+    told = _meet(private, FINE if error is None else FAILED, None if error is None else GRACE)
+    if told is None:
         end_job(error)
-    if any(failed):
-        first = failed.index(1)
-        told = private.bcast(_sendable(error), root=first)
+    if max(told) >= ELSEWHERE:
+        _end_by_one(told, comm, error)
+    if any(told):
+        first = int(np.argmax(told))
+        sent = private.bcast(_sendable(error), root=first)
         if comm.rank != first:
-            error, told.__cause__ = told, error
+            error, sent.__cause__ = sent, error
         raise common_to(comm, error)
 
 
@@ -91,13 +106,49 @@ class Owned(ExitStack):
 
 
 def settle(comm, error: BaseException):
-    """Return if all ranks of `comm` fail within GRACE seconds, else say the error and end the job."""
+    """Return if all ranks of `comm` fail at the same place within GRACE seconds, else say the error and end the job.
+
+    The place is the line of the `with` block that the error leaves.
+    """
     if getattr(error, "failed_ranks", 1) >= comm.size:
         return
-    private = next((item for item in _private if _alike(item, comm)), None)
-    if private is None or not _in_time(private.Ibarrier()):
+    if isinstance(error, Terminated):
         end_job(error)
+    frame = sys._getframe(1).f_back or sys._getframe(1)
+    place = ELSEWHERE + zlib.crc32(f"{frame.f_code.co_filename}:{frame.f_lineno}".encode())
+    private = _private_of(comm)
+    told = None if private is None else _meet(private, place, GRACE)
+    if told is None:
+        end_job(error)
+    if any(told != place):
+        _end_by_one(told, comm, error)
     common_to(comm, error)
+
+
+def _meet(private, word: int, patience: float | None):
+    """What each rank says (ranks,), or None where some have nothing to say for `patience` seconds. Collective.
+
+    Waiting takes no time of the processor, and signals are heard.
+    """
+    said, told = np.array([word], np.int64), np.empty(private.size, np.int64)
+    request = private.Iallgather(said, told)
+    start = time.monotonic()
+    if patience is not None:
+        patience += 0.1 * min(private.rank, 10)  # of several that fail, one speaks
+    while not request.Test():
+        waited = time.monotonic() - start
+        if patience is not None and waited > patience:
+            return None
+        if waited > 1e-3:
+            time.sleep(min(waited / 10, 0.005))
+    return told
+
+
+def _end_by_one(told, comm, error):
+    """End the job where ranks fail at several places, by the first of them; does not return."""
+    if comm.rank != np.argmax(told >= ELSEWHERE):
+        time.sleep(GRACE)
+    end_job(error or ComputationError("another rank failed"))
 
 
 def common_to(comm, error: BaseException):
@@ -108,11 +159,13 @@ def common_to(comm, error: BaseException):
 
 def watched(comm):
     """The private duplicate of a communicator, made at the first call. Collective at the first call."""
-    for item in _private:
-        if _alike(item, comm):
-            return item
-    _private.append(comm.Dup())
-    return _private[-1]
+    if (private := _private_of(comm)) is None:
+        _private.append(private := comm.Dup())
+    return private
+
+
+def _private_of(comm):
+    return next((item for item in _private if _alike(item, comm)), None)
 
 
 def forget(comm):
@@ -128,21 +181,47 @@ def _alike(one, other):
 
 def fail(error: BaseException) -> int:
     """Report the error of a command once and return the exit status; does not return if it is not common."""
-    settle(MPI.COMM_WORLD, error)
+    try:
+        settle(MPI.COMM_WORLD, error)
+    except BaseException as another:
+        end_job(another)
     if MPI.COMM_WORLD.rank == 0:
         _say(error)
-    return getattr(error, "exit_status", 1)
+    return exit_status(error)
+
+
+def exit_status(error: BaseException) -> int:
+    return getattr(error, "exit_status", 130 if isinstance(error, KeyboardInterrupt) else 1)
 
 
 def end_job(error: BaseException):
     """Say the error of this rank and end all ranks; does not return."""
-    if getattr(error, "speaks", True):
-        _say(error, f" (rank {MPI.COMM_WORLD.rank})")
-    else:
-        time.sleep(GRACE)  # the first rank of the group says it
-    for path in unfinished:
-        path.unlink(missing_ok=True)
-    MPI.COMM_WORLD.Abort(getattr(error, "exit_status", 1))
+    try:
+        if not getattr(error, "speaks", True):
+            time.sleep(GRACE)  # the first rank of the group says it
+        elif not (isinstance(error, Terminated) and _others_say_it()):
+            _say(error, f" (rank {MPI.COMM_WORLD.rank})" if MPI.COMM_WORLD.size > 1 else "")
+        for path in list(unfinished):
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+        world = _private_of(MPI.COMM_WORLD)
+        if world is not None and world.rank:
+            world.Isend(bytearray(1), dest=0, tag=ENDING)
+    finally:
+        MPI.COMM_WORLD.Abort(exit_status(error))
+
+
+def _others_say_it():
+    """Whether another rank says why this one is terminated, as by the launcher for an error of that rank."""
+    world = _private_of(MPI.COMM_WORLD)
+    if MPI.COMM_WORLD.rank:
+        time.sleep(3.0)  # rank 0 says it, unless it is this rank alone that is terminated
+    elif world is not None:
+        for _ in range(5):
+            if world.Iprobe(tag=ENDING):
+                return True
+            time.sleep(0.02)
+    return False
 
 
 def _say(error, where=""):
@@ -153,7 +232,9 @@ def _say(error, where=""):
     if isinstance(error, HpcredError):
         text = f"error{where}: {error}"
     elif isinstance(error, KeyboardInterrupt):
-        text = f"interrupted{where}"
+        text = f"{'terminated' if isinstance(error, Terminated) else 'interrupted'}{where}"
+    elif isinstance(error, MemoryError):
+        text = f"error{where}: out of memory; take more ranks on more nodes, or a smaller model"
     else:
         lines = str(error).strip().splitlines()
         text = f"internal error{where}: {type(error).__name__}: {lines[0] if lines else ''} (--traceback shows where)"
@@ -166,15 +247,6 @@ def excepthook(kind, error, trace):
         settle(MPI.COMM_WORLD, error)
     if MPI.COMM_WORLD.rank == 0:
         sys.__excepthook__(kind, error, trace)
-
-
-def _in_time(request):
-    deadline = time.monotonic() + GRACE
-    while not request.Test():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.005)
-    return True
 
 
 def _sendable(error):

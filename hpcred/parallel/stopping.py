@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from mpi4py import MPI
 
 from .failures import HpcredError, common_to
+from .signals import heard_by
 
 SIGNALS = (signal.SIGTERM, signal.SIGUSR1)
 
@@ -31,14 +32,12 @@ def listening(wanted: bool = True):
         yield
         return
     _listeners += 1
-    before = {number: signal.signal(number, _note) for number in SIGNALS}
     try:
-        yield
+        with heard_by(_note, SIGNALS):
+            yield
     finally:
         _listeners -= 1
         _asked = _asked and _listeners > 0
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _note(*_):

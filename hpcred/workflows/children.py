@@ -16,6 +16,7 @@ from pathlib import Path
 import psutil
 
 from ..parallel.failures import HpcredError
+from ..parallel.signals import heard_by
 from ..parallel.stopping import Stopped
 
 _libc = ctypes.CDLL(None)  # looked up here: little may be done between fork and exec
@@ -98,12 +99,8 @@ def _noted():
     """The signals that came meanwhile."""
     noted = set()
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
-    before = {number: signal.signal(number, lambda number, _: noted.add(number)) for number in numbers}
-    try:
+    with heard_by(lambda number, _: noted.add(number), numbers):
         yield noted
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _start(child, environment):
@@ -123,14 +120,16 @@ def _end_with_parent():
 
 def end(children):
     """End the processes and what they started: SIGTERM to each, SIGKILL to what is left after PATIENCE seconds."""
-    family = []
+    family, deadline = [], time.monotonic() + PATIENCE
     for child in children:
         with suppress(psutil.NoSuchProcess):
-            head = psutil.Process(child.process.pid)
-            family += [head, *head.children(recursive=True)]
+            family += psutil.Process(child.process.pid).children(recursive=True)
         child.process.terminate()  # a launcher ends its ranks itself
-    _, alive = psutil.wait_procs(family, timeout=PATIENCE)
-    for process in alive:
+    for child in children:  # by their own status, which waiting for them by psutil would take away
+        with suppress(subprocess.TimeoutExpired):
+            child.process.wait(max(deadline - time.monotonic(), 0.0))
+    _, alive = psutil.wait_procs(family, timeout=max(deadline - time.monotonic(), 0.0))
+    for process in [*alive, *(child.process for child in children)]:
         with suppress(psutil.NoSuchProcess):
             process.kill()
     for child in children:
