@@ -238,7 +238,7 @@ def bulk_fields(line: bytes) -> tuple[bytes, list[bytes]]:
 
 def dmig(text: bytes, name: bytes):
     """Entries by label of one matrix on DMIG cards; direction 0 of a scalar point is 7."""
-    require(text.endswith(b"\n") or text.upper().endswith(b"\nENDDATA"), "a last line without end")
+    require(text.endswith(b"\n") or text.upper().rstrip().endswith(b"\nENDDATA"), "a last line without end")
     cards = []
     for line in text.upper().split(b"\n"):
         line = plain(line)
