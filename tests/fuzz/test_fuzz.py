@@ -28,6 +28,7 @@ def test_selection(kind):
         assert verdict in (RIGHT, REFUSED), (number, case.note, why)
 
 
+@pytest.mark.slow
 def test_on_two_ranks():
     assert run_case(make("DMIG", 2, 0), 2)[0] in (RIGHT, REFUSED)
 
@@ -75,6 +76,7 @@ def test_damage_happens():
 SMALL = b"%%MatrixMarket matrix coordinate real general\n2 2 2\n1 1 1.0\n2 2 2.0\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "files, expected, verdict",
     [
