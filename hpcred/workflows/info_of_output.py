@@ -30,6 +30,8 @@ def result(path, comm) -> dict:
     report |= {"model": record.model, "dofs": record.size, "frame": record.frame.kind, "damping": record.damping.kind}
     if record.accuracy is not None:
         report["accuracy"] = record.accuracy.sentence
+    if record.interface_rows:
+        report["interfaces"] = record.interface_rows
     return report | {"warnings": list(record.warnings)}
 
 
