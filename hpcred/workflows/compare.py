@@ -14,16 +14,14 @@ from ..formats.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
 from ..formats.result_file import read_basis, read_result
 from ..linalg.blocks import apply, create_block, inner
 from ..linalg.factorisation import Factoring
-from ..model.damping import NoDamping
 from ..parallel import startup
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.modes import Modes
 from ..reduction.pseudo_modal import worst_pair
-from ..reduction.reduce import reduce
 from ..report.figures import error_figure
-from .evaluate import SAME, band_of, factoring_of, frequencies_over, model_of_record
+from .evaluate import band_of, frequencies_over, short_names
+from .full_model import difference_of, full_of_record
 
 SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
 
@@ -46,23 +44,18 @@ def compare_results(
     """
     comm = comm or startup.start_mpi()
     results = [str(path) for path in results]
-    labels = _labels(results)
+    labels = short_names(results)
     reduced = [elastic_part(read_result(path, comm).reduced) for path in results]
     _check_alike(results, reduced)
     first = reduced[0].record
-    grid = frequencies_over(frequencies, band or band_of(reduced[0]), points)
+    grid = frequencies_over(frequencies, band or band_of(reduced[0], reduced[1:]), points)
     written = {output: CSV_OF_RESPONSES}
     if figure is not None:
         written |= {Path(figure).with_suffix(suffix): PICTURES[suffix] for suffix in (".png", ".svg")}
     check_outputs(written, comm, [*results, full], progress=progress)
-    factoring = factoring or factoring_of(first)
-    damped = not isinstance(first.damping, NoDamping)
-    startup.start(preferred="complex" if damped else "real", low_rank=factoring.low_rank is not None)
-    with model_of_record(full, first, results[0], comm) as model:
-        known = frequency_response(
-            model, grid, first.frame, first.damping, factoring=factoring, progress=progress, groups=groups
-        )
-        shapes = _modes(model, first, modes, results, reduced, factoring, progress)
+    with full_of_record(full, first, results[0], factoring=factoring, comm=comm) as full_model:
+        known = full_model.response(grid, groups, progress)
+        shapes = _modes(full_model, modes, results, labels, reduced, progress)
     rows, curves = [], []
     for label, item in zip(labels, reduced, strict=True):
         found = frequency_response(item, grid)
@@ -89,12 +82,6 @@ def compare_results(
     return report
 
 
-def _labels(results):
-    """Short names of the files, each once."""
-    names = [Path(path).stem for path in results]
-    return names if len(set(names)) == len(names) else results
-
-
 def _check_alike(results, reduced):
     """Refuse results that do not answer the same question."""
     if len(set(results)) < len(results) or len(results) < 2:
@@ -112,19 +99,16 @@ def _check_alike(results, reduced):
                     f"{path}: its {key} are {other}, but those of {results[0]} are {mine}; compare results of one "
                     "model with the same loads and frame"
                 )
-        for key, expected in first.signature.items():
-            values = np.array(record.signature.get(key, ()))
-            scale = np.abs(expected).max(initial=0.0)
-            if values.shape != np.shape(expected) or np.abs(values - expected).max(initial=0.0) > SAME * scale:
-                raise InputError(f"{path}: was reduced from another model than {results[0]} (its {key} differs)")
+        key = difference_of(record.signature, first)
+        if key is not None:
+            raise InputError(f"{path}: was reduced from another model than {results[0]} (its {key} differs)")
 
 
-def _modes(model, record, count, results, reduced, factoring, progress):
-    """Rows of the lowest modes of the model and what each result has for them. Collective."""
-    rigid = record.rigid_body_modes
-    count = min(count, model.size - rigid)
-    labels = _labels(results)
-    with reduce(model, [Modes(count=count)], record.frame, factoring=factoring, progress=progress) as reference:
+def _modes(full_model, count, results, labels, reduced, progress):
+    """Rows of the lowest modes of the FullModel and what each result has for them. Collective."""
+    model = full_model.model
+    count = min(count, model.size - full_model.record.rigid_body_modes)
+    with full_model.lowest_modes(count, progress) as reference:
         rows = [{"mode": i + 1, "f (Hz)": float(f)} for i, f in enumerate(reference.frequencies)]
         with Owned(model.comm) as owned:
             momentum = owned.owns(create_block(model.M, len(rows)))

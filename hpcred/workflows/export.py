@@ -93,8 +93,8 @@ def export_result(
 
     `kind`: one of EXPORTS; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of
     the interface nodes, by default those of the inputs and outputs; a superelement has those of its coordinates.
-    `units`: of the file, see model.units.units_of; bodies and superelements have others than SI. `modes`: numbers from 1
-    of the shapes of a picture, by default the first six, of a moving one (gif, webp) the first. Returns what was
+    `units`: of the file, see model.units.units_of; bodies and superelements have others than SI. `modes`: numbers from
+    1 of the shapes of a picture, by default the first six, of a moving one (gif, webp) the first. Returns what was
     written: output, format, and shapes (their names), or coordinates (their number), remarks on what the format does
     not hold, and nodes, or inputs and outputs by name; of a superelement, the files beside the output.
     """

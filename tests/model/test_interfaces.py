@@ -70,7 +70,7 @@ def test_weights_by_area_are_those_of_the_surface(comm):
 
 
 def test_the_place_of_a_bore_is_the_centre_of_its_surface(comm):
-    """On an uneven ring of nodes: by the sides of the polygon in numpy; without elements, and with weights, the mean."""
+    """On an uneven ring of nodes by the sides of its polygon; without elements, and with weights, the mean."""
     with hpcred.crank(2000, comm) as model:
         bore = Interface(name="big", nodes=Nodes(set="BIG_EYE"))
         (node,) = model.with_interfaces([bore]).interfaces
@@ -189,8 +189,8 @@ def test_shapes_and_files_know_the_reference_nodes(comm, folder):
         motion = to_dense(model.Gt).T @ gather(rom.columns)
         assert np.abs(np.concatenate([shape.phi, shape.psi]) - motion).max() < 1e-12 * np.abs(motion).max()
         (row,) = hpcred.describe_file(folder / "result.h5", comm=comm)["interfaces"]
-        assert row == {"interface": "right", "node": shape.node, "kind": "averaging", "nodes": 12,
-                       "x (m)": pytest.approx(0.06), "y (m)": pytest.approx(0.01), "z (m)": pytest.approx(0.015)}  # fmt: skip
+        place = {"x (m)": pytest.approx(0.06), "y (m)": pytest.approx(0.01), "z (m)": pytest.approx(0.015)}
+        assert row == {"interface": "right", "node": shape.node, "kind": "averaging", "nodes": 12} | place
         report = hpcred.evaluate_result(folder / "result.h5", folder / "model.h5", frequencies=(100.0, 5000.0))
         assert max(report["eps"]) < 1e-4
         hpcred.export_result(folder / "result.h5", "sid", folder / "body.SID_FEM")
