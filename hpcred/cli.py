@@ -403,9 +403,9 @@ def reduce(
     record, accuracy = found.record, found.record.accuracy
     stored = any(item.from_store for item in record.ingredients)
     if accuracy is not None:
-        print(f"{accuracy.sentence}, {accuracy.factorisations} factorisations, {found.size} coordinates")
+        print(f"{accuracy.sentence}, {accuracy.factorisations} factorisations, {found.size_in_words}")
     show_table(
-        f"{found.output}: {found.size} coordinates for {record.size} dofs",
+        f"{found.output}: {found.size_in_words} for {record.size} dofs",
         [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
           **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.ingredients],
     )  # fmt: skip

@@ -33,9 +33,10 @@ def compare_results(
     """Results of one model (names of files) against the model file `full`, which is solved once. Collective.
 
     They must have the same inputs, outputs, frame and damping. The other keywords are those of evaluate_result.
-    `rows`: for each result its coordinates, size, largest eps (55), Q (57), and the worst pair of output and input
-    (see analysis.error.worst_pair). `modes`: the lowest modes of the model (so many) and, for each result, the
-    relative error of the frequency of its pseudo-mode with the largest modal assurance criterion,
+    `rows`: for each result its coordinates, their number, where some are rigid-body ones also that of the elastic
+    ones, the largest eps (55), Q (57), and the worst pair of output and input (see pseudo_modal.worst_pair). `modes`:
+    the lowest modes of the model (so many) and, for each result, the relative error of the frequency of its pseudo-mode
+    with the largest modal assurance criterion,
 
         MAC = (phi^T M psi)^2 / (phi^T M phi psi^T M psi),
 
@@ -45,7 +46,8 @@ def compare_results(
     comm = comm or startup.start_mpi()
     results = [str(path) for path in results]
     labels = short_names(results)
-    reduced = [elastic_part(read_result(path, comm).reduced) for path in results]
+    whole = [read_result(path, comm).reduced for path in results]
+    reduced = [elastic_part(item) for item in whole]
     _check_alike(results, reduced)
     first = reduced[0].record
     grid = frequencies_over(frequencies, band or band_of(reduced[0], reduced[1:]), points)
@@ -55,15 +57,16 @@ def compare_results(
     check_outputs(written, comm, [*results, full], progress=progress)
     with full_of_record(full, first, results[0], factoring=factoring, comm=comm) as full_model:
         known = full_model.response(grid, groups, progress)
-        shapes = _modes(full_model, modes, results, labels, reduced, progress)
+        shapes = _modes(full_model, modes, results, labels, whole, reduced, progress)
     rows, curves = [], []
-    for label, item in zip(labels, reduced, strict=True):
+    for label, given, item in zip(labels, whole, reduced, strict=True):
         found = frequency_response(item, grid)
         eps = relative_error(known, found)
         i, j, error = worst_pair(known, found)
         curves.append((label, eps))
         rows.append({
-            "result": label, "coordinates": item.record.coordinates, "size": item.size,
+            "result": label, "coordinates": item.record.coordinates, "size": given.size,
+            **({"elastic": item.size} if any(part.rigid_size for part in whole) else {}),
             "largest eps": float(eps.max()), "Q": error_integral(grid, eps),
             "worst pair": f"{item.output_names[i]} / {item.input_names[j]}", "its error": error,
         })  # fmt: skip
@@ -104,7 +107,7 @@ def _check_alike(results, reduced):
             raise InputError(f"{path}: was reduced from another model than {results[0]} (its {key} differs)")
 
 
-def _modes(full_model, count, results, labels, reduced, progress):
+def _modes(full_model, count, results, labels, whole, reduced, progress):
     """Rows of the lowest modes of the FullModel and what each result has for them. Collective."""
     model = full_model.model
     count = min(count, model.size - full_model.record.rigid_body_modes)
@@ -113,12 +116,11 @@ def _modes(full_model, count, results, labels, reduced, progress):
         with Owned(model.comm) as owned:
             momentum = owned.owns(create_block(model.M, len(rows)))
             apply(model.M, reference.columns, momentum)
-            for path, label, item in zip(results, labels, reduced, strict=True):
+            for path, label, given, item in zip(results, labels, whole, reduced, strict=True):
                 basis = None if item.record.projection == "two_sided" else read_basis(path, model)
                 share = None
                 if basis is not None:
-                    whole = read_result(path, model.comm).reduced
-                    X = scipy.linalg.eigh(whole.K, whole.M)[1][:, whole.size - item.size :]
+                    X = scipy.linalg.eigh(given.K, given.M)[1][:, given.rigid_size :]
                     share = (inner(momentum, owned.owns(basis)) @ X) ** 2
                 for cluster in _clusters(reference.frequencies):
                     best, value = _nearest(reference.frequencies[cluster], item.frequencies,

@@ -19,6 +19,7 @@ def result(path, comm) -> dict:
     report = {
         "format": "hpcred result",
         "coordinates": reduced.size,
+        **({"of_these_rigid_body": reduced.rigid_size} if reduced.rigid_size else {}),
         "frequencies_hz": reduced.frequencies.tolist(),
         "inputs": list(reduced.input_names),
         "outputs": list(reduced.output_names),

@@ -374,7 +374,7 @@ def _facts(sheet):
                         if isinstance(target := target_of(name), tuple)})  # fmt: skip
     return {
         "model": f"{record.model}, {record.size} dofs, {record.nonzeros} nonzeros",
-        "reduced model": f"{reduced.size} coordinates",
+        "reduced model": sheet.result.reduced.size_in_words,
         **body,
         "units": "kg, m, s, if the model has them",
         "frame": _kind(record.frame),
