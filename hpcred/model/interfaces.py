@@ -342,10 +342,10 @@ def _inverse(gram, length, engaged, item):
     if values[0] < DEPENDENT:
         free = (vectors[:, values < DEPENDENT] ** 2).sum(axis=1)
         named = ", ".join(name for name, part in zip(SIX, free, strict=True) if part > 0.1)
-        advice = (
-            "take more nodes, not all on one line; a single node with rotations can be named in `inputs` as it is, or "
-            "be of kind 'rigid'" if item.kind == "averaging"
-            else "take nodes that are not all on one line, or with rotations, and more directions"
+        advice = "take several nodes around the place, not all on one line; at = [x, y, z] puts the reference node there"
+        advice += (
+            "; a single node of beams or shells, which has rotations, can be named in `inputs` as it is, or be of kind "
+            "'rigid'" if item.kind == "averaging" else ", and `directions` says in which they follow"
         )  # fmt: skip
         raise InputError(f"interface '{item.name}': its nodes do not define the motion in {named}; {advice}")
     return scale[:, None] * (vectors / values) @ vectors.T * scale * np.outer(engaged, engaged)

@@ -204,8 +204,8 @@ REFUSALS = [
     ([face("a", 0.04), face("a", 0.02)], "expected each once"),
     ([Interface(name="a", nodes=(1, 99999))], "node 99999 does not exist"),
     ([Interface(name="a", nodes=Nodes(set="LEFT"))], "has no set 'LEFT'; it has none"),
-    ([Interface(name="a", nodes=(1,))], "do not define the motion in .*; take more nodes"),
-    ([Interface(name="a", nodes=(1, 2, 3))], "do not define the motion in rz; take more nodes, not all on one line"),
+    ([Interface(name="a", nodes=(1,))], r"do not define the motion in .*; take several nodes around .*at = \["),
+    ([Interface(name="a", nodes=(1, 2, 3))], "motion in rz; take several nodes around the place, not all on one"),
     ([face("a", 0.04, kind="rigid"), Interface(name="b", nodes=(36, 35, 33), kind="rigid")], "follow one reference"),
     ([face("a", 0.04, node=5)], "the number 5 is taken"),
     ([face("a", 0.04, weights="area"), Interface(name="b", nodes=(1, 5, 12), weights="area")], "a face on the set"),
@@ -216,6 +216,20 @@ REFUSALS = [
 def test_what_defines_no_interface_is_refused(comm, interfaces, words):
     with hpcred.solid((4, 2, 2), clamped=True, comm=comm) as model, pytest.raises(hpcred.InputError, match=words):
         model.with_interfaces(interfaces)
+
+
+def test_advice_for_a_node_without_rotations_leads_somewhere(comm):
+    """What it says, done: an interface with several nodes there, of kind rigid for a frame."""
+    with hpcred.solid((4, 2, 2), clamped=False, comm=comm) as model:
+        leads = r"x, y, z; declare an \[\[interface\]\] with several nodes there"
+        with pytest.raises(hpcred.InputError, match=f"no dof in direction rx; it has {leads}.*name its direction rx"):
+            model.with_inputs([(1, "rx")])
+        with pytest.raises(hpcred.InputError, match=f"six dofs, node 1 has {leads}.*of kind 'rigid', and name it"):
+            hpcred.reduce(model.with_inputs([(45, "x")]), [Modes(count=2)], Tangent(1))
+        marked = model.with_interfaces([face("end", 0.0, kind="rigid")])
+        assert marked.with_inputs([("end", "rx")]).input_names == ("end:rx",)
+        with hpcred.reduce(marked.with_inputs([(45, "x")]), [Modes(count=2)], Tangent("end")) as rom:
+            assert rom.size == 2
 
 
 def test_a_set_with_a_held_node_is_refused(comm):
