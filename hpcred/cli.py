@@ -704,13 +704,15 @@ def export(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
     kind: Annotated[str, typer.Option("--format", help=FORMATS)] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
-    nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
+    nodes: Annotated[
+        str | None, typer.Option(help="Interface nodes 1,20 or by name; default: of inputs and outputs.")
+    ] = None,
     units: Annotated[str, typer.Option(help="Units of the file: SI; mm,t,s; ...")] = "SI",
     modes: Annotated[str | None, typer.Option(help="Shapes of a picture, from 1, such as 7,8.")] = None,
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
-    chosen = [int(number) for number in _numbers(nodes, "--nodes")] if nodes else None
+    chosen = [int(word) if word.strip().isdigit() else word.strip() for word in nodes.split(",")] if nodes else None
     shapes = [int(number) for number in _numbers(modes, "--modes")] if modes else None
     report = hpcred.export_result(
         result, kind, output, nodes=chosen, units=units, modes=shapes, progress=_progress()

@@ -342,8 +342,7 @@ def _inverse(gram, length, engaged, item):
     if values[0] < DEPENDENT:
         free = (vectors[:, values < DEPENDENT] ** 2).sum(axis=1)
         named = ", ".join(name for name, part in zip(SIX, free, strict=True) if part > 0.1)
-        advice = "take several nodes around the place, not all on one line; at = [x, y, z] puts the reference node there"
-        advice += (
+        advice = "take several nodes around the place, not all on one line; at = [x, y, z] puts its node there" + (
             "; a single node of beams or shells, which has rotations, can be named in `inputs` as it is, or be of kind "
             "'rigid'" if item.kind == "averaging" else ", and `directions` says in which they follow"
         )  # fmt: skip

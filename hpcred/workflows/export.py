@@ -92,11 +92,12 @@ def export_result(
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
     `kind`: one of EXPORTS; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of
-    the interface nodes, by default those of the inputs and outputs; a superelement has those of its coordinates.
-    `units`: of the file, see model.units.units_of; bodies and superelements have others than SI. `modes`: numbers from
-    1 of the shapes of a picture, by default the first six, of a moving one (gif, webp) the first. Returns what was
-    written: output, format, and shapes (their names), or coordinates (their number), remarks on what the format does
-    not hold, and nodes, or inputs and outputs by name; of a superelement, the files beside the output.
+    the interface nodes, or names of interfaces, by default those of the inputs and outputs; a superelement has those of
+    its coordinates. `units`: of the file, see model.units.units_of; bodies and superelements have others than SI.
+    `modes`: numbers from 1 of the shapes of a picture, by default the first six elastic ones, of a moving one (gif,
+    webp) the first. Returns what was written: output, format, and shapes (their names), or coordinates (their number),
+    remarks on what the format does not hold, and nodes, or inputs and outputs by name; of a superelement, the files
+    beside the output.
     """
     comm = comm or startup.start_mpi()
     if isinstance(result, Result):
@@ -114,19 +115,21 @@ def export_result(
     if not export.any_units and system != SI:
         raise InputError(f"--units: '{kind}' is in SI, found '{units}'; leave it out")
     path = Path(path) if path else Path(result).with_name(Path(result).stem + export.suffix)
-    outputs.check_outputs({path: export.kind}, comm, [result], progress=progress)
-    seen_later = export.kind in (outputs.ZIP, outputs.MATLAB) and comm.bcast(path.exists())
+    outputs.check_outputs({path: export.kind}, comm, [result])
+    existed = comm.bcast(path.exists())
     if progress is not None:
         progress.say(f"export: {path}")
     if export.takes == "superelement":
-        return _export_superelement(export, kind, result, path, system, comm, progress)
-    report = None
-    with atomic_output(path, comm) as temporary, agreed(comm):
-        if comm.rank == 0:
-            report = {"output": str(path), "format": kind, **_write(export, result, temporary, nodes, system, modes)}
-    if seen_later and progress is not None:
+        report = _export_superelement(export, result, path, system, comm)
+    else:
+        report = None
+        with atomic_output(path, comm) as temporary, agreed(comm):
+            if comm.rank == 0:
+                report = _write(export, result, temporary, nodes, system, modes)
+        report = comm.bcast(report)
+    if existed and progress is not None:  # said at the end: what cannot be written replaces nothing
         progress.tell(f"{path} existed and was replaced")
-    return comm.bcast(report)
+    return {"output": str(path), "format": kind, **report}
 
 
 def _write(export, path, target, nodes, system, modes) -> dict:
@@ -153,7 +156,7 @@ def _write(export, path, target, nodes, system, modes) -> dict:
     return {"coordinates": body.reduced.size, "nodes": [shape.node for shape in body.nodes], "remarks": remarks}
 
 
-def _export_superelement(export, kind, result, path, system, comm, progress) -> dict:
+def _export_superelement(export, result, path, system, comm) -> dict:
     """Write the files of a superelement, the one that takes the others at the end. Collective."""
     report, content, beside = None, None, {}
     with agreed(comm), _naming(result):
@@ -166,13 +169,12 @@ def _export_superelement(export, kind, result, path, system, comm, progress) -> 
             if path in beside:
                 raise InputError(f"output {path}: this name is that of a file beside it; choose another")
             report = {
-                "output": str(path), "format": kind, "coordinates": element.size,
-                "nodes": [item.node for item in element.interfaces], "remarks": remarks,
+                "coordinates": element.size, "nodes": [item.node for item in element.interfaces], "remarks": remarks,
                 "files": [str(name) for name in beside],
             }  # fmt: skip
     report = comm.bcast(report)
     besides = {Path(name): None for name in report["files"]}
-    outputs.check_outputs(besides, comm, [result], progress=progress)
+    outputs.check_outputs(besides, comm, [result])
     for name in [*besides, path]:
         with atomic_output(name, comm) as temporary, agreed(comm):
             if comm.rank == 0:

@@ -337,7 +337,7 @@ def _shown(sheet):
              "MB, all ranks": item.memory_mb_used_total, "columns": item.columns_solved, "residual": item.residual}
             for item in record.factorisations
         ],
-        "shape": None if sheet.body is None else {"count": len(sheet.body["names"])},
+        "shape": None if sheet.body is None else {"count": len(sheet.body["names"]), "start": sheet.body["start"] + 1},
         "shape_note": sheet.body_sentence,
     }  # fmt: skip
 

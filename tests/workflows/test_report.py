@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import MODES_JOB, refused
+from helpers import MODES_JOB, block_with_ends, refused
 
 import hpcred as package
 from hpcred.cli import run
@@ -144,6 +144,24 @@ def test_bodies_move_as_the_shapes_say(linkage_report):
             assert unpacked(field)[marks] == pytest.approx(u[at] / np.linalg.norm(u, axis=1).max(), abs=1e-6)
             assert np.linalg.norm(unpacked(field), axis=1).max() == pytest.approx(1)
     assert unpacked(drawn["triangles"]).max() < len(points) and len(unpacked(drawn["outline"])) == 19
+
+
+def test_interface_nodes_are_drawn_where_their_set_moves(folder, comm):
+    """Reference nodes, which are no nodes of the mesh; a free body opens with its first elastic shape."""
+    with block_with_ends(comm) as model:
+        basis = [package.CraigBampton(count=3)]
+        with package.reduce(model, basis, package.Buckens(), coordinates="interface") as rom:
+            package.write_result(folder / "result.h5", rom, model)
+    report_file([folder / "result.h5"], output=folder / "r.html", modes=2)
+    page, _ = page_of(folder / "r.html")
+    drawn = json.loads(page.data)["results"][0]["shape"]
+    assert drawn["mark_names"] == ["left", "right"] and drawn["start"] == 6 and len(drawn["fields"]) == 8
+    points, marks = unpacked(drawn["points"]), unpacked(drawn["marks"])
+    for field in map(unpacked, drawn["fields"]):
+        for mark, x in zip(marks, (points[:, 0].min(), points[:, 0].max()), strict=True):
+            face = np.setdiff1d(np.flatnonzero(np.abs(points[:, 0] - x) < 1e-6), marks)
+            assert len(face) == 12 and points[mark] == pytest.approx(points[face].mean(axis=0), abs=1e-6)
+            assert field[mark] == pytest.approx(field[face].mean(axis=0), abs=1e-5)
 
 
 def test_results_beside_each_other_have_one_damping_and_one_full_response(folder, comm):
