@@ -49,6 +49,9 @@ Frequencies = Annotated[str | None, typer.Option(metavar="F1,F2,...", help="Freq
 Overrides = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of the file: basis.0.order=2")
 ]
+Pairs = Annotated[
+    str | None, typer.Option(metavar="OUT/IN,...", help="Responses to draw, such as 20:z/20:z,20:z/1:x.")
+]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
 FORMATS = (
@@ -549,6 +552,7 @@ def evaluate(
     points: Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")] = 61,
     output: Annotated[str | None, typer.Option("-o", help="Write the responses to this .csv or HDF5 file.")] = None,
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw responses: .png, .svg, .pdf.")] = None,
+    pairs: Pairs = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
     check: Annotated[int | None, typer.Option(help="Set said against exact at so many fresh frequencies.")] = None,
     seed: Annotated[int | None, typer.Option(help="The fresh frequencies of an earlier --check.")] = None,
@@ -569,12 +573,14 @@ def evaluate(
         raise InputError("evaluate: several results are compared with the model that --full names, and without "
                          "--estimate, --check or --figure; call evaluate once for each result")  # fmt: skip
     given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check,
-             "--figure": figure}
+             "--figure": figure, "--pairs": pairs}
     allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
     wrong = [option for option, value in given.items() if value is not None and option not in allowed]
     if wrong or (estimate and check is not None):
         raise InputError(f"{'--check' if check is not None else '--estimate'}: cannot be combined with "
                          f"{', '.join(wrong) or '--estimate'}; call evaluate twice")  # fmt: skip
+    if pairs and not figure:
+        raise InputError("--pairs: belongs to --figure")
     if check is not None and full is None:
         raise InputError("--check: the model file is missing; give it by --full MODEL.h5")
     if seed is not None and check is None:
@@ -607,7 +613,8 @@ def evaluate(
         return 0 if report["passed"] else 1
     report = hpcred.evaluate_result(
         result, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits, points=points,
-        output=output, figure=figure, groups=groups, factoring=factoring, progress=_progress(),
+        output=output, figure=figure, pairs=pairs.split(",") if pairs else (), groups=groups, factoring=factoring,
+        progress=_progress(),
     )  # fmt: skip
     columns = {"f (Hz)": "frequencies_hz", "|H| reduced": "reduced_norm", "|H| full": "full_norm", "eps": "eps"}
     columns = {title: report[key] for title, key in columns.items() if key in report}
@@ -616,8 +623,12 @@ def evaluate(
         print(f"Q = {report['Q']:.6g}, largest eps = {report['eps_max']:.6g}; {report['arithmetic']}")
         worst = report["worst_pair"]
         print(f"worst pair by itself: output {worst['output']}, input {worst['input']}: {worst['error']:.2g}")
-    for name in report.get("figures", ()):
+    drawn = report.get("figures", ())
+    for name in drawn:
         print(f"drawn: {name}")
+    if len(drawn) < report.get("responses", 0):
+        print(f"the {len(drawn)} largest of {report['responses']} responses are drawn; --pairs OUTPUT/INPUT,... "
+              "draws others")  # fmt: skip
     _write_json(json, report)
     return None
 
@@ -629,7 +640,7 @@ def report(
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="The HTML file.")] = "report.html",
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
     exact: Annotated[int, typer.Option(help="Frequencies at which the full model is solved.")] = 21,
-    pairs: Annotated[str | None, typer.Option(help="Responses, such as 20:z/20:z,20:z/1:x.")] = None,
+    pairs: Pairs = None,
     modes: Annotated[int, typer.Option(help="Number of shapes to look at.")] = 10,
     png: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
     svg: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,

@@ -11,6 +11,7 @@ from helpers import SIMULATION, refused
 
 from hpcred.cli import run
 from hpcred.report.tables import as_json, show_table
+from hpcred.workflows import modes as workflow
 
 JOB = 'model = "model.h5"\nband = [0.0, 300.0]\ntolerance = 1e-3\n[frame]\nkind = "buckens"\n'
 
@@ -91,6 +92,15 @@ def test_modes_of_a_file(linkage_folder, capsys):
         (["--count", "6", "--figure", "n.png"], "no elastic mode"), (["--frame", "loose"], "--frame: found 'loose'"),
     ):  # fmt: skip
         assert says in refused(capsys, "modes", "model.h5", *arguments)
+
+
+def test_a_picture_numbers_modes_as_the_table_does(linkage_folder, monkeypatch):
+    seen = []
+    monkeypatch.setattr(workflow, "draw_shapes", lambda path, shapes, kind: (Path(path).touch(), seen.append(shapes)))
+    assert run(["modes", "model.h5", "--count", "8", "--figure", "m.png", "--json", "m.json"]) == 0
+    frequencies = json.loads(Path("m.json").read_text())["frequencies_hz"]
+    (shapes,) = seen
+    assert shapes.first == 7 and shapes.names == [f"pseudo-mode {k}: {frequencies[k - 1]:.6g} Hz" for k in (7, 8)]
 
 
 def said(capsys, *arguments):

@@ -24,13 +24,14 @@ from ..reduction.interface_coordinates import elastic_part
 from ..reduction.pseudo_modal import worst_pair
 from ..reduction.record import versions
 from .full_model import full_of_record
-from .pair_figures import check_figures, figures_of_pairs
+from .pair_figures import check_figures, figures_of_pairs, pairs_by_name, pairs_to_show
 
 MOST = (1, 10**7, "")  # frequencies
+MOST_FIGURES = 16  # of the largest responses
 
 
 def evaluate_result(
-    result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None,
+    result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None, pairs=(),
     groups: int | None = None, factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Responses of result.h5, and eps(f) (55) and Q (57) against the model file `full` if given. Collective.
@@ -38,8 +39,9 @@ def evaluate_result(
     `frequencies` (Hz), or else `points` of them over `band` (two numbers, default that of the job). The frame, the
     damping, the inputs and outputs of the full model are those of the reduction, and so is `factoring` unless it is
     given; that it is the model of the reduction is checked. `output`: a .csv or HDF5 file for the responses, see
-    formats.response_file. `figure`: a .png, .svg or .pdf of every response and its error, see workflows.pair_figures.
-    `groups`: see frequency_response. Returns plain numbers for a table or JSON. Raises InputError.
+    formats.response_file. `figure`: a .png, .svg or .pdf of a response and its error, see workflows.pair_figures, for
+    each of the `pairs` "output/input", by default the largest. `groups`: see frequency_response. Returns plain numbers
+    for a table or JSON. Raises InputError.
     """
     comm = comm or startup.start_mpi()
     reduced = elastic_part(read_result(result, comm).reduced)
@@ -52,6 +54,7 @@ def evaluate_result(
         check_outputs({output: kind_of_responses(output)}, comm, reads, progress=progress)
     if figure is not None:
         check_figures(figure, comm, reads, progress)
+    shown = pairs_by_name(pairs, reduced.output_names, reduced.input_names, result)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     arrays = {"frequencies": grid, "reduced": frequency_response(reduced, grid)}
     report["reduced_norm"] = np.linalg.norm(arrays["reduced"], axis=(1, 2)).tolist()
@@ -77,7 +80,11 @@ def evaluate_result(
     if figure is not None:
         labels = {"reduced": "reduced", "full": "full model"}
         curves = [(label, grid, arrays[key]) for key, label in labels.items() if key in arrays]
-        report["figures"] = figures_of_pairs(figure, reduced.output_names, reduced.input_names, curves, comm)
+        names = reduced.output_names, reduced.input_names
+        every = shown or pairs_to_show(arrays["reduced"], *names)
+        shown = shown or pairs_to_show(arrays["reduced"], *names, MOST_FIGURES)
+        report["figures"] = figures_of_pairs(figure, *names, curves, comm, shown)
+        report["responses"] = len(every)
     return report
 
 

@@ -100,4 +100,9 @@ def read_whole(describe, path, comm) -> dict:
     try:
         return describe(path, comm)
     except (KeyError, IndexError, TypeError, AttributeError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: damaged, or not whole ({type(error).__name__}: {error}); make it again") from error
+        raise damaged(path, error) from error
+
+
+def damaged(path, error) -> InputError:
+    """The refusal of a file that its reader does not understand."""
+    return InputError(f"{path}: damaged, or not whole ({type(error).__name__}: {error}); make it again")

@@ -26,7 +26,7 @@ from ..report.page import MOST_POINTS, body_for_page, packed, render_page
 from ..report.tables import in_words
 from .evaluate import band_of, short_names
 from .full_model import difference_of, factoring_of, full_of_record, start_for
-from .pair_figures import pairs_to_show
+from .pair_figures import pairs_by_name, pairs_to_show
 from .report_files import check_drawing, draw_files, make_folder, write_tables
 
 FREQUENCIES = 801  # equally spaced; more around the pseudo-frequencies
@@ -227,14 +227,10 @@ def choose_pairs(sheet, wanted=(), most=MOST_PAIRS) -> list[tuple[str, int, int]
 
     Raises InputError."""
     outputs, inputs = sheet.reduced.output_names, sheet.reduced.input_names
-    known = {f"{outputs[i]}/{inputs[j]}": (i, j) for i in range(len(outputs)) for j in range(len(inputs))}
-    for name in wanted:
-        if name not in known:
-            first = next(iter(known))
-            raise InputError(f"pairs: found '{name}', expected output/input of {sheet.name}, such as {first}")
-    shown = [known[name] for name in wanted] or pairs_to_show(sheet.response, outputs, inputs, most)
+    shown = pairs_by_name(wanted, outputs, inputs, sheet.name)
+    shown = shown or pairs_to_show(sheet.response, outputs, inputs, most)
     if not wanted and len(shown) == most:
-        sheet.notes.append(f"{sheet.name}: the {most} largest responses are shown")
+        sheet.notes.append(f"{sheet.name}: the {most} largest responses are shown; --pairs chooses others")
     return [(f"{outputs[i]}/{inputs[j]}", i, j) for i, j in shown]
 
 
