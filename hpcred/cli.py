@@ -58,6 +58,7 @@ FORMATS = (
     "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff; png, svg, pdf, gif, webp; "
     "nastran, nastran-op4, ansys, abaqus or simscape of a model in interface coordinates."
 )
+INTERFACES = "Interfaces, and where their reference nodes are (m)"
 MOST_SETS = 20  # node sets that info lists
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
@@ -342,7 +343,7 @@ def info(
     below_it = ("sets", "interfaces", "warnings")
     rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
     show_table(None, rows)
-    show_table(None, report.get("interfaces", []))
+    show_table(INTERFACES, report.get("interfaces", []))
     sets = [{"node set": name, "nodes": count} for name, count in report.get("sets", {}).items()]
     show_table(None, sets[:MOST_SETS])
     if len(sets) > MOST_SETS:
@@ -412,7 +413,7 @@ def reduce(
         [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
           **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.ingredients],
     )  # fmt: skip
-    show_table("Interfaces", record.interface_rows)
+    show_table(INTERFACES, record.interface_rows)
     if accuracy is not None:
         show_table("Expansion points", [
             {"f (Hz)": item.frequency, "columns": item.columns, "modes below": in_words(item.modes_below),

@@ -87,11 +87,11 @@ class Record:
 
     @property
     def interface_rows(self) -> list[dict]:
-        """For a table: name, number, kind, number of nodes and place of each interface; empty in older files."""
+        """For a table: name, number, kind, number of nodes and place in m of each interface; empty in older files."""
         pairs = zip(self.interfaces, self.interface_nodes, strict=False)
         return [
             {"interface": found.name, "node": found.node, "kind": asked.kind, "nodes": found.count,
-             **{f"{axis} (m)": value for axis, value in zip("xyz", found.position, strict=True)}}
+             **dict(zip("xyz", found.position, strict=True))}
             for asked, found in pairs
         ]  # fmt: skip
 

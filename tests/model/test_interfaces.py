@@ -189,7 +189,7 @@ def test_shapes_and_files_know_the_reference_nodes(comm, folder):
         motion = to_dense(model.Gt).T @ gather(rom.columns)
         assert np.abs(np.concatenate([shape.phi, shape.psi]) - motion).max() < 1e-12 * np.abs(motion).max()
         (row,) = hpcred.describe_file(folder / "result.h5", comm=comm)["interfaces"]
-        place = {"x (m)": pytest.approx(0.06), "y (m)": pytest.approx(0.01), "z (m)": pytest.approx(0.015)}
+        place = {"x": pytest.approx(0.06), "y": pytest.approx(0.01), "z": pytest.approx(0.015)}
         assert row == {"interface": "right", "node": shape.node, "kind": "averaging", "nodes": 12} | place
         report = hpcred.evaluate_result(folder / "result.h5", folder / "model.h5", frequencies=(100.0, 5000.0))
         assert max(report["eps"]) < 1e-4
