@@ -17,7 +17,7 @@ from .parallel import startup
 from .parallel.failures import InputError, fail
 from .parallel.ranges import ANYTHING, FREQUENCY, within
 from .report.profile import show_profile, start_profile
-from .report.tables import as_json, in_words, show_table, show_timing, write_json
+from .report.tables import as_json, in_words, show_table, show_timing, told_apart, write_json
 
 HELP = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(
@@ -509,7 +509,7 @@ def sweep(
         file, parallel=parallel, index=index, of=of, store=store, dry_run=dry_run, progress=_progress()
     )
     columns = [key for key in report["runs"][0] if key not in ("sentence", "output")] if report["runs"] else []
-    show_table(report["folder"], [{key: row.get(key, "") for key in columns} for row in report["runs"]])
+    show_table(report["folder"], _named_shortly([{key: row.get(key, "") for key in columns} for row in report["runs"]]))
     for row in report["failed"]:
         print(f"FAILED {row['run']}: {row['sentence']}")
     if not dry_run:
@@ -517,6 +517,12 @@ def sweep(
               f"{report['factorisations']} factorisations made, {report['factorisations_saved']} saved")  # fmt: skip
     _write_json(json, report)
     return int(bool(report["failed"]) and not dry_run)
+
+
+def _named_shortly(rows):
+    """Rows of runs with as much of their names as tells them apart."""
+    names = told_apart([row["run"] for row in rows])
+    return [row | {"run": name} for row, name in zip(rows, names, strict=True)]
 
 
 @app.command()
@@ -532,7 +538,8 @@ def collect(
     rows = report["rows"]
     short = {"factorisations": "factored", "factorisations_saved": "saved", "memory_mb": "MB"}
     known = [key for key in rows[0] if any(row[key] is not None for row in rows)]
-    show_table(file, [{short.get(key, key): "" if row[key] is None else row[key] for key in known} for row in rows])
+    rows = [{short.get(key, key): "" if row[key] is None else row[key] for key in known} for row in rows]
+    show_table(file, _named_shortly(rows))
     for line in report["remarks"]:
         print(f"note: {line}")
     for name in (*([output] if output else []), *report["figures"]):

@@ -10,7 +10,7 @@ from conftest import DATA
 from helpers import SIMULATION, refused
 
 from hpcred.cli import run
-from hpcred.report.tables import as_json, show_table
+from hpcred.report.tables import as_json, show_table, told_apart
 from hpcred.workflows import modes as workflow
 
 JOB = 'model = "model.h5"\nband = [0.0, 300.0]\ntolerance = 1e-3\n[frame]\nkind = "buckens"\n'
@@ -74,6 +74,18 @@ def test_tables_fit_the_terminal(monkeypatch, capsys, columns):
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines())) <= (columns or 80)
     assert all(word in text for word in ("1.23456e-07", "1.98765e-10", "second-order", "|u_y"))
+
+
+@pytest.mark.parametrize("names, short", [
+    (["basis-modal_order-1", "basis-modal_order-3", "basis-krylov_order-1"], ["modal_1", "modal_3", "krylov_1"]),
+    (["tol-1e-04_n-7", "tol-1e-06_n-7"], ["1e-04", "1e-06"]),
+    (["order-0", "order-200"], ["0", "200"]),
+    (["order-0", "a_b"], ["order-0", "a_b"]),
+    (["order-0"], ["order-0"]),
+    (["coarse", "fine"], ["coarse", "fine"]),
+])  # fmt: skip
+def test_names_of_runs_are_as_short_as_they_may(names, short):
+    assert told_apart(names) == short
 
 
 def test_modes_of_a_file(linkage_folder, capsys):
