@@ -91,7 +91,7 @@ class Record:
         pairs = zip(self.interfaces, self.interface_nodes, strict=False)
         return [
             {"interface": found.name, "node": found.node, "kind": asked.kind, "nodes": found.count,
-             **{axis: round(value, 12) for axis, value in zip("xyz", found.position, strict=True)}}
+             **{axis: round(value, 12) + 0.0 for axis, value in zip("xyz", found.position, strict=True)}}
             for asked, found in pairs
         ]  # fmt: skip
 
