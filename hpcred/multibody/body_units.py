@@ -15,7 +15,7 @@ from .body import Body
 def in_units(body: Body, units: Units) -> Body:
     """The body in other units; frequencies stay in Hz. Raises InputError.
 
-    The coordinates and matrices are those of sizes_of and matrices_in. Inputs are forces or moments, outputs
+    The coordinates and matrices are those of sizes_of and fields_in. Inputs are forces or moments, outputs
     displacements or angles, by their names.
     """
     reduced, quantities = body.reduced, body.floating_frame
@@ -27,7 +27,7 @@ def in_units(body: Body, units: Units) -> Body:
     displacement = [1.0 if turn else 1 / L for turn in _rotations(reduced.output_names)]
     return Body(
         replace(
-            reduced, **matrices_in(reduced, units), B=g[:, None] * reduced.B * force,
+            reduced, **fields_in(reduced, units), B=g[:, None] * reduced.B * force,
             C=np.array(displacement)[:, None] * reduced.C * g,
         ),
         replace(
@@ -52,7 +52,7 @@ def sizes_of(reduced, units: Units) -> np.ndarray:
     return g
 
 
-def matrices_in(reduced, units: Units) -> dict:
+def fields_in(reduced, units: Units) -> dict:
     """M, D (or None), K and interfaces by name in other units, of anything that has them.
 
     With G = diag(g), K = G K_SI G / energy, D = G D_SI G time / (mass length^2), M = G M_SI G / (mass length^2).

@@ -29,7 +29,7 @@ from ..formats.superelement import superelement
 from ..formats.uff import write_uff
 from ..formats.vtk import write_vtk
 from ..model.units import SI, units_of
-from ..multibody.body_units import in_units, matrices_in
+from ..multibody.body_units import fields_in, in_units
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
@@ -163,7 +163,7 @@ def _export_superelement(export, result, path, system, comm) -> dict:
         if comm.rank == 0:
             element = superelement(read_result(result, MPI.COMM_SELF).reduced)
             if system != SI:
-                element = replace(element, **matrices_in(element, system), remarks=(*element.remarks, _in(system)))
+                element = replace(element, **fields_in(element, system), remarks=(*element.remarks, _in(system)))
             content, others, remarks = export.write(element, path.stem)
             beside = {path.with_name(path.stem + suffix): text for suffix, text in others.items()}
             if path in beside:

@@ -148,7 +148,7 @@ KINDS = {
 
 
 def description_of(path):
-    """The function of this module for a file that no reader of matrices takes, or None. On one rank."""
+    """The function of this module for a file that no reader of matrices takes, or None."""
     kind = outputs.kind_of(path)
     if kind.startswith(outputs.ZIP):
         with zipfile.ZipFile(path) as archive:
