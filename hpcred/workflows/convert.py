@@ -9,6 +9,7 @@ from ..formats.matrix_formats import FORMATS
 from ..formats.model_file import FORMAT, write_model
 from ..formats.model_source import EXPORTS, Source, load_export, load_source
 from ..formats.outputs import check_outputs, hdf5_kind
+from ..formats.room import rescued
 from ..model.units import SI, in_si, units_of
 from ..parallel import startup
 from ..parallel.progress import Progress
@@ -49,7 +50,7 @@ def convert(
         with progress.stage("check"):
             report = check(model)
         with progress.stage("write", str(output)):
-            write_model(output, model)
+            rescued(lambda place: write_model(place, model), output, comm)
         return {"output": str(output), "inputs": list(model.input_names), **report}
 
 

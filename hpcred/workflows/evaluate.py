@@ -13,6 +13,7 @@ from ..formats.model_file import read_model
 from ..formats.outputs import check_outputs
 from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
 from ..formats.result_file import read_result
+from ..formats.room import rescued
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
 from ..model.dofs import target_of
@@ -79,7 +80,8 @@ def evaluate_result(
     if output is not None:
         made = {"result": str(result), "model": record.model, "versions": versions()}
         names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
-        write_responses(output, Responses(**arrays, **names, record=made), comm)
+        responses = Responses(**arrays, **names, record=made)
+        rescued(lambda place: write_responses(place, responses, comm), output, comm)
     if figure is not None:
         labels = {"reduced": "reduced", "full": "full model"}
         curves = [(label, grid, arrays[key]) for key, label in labels.items() if key in arrays]

@@ -6,11 +6,10 @@ from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from ..analysis.natural_modes import NaturalModes, natural_modes
-from ..formats.hdf5 import atomic_output, writing
+from ..formats.hdf5 import atomic_output, reading, writing
 from ..formats.model_file import read_model, write_nodes
 from ..formats.outputs import PICTURES, PNG, check_outputs
 from ..formats.result_file import Shapes
@@ -95,6 +94,7 @@ def _draw(figure, model, found):
         store = Path(f"{temporary}.h5")
         try:
             with writing(store, comm) as file:
+                file.attribute("format", "hpcred-shapes")
                 with local_rows(found.shapes) as rows:
                     columns = rows.real[:, rows.shape[1] - len(elastic) :]
                     file.rows("basis/V", np.ascontiguousarray(columns.T), axis=1)
@@ -102,7 +102,7 @@ def _draw(figure, model, found):
                 write_nodes(file, model)
             with agreed(comm):
                 if comm.rank == 0:
-                    with h5py.File(store, "r") as file:
+                    with reading(store, "hpcred-shapes") as file:
                         draw_shapes(temporary, Shapes(file, str(figure)), kind=Path(figure).suffix[1:].lower())
         finally:
             if comm.rank == 0:

@@ -13,6 +13,7 @@ from ..formats.node_table import read_node_numbers
 from ..formats.outputs import check_outputs, check_room, hdf5_kind
 from ..formats.point_store import PointStore
 from ..formats.result_file import FORMAT, write_result
+from ..formats.room import rescued
 from ..parallel import startup
 from ..parallel.failures import ComputationError, InputError, agreed
 from ..parallel.progress import Progress
@@ -71,9 +72,12 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
             output = _name_of(job, reduced.record.accuracy)
             reduced.record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
             with progress.stage("write", output):
-                write_result(
-                    output, reduced, model, basis=job.write_basis, origin=job.body_origin, lumped=job.lumped_integrals
-                )
+                rescued(
+                    lambda place: write_result(
+                        place, reduced, model, basis=job.write_basis, origin=job.body_origin,
+                        lumped=job.lumped_integrals,
+                    ), output, comm,
+                )  # fmt: skip
             record = replace(reduced.record, timing=progress.timing())
             found = Reduced(output, record, reduced.size, tuple(reduced.frequencies.tolist()))
     if job.report:
