@@ -141,7 +141,7 @@ def atomic_output(path, comm):
     temporary = temporary_name(path, *comm.bcast((os.getpid(), HOST)))
     with agreed(comm):
         if comm.rank == 0:
-            lock(path)
+            lock(path, name)
     left = {temporary, lock_name(path)}
     unfinished.update(left)
     try:

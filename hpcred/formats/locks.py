@@ -16,7 +16,7 @@ from pathlib import Path
 
 import psutil
 
-from ..parallel.failures import InputError
+from ..parallel.failures import InputError, unfinished
 
 HOST = socket.gethostname().replace("/", "-")[:40]
 
@@ -32,8 +32,10 @@ def lock_name(path) -> Path:
     return path.with_name(f".{path.name}.lock")
 
 
-def lock(path: Path):
+def lock(path: Path, called=None):
     """Keep other runs from an output until unlock, or the end of the process. Raises InputError where one has it.
+
+    `called`: its name in messages.
 
     What dead processes of this machine left of it is removed. Where the file system has no locks nothing is locked.
     """
@@ -48,8 +50,8 @@ def lock(path: Path):
             who = os.read(file, 200).decode(errors="replace").strip()
             os.close(file)
             raise InputError(
-                f"output {path}: another run is about to write it{f' ({who})' if who else ''}; wait for its end, or "
-                "choose another name"
+                f"output {called or path}: another run is about to write it{f' ({who})' if who else ''}; wait for its "
+                "end, or choose another name"
             ) from None
         except OSError:
             os.close(file)
@@ -90,5 +92,6 @@ def unlock(path: Path):
 @atexit.register
 def unlock_all():
     """Give all outputs free that are not written in the end."""
+    unfinished.difference_update([path for path in unfinished if path.name.endswith(".lock")])
     for name in list(_held):
         unlock(name.with_name(name.name[1 : -len(".lock")]))

@@ -121,7 +121,7 @@ def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int =
             if outputs:
                 check_room(next(iter(outputs)), needed)
             for path in outputs:
-                lock(Path(os.path.realpath(path)))
+                lock(Path(os.path.realpath(path)), path)
     unfinished.update(lock_name(Path(os.path.realpath(path))) for path in outputs)
     for path in replaced:
         if progress is not None:

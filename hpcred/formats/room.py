@@ -12,6 +12,7 @@ import resource
 import shutil
 import tempfile
 from contextlib import suppress
+from math import inf
 from pathlib import Path
 
 from ..parallel.failures import ComputationError, HpcredError, agreed, common_to
@@ -47,8 +48,13 @@ def in_bytes(count) -> str:
 
 def free_bytes(folder) -> int:
     """What a file in a folder may take, by the disk and the limits of the process."""
-    free, (limit, _) = shutil.disk_usage(folder).free, resource.getrlimit(resource.RLIMIT_FSIZE)
-    return free if limit == resource.RLIM_INFINITY else min(free, limit)
+    return min(shutil.disk_usage(folder).free, limit_of_files())
+
+
+def limit_of_files() -> float:
+    """The largest size of a file that this process may write (ulimit -f)."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+    return inf if limit == resource.RLIM_INFINITY else limit
 
 
 class Room:
@@ -73,6 +79,8 @@ class Room:
 
 def _allocate(path, size) -> bool:
     """Whether the disk has the room of a file, which it keeps where the file system can."""
+    if size > limit_of_files():
+        return False
     with open(path, "r+b") as file:
         if _libc.fallocate(file.fileno(), KEEP_SIZE, ctypes.c_int64(0), ctypes.c_int64(size)) == 0:
             return True
