@@ -77,18 +77,15 @@ class CheckedFile:
         return name in self.datasets or any(key.startswith(name + "/") for key in self.datasets)
 
     def __getitem__(self, name):
-        """A dataset, or a group as a dict of its datasets."""
+        """A dataset or a group."""
         if name in self.datasets:
             return self.datasets[name]
-        if found := self.get(name):
-            return found
+        if name in self:
+            return Group(self, name + "/")
         raise damaged(self.path, f"/{name} is missing")
 
-    def get(self, name, default=None) -> dict:
-        """The datasets of a group by their names there."""
-        start = name + "/"
-        found = {key[len(start) :]: item for key, item in self.datasets.items() if key.startswith(start)}
-        return found or default
+    def get(self, name, default=None):
+        return self[name] if name in self else default
 
     def attribute(self, name, kind=int, default=None):
         """An attribute as a number or text."""
@@ -119,6 +116,25 @@ class CheckedFile:
                 found = f"{item.dtype} of shape {item.shape}"
                 shape = tuple(sizes.get(size, size) for size in entry.shape)
                 raise damaged(self.path, f"/{name} is {found}, expected {entry.kind} of shape {shape}")
+
+
+class Group:
+    """A group of a CheckedFile: its datasets and groups by their names in it."""
+
+    def __init__(self, file, start):
+        self._file, self._start = file, start
+
+    def __contains__(self, name):
+        return self._start + name in self._file
+
+    def __getitem__(self, name):
+        return self._file[self._start + name]
+
+    def items(self) -> list:
+        """Names and datasets of the group itself."""
+        found = ((key[len(self._start) :], item) for key, item in self._file.datasets.items()
+                 if key.startswith(self._start))  # fmt: skip
+        return [(key, item) for key, item in found if "/" not in key]
 
 
 def _size(size, sizes, found):

@@ -9,6 +9,7 @@ from ..linalg.basis import Basis, Extension
 from ..linalg.blocks import add_product, apply, column_norms, copy_of, create_block, inner, local_rows
 from ..linalg.eigensolver import lowest_modes, modes_in_interval
 from ..linalg.factorisation import Factoring, SingularMatrix
+from ..linalg.free_motions import free_motions_refused
 from ..model.damping import ModalDamping
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
@@ -150,6 +151,8 @@ def _lowest(run, count):
     try:
         return lowest(run, count)
     except SingularMatrix as error:
+        if run.rigid is not None:
+            raise free_motions_refused(run.model, run.rigid) from error
         raise InputError(
             f"basis: K of {run.model.name} is singular, so the body can move freely; "
             "take frame kind 'buckens', 'chord' or 'tangent'"

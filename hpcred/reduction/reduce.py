@@ -10,8 +10,9 @@ from ..linalg.basis import Basis
 from ..linalg.blocks import apply, copy_of, create_block
 from ..linalg.factorisation import Factoring
 from ..model.damping import ModalDamping, NoDamping, Structural
-from ..model.frames import Buckens, NoFrame, apply_frame
+from ..model.frames import Buckens, NoFrame, apply_frame, inputs_without_effect
 from ..model.rigid_body_modes import doubts_of_nodes
+from ..model.scales import scaled, scales_of
 from ..model.second_order_model import SYMMETRIC_TO
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
@@ -59,6 +60,13 @@ def reduce(
         if band is None:
             raise InputError("tolerance: a reduction to a tolerance needs the band in Hz")
         adaptive = Adaptive(tolerance=tolerance, band=tuple(band))
+    inputs, outputs = scales_of(model)
+    if (inputs, outputs) != (1.0, 1.0):
+        with scaled(model, inputs, outputs) as usual:
+            reduced = reduce(usual, basis, frame, damping, adaptive=adaptive, settings=settings, factoring=factoring,
+                             store=store, progress=progress)  # fmt: skip
+        reduced.B, reduced.C = reduced.B * inputs, reduced.C * outputs
+        return reduced
     progress = progress or Progress(model.comm, show=False)
     progress.expect(model.size)
     frame, damping = frame or NoFrame(), damping or NoDamping()
@@ -80,6 +88,7 @@ def reduce(
     with Owned(model.comm) as owned:
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
+            warnings += inputs_without_effect(framed)
         tolerance = settings.deflation_tolerance if adaptive is None else KEPT_BY_SEARCH
         runs = [owned.owns(Run(framed, progress, tolerance, factoring or Factoring(), inertia=adaptive is not None))]
         if store is not None:
@@ -93,6 +102,8 @@ def reduce(
         bases = [owned.owns(Basis(framed.model.M, rigid, tolerance, room=columns)) for _ in runs]
         points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
         groups = number_of_groups(settings.groups, runs[0], points)
+        if adaptive is not None:
+            runs[0].check_free_motions()  # of whose motions no search comes to an end
         ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}
         for i, ingredient in enumerate(basis):
             progress.step("points and modes", i, len(basis), always=True)
@@ -110,6 +121,7 @@ def reduce(
                 ConstraintModes().extend(bases[0], runs[0])
         for run in runs:
             run.release()
+        runs[0].check_free_motions()
         if not all(vectors.size for vectors in bases):
             raise InputError("basis: no vector is left; no mode lies in the bands and no input loads the body")
         with progress.stage("project"):

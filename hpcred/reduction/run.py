@@ -10,6 +10,7 @@ import numpy as np
 from ..linalg.basis import Extension
 from ..linalg.blocks import apply, create_block, from_dense, inner, multiply
 from ..linalg.factorisation import Factoring, FactorRecord
+from ..linalg.free_motions import check_free_motions
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
 from ..model.damping import GivenDamping
 from ..model.frames import FramedModel, NoFrame
@@ -64,6 +65,7 @@ class Run:
     _own_model: object = None
     _added: list[FactorRecord] = field(default_factory=list)
     _added_analyses: int = 0
+    _checked: bool = False
 
     def __post_init__(self):
         self.model, self.rigid = self.framed.model, self.framed.rigid
@@ -96,6 +98,14 @@ class Run:
             with self.progress.stage("factor", name):
                 self.solver.factor(mass)
         return self.solver
+
+    def check_free_motions(self):
+        """Refuse a free body in parts or with hinges, unless factors of this run have shown that it has none, or the
+        store had all that was needed. Collective."""
+        known = self._checked or any(record.inertia_relief for record in self.factorisations)
+        if not known and (self.store is None or self.factorisations):
+            check_free_motions(self.model, self.rigid, self.factoring)
+            self._checked = True
 
     @property
     def factorisations(self) -> list[FactorRecord]:
