@@ -1,4 +1,4 @@
-# make demo | test | test-slow | test-ccx | test-dolfinx | test-chromium | test-slurm | docs | test-docs | bench | lint | install
+# make demo | test | fuzz | coverage | test-slow | test-ccx | test-dolfinx | test-chromium | test-slurm | docs | test-docs | bench | lint | install
 #
 # On Debian, `install` brings the missing system packages (as root or by sudo) and a virtual environment on top
 # of them. To use an existing PETSc instead (cluster module, conda), see "Installing" in README.md.
@@ -16,7 +16,7 @@ export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 export OMPI_MCA_rmaps_base_oversubscribe := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install demo test test-slow test-ccx test-dolfinx test-chromium test-slurm docs test-docs bench lint
+.PHONY: install demo test fuzz coverage test-slow test-ccx test-dolfinx test-chromium test-slurm docs test-docs bench lint
 
 install: .venv/.ready
 
@@ -48,6 +48,23 @@ test: install
 
 test-slow: install
 	$(PYTHON) -m pytest -m slow
+
+# Cases made by rule, run and judged (tests/fuzz/__init__.py): right, refused, internal error, wrong; the last two
+# must be zero. What fails is kept in fuzz-failures/. KINDS=DMIG,model runs only the kinds of cases that begin so.
+SECONDS := 600
+SEED    := $(shell date +%s)
+KINDS   :=
+
+fuzz: install
+	PYTHONPATH=tests $(PYTHON) -m fuzz --seconds $(SECONDS) --seed $(SEED) --kinds "$(KINDS)"
+
+# lines of hpcred/ that the tests on one rank run; TESTS=tests/formats measures those of some tests only
+TESTS := tests
+
+coverage: install
+	$(PYTHON) -m coverage run -m pytest -q -k "not 2-ranks and not 3-ranks and not complex" \
+	    -m "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs" $(TESTS)
+	$(PYTHON) -m coverage report
 
 # CalculiX and gmsh compute the example in examples/calculix
 test-ccx: install

@@ -36,7 +36,7 @@ def methods(dofs):
             size = None
             for name in ("to a tolerance", "points by hand", "Craig-Bampton", "modes", "modes and attachment modes"):
                 basis = {} if size is None else {"basis": {
-                    "points by hand": [Krylov(0.0, 0), Krylov(5000.0, -(-(size - 12) // 12) - 1)],
+                    "points by hand": [Krylov(0.0, 0), *([Krylov(5000.0, (size - 13) // 12)] if size > 12 else [])],
                     "Craig-Bampton": [CraigBampton(count=max(size - 6, 1))],
                     "modes": [Modes(count=size)],
                     "modes and attachment modes": [Modes(count=max(size - 12, 1)), ResidualAttachment()],

@@ -260,6 +260,8 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
         _write_json(json, rows)
         print(f"model of row 0 written to {output}")
         show_timing(progress.timing())
+    elif json is not None:
+        raise InputError("--json: found before the command; write it after the command")
 
 
 def _names(text, option):
@@ -414,6 +416,10 @@ def reduce(
         show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
         print(f"{accuracy.measured}; {accuracy.missing_modes} modes missing; round-off {accuracy.noise:.0e}; "
               f"{accuracy.big_size} columns before the compression")  # fmt: skip
+        output, input_, own = accuracy.worst_pair
+        if own > 10 * accuracy.tolerance:
+            print(f"eps is the error of all responses together, in SI units; that of output {output} to input {input_} "
+                  f"by itself is {own:.1g}: ask for a smaller tolerance where it matters")  # fmt: skip
     residual = max((item.residual for item in record.factorisations), default=0.0)
     print(
         f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "

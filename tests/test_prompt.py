@@ -117,18 +117,3 @@ def test_info_of_everything_that_hpcred_writes(linkage_folder, capsys):
         assert all(part in text for part in expected), text
         assert "convert it first" in refused(capsys, "info", name, "--modes", "3")
     assert "at least 1" in refused(capsys, "info", "model.h5", "--modes", "0")
-
-
-def test_the_files_of_the_readme_run_on_its_example(tmp_path, monkeypatch, capsys):
-    """Both job files and the simulation, on the model that its first command makes."""
-    monkeypatch.chdir(tmp_path)
-    text = (Path(__file__).parent.parent / "README.md").read_text()
-    example = re.search(r"^    hpcred (example linkage .*?)(?: +#.*)?$", text, re.M)[1]
-    assert run(example.split()) == 0
-    for name, command in (("job.toml", "reduce"), ("sim.toml", "simulate")):
-        blocks = re.findall(rf"(?m)^    # {name};.*\n(?:(?:    .*)?\n)+?(?=^\S|\Z)", text)
-        blocks = [re.split(r"\n\n    (?:mpiexec|hpcred)", block)[0] for block in blocks]
-        assert len(blocks) == (2 if name == "job.toml" else 1)
-        for block in blocks:
-            Path(name).write_text(re.sub(r"(?m)^    ", "", block))
-            assert run([command, name]) == 0, capsys.readouterr().err

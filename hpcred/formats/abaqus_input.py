@@ -27,6 +27,7 @@ from .text import (
     pieces,
     ragged,
     require_file,
+    shown,
     whole,
 )
 
@@ -155,8 +156,8 @@ def _keywords(path, positions):
     with open(path, "rb") as file:
         head = file.read(positions[0] if positions else size)
         if first_line(head.removeprefix(b"\xef\xbb\xbf")):
-            shown = first_line(head).decode("latin-1")[:80]
-            raise InputError(f"{path}: found '{shown}' above the first keyword, expected a keyword such as *Node")
+            found = shown(first_line(head))
+            raise InputError(f"{path}: found '{found}' above the first keyword, expected a keyword such as *Node")
         for position, stop in zip(positions, [*positions[1:], size], strict=True):
             file.seek(position)
             line = file.readline()

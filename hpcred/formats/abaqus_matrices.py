@@ -12,10 +12,13 @@ import numpy as np
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from .entries import Entries, LabelledEntries, joined, label_of
-from .text import LARGEST_LABEL, first_bytes, first_line, numbers, pieces, triples, whole
+from .text import LARGEST_LABEL, first_bytes, first_line, numbers, pieces, shown, triples, whole
 
 ENDINGS = {"K": "STIF", "M": "MASS", "D": "DMPV"}
 STRUCTURAL_DAMPING = "DMPS"
+MATRIX_MARKET = re.compile(
+    rb"(?im)^[ \t]*%[^\n]*(?:matrixmarket|matrix +(?:coordinate|array)|(?:real|integer) +(?:general|symmetric|skew))"
+)
 
 
 def begins(start: bytes) -> bool:
@@ -30,20 +33,29 @@ def read(path, comm) -> Entries | LabelledEntries:
         columns = len(line.replace(b",", b" ").split())
         if columns == 6 and b"." not in b"".join(line.replace(b",", b" ").split()[:5]):
             raise InputError(
-                f"{path}: found a first line '{line.decode('latin-1')[:80]}' of 6 numbers, as of matrices element by "
+                f"{path}: found a first line '{shown(line)}' of 6 numbers, as of matrices element by "
                 "element, expected the assembled matrix; leave Element by Element out of *Matrix Generate"
             )
         if columns not in (3, 5):
             raise InputError(
-                f"{path}: found a first line '{line.decode('latin-1')[:80]}' of {columns} numbers, expected "
+                f"{path}: found a first line '{shown(line)}' of {columns} numbers, expected "
                 "row, column, value or node, dof, node, dof, value"
             )
     return _read_coordinates(path, comm) if columns == 3 else _read_matrix_input(path, comm)
 
 
+def _pieces(path, comm):
+    """As text.pieces; refused is Matrix Market with a damaged header, whose sizes would be taken for an entry."""
+    for piece in pieces(path, comm):
+        if b"%" in piece.text and (header := MATRIX_MARKET.search(piece.text)):
+            raise piece.refusal(piece.text[: header.start()].count(b"\n"), "the header of a Matrix Market file as the "
+                                "first line, or no such line")  # fmt: skip
+        yield piece
+
+
 def _read_coordinates(path, comm):
     with agreed(comm):
-        parts = [triples(piece, commas=True)[:3] for piece in pieces(path, comm)]
+        parts = [triples(piece, commas=True)[:3] for piece in _pieces(path, comm)]
         i, j, v = joined(parts, (np.int64, np.int64, float))
         del parts
     below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
@@ -59,7 +71,7 @@ def _read_coordinates(path, comm):
 def _read_matrix_input(path, comm):
     with agreed(comm):
         parts = []
-        for piece in pieces(path, comm):
+        for piece in _pieces(path, comm):
             table, lines = numbers(piece, 5)
             labels = []
             for k in (0, 2):

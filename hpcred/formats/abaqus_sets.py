@@ -75,7 +75,7 @@ def _read_block(comm, block, offset, found):
         return
     for piece in pieces(block.path, comm, block.start, block.stop):
         words = [word.decode("latin-1").strip().strip('"') for word in WORD.findall(piece.text)]
-        plain = Piece(piece.path, WORD.sub(b" ", piece.text), piece.start)
+        plain = Piece(piece.path, WORD.sub(b" ", piece.text).replace(b",", b" "), piece.start)
         values, counts, lines = ragged(plain, expected="whole numbers")
         numbers = whole(plain, values, np.repeat(lines, counts), "a number", 1, LARGEST_LABEL)
         inside = [int(match[1]) for match in map(IN_INSTANCE.fullmatch, words) if match]

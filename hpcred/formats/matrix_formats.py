@@ -35,7 +35,7 @@ from . import (
     petsc_binary,
 )
 from .entries import Entries, LabelledEntries
-from .text import first_bytes, first_line, is_packed
+from .text import first_bytes, first_line, is_packed, shown
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def read_entries(path, comm, key="K", variables=None) -> Entries | LabelledEntri
             start = first_bytes(path)
             if first_line(start)[:1] == b"*":
                 raise InputError(
-                    f"{path}: found keywords such as '{first_line(start).decode('latin-1')[:40]}' (an input file, or "
+                    f"{path}: found keywords such as '{shown(first_line(start), 40)}' (an input file, or "
                     "matrices of single elements or of a substructure), expected an assembled matrix; let Abaqus "
                     "write it by *Matrix Generate, Stiffness, Mass and *Matrix Output, Stiffness, Mass"
                 )

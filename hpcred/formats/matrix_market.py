@@ -4,7 +4,7 @@ import numpy as np
 
 from ..parallel.failures import InputError, agreed
 from .entries import Entries, joined
-from .text import Piece, numbers, open_unpacked, pieces, places, triples
+from .text import BYTE_ORDER_MARK, Piece, numbers, open_unpacked, pieces, places, shown, triples
 
 SYMMETRIES = ("general", "symmetric", "skew-symmetric")
 
@@ -79,14 +79,14 @@ def _read_array(path, comm, shape, start):
 def _header(path):
     """Format, symmetry, shape, number of entries in the file and the byte where they begin."""
     with open_unpacked(path) as file:
-        line = file.readline().decode("latin-1").strip()
-        words = line.lower().removeprefix("\xef\xbb\xbf").split()
+        line = file.readline().removeprefix(BYTE_ORDER_MARK)
+        words = line.decode("latin-1").lower().split()
         if (
             len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"] or words[2] not in ("coordinate", "array")
             or words[3] not in ("real", "integer") or words[4] not in SYMMETRIES
         ):  # fmt: skip
             raise InputError(
-                f"{path}, line 1: found '{line[:80]}', expected a real Matrix Market header: '%%MatrixMarket "
+                f"{path}, line 1: found '{shown(line)}', expected a real Matrix Market header: '%%MatrixMarket "
                 f"matrix', coordinate or array, real or integer, {SYMMETRIES[0]}, {SYMMETRIES[1]} or {SYMMETRIES[2]}"
             )
         number, text = 2, file.readline()
@@ -96,7 +96,7 @@ def _header(path):
         expected = 3 if words[2] == "coordinate" else 2
         if len(sizes) != expected or len(text.split()) != expected:
             raise InputError(
-                f"{path}, line {number}: found the size line '{text.decode('latin-1').strip()[:80]}', expected "
+                f"{path}, line {number}: found the size line '{shown(text)}', expected "
                 f"{'rows, columns and entries' if expected == 3 else 'rows and columns'}"
             )
         if words[2] == "array" and words[4] != "general":

@@ -43,7 +43,7 @@ from . import (
     uff,
 )
 from .abaqus_matrices import files_beside
-from .entries import Entries, LabelledEntries, label_name, label_of, node_and_direction
+from .entries import Entries, LabelledEntries, label_name, label_of, node_and_direction, require_sane
 from .matrix_formats import format_of, read_entries
 from .parts import Parts
 from .text import first_bytes
@@ -169,7 +169,8 @@ def read_source(source: Source, comm) -> Parts:
 def _remove_supports(comm, parts):
     """Remove the rows that Abaqus holds by 1e36 on the diagonal of K, and keep their labels. Collective."""
     K = parts.matrices["K"]
-    held = K.rows[(K.rows == K.columns) & (np.abs(K.values) >= HELD)]
+    size_of = np.abs(K.values)
+    held = K.rows[(K.rows == K.columns) & (size_of >= HELD) & (size_of <= LARGEST_VALUE)]  # inf is no support
     held = np.unique(np.concatenate(comm.allgather(np.unique(held))))  # few: those of the supports
     if not len(held):
         return
@@ -428,6 +429,8 @@ def read_columns(comm, starts, size, path, transposed=False, variables=None):
         entries.rows, entries.columns, entries.shape = entries.columns, entries.rows, entries.shape[::-1]
     i, j, v = _owned(comm, starts, entries)
     first, last = starts[comm.rank], np.append(starts[1:], size)[comm.rank]
+    with agreed(comm):
+        require_sane(v, f"{path}: found", "real")
     local = np.zeros((last - first, entries.shape[1]))
     np.add.at(local, (i - first, j), v)
     return local

@@ -93,12 +93,14 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     distinct, back = np.unique(names, return_inverse=True)
     fits = np.array([wanted.fullmatch(name) is not None for name in distinct], bool)[back] if len(names) else []
     mine = (card >= 0) & np.asarray(fits, bool)[card] if len(names) else np.zeros(len(card), bool)
+    stray = (card < 0) | (~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8)))
+    if strict and stray.any():
+        raise piece.refusal(int(number[stray][0]), "a card, or a line that continues one")
     card, start, stop, number, head, starts = (part[mine] for part in (card, start, stop, number, head, starts))
     if strict:
-        odd = ~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8))
-        odd |= visible[stop] > visible[np.minimum(start + 80, stop)]
+        odd = visible[stop] > visible[np.minimum(start + 80, stop)]
         if odd.any():
-            raise piece.refusal(int(number[odd][0]), "a card of at most 80 columns, or a line that continues it")
+            raise piece.refusal(int(number[odd][0]), "a card of at most 80 columns")
         lines = piece.text.split(b"\n") if b"$" in piece.text else ()
         for k in [k for k, line in enumerate(lines) if b"$" in line.lstrip()[1:]]:
             if k in number:

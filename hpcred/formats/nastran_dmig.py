@@ -17,10 +17,11 @@ from .abaqus_matrices import is_one_triangle
 from .entries import LabelledEntries, joined, label_name, label_of
 from .nastran_cards import CARD, lines_of, reals, wholes
 from .nastran_names import single
-from .text import first_bytes, first_line, is_packed, records
+from .text import first_bytes, first_line, is_packed, records, shown
 
 NAME = re.compile(rb"DMIG")
 START = re.compile(rb"(?mi)^DMIG[ ,*]")
+BELOW_END = re.compile(rb"(?mi)^ENDDATA[^\n]*\n(?:[ \t]*(?:\$[^\n]*)?\r?\n)*[ \t]*[^\s$]")
 SQUARE, SYMMETRIC = 1, 6
 FORMS = {SQUARE: "square", SYMMETRIC: "symmetric", 2: "rectangular", 9: "rectangular"}
 COMPLEX = (3, 4)
@@ -160,12 +161,13 @@ def _require_once(path, comm, matrix, i, j):
 def _pieces(path, comm):
     size = os.path.getsize(path)
     for piece in records(path, comm, 0, size, CARD):
+        if below := BELOW_END.search(piece.text):
+            raise piece.refusal(piece.text[: below.end()].count(b"\n"), "nothing below ENDDATA")
         yield piece
         if piece.start + len(piece.text) == size and not piece.text.endswith(b"\n"):
             last = piece.text.rsplit(b"\n", 1)[-1]
             if not re.match(rb"(?i)[ \t]*(?:ENDDATA|\$|$)", last):
-                shown = last.decode("latin-1")[:80]
-                raise InputError(f"{path}: found the last line '{shown}' without an end; the file is cut off")
+                raise InputError(f"{path}: found the last line '{shown(last)}' without an end; the file is cut off")
 
 
 def _entries(piece, lines, matrix):

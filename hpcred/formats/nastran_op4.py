@@ -18,7 +18,7 @@ import numpy as np
 from ..parallel.failures import InputError, agreed
 from .entries import Entries, joined
 from .nastran_names import single
-from .text import first_bytes, is_packed, parse, pieces, records
+from .text import first_bytes, is_packed, parse, pieces, records, shown
 
 SHARE = 2**22  # bytes of a binary file decoded at a time
 SMALL = 65536  # rows from which a string header needs two words
@@ -320,18 +320,18 @@ def _text_header(path, start, stop, line, end):
     wide = 16 if match["wide"] else 8
     cuts = (0, wide, 2 * wide, 2 * wide + 8, 2 * wide + 16, 2 * wide + 24)
     fields = [line[low:high] for low, high in zip(cuts, cuts[1:], strict=False)]
-    shown = line.decode("latin-1").strip()
+    text = shown(line)
     try:
         if any(set(field.strip()) - set(b"-0123456789") for field in fields[:4]):
             raise ValueError
         numbers = [int(field) for field in fields[:4]]
     except ValueError as error:
         raise InputError(
-            f"{path}: found the header '{shown}' of a matrix, expected columns, rows, form, type, name and format"
+            f"{path}: found the header '{text}' of a matrix, expected columns, rows, form, type, name and format"
         ) from error
     layout = (int(match["width"] or 16),)
     if not 8 <= layout[0] <= 40:
-        raise InputError(f"{path}: found the header '{shown}' of a matrix, expected a format such as 1P,5E16.9")
+        raise InputError(f"{path}: found the header '{text}' of a matrix, expected a format such as 1P,5E16.9")
     return _header(path, f"byte {start}", numbers, fields[4], starts=(stop, end), layout=layout, is_text=True)
 
 

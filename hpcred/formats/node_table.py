@@ -1,6 +1,7 @@
 """Text tables of nodes (lines of node, x, y, z) and of rows (lines of node, direction): this rank's lines leave."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -46,6 +47,10 @@ def read(path, comm) -> Nodes:
 
 def read_node_numbers(path) -> tuple[int, ...]:
     """The numbers of nodes in a text, one or several a line, in their order; on this rank. Raises InputError."""
+    if not Path(path).is_file():
+        raise InputError(
+            f"{path}: no such file of node numbers; a node set is {{set = \"{Path(path).name}\"}}"
+        )
     found = []
     for piece in pieces(path, MPI.COMM_SELF):
         values, counts, lines = ragged(piece, expected="node numbers")

@@ -122,7 +122,7 @@ class Result:
             shapes = Shapes(file, self.path)
             triangles = surface_triangles(shapes.cells)
             nodes, places = np.unique(triangles, return_inverse=True)
-            phi = [shapes.displacement(column)[nodes] for column in range(self.reduced.size)]
+            phi = [shapes.column(column)[nodes] for column in range(self.reduced.size)]
         if not len(nodes):
             return None
         return Surface(shapes.points[nodes], places.reshape(triangles.shape), np.stack(phi, axis=-1))
@@ -161,7 +161,7 @@ class Shapes:
         self.interface = file["interface/node"][...] if "interface" in file else np.zeros(0, dtype=int)
         kind = "basis vector" if "basis/W" in file else "pseudo-mode"
         self.frequencies = file["reduced/frequencies"][...]
-        self._mixture = None
+        self._mixture = self._mixed = None
         if "reduced/interfaces" in file:
             self._mixture = scipy.linalg.eigh(file["reduced/K"][...], file["reduced/M"][...])[1]
         width = len(str(len(self.frequencies)))
@@ -177,11 +177,16 @@ class Shapes:
         """(k, 3); the translational dofs of a shape."""
         if self._mixture is None:
             return self.column(number)
-        return sum(factor * self.column(k) for k, factor in enumerate(self._mixture[:, number]))
+        if self._mixed is None:
+            self._mixed = self._mixture.T @ self._basis[...]
+        return self._placed(self._mixed[number])
 
     def column(self, number) -> np.ndarray:
         """(k, 3); the translational dofs of a column of the basis, which belongs to a coordinate."""
-        values, moved = self._basis[number][self._rows], self._direction < 3
+        return self._placed(self._basis[number])
+
+    def _placed(self, values):
+        values, moved = values[self._rows], self._direction < 3
         displaced = np.zeros((len(self.nodes), 3))
         displaced[self._place[moved], self._direction[moved]] = values[moved]
         return displaced

@@ -24,6 +24,7 @@ except ImportError:
 PIECE = 2**21  # bytes of text parsed at a time: what is copied on the way stays in the cache
 BLOCK = 2**16  # bytes looked at in one step of numpy: four times as fast as the whole piece
 COMMENT = re.compile(rb"(?m)^[ \t]*(?:%|#|\*\*).*$")
+EMPTY_FIELD = re.compile(rb"(?m)(?:,|^)[ \t]*,")
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 LARGEST_WHOLE = 2**53  # up to here a float is exact
 LARGEST_LABEL = 2**31 - 1
@@ -44,9 +45,15 @@ class Piece:
 
     def refusal(self, line: int, expected: str) -> InputError:
         """An InputError for a line, counted from 0 in the piece."""
-        found = self.text.split(b"\n", line + 1)[line].decode("latin-1").strip()[:80]
+        found = shown(self.text.split(b"\n", line + 1)[line])
         number = line_number(self.path, self.start) + line
         return InputError(f"{self.path}, line {number}: found '{found}', expected {expected}")
+
+
+def shown(line: bytes, most=80) -> str:
+    """The beginning of a line of a file for a message, which nothing in it can break or colour."""
+    text = line.decode("latin-1").strip()[:most]
+    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def require_file(path):
@@ -212,6 +219,7 @@ def numbers(piece: Piece, columns: int, commas=True) -> tuple[np.ndarray, np.nda
 
 def ragged(piece: Piece, commas=True, expected="numbers") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All numbers of the lines in one array, how many are in each line, and which line of the piece each is."""
+    _refuse_empty_fields(piece, commas)
     plain = _plain(piece.text, commas)
     values = parse(plain)
     bytes_ = np.frombuffer(plain, np.uint8)
@@ -234,6 +242,12 @@ def padded(values, counts, width) -> np.ndarray:
     table = np.zeros((len(counts), width))
     table[np.arange(width) < counts[:, None]] = values
     return table
+
+
+def _refuse_empty_fields(piece, commas):
+    """Raise InputError where nothing stands between two commas, or in front of one: what is left out is not known."""
+    if commas and b"," in piece.text and (empty := EMPTY_FIELD.search(piece.text)):
+        raise piece.refusal(piece.text[: empty.end()].count(b"\n"), "a number between two commas")
 
 
 def _plain(text, commas):
@@ -273,6 +287,7 @@ def triples(piece: Piece, commas=False) -> tuple[np.ndarray, np.ndarray, np.ndar
     And which line of the piece each is, or None where each line is one. By fast_matrix_market where it is installed
     and the text is plain, else as `numbers`. Raises InputError that names the line.
     """
+    _refuse_empty_fields(piece, commas)
     if fast_matrix_market is not None:
         found = _plain_triples(piece.text.replace(b",", b" ") if commas else piece.text)
         if found is not None:

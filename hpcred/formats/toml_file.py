@@ -80,9 +80,13 @@ def _sentence(kind, table, details) -> str:
     """What pydantic found to be wrong with a table."""
     if details["type"] == "value_error":
         return str(details["ctx"]["error"])
+    top = _types(kind)
     where, kind, found, names = _place(kind, table, details["loc"])
     if details["type"] == UNKNOWN:
-        return f"{where[:40]}: unknown key{_near(details['loc'][-1], names)}; known are {', '.join(names)}"
+        key = details["loc"][-1]
+        if where != key and key in top:
+            return f"{where[:40]}: '{key}' is a key of the whole file; write it above the first table"
+        return f"{where[:40]}: unknown key{_near(key, names)}; known are {', '.join(names) or 'none'}"
     if details["type"].startswith("union_tag"):
         kinds = {_kind_of(item): item for item in get_args(kind)}
         if "kind" not in found:
@@ -131,8 +135,8 @@ def _plain(kind):
     return get_args(kind)[0] if get_origin(kind) is Annotated else kind
 
 
-def _kind_of(table) -> str:
-    return next(item.default for item in fields(table) if item.name == "kind")
+def _kind_of(table) -> str | None:
+    return next((item.default for item in fields(table) if item.name == "kind"), None)
 
 
 def _dataclass_of(kind, found):

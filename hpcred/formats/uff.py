@@ -14,7 +14,7 @@ from ..model.elements import NODES
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import repeated_key
 from .node_table import Nodes, finite
-from .text import LARGEST_LABEL, Piece, is_packed, ragged, records, whole
+from .text import LARGEST_LABEL, Piece, is_packed, ragged, records, shown, whole
 
 MARK = re.compile(rb"(?m)^ {0,4}-1[ \t]*\r?$")
 START = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{1,5}[ \tb]*\r?\n")
@@ -98,10 +98,10 @@ def _datasets(path, marks):
             line = file.readline()
             match = NUMBER.match(line)
             if match is None or b"b" in line:
-                shown = line.decode("latin-1").strip()[:20]
                 if match is not None and int(match[1]) not in (*NODE_LINES, *ELEMENTS):
                     continue  # binary functions
-                raise InputError(f"{path}: found '{shown}' below a line of -1, expected the number of a dataset")
+                below = shown(line, 20)
+                raise InputError(f"{path}: found '{below}' below a line of -1, expected the number of a dataset")
             found.append((int(match[1]), file.tell(), high))
     return found
 

@@ -10,6 +10,7 @@ from .blocks import create_block, local_rows
 from .options import temporary_options
 
 TOLERANCE = 1e-10
+GUARD = 6  # more modes that are found than are asked for
 
 
 def modes_in_interval(K, M, low, high, prefix="modes_", settings=None):
@@ -52,8 +53,8 @@ def modes_in_interval(K, M, low, high, prefix="modes_", settings=None):
     return _pairs(eps, K, found)
 
 
-def lowest_modes(K, M, count, solve, prefix="modes_", monitor=None):
-    """The `count` lowest eigenpairs of (K, M) on the space where `solve` inverts K. Collective.
+def lowest_modes(K, M, count, most, solve, prefix="modes_", monitor=None):
+    """The `count` lowest eigenpairs of (K, M) on the space of dimension `most` where `solve` inverts K. Collective.
 
     `solve(x, y)`: y = K^-1 x for vectors; for a free body by inertia relief, which keeps the rigid-body modes
     out. `monitor(found)` is told now and then how many are found. Returns eigenvalues (count,) ascending and a block
@@ -62,7 +63,8 @@ def lowest_modes(K, M, count, solve, prefix="modes_", monitor=None):
     eps = _create(K, M, prefix)
     eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
     eps.setTarget(0.0)
-    eps.setDimensions(nev=count)
+    # the second mode of a repeated pair may come after the next one
+    eps.setDimensions(nev=min(count + GUARD, most))
     st = eps.getST()
     st.setType(SLEPc.ST.Type.SINVERT)
     st.setShift(0.0)
@@ -153,7 +155,7 @@ def _create(K, M, prefix):
 
 
 def _pairs(eps, K, count):
-    """Eigenvalues ascending with their vectors; destroys the solver.
+    """The lowest eigenvalues, ascending, with their vectors; destroys the solver.
 
     A complex build gives every vector an arbitrary phase, and complex mixtures of the vectors of a repeated eigenvalue:
     the real and the imaginary parts, 2 count columns, then span the real eigenvectors.
@@ -161,11 +163,13 @@ def _pairs(eps, K, count):
     if count == 0:
         eps.destroy()
         return np.zeros(0), None
-    values = np.array([eps.getEigenvalue(i).real for i in range(count)])
+    asked = eps.getDimensions()[0]  # what converged beside these may be round-off
+    values = np.array([eps.getEigenvalue(i).real for i in range(min(max(asked, count), eps.getConverged()))])
+    lowest = np.argsort(values, kind="stable")[:count]
     block = create_block(K, 2 * count if is_complex() else count)
     vector = K.createVecRight()
     with local_rows(block) as rows:
-        for column, i in enumerate(np.argsort(values, kind="stable")):
+        for column, i in enumerate(lowest):
             eps.getEigenvector(int(i), vector)
             array = vector.getArray(readonly=True)
             rows[:, column] = array.real
@@ -173,4 +177,4 @@ def _pairs(eps, K, count):
                 rows[:, count + column] = array.imag
     vector.destroy()
     eps.destroy()
-    return np.sort(values), block
+    return values[lowest], block

@@ -1,6 +1,4 @@
-"""Finite elements as far as pictures need them: the nodes of every element, by kind."""
-
-from collections import Counter
+"""Finite elements as far as their surface is needed: the nodes of every element, by kind; faces and areas."""
 
 import numpy as np
 
@@ -51,53 +49,98 @@ def edges(kind: str) -> list[tuple[int, int]]:
     return EDGES.get(kind) or EDGES[kind.rstrip("0123456789")]
 
 
-def surface_triangles(cells: dict[str, np.ndarray]) -> np.ndarray:
-    """The triangles (t, 3) of shells, and of the faces that belong to one solid element only; nodes as in `cells`.
-
-    `cells`: nodes (elements, k) by kind; curved kinds count by their corners, and lines have no surface.
-    """
-    shells, solids = [], {3: [], 4: []}
-    for kind, nodes in cells.items():
-        for face in FACES.get(kind, ()):
-            corners = face[: CORNERS[len(face)]]
-            (shells if kind in SHELLS else solids[len(corners)]).append(nodes[:, corners])
-    for parts in solids.values():
-        if parts:
-            faces = np.concatenate(parts)
-            _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-            shells.append(faces[np.sort(first[count == 1])])
-    triangles = [face[:, corner] for face in shells for corner in ([0, 1, 2], [0, 2, 3])[: face.shape[1] - 2]]
-    found = np.concatenate([np.zeros((0, 3), dtype=int), *triangles])
-    a, b, c = found.T
-    return found[(a != b) & (b != c) & (c != a)]  # elements may have been made by putting corners together
-
-
 def in_vtk_order(kind: str, nodes: np.ndarray) -> np.ndarray:
     """Abaqus numbers the middle of a line3 second, VTK last; the other kinds agree."""
     return nodes[:, [0, 2, 1]] if kind == "line3" else nodes
 
 
-def surface_areas(comm, elements, points: dict) -> dict[int, float]:
-    """The area (m^2) of the faces of solids and shells on a set of nodes, in equal shares of the nodes of each face.
+def all_faces(cells: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Corners (f, 4) and middles (f, 4) of the faces of all elements, and which are of solids (f,).
 
-    `elements`: node numbers by kind, of this rank; `points`: positions (3,) of the nodes of the set by number, the same
-    on all ranks. A face that two elements share lies inside of the body and does not count. Collective.
+    `cells`: nodes (elements, k), not negative, by kind. -1 stands where a face has no such node; the middles are those
+    of the edges after the corners.
     """
-    numbers = np.array(sorted(points))
-    mine = []
-    for kind, nodes in elements.items():
+    corners, middles, solid = [np.zeros((0, 4), dtype=int)], [np.zeros((0, 4), dtype=int)], [np.zeros(0, dtype=bool)]
+    for kind, nodes in cells.items():
         for face in FACES.get(kind, ()):
-            found = nodes[:, face]
-            mine += found[np.isin(found, numbers).all(axis=1)].tolist()
-    faces = [face for part in comm.allgather(mine) for face in part]  # as large as the set
-    keys = [tuple(sorted(face)) for face in faces]
-    times = Counter(keys)
-    areas = dict.fromkeys(points, 0.0)
-    for face, key in zip(faces, keys, strict=True):
-        if times[key] == 1:
-            p = np.array([points[node] for node in face[: CORNERS[len(face)]]])
-            # half the cross product of the diagonals, or of two sides of a triangle
-            area = np.linalg.norm(np.cross(p[2] - p[0], p[-1] - p[1 if len(p) == 4 else 0])) / 2
-            for node in face:
-                areas[node] += area / len(face)
+            count = CORNERS[len(face)]
+            for found, places in ((corners, face[:count]), (middles, face[count:])):
+                part = np.full((len(nodes), 4), -1)
+                part[:, : len(places)] = nodes[:, list(places)]
+                found.append(part)
+            solid.append(np.full(len(nodes), kind not in SHELLS))
+    return np.concatenate(corners), np.concatenate(middles), np.concatenate(solid)
+
+
+def free(corners: np.ndarray, solid: np.ndarray) -> np.ndarray:
+    """Which faces count (f,): those of one solid only, and shells, each place once.
+
+    A skin of shells on a solid is the face of the solid. One that is folded to a triangle or a line has fewer corners.
+    """
+    if not len(corners):
+        return np.zeros(0, dtype=bool)
+    keys = np.sort(corners, axis=1)
+    keys[:, 1:][keys[:, 1:] == keys[:, :-1]] = -1
+    group = equal_rows(np.sort(keys, axis=1))
+    alone = np.bincount(group, weights=solid)[group] == 1
+    shells = np.flatnonzero(~solid)
+    first = np.zeros(len(group), dtype=bool)
+    first[shells[np.unique(group[shells], return_index=True)[1]]] = True
+    return (solid & alone) | (first & ~alone)
+
+
+def equal_rows(keys: np.ndarray) -> np.ndarray:
+    """The same number for equal rows of keys (f, c), counted from 0."""
+    order = np.lexsort(keys.T)
+    new = np.any(keys[order[1:]] != keys[order[:-1]], axis=1)
+    numbers = np.empty(len(keys), dtype=int)
+    numbers[order] = np.concatenate([[0], np.cumsum(new)])
+    return numbers
+
+
+def triangles_of(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    """The triangles (t, 3) of faces, those of curved ones through their middles; without folded ones."""
+    three, curved = corners[:, 3] < 0, middles[:, 0] >= 0
+    both = np.hstack([corners, middles])  # places 0 to 3 are corners, 4 to 7 the middles of the edges after them
+    parts = []
+    for chosen, places in (
+        (three & ~curved, [(0, 1, 2)]),
+        (~three & ~curved, [(0, 1, 2), (0, 2, 3)]),
+        (three & curved, [(0, 4, 6), (4, 1, 5), (6, 5, 2), (4, 5, 6)]),
+        (~three & curved, [(0, 4, 7), (1, 5, 4), (2, 6, 5), (3, 7, 6), (4, 5, 6), (4, 6, 7)]),
+    ):
+        parts += [both[chosen][:, list(place)] for place in places]
+    triangles = np.concatenate(parts)
+    a, b, c = triangles.T
+    return triangles[(a != b) & (b != c) & (c != a)]
+
+
+def surface_triangles(cells: dict[str, np.ndarray]) -> np.ndarray:
+    """The triangles (t, 3) of what is seen of a body, of curved elements by their corners; nodes as in `cells`."""
+    corners, middles, solid = all_faces(cells)
+    seen = free(corners, solid)
+    return triangles_of(corners[seen], np.full_like(middles[seen], -1))
+
+
+def surface_areas(comm, elements, nodes, points) -> np.ndarray:
+    """The area (k,) in m^2 of the faces that lie on a set of nodes, in equal shares of the nodes of each face.
+
+    `elements`: node numbers by kind, of this rank; `nodes` (k,) ascending and `points` (k, 3) of the set, the same on
+    all ranks. Collective.
+    """
+    parts = all_faces(elements)
+    faces = np.hstack(parts[:2])
+    on = ((faces < 0) | np.isin(faces, nodes)).all(axis=1)
+    # as large as the set
+    corners, middles, solid = (np.concatenate(part) for part in zip(*comm.allgather([part[on] for part in parts]),
+                                                                    strict=True))  # fmt: skip
+    seen = free(corners, solid)
+    faces = np.hstack([corners, middles])[seen]
+    place, there = np.searchsorted(nodes, faces), faces >= 0
+    last = np.where(there[:, 3], 3, 2)
+    p0, p1, p2 = (points[place[:, k]] for k in range(3))
+    # half the cross product of the diagonals, or of two sides of a triangle
+    size = np.linalg.norm(np.cross(p2 - p0, points[place[np.arange(len(faces)), last]] - p1), axis=1) / 2
+    areas = np.zeros(len(nodes))
+    np.add.at(areas, place[there], np.broadcast_to((size / there.sum(axis=1))[:, None], faces.shape)[there])
     return areas

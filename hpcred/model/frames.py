@@ -259,11 +259,11 @@ def _remove(model, held, rotated):
         restore = rotation.matMult(selection)
         selection.destroy()
         rotation.destroy()
-    dense = [None if mat is None else restore.transposeMatMult(mat) for mat in (model.B, model.Ct)]
+    B, Ct, Gt = (None if mat is None else restore.transposeMatMult(mat) for mat in (model.B, model.Ct, model.Gt))
     free_model = SecondOrderModel(
-        mats["M"], mats["K"], mats.get("D"), dense[0], dense[1],
+        mats["M"], mats["K"], mats.get("D"), B, Ct,
         model.dofs.take(free - first) if model.dofs is not None else None,
-        model.input_names, model.output_names, model.name,
+        model.input_names, model.output_names, model.name, Gt=Gt, interfaces=model.interfaces,
     )  # fmt: skip
     return free_model, restore
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from itertools import count as numbers_from
 from typing import Literal
 
 import numpy as np
@@ -28,6 +29,8 @@ from .elements import surface_areas
 Vector = tuple[float, float, float]
 SIX = DIRECTIONS[:6]
 NAME = re.compile(r"[A-Za-z_][\w.\-]{0,62}")
+FAR = 20.0  # times the size of the body, beyond which a reference node is not meant
+FLAT = 1e-9  # of the radius of gyration of a set, below which a distance is round-off
 DEPENDENT = 1e-10  # eigenvalue of sum w E^T E, scaled, below which a motion of the reference node is not defined
 
 
@@ -140,16 +143,20 @@ def with_interfaces(model, interfaces):
     """
     interfaces = tuple(interfaces)
     names = [item.name for item in interfaces]
+    if not names:
+        return model._with(Gt=None, interfaces=())
     if len(set(names)) < len(names):
         raise InputError(f"interface: found the names {', '.join(names)}, expected each once")
     dofs = require_dofs(model, "an interface")
     own = model.comm.allreduce(max((int(part.node.max()) for part in (dofs, model.held)
                                     if part is not None and part.node.size), default=0), op=MPI.MAX)  # fmt: skip
-    numbers = [own + 1 + i if item.node is None else item.node for i, item in enumerate(interfaces)]
+    own = max(own, *(item.node or 0 for item in interfaces), 0)
+    unnamed = numbers_from(own + 1)
+    numbers = [next(unnamed) if item.node is None else item.node for item in interfaces]
     for item, number in zip(interfaces, numbers, strict=True):
         taken = model.comm.allreduce(bool((dofs.node == number).any()), op=MPI.LOR)
         if taken or numbers.count(number) > 1:
-            raise InputError(f"interface '{item.name}': node: the number {number} is taken; leave it out")
+            raise InputError(f"interface '{item.name}': node: the number {number} is taken; take another one")
     found, entries = [], []
     for item, number in zip(interfaces, numbers, strict=True):
         members = _members(model, item)
@@ -269,15 +276,23 @@ def _reference(model, item, members):
     total = comm.allreduce(share.sum())
     centre = comm.allreduce(share @ position) / total if total else np.zeros(3)
     at = centre if item.at is None else np.array(item.at)
+    reach = np.max(comm.allgather(np.abs(model.dofs.position - centre).max(initial=0.0)))
+    if np.abs(at - centre).max() > FAR * reach:
+        raise InputError(
+            f"interface '{item.name}': at: found {list(item.at)} m, which is {np.abs(at - centre).max() / reach:.0f} "
+            "times as far from its set as any node of the body; coordinates are in m"
+        )
     spread = comm.allreduce(share @ ((position - centre) ** 2).sum(axis=1))
     length = np.sqrt(spread / total) if total and spread else 1.0
-    engaged = np.any(comm.allgather((_rigid_rows(direction, position - at) != 0).any(axis=0)), axis=0)
+    arm = position - at
+    arm[np.abs(arm) < FLAT * length] = 0.0  # of a flat set, whose centre has round-off
+    engaged = np.any(comm.allgather((_rigid_rows(direction, arm) != 0).any(axis=0)), axis=0)
     engaged[:] |= engaged[:3].all()  # only a set that does not move in some direction may leave others out
     # about the centre, which is better conditioned, and moved along, unless a direction has no part in the motion
     shift = np.eye(6)
     if engaged.all():
         shift[:3, 3:] = np.cross(np.eye(3), at - centre).T  # theta x (at - centre)
-    E = _rigid_rows(direction, position - (centre if engaged.all() else at))
+    E = _rigid_rows(direction, position - centre if engaged.all() else arm)
     weight = weight * np.where(direction < 3, 1.0, length**2)
     gram = comm.allreduce(E.T @ (weight[:, None] * E))
     inverse = decided(comm, _inverse, gram, length, engaged, item)
@@ -313,17 +328,16 @@ def _weights(model, item, rows, members) -> np.ndarray:
         return np.array(item.weights)[order][np.searchsorted(np.array(item.nodes)[order], node)]
     if item.weights == "equal":
         return np.ones(len(rows))
-    points = {int(n): p for n, p in zip(model.dofs.node[members], model.dofs.position[members], strict=True)}
-    known = {}
-    for part in model.comm.allgather(points):  # as large as the set
-        known |= part
-    areas = surface_areas(model.comm, model.elements, known)
-    if not any(areas.values()):
+    found = model.comm.allgather((model.dofs.node[members], model.dofs.position[members]))  # as large as the set
+    numbers, positions = (np.concatenate(part) for part in zip(*found, strict=True))
+    numbers, first = np.unique(numbers, return_index=True)
+    areas = surface_areas(model.comm, model.elements, numbers, positions[first])
+    if not areas.any():
         raise InputError(
             f"interface '{item.name}': weights: 'area' needs elements with a face on the set, and {model.name} has "
             "none there; take 'equal', or give a list of weights"
         )
-    return np.array([areas[int(n)] for n in node])
+    return areas[np.searchsorted(numbers, node)]
 
 
 def _check_overlaps(model, interfaces):

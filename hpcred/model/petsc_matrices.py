@@ -150,6 +150,8 @@ def labels(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
     """
     comm = K.comm.tompi4py()
     rows, block = K.getLocalSize()[0], K.getBlockSize()
+    if len(set(comm.allgather(dofs is not None))) > 1:
+        raise InputError(f"{name}: dofs: found them on some ranks only, expected them on all or none")
     if not any(comm.allgather(nodes is not None or numbers is not None)):
         with agreed(comm):
             if dofs is not None and len(dofs.node) != rows:

@@ -52,7 +52,18 @@ from .groups import Group, bring
 from .krylov import PencilChain
 from .point_blocks import Part, PointBlocks
 from .projections import Projections
-from .pseudo_modal import Law, coefficients, difference, nested, norms, relative, response, restricted, solve
+from .pseudo_modal import (
+    Law,
+    coefficients,
+    difference,
+    nested,
+    norms,
+    relative,
+    response,
+    restricted,
+    solve,
+    worst_pair,
+)
 from .run import Run
 
 MARGIN = 0.1  # of the tolerance that the big basis is made for; the rest is for the compression
@@ -142,11 +153,12 @@ class Accuracy:
     """How large the error of an automatic reduction is, and how that is known.
 
     `largest`: the estimated eps over the band, at `worst` (Hz), `mean` its mean Q / (upper - lower), `noise` the
-    round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in words.
-    `measured`: with which damping, in words; `loss_factor`: that of (1 + i eta) K where the response is not measured
-    with the damping of the model, else 0. `modes`: counted by inertia below the highest point, those of the big model,
-    and how many were missing. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against exact. `points`: in
-    order.
+    round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in
+    words. `measured`: with which damping, in words; `loss_factor`: that of (1 + i eta) K where the response is not
+    measured with the damping of the model, else 0. `modes`: counted by inertia below the highest point, those of
+    the big model, and how many were missing. `worst_pair`: output, input and error of the pair whose response is
+    worst by itself (see pseudo_modal.worst_pair), which eps, the error of all together, may hide. `frequencies`
+    (S,) and `eps` (S,): the curve. `proofs`: said against exact. `points`: in order.
     """
 
     tolerance: float
@@ -166,6 +178,7 @@ class Accuracy:
     frequencies: tuple[float, ...]
     eps: tuple[float, ...]
     loss_factor: float = 0.0
+    worst_pair: tuple[str, str, float] | None = None
 
     @property
     def factorisations(self) -> int:
@@ -718,26 +731,28 @@ class Search:
 
     # the end
 
-    def compress(self, reason, drop_above=None) -> tuple[np.ndarray, Accuracy]:
+    def compress(self, reason, drop_above=None, kept=range(0)) -> tuple[np.ndarray, Accuracy]:
         """The columns U (m, k) of the basis that the tolerance asks for, and what is known of them. Collective.
 
-        Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the error counts.
+        The columns `kept` of the basis stay in the span of U. Pseudo-modes above `drop_above` (Hz) are left out, and
+        what that does to the error counts.
         """
         with self.run.progress.stage("compress"):
-            return decided(self.run.model.comm, self._compress, reason, drop_above)
+            return decided(self.run.model.comm, self._compress, reason, drop_above, list(kept))
 
-    def _compress(self, reason, drop_above):
+    def _compress(self, reason, drop_above, kept):
         settings, law, ports, band = self.settings, self.law, self.ports, self.settings.band
         outer = self.projections.model()
+        fixed = outer.vectors[kept].T
         S = grid([outer], law, band, UNIFORM)
         est, noise = self.rest, self.noise
         eps = settings.tolerance
         goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
         for trial in range(6):
-            U = compressed(outer, law, S, ports, goal) if trial < 5 else np.eye(len(outer.squares))
+            U = compressed(outer, law, S, ports, goal, fixed) if trial < 5 else np.eye(len(outer.squares))
             if settings.size is not None and U.shape[1] > settings.size:
                 reason = reason or f"with {settings.size} coordinates"
-                U = compressed(outer, law, S, ports, 0.0, most=settings.size)
+                U = compressed(outer, law, S, ports, 0.0, fixed, most=settings.size)
             inner_model, embedding = restricted(outer, U, law)
             fine = finer(grid([outer, inner_model], law, band, UNIFORM), 4)
             fine, curve = largest(inner_model, outer, embedding, law, fine, ports)
@@ -758,6 +773,7 @@ class Search:
         H = response(outer, law, fine, ports)
         E = difference(inner_model, outer, embedding, law, fine, ports)
         roundoff = H - response(inner_model, law, fine, ports) - E
+        i, j, own = worst_pair(H, H - E)
         noise = max(noise, float(relative(roundoff, H).max()))
         claim = float(curve.max()) + (est if reason else min(est, 3 * self._floor()))
         reached = not reason and claim + noise <= eps
@@ -768,6 +784,7 @@ class Search:
             worst=float(fine[curve.argmax()]), noise=noise, measured=self.measured, big_size=len(outer.squares),
             mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(fine)).sum() / (band[1] - band[0])),
             highest=float(inner_model.frequencies.max()), missing_modes=max(self.lack, 0), points=tuple(self.points),
+            worst_pair=(self.run.model.output_names[i], self.run.model.input_names[j], own),
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
             loss_factor=law.eta,
         )  # fmt: skip

@@ -105,7 +105,12 @@ class Chain:
             self._solver = self._factor()
 
     def advance(self) -> tuple[int, int]:
-        """The next block, made if it is not there: its first vector and its end. Raises SingularMatrix."""
+        """The next block, made if it is not there: its first vector and its end, the same where no load is left.
+
+        Raises SingularMatrix.
+        """
+        if self.complete and self._place == len(self.ends):
+            return self.vectors.size, self.vectors.size
         if self._place == len(self.ends):
             self._make()
         self._place += 1

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from .pseudo_modal import Law, PseudoModal, difference, is_symmetric, norms, relative, response, restricted, solve
+from .pseudo_modal import (
+    Law,
+    PseudoModal,
+    difference,
+    is_symmetric,
+    norms,
+    relative,
+    response,
+    restricted,
+    solve,
+    times,
+)
 
 LARGE = 1e6  # relative error that counts as any other above it, such as one at a zero of the response
 
@@ -30,14 +41,16 @@ def snapshots(model: PseudoModal, law: Law, frequencies, ports) -> np.ndarray:
     return np.concatenate([right * balance, left / balance], axis=2)
 
 
-def compressed(model: PseudoModal, law: Law, frequencies, ports, goal: float, rounds=8, most=None):
+def compressed(model: PseudoModal, law: Law, frequencies, ports, goal: float, fixed=None, rounds=8, most=None):
     """Orthonormal columns U (m, k), as few as `goal` allows for max |H_Q - H_U| / |H_Q| over the frequencies (S,).
 
-    Leading left singular vectors of the snapshots. First k is found by bisection; then one column less is tried again
-    and again, with the snapshots weighted anew (at most `rounds` times) where the error is large. With `most` the
-    first so many columns, whatever error they have.
+    Leading left singular vectors of the snapshots, beside the orthonormal columns `fixed` (m, c), which are in the span
+    of U. First k is found by bisection; then one column less is tried again and again, with the snapshots weighted anew
+    (at most `rounds` times) where the error is large. With `most` so many columns, whatever error they have.
     """
+    fixed = np.zeros((len(model.squares), 0)) if fixed is None else fixed
     states = snapshots(model, law, frequencies, ports)
+    states = states - times(fixed, times(fixed.T, states))
     H = response(model, law, frequencies, ports)
 
     def leading(weights):
@@ -45,13 +58,13 @@ def compressed(model: PseudoModal, law: Law, frequencies, ports, goal: float, ro
         return np.linalg.eigh(flat @ flat.T)[1][:, ::-1]
 
     def error(U):
-        inner, embedding = restricted(model, U, law)
+        inner, embedding = restricted(model, joined(fixed, U), law)
         return np.minimum(relative(difference(inner, model, embedding, law, frequencies, ports), H), LARGE)
 
     even = leading(np.ones(len(frequencies)))
     if most is not None:
-        return even[:, :most]
-    low, high = 0, len(model.squares)
+        return joined(fixed, even[:, : max(most - fixed.shape[1], 0)])
+    low, high = 0, len(model.squares) - fixed.shape[1]
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if error(even[:, :middle]).max() <= goal else (middle, high)
@@ -67,4 +80,9 @@ def compressed(model: PseudoModal, law: Law, frequencies, ports, goal: float, ro
         else:
             break
         best = U
-    return best
+    return joined(fixed, best)
+
+
+def joined(first, others) -> np.ndarray:
+    """Orthonormal columns that span two blocks of them, orthogonal to each other but for round-off."""
+    return np.linalg.qr(np.hstack([first, others]))[0] if first.shape[1] else others

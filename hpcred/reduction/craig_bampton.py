@@ -97,11 +97,11 @@ class FixedInterfaceModes(Ingredient):
 
     def _modes(self, run, solver, free):
         if self.count:
-            return lowest_modes_by(run, self.count, solver.solve)
+            return lowest_modes_by(run, self.count, free, solver.solve)
         low, high = ((2 * np.pi * f) ** 2 for f in self.band)
         count = MODES
         while True:
-            values, block = lowest_modes_by(run, min(count, free), solver.solve)
+            values, block = lowest_modes_by(run, min(count, free), free, solver.solve)
             if values[-1] > high or len(values) == free:
                 break
             block.destroy()
@@ -157,6 +157,7 @@ class InterfaceSolver:
 
     def __init__(self, run: Run):
         model, self._run = run.model, run
+        check_directions(model)
         try:
             with run.progress.stage("factor", "0 Hz"):
                 run.solver.factor(0.0)
@@ -234,6 +235,16 @@ def _interface_system(flexibility, rigid, interfaces):
             "itself; its motion depends on other interfaces, or the set is held there"
         )
     return _System(matrix, scale)
+
+
+def check_directions(model):
+    """Refuse an interface whose set does not move it in all directions."""
+    for item in model.interfaces:
+        if len(item.directions) < 6:
+            raise InputError(
+                f"interface '{item.name}': its set moves it in {', '.join(item.directions)} only, but component modes "
+                "and interface coordinates need all six directions; couple more directions, or take kind 'averaging'"
+            )
 
 
 def interface_forces(model):

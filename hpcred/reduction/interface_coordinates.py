@@ -25,7 +25,7 @@ from ..model.frames import Chord, NoFrame, Tangent
 from ..model.rigid_body_modes import RigidBodyModes
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
-from .craig_bampton import interface_forces
+from .craig_bampton import check_directions, interface_forces
 from .projection import inner, project, project_columns
 from .reduced_model import ReducedModel
 
@@ -48,6 +48,7 @@ def check_interface_coordinates(model, frame):
     where = "coordinates: 'interface'"
     if not model.interfaces:
         raise InputError(f"{where} needs at least one [[interface]]")
+    check_directions(model)
     if isinstance(frame, Tangent | Chord):
         raise InputError(
             f"{where} does not go with frame kind '{frame.kind}', which holds nodes of the body; take 'none' for a "
@@ -70,14 +71,16 @@ def to_interface_coordinates(framed, given: Projected) -> Projected:
         forces = owned.owns(interface_forces(framed.model))
         motion = inner(forces, whole.columns)
         T = decided(framed.model.comm, transformation, motion, whole.M, whole.K, framed.model.interfaces)
-        first, last = whole.columns.getActiveColumns()
         block = create_block(framed.model.K, T.shape[1])
         with local_rows(whole.columns) as old, local_rows(block) as new:
             new[...] = old @ T
         if whole is not given:
             whole.columns.destroy()
     c = len(motion)
-    M, D, K = (_symmetric(T.T @ value @ T) for value in (whole.M, whole.D, whole.K))
+    M, K = (_symmetric(T.T @ value @ T) for value in (whole.M, whole.K))
+    D = T.T @ whole.D @ T
+    if framed.model.symmetric:
+        D = _symmetric(D)
     M[c:, c:] = np.eye(len(M) - c)
     K[:c, c:] = K[c:, :c] = 0.0
     K[c:, c:] = np.diag(np.diag(K)[c:])

@@ -165,11 +165,13 @@ def lowest(run, count, shift=0.0):
     Found by solves with K + shift M. Raises SingularMatrix.
     """
     run.solver.factor(shift)
-    return lowest_modes_by(run, count, run.solver.solve)
+    rigid = 0 if run.rigid is None else run.rigid.count
+    return lowest_modes_by(run, count, run.model.size - rigid, run.solver.solve)
 
 
-def lowest_modes_by(run, count, solve):
-    """The `count` lowest modes on the space in which `solve(load, solution, steps)` inverts K: omega^2 and a block.
+def lowest_modes_by(run, count, most, solve):
+    """The `count` lowest modes, omega^2 (count,) and a block, on the space of dimension `most` in which
+    `solve(load, solution, steps)` inverts K.
 
     Collective. Raises ComputationError.
     """
@@ -184,8 +186,9 @@ def lowest_modes_by(run, count, solve):
                 y.setArray(rows[:, 0])
 
         values, block = lowest_modes(
-            run.model.K, run.model.M, count, invert, monitor=lambda found: run.progress.step("modes", found, count)
-        )
+            run.model.K, run.model.M, count, most, invert,
+            monitor=lambda found: run.progress.step("modes", found, count),
+        )  # fmt: skip
         if not count:
             return values, block
         owned.owns(block)
@@ -215,7 +218,7 @@ def _dominant(run, values, block, count):
     size = np.maximum(np.sqrt(np.diag(project(model.M, block))), 1e-300)
     loads = np.linalg.norm(project_columns(block, model.B), axis=1) / size
     sensors = loads if model.Ct is None else np.linalg.norm(project_columns(block, model.Ct), axis=1) / size
-    omega = np.sqrt(values)
+    omega = np.sqrt(np.maximum(values, np.finfo(float).tiny))
     ratio = np.full(len(values), 0.01)
     if model.D is not None:
         ratio = np.maximum(np.diag(project(model.D, block)) / size**2 / (2 * omega), 1e-6)

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
+NOTHING = 1e-3  # of the geometric mean of the largest responses of an output and of an input
 CHUNK = 2**22  # complex numbers of states held at a time
 
 
@@ -122,7 +123,7 @@ def solve(model: PseudoModal, law: Law, frequencies, right: np.ndarray, transpos
         size = norms(np.abs(right))
         rest = right
         for _ in range(3):
-            states += _times(inverse.right, factor * _times(inverse.left, rest))
+            states += times(inverse.right, factor * times(inverse.left, rest))
             rest = right - multiply(model, law, frequencies, states, transposed)
             scale = size + norms(_diagonal(model, law, frequencies)[:, :, None] * states)
             if (norms(rest) <= accuracy * scale).all():
@@ -141,7 +142,7 @@ def multiply(model: PseudoModal, law: Law, frequencies: np.ndarray, states: np.n
     result = _diagonal(model, law, frequencies)[:, :, None] * states
     if model.D is not None:
         s = coefficients(law, frequencies)[2]
-        result += s[:, None, None] * _times(model.D.T if transposed else model.D, states)
+        result += s[:, None, None] * times(model.D.T if transposed else model.D, states)
     return result
 
 
@@ -173,11 +174,11 @@ def difference(inner: PseudoModal, outer: PseudoModal, embedding, law: Law, freq
 
 def _residual(inner, outer, embedding, law, frequencies, port, transposed=False):
     """r = L_Q - A_Q U y_V (S, m, p) for the columns L port."""
-    states = _times(embedding, solve(inner, law, frequencies, inner.L @ port, transposed, ROUGH))
+    states = times(embedding, solve(inner, law, frequencies, inner.L @ port, transposed, ROUGH))
     return outer.L @ port - multiply(outer, law, frequencies, states, transposed)
 
 
-def _times(matrix, states):
+def times(matrix, states):
     """matrix (m, k) states (S, k, l), as one product."""
     count, size, width = states.shape
     flat = np.ascontiguousarray(states.transpose(1, 0, 2)).reshape(size, count * width)
@@ -201,3 +202,16 @@ def relative(blocks: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """||E||_F / ||H||_F (S,) (55, 56); 0 where both vanish."""
     size, scale = norms(blocks), norms(reference)
     return np.divide(size, scale, out=np.where(size > 0, np.inf, 0.0), where=scale > 0)
+
+
+def worst_pair(full: np.ndarray, reduced: np.ndarray) -> tuple[int, int, float]:
+    """Output and input (from 0) whose response is worst by itself, and its error: max |H - Hr| / max |H| over f.
+
+    eps weighs all pairs by the size of their responses, in SI units, so that stiff directions may be less accurate. A
+    pair that symmetry makes nothing of is set beside the responses of the same output and of the same input.
+    """
+    largest = np.abs(full).max(axis=0)
+    beside = np.sqrt(largest.max(axis=1)[:, None] * largest.max(axis=0))
+    errors = np.abs(full - reduced).max(axis=0) / np.maximum(largest, np.maximum(NOTHING * beside, 1e-300))
+    i, j = np.unravel_index(errors.argmax(), errors.shape)
+    return int(i), int(j), float(errors[i, j])

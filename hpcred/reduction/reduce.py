@@ -116,9 +116,12 @@ def reduce(
                 stop_if_asked(model.comm, f"part {i + 1} of the basis")
         accuracy = None
         if adaptive is not None:
-            accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, settings.drop_above)
-            if in_interface:  # what the responses did not need of the motion of the interfaces
+            kept = range(0)
+            if in_interface:  # what the responses may not need of the motion of the interfaces
+                start = bases[0].size
                 ConstraintModes().extend(bases[0], runs[0])
+                kept = range(start, bases[0].size)
+            accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, settings.drop_above, kept)
         for run in runs:
             run.release()
         runs[0].check_free_motions()
@@ -164,11 +167,11 @@ def warnings_of(model, frame) -> tuple[str, ...]:
     return doubts
 
 
-def _to_tolerance(vectors, run, adaptive, groups, drop_above) -> Accuracy:
-    """Extend the basis until the tolerance is proven, and compress it."""
+def _to_tolerance(vectors, run, adaptive, groups, drop_above, kept) -> Accuracy:
+    """Extend the basis until the tolerance is proven, and compress it; the columns `kept` stay in its span."""
     with Owned(run.model.comm) as owned:
         search = owned.owns(Search(vectors, run, adaptive, groups))
-        factor, accuracy = search.compress(search.search(), drop_above)
+        factor, accuracy = search.compress(search.search(), drop_above, kept)
     run.note("compressed", vectors.size, factor.shape[1])
     vectors.multiply(factor)
     return accuracy

@@ -89,7 +89,8 @@ def motion_figure(path, motion):
         ("spring moment (N m)", curves(springs, motion.spring_moment)),
         ("energy (J)", [(name, value) for name, value in motion.energies.items() if value.any()]),
     ]
-    time_figure(path, motion.t, [panel for panel in panels if panel[1]])
+    at_rest = [("energy (J)", list(motion.energies.items()))]
+    time_figure(path, motion.t, [panel for panel in panels if panel[1]] or at_rest)
 
 
 def time_figure(path, t, panels):

@@ -15,6 +15,7 @@ from .figures import COLOURS, INK, pyplot
 from .rasteriser import Canvas
 from .surface import Surface, surface_of
 
+RIGID = 1e-6  # of the highest pseudo-frequency, below which a shape is a rigid-body motion
 FIRST = 6  # shapes that a picture shows unless others are named
 SWING = 0.10  # largest displacement in a picture, relative to the diagonal of the body
 FRAMES = 24  # of an animation
@@ -83,8 +84,9 @@ def animate_shapes(path, shapes, modes=None, kind="gif") -> list[str]:
 def _chosen(shapes, modes, first):
     """Columns, counted from 0."""
     count = len(shapes.names)
-    if modes is None:
-        return list(range(min(first, count)))
+    if modes is None:  # rigid-body motions come first in interface coordinates of a free body
+        elastic = np.flatnonzero(shapes.frequencies > RIGID * shapes.frequencies.max(initial=0.0))
+        return elastic[:first].tolist() or list(range(min(first, count)))
     wrong = [k for k in modes if not 1 <= k <= count]
     if wrong or not modes:
         raise InputError(f"modes: found {', '.join(map(str, wrong)) or 'none'}, expected numbers from 1 to {count}")

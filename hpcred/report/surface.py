@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.elements import CORNERS, FACES, SHELLS, edges
+from ..model.elements import FACES, all_faces, edges, equal_rows, free, triangles_of
 
 SHARP = np.cos(np.radians(40.0))  # of the angle between two faces whose edge belongs to the outline
 SIDES = 8  # of a tube
@@ -33,11 +33,10 @@ class Surface:
 
 def surface_of(points, cells: dict) -> Surface:
     """The surface of a body: `points` (k, 3), `cells` by kind (names of meshio) as indices of points."""
-    corners, middles, solid = _all_faces(cells)
-    seen = np.ones(len(corners), dtype=bool)
-    seen[solid] = _occurs_once(corners[solid])
+    corners, middles, solid = all_faces(cells)
+    seen = free(corners, solid)
     corners, middles = corners[seen], middles[seen]
-    triangles = _triangles(corners, middles)
+    triangles = triangles_of(corners, middles)
     sides, outline = _sides(points, corners, middles)
     lines = _lines(cells)
     if not len(triangles) and not len(lines):
@@ -53,52 +52,6 @@ def surface_of(points, cells: dict) -> Surface:
     )  # fmt: skip
 
 
-def _all_faces(cells):
-    """Corners (f, 4) and middles (f, 4) of the faces of all elements, -1 where there is none; indices of solid ones."""
-    corners, middles, solid = [np.zeros((0, 4), dtype=int)], [np.zeros((0, 4), dtype=int)], [np.zeros(0, dtype=bool)]
-    for kind, nodes in cells.items():
-        for face in FACES.get(kind, ()):
-            count = CORNERS[len(face)]
-            for found, places in ((corners, face[:count]), (middles, face[count:])):
-                part = np.full((len(nodes), 4), -1)
-                part[:, : len(places)] = nodes[:, list(places)]
-                found.append(part)
-            solid.append(np.full(len(nodes), kind not in SHELLS))
-    return np.concatenate(corners), np.concatenate(middles), np.flatnonzero(np.concatenate(solid))
-
-
-def _occurs_once(corners):
-    """Whether no other face has the same corners; one that is folded to a triangle or a line has fewer."""
-    keys = np.sort(corners, axis=1)
-    keys[:, 1:][keys[:, 1:] == keys[:, :-1]] = -1
-    return np.bincount(groups := _groups(np.sort(keys, axis=1)))[groups] == 1 if len(keys) else np.zeros(0, dtype=bool)
-
-
-def _groups(keys):
-    """The same number for equal rows of keys (f, c), counted from 0."""
-    order = np.lexsort(keys.T)
-    new = np.any(keys[order[1:]] != keys[order[:-1]], axis=1)
-    numbers = np.empty(len(keys), dtype=int)
-    numbers[order] = np.concatenate([[0], np.cumsum(new)])
-    return numbers
-
-
-def _triangles(corners, middles):
-    three, curved = corners[:, 3] < 0, middles[:, 0] >= 0
-    both = np.hstack([corners, middles])  # places 0 to 3 are corners, 4 to 7 the middles of the edges after them
-    parts = []
-    for chosen, places in (
-        (three & ~curved, [(0, 1, 2)]),
-        (~three & ~curved, [(0, 1, 2), (0, 2, 3)]),
-        (three & curved, [(0, 4, 6), (4, 1, 5), (6, 5, 2), (4, 5, 6)]),
-        (~three & curved, [(0, 4, 7), (1, 5, 4), (2, 6, 5), (3, 7, 6), (4, 5, 6), (4, 6, 7)]),
-    ):
-        parts += [both[chosen][:, list(place)] for place in places]
-    triangles = np.concatenate(parts)
-    a, b, c = triangles.T
-    return triangles[(a != b) & (b != c) & (c != a)]
-
-
 def _sides(points, corners, middles):
     """Edges of faces, each once, and those of the outline: of one face only, or with an angle between faces."""
     if not len(corners):
@@ -112,7 +65,7 @@ def _sides(points, corners, middles):
     pairs = np.stack([corners[there], following[there]], axis=1)
     middle = middles[there]
     face = np.broadcast_to(np.arange(len(corners))[:, None], corners.shape)[there]
-    numbers = _groups(np.sort(pairs, axis=1))
+    numbers = equal_rows(np.sort(pairs, axis=1))
     order = np.argsort(numbers, kind="stable")
     first = order[np.concatenate([[True], np.diff(numbers[order]) > 0])]  # of the faces at each edge
     count = np.bincount(numbers)
@@ -167,9 +120,9 @@ def thinned(surface: Surface, most: int) -> Surface:
     fine, coarse = size / most, size  # edge of a cell: too many points, few enough
     while coarse / fine > 1.02:
         edge = np.sqrt(fine * coarse)
-        count = _groups(((surface.points - low) / edge).astype(np.int64)).max() + 1
+        count = equal_rows(((surface.points - low) / edge).astype(np.int64)).max() + 1
         fine, coarse = (fine, edge) if count <= most else (edge, coarse)
-    group = _groups(((surface.points - low) / coarse).astype(np.int64))
+    group = equal_rows(((surface.points - low) / coarse).astype(np.int64))
     middle = np.stack([np.bincount(group, weights=x) for x in surface.points.T], axis=1) / np.bincount(group)[:, None]
     order = np.lexsort((np.linalg.norm(surface.points - middle[group], axis=1), group))
     kept = order[np.concatenate([[True], np.diff(group[order]) > 0])]

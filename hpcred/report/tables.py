@@ -23,24 +23,47 @@ WORD = 12  # letters of a word that is not parted where there is room
 def show_table(title, rows: list[dict], comm=MPI.COMM_WORLD):
     """Print rows, dicts with the same keys, as a table on rank 0; numbers are right-aligned.
 
-    It is as wide as the terminal (or COLUMNS), 80 where there is none: texts take several lines, numbers do not.
+    It is as wide as the terminal (or COLUMNS), 80 where there is none: texts take several lines, numbers do not;
+    columns that do not fit follow below, behind the first one again.
     """
     if comm.rank or not rows:
         return
+    if title:
+        print(title)
+    width = shutil.get_terminal_size().columns
+    least = {column: min(_widest(column, rows), WORD) if not _numeric(column, rows) else _widest(column, rows)
+             for column in rows[0]}  # fmt: skip
+    first, *others = rows[0]
+    while True:
+        taken, room = [first], width - least[first] - 4
+        while others and (len(taken) == 1 or least[others[0]] + 2 <= room):
+            room -= least[others[0]] + 2
+            taken.append(others.pop(0))
+        _show(taken, rows, width)
+        if not others:
+            return
+
+
+def _numeric(column, rows):
+    return all(isinstance(row[column], (int, float)) for row in rows)
+
+
+def _widest(column, rows) -> int:
+    """The longest word of a column."""
+    return max(map(len, " ".join([column, *(_cell(row[column]) for row in rows)]).split()), default=1)
+
+
+def _show(columns, rows, width):
     table = Table(box=box.SIMPLE_HEAD, header_style="", collapse_padding=True)
-    for column in rows[0]:
-        numeric = all(isinstance(row[column], (int, float)) for row in rows)
-        cells = [_cell(row[column]) for row in rows]
-        widest = max(map(len, " ".join([column, *cells]).split()), default=1)
-        if numeric:
+    for column in columns:
+        widest = _widest(column, rows)
+        if _numeric(column, rows):
             table.add_column(textwrap.fill(column, widest), justify="right", no_wrap=True)
         else:
             table.add_column(column, overflow="fold", min_width=min(widest, WORD))
     for row in rows:
-        table.add_row(*map(_cell, row.values()))
-    if title:
-        print(title)
-    Console(file=sys.stdout, width=shutil.get_terminal_size().columns, highlight=False).print(table)
+        table.add_row(*(_cell(row[column]) for column in columns))
+    Console(file=sys.stdout, width=width, highlight=False).print(table)
 
 
 def _cell(value) -> str:

@@ -120,14 +120,16 @@ def _end_with_parent():
 
 def end(children):
     """End the processes and what they started: SIGTERM to each, SIGKILL to what is left after PATIENCE seconds."""
-    family = []
+    family, deadline = [], time.monotonic() + PATIENCE
     for child in children:
         with suppress(psutil.NoSuchProcess):
-            head = psutil.Process(child.process.pid)
-            family += [head, *head.children(recursive=True)]
+            family += psutil.Process(child.process.pid).children(recursive=True)
         child.process.terminate()  # a launcher ends its ranks itself
-    _, alive = psutil.wait_procs(family, timeout=PATIENCE)
-    for process in alive:
+    for child in children:  # by their own status, which waiting for them by psutil would take away
+        with suppress(subprocess.TimeoutExpired):
+            child.process.wait(max(deadline - time.monotonic(), 0.0))
+    _, alive = psutil.wait_procs(family, timeout=max(deadline - time.monotonic(), 0.0))
+    for process in [*alive, *(child.process for child in children)]:
         with suppress(psutil.NoSuchProcess):
             process.kill()
     for child in children:

@@ -15,6 +15,7 @@ from ..formats.result_file import read_result
 from ..formats.sweep_file import read_sweep
 from ..formats.sweep_table import check_table_name, write_sweep_table
 from ..parallel.failures import InputError
+from ..reduction.interface_coordinates import elastic_part
 from ..report.figures import pyplot
 from ..report.sweep_figures import curves_figure, key_figure, size_figure, stem_of
 from .sweep import responses_of, states_of
@@ -79,7 +80,7 @@ def _row(run, state, full, keys):
         row["Q"] = record.accuracy.mean * (record.accuracy.band[1] - record.accuracy.band[0])
         curve = record.accuracy.frequencies, record.accuracy.eps
     if full is not None and full.is_file():
-        curve = errors_against(reduced, full)
+        curve = errors_against(elastic_part(reduced), full)
         row["Q"], row["eps"] = error_integral(*curve), float(curve[1].max())
     return row, curve
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import scipy.linalg
 
-from ..analysis.error import error_integral, relative_error, worst_pair
+from ..analysis.error import error_integral, relative_error
 from ..analysis.frequency_response import frequency_response
 from ..formats.hdf5 import atomic_output
 from ..formats.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
@@ -20,9 +20,12 @@ from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.modes import Modes
+from ..reduction.pseudo_modal import worst_pair
 from ..reduction.reduce import reduce
 from ..report.figures import error_figure
 from .evaluate import SAME, band_of, factoring_of, frequencies_over, model_of_record
+
+SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
 
 
 def compare_results(
@@ -31,15 +34,15 @@ def compare_results(
 ) -> dict:  # fmt: skip
     """Results of one model (names of files) against the model file `full`, which is solved once. Collective.
 
-    They must have the same inputs, outputs, frame and damping. The other keywords are those of evaluate_result. `rows`:
-    for each result its coordinates, size, largest eps (55), Q (57), and the worst pair of output and input (see
-    analysis.error.worst_pair). `modes`: the lowest modes of the model (so many) and, for each
-    result, the relative error of the frequency of its pseudo-mode with the largest modal assurance criterion,
+    They must have the same inputs, outputs, frame and damping. The other keywords are those of evaluate_result.
+    `rows`: for each result its coordinates, size, largest eps (55), Q (57), and the worst pair of output and input
+    (see analysis.error.worst_pair). `modes`: the lowest modes of the model (so many) and, for each result, the
+    relative error of the frequency of its pseudo-mode with the largest modal assurance criterion,
 
         MAC = (phi^T M psi)^2 / (phi^T M phi psi^T M psi),
 
-    which is given too where the file has its basis. `output`: a .csv of eps over the frequencies; `figure`: its
-    picture. Raises InputError.
+    which is given too where the file has its basis; for repeated modes it is the sum over them. `output`: a .csv of eps
+    over the frequencies; `figure`: its picture. Raises InputError.
     """
     comm = comm or startup.start_mpi()
     results = [str(path) for path in results]
@@ -96,6 +99,9 @@ def _check_alike(results, reduced):
     """Refuse results that do not answer the same question."""
     if len(set(results)) < len(results) or len(results) < 2:
         raise InputError(f"results: found {', '.join(results)}, expected two or more, each once")
+    for path, item in zip(results, reduced, strict=True):
+        if item.record is None:
+            raise InputError(f"{path}: has no record of its reduction, which a comparison needs; reduce again")
     first = reduced[0].record
     for path, item in zip(results[1:], reduced[1:], strict=True):
         record = item.record
@@ -130,10 +136,28 @@ def _modes(model, record, count, results, reduced, factoring, progress):
                     whole = read_result(path, model.comm).reduced
                     X = scipy.linalg.eigh(whole.K, whole.M)[1][:, whole.size - item.size :]
                     share = (inner(momentum, owned.owns(basis)) @ X) ** 2
-                for i, row in enumerate(rows):
-                    near = np.abs(item.frequencies - row["f (Hz)"]) if share is None else -share[i]
-                    j = int(near.argmin())
-                    row[f"{label} error"] = float(item.frequencies[j] / row["f (Hz)"] - 1)
-                    if share is not None:
-                        row[f"{label} MAC"] = float(share[i, j])
+                for cluster in _clusters(reference.frequencies):
+                    best, value = _nearest(reference.frequencies[cluster], item.frequencies,
+                                           None if share is None else share[cluster])  # fmt: skip
+                    for i, j in zip(cluster, best, strict=True):
+                        rows[i][f"{label} error"] = float(item.frequencies[j] / reference.frequencies[i] - 1)
+                        if share is not None:
+                            rows[i][f"{label} MAC"] = float(value[j])
     return rows
+
+
+def _clusters(frequencies):
+    """The places of equal frequencies, whose modes may be mixed in any way."""
+    new = np.flatnonzero(np.diff(frequencies) > SAME_MODE * frequencies[1:]) + 1
+    return np.split(np.arange(len(frequencies)), new)
+
+
+def _nearest(frequencies, own, share):
+    """The pseudo-mode (of frequencies `own`) for each of the equal modes, and the MAC of all with these modes.
+
+    `share` (modes, pseudo-modes): MAC with each; without it the nearest frequencies count.
+    """
+    if share is None:
+        return np.sort(np.argsort(np.abs(own - frequencies[0]), kind="stable")[: len(frequencies)]), None
+    value = share.sum(axis=0)
+    return np.sort(np.argsort(-value, kind="stable")[: len(frequencies)]), value

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import numpy as np
 
-from ..analysis.error import error_integral, relative_error, worst_pair
+from ..analysis.error import error_integral, relative_error
 from ..analysis.error_check import accuracy_of, check_reduced, said_at
 from ..analysis.frequency_response import frequency_response
 from ..formats.model_file import read_model
@@ -23,6 +23,7 @@ from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from ..reduction.interface_coordinates import elastic_part
+from ..reduction.pseudo_modal import worst_pair
 from ..reduction.record import signature_of, versions
 from .pair_figures import check_figures, figures_of_pairs
 from .reduce import with_interfaces, with_targets

@@ -122,7 +122,8 @@ def model_of_job(job: Job, comm):
     if model.B is None:
         with model:
             raise InputError(
-                f"inputs: neither the job nor {model.name} has any; give dof numbers or [node, direction] pairs"
+                f"inputs: neither the job nor {model.name} has any; give dof numbers or [node, direction] pairs, or "
+                "bearings by [[interface]]"
             )
     return model
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import shlex
+import shutil
 import sys
 import time
 from dataclasses import dataclass
@@ -87,6 +88,7 @@ def run_sweep(
     skipped = {run.name for run in chosen if before[run.name].done}
     if dry_run:
         return _report(sweep, chosen, before, skipped, {})
+    _launcher(sweep)  # refused early
     make_folder(sweep)
     left = [run for run in chosen if run.name not in skipped]
     for run in left:
@@ -130,10 +132,21 @@ def make_folder(sweep):
     check_writable(sweep.folder / "x.h5", SELF)
 
 
+def _launcher(sweep) -> list[str]:
+    """The words of the launcher. Raises InputError where there is no such command."""
+    text = sweep.launch.launcher.replace("{ranks}", str(sweep.launch.ranks))
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise InputError(f"launch.launcher: found '{text}', which no shell reads ({error})") from error
+    if words and shutil.which(words[0]) is None:
+        raise InputError(f"launch.launcher: found '{text}', but there is no command {words[0]} here")
+    return words
+
+
 def _child(sweep, name, *arguments, log):
     """A command of hpcred on the ranks of the sweep."""
-    launcher = shlex.split(sweep.launch.launcher.replace("{ranks}", str(sweep.launch.ranks)))
-    return Child(name, [*launcher, sys.executable, "-m", "hpcred", *arguments], log)
+    return Child(name, [*_launcher(sweep), sys.executable, "-m", "hpcred", *arguments], log)
 
 
 def _told(progress, total, at_once):

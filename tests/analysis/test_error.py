@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from hpcred.analysis.error import relative_error, worst_pair
+from hpcred.analysis.error import relative_error
+from hpcred.reduction.pseudo_modal import worst_pair
 
 
 def test_the_worst_pair_is_relative_to_itself_and_not_to_the_largest():

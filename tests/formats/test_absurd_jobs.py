@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from fuzz.tables import LIST, NOT_A_NUMBER, NOT_A_WORD, NUMBER, PAIR, TEXT
 from helpers import refused
 
 from hpcred import Chord, Krylov, Modes, Rayleigh
@@ -13,15 +14,6 @@ from hpcred.parallel.ranges import FREQUENCY, within
 
 POINT = '[[basis]]\nkind = "krylov"\nfrequency = 10.0\n'
 JOB = 'model = "model.h5"\nband = [0.0, 300.0]\n'
-TEXT = '"text"'  # where a node may be an interface by name it is no wrong value
-NOT_A_NUMBER = ["nan", "inf", "-inf", TEXT, "true", "[]", "{}", "[nan]", "[[]]", "1979-05-27", "[{}]",
-                '{a.b = "c"}']  # fmt: skip
-ABSURD = ["1e300", "-1e300", "1e31", 400 * "1", "99999999999999999999"]
-PAIR = ["[nan, 1.0]", "[0.0, inf]", "[inf, inf]", "[1e300, 1e301]", "[1.0]", "[1.0, 2.0, 3.0, 4.0]", '["a", "b"]']
-NOT_A_WORD = ["1", "nan", "true", "[]", "[[1, 2]]", "{}", '{a.b = "c"}', "1979-05-27", '"\\u0000"', '""', '" "',
-              '"' + 5000 * "x" + '"', '"a\\u0001b"']  # fmt: skip
-NUMBER, LIST = NOT_A_NUMBER + ABSURD, ["nan", "1", '"text"', "{}", "[[]]", "[true]", *PAIR[:4], "[1e300]"]
-
 # what a job is without the key, the key, and values that it must not take
 FACE = '[[interface]]\nname = "end"\nnodes = [7, 8]\n'
 KEYS = [
@@ -178,6 +170,7 @@ def test_ends_of_a_range_are_inside():
         (["modes", "model.h5", "--count", "1000000"], "1000000 modes asked for"),
         (["example", "solid", "--cells", "100000", "100000", "100000", "-o", "x.h5"], "cells"),
         (["example", "solid", "--cells", "1", "1", "1", "--size", "nan", "1", "1", "-o", "x.h5"], "size"),
+        (["reduce", "job.toml", "--set", 'interface=[{name = "end", nodes = "none.txt"}]'], "no such file"),
         (["info", "a\0b"], "no such file"),
         (["info", 300 * "n"], "no such file"),
     ],

@@ -28,6 +28,7 @@ def body_with(damping):
         return body_of(model, rom, [1, 7, 14, 20])
 
 
+@pytest.mark.slow
 def test_exudyn_moves_the_body_as_we_do(tmp_path):
     """The linkage spinning freely with damped vibrations: Exudyn's reduced-order object against our simulation."""
     exudyn = pytest.importorskip("exudyn")
@@ -86,6 +87,7 @@ def pendulum(kind):
         return body_of(model, rom, [28, *interface_nodes(model)]), "hinge", 0.6, 0.03, 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["linkage", "interface of a solid"])
 def test_exudyn_swings_a_pendulum_as_we_do(tmp_path, kind):
     """Falling from rest on a revolute joint; rotations of markers by the exponential map, as ours."""

@@ -89,3 +89,17 @@ def test_a_packed_node_table_keeps_its_order(comm, folder, monkeypatch):
     with load_source(Source(str(K), str(K), nodes=str(nodes)), comm) as model:
         node, position = gathered(comm, model.dofs.node, model.dofs.position)
     assert np.array_equal(node, np.repeat(np.arange(40, 0, -1), 3)) and np.array_equal(position[:, 0], node)
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "1e400", "-1e61"])
+def test_what_is_no_number_is_refused(comm, folder, number):
+    """Also on the diagonal of K, where a number from 1e35 on is a support."""
+    head = "%%MatrixMarket matrix coordinate real general\n"
+    square = head + "3 3 3\n1 1 1.0\n2 2 1.0\n3 3 1.0\n"
+    write(folder / "K.mtx", square, comm)
+    write(folder / "B.mtx", f"{head}3 1 1\n1 1 {number}\n", comm)
+    write(folder / "bad.mtx", square.replace("3 3 1.0", f"3 3 {number}"), comm)
+    with pytest.raises(hpcred.InputError):
+        load_source(Source(folder / "bad.mtx", folder / "K.mtx"), comm)
+    with pytest.raises(hpcred.InputError, match="B.mtx.* found the value|B.mtx, line 3"):
+        load_source(Source(folder / "K.mtx", folder / "K.mtx", B=folder / "B.mtx"), comm)

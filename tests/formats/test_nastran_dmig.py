@@ -138,3 +138,17 @@ def test_both_halves_of_a_symmetric_matrix_are_refused(comm, folder):
     path = write(folder / "a.pch", SMALL.replace("0       1       2", "0       6       2"), comm)
     with pytest.raises(InputError, match="found both halves of the symmetric matrix K2GG"):
         load_export(path, comm)
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        (f"{'':8}{1:<8}{6:<8}3.0\n" + LARGE, "line 1: found .*expected a card"),
+        (LARGE + "1 1 1 1 1\n", "expected a card, or a line that continues one"),
+        (LARGE + "ENDDATA\n\n*                      9               0 2.000000000D+00\n", "nothing below ENDDATA"),
+    ],
+)
+def test_lines_that_belong_to_no_card(comm, folder, text, says):
+    write(folder / "a.pch", text, comm)
+    with pytest.raises(InputError, match=says):
+        load_source(Source(folder / "a.pch", folder / "a.pch", variables={"K": "KAAX", "M": "MAAX"}), comm)

@@ -56,6 +56,7 @@ def places(runs, number=0):
         ("basis.0.order", "basis.0.frequency", "vary.key: found 'basis.0.frequency' twice"),
         ("basis.0.order", "basis.0", "'basis.0' would replace what 'basis.0.frequency' varies"),
         ("basis.0.order", " ", "vary.key: found an empty text"),
+        ('job = "job.toml"', 'job = "job.toml"\nevaluate = {kind = "none"}', "evaluate.kind: unknown key"),
         ("basis.0.order", "output", "vary.key: found 'output'"),
         ("[100.0, 150.0]", "[]", "vary 'basis.0.frequency'.values: the list is empty"),
         ("[100.0, 150.0]", '["high"]', r"run frequency-high_order-0: basis\[0\].frequency: found 'high', expected a n"),

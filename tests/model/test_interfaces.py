@@ -47,12 +47,20 @@ def test_weights_by_area_are_those_of_the_surface(comm):
     """A face of 2 x 3 equal cells: inner nodes have four quarters of a cell, edges two, corners one."""
     with hpcred.solid((3, 2, 3), clamped=False, comm=comm) as model:
         node, position = everywhere(model, "node"), everywhere(model, "position")
-        points = {int(n): p for n, p in zip(node, position, strict=True) if p[0] < 1e-9}
-        areas = surface_areas(comm, model.elements, points)
-        assert sum(areas.values()) == pytest.approx(0.02 * 0.03, rel=1e-12)
-        quarters = {n: round(area / 0.25e-4) for n, area in areas.items()}
-        assert sorted(quarters.values()) == [1] * 4 + [2] * 6 + [4] * 2
-        assert all(areas[n] == pytest.approx(0.25e-4 * k, rel=1e-12) for n, k in quarters.items())
+        nodes, first = np.unique(node[position[:, 0] < 1e-9], return_index=True)
+        points = position[position[:, 0] < 1e-9][first]
+        areas = surface_areas(comm, model.elements, nodes, points)
+        assert areas.sum() == pytest.approx(0.02 * 0.03, rel=1e-12)
+        quarters = np.round(areas / 0.25e-4)
+        assert sorted(quarters) == [1] * 4 + [2] * 6 + [4] * 2
+        assert np.allclose(areas, 0.25e-4 * quarters, rtol=1e-12)
+        # the same face of tetrahedra, five a cell, and of quadrilaterals as a skin on the solid
+        five = np.array([(0, 1, 3, 4), (1, 2, 3, 6), (4, 5, 6, 1), (4, 6, 7, 3), (1, 3, 4, 6)])
+        bricks = model.elements["hexahedron"]
+        split = {"tetra": bricks[:, five].reshape(-1, 4)}
+        assert surface_areas(comm, split, nodes, points).sum() == pytest.approx(0.02 * 0.03, rel=1e-12)
+        skinned = model.elements | {"quad": bricks[:, [0, 4, 7, 3]]}
+        assert np.allclose(surface_areas(comm, skinned, nodes, points), areas, rtol=1e-12)
         equal = model.with_interfaces([face("a", 0.0)])
         area = model.with_interfaces([face("a", 0.0, weights="area")])
         assert np.allclose(equal.interfaces[0].position, area.interfaces[0].position)
@@ -79,6 +87,22 @@ def test_end_to_end_flexibility_is_that_of_beam_theory(comm):
         # a moment about z moves the end sideways by l^2 / 2EI
         assert H[1, 5] == pytest.approx(length**2 / (2 * young * inertia), rel=0.06)
     assert all(found["rigid"][name] < found["averaging"][name] for name in beam)
+
+
+@pytest.mark.parametrize("height", [0.03, 0.1, 0.7])
+def test_a_flat_set_that_moves_in_its_plane_has_the_directions_of_the_plane(comm, height):
+    """Its centre has round-off of the height, which is no arm."""
+    with hpcred.solid((3, 2, 2), size=(0.03, 0.02, height), clamped=True, comm=comm) as model:
+        top = Nodes(box=((0.0, 0.0, height * 0.99), (1.0, 1.0, height * 1.01)))
+        marked = model.with_interfaces([Interface(name="top", nodes=top, kind="rigid", directions=("x", "y"))])
+        assert marked.interfaces[0].directions == ("x", "y", "rz")
+
+
+def test_numbers_of_reference_nodes_do_not_collide(comm):
+    with hpcred.solid((4, 2, 2), comm=comm) as model:
+        marked = model.with_interfaces([face("a", 0.04, node=37), face("b", 0.02)])
+        assert [item.node for item in marked.interfaces] == [37, 38]
+        assert marked.with_interfaces([]).interfaces == ()
 
 
 @pytest.mark.parametrize("directions", [("x", "y", "z", "rx", "ry", "rz"), ("x", "y")])

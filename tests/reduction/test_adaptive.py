@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 from adaptive_models import Case, chain, fresh, hard_cases, pair, random_case, said_and_true, tied_chains, unit, up_to
 from helpers import dense_model
 from launch import TWO_BUILDS
@@ -87,6 +88,14 @@ def test_modes_that_no_load_moves_are_found(comm):
     below = (case.frequencies < case.band[1]).sum()
     assert below == 26 and accuracy.points[-1].modes_below == below
     assert accuracy.missing_modes == 0
+
+
+def test_a_load_on_a_part_of_three_masses_exhausts_its_chain(comm):
+    """Its fourth block has nothing left to solve for."""
+    K, M = (scipy.linalg.block_diag(*parts) for parts in zip(chain(3), chain(9), strict=True))
+    case = Case("decoupled", K, M, unit(12, 2), up_to(*chain(9), 6))
+    accuracy, size = checked(case, 1e-6, comm)
+    assert accuracy.reached and size <= 3
 
 
 @pytest.mark.mpi

@@ -5,14 +5,17 @@ from contextlib import closing
 import numpy as np
 import pytest
 import scipy.linalg
-from helpers import block_with_ends, dense_model, gather, rigid_motions_at, to_dense
+from helpers import block_with_ends, dense_model, face, gather, rigid_motions_at, to_dense
 
 import hpcred
 from hpcred import (
     Buckens,
+    Chord,
     ConstraintModes,
     CraigBampton,
+    Dofs,
     FixedInterfaceModes,
+    GivenDamping,
     Guyan,
     Krylov,
     Modes,
@@ -131,6 +134,7 @@ def test_a_superelement_to_a_tolerance(comm, folder):
         with hpcred.reduce(model, frame=Buckens(), tolerance=1e-4, band=(0.0, 20000.0), coordinates="interface") as rom:
             assert rom.record.accuracy.reached
             assert rom.record.coordinates == "interface"
+            assert [item.where for item in rom.record.ingredients][-1] == "compressed"  # what is said is of this model
             assert np.array_equal(rom.frequencies[:6], np.zeros(6))
             hpcred.write_result(folder / "result.h5", rom, model)
         hpcred.write_model(folder / "model.h5", model)
@@ -141,8 +145,39 @@ def test_a_superelement_to_a_tolerance(comm, folder):
         assert hpcred.check_result(folder / "result.h5", folder / "model.h5", 3, seed=1)["passed"]
 
 
+def test_a_gyroscopic_damping_matrix_stays_unsymmetric(comm):
+    with block_with_ends(comm, clamped=True, cells=(4, 2, 2)) as model:
+        K, M, _ = dense_model(model)
+        D = 20.0 * M
+        D[5, 40], D[40, 5] = 300.0, -300.0
+        given = hpcred.SecondOrderModel.from_scipy(K, M, D, comm, dofs=everywhere(model))
+        given = given.with_interfaces([item.definition for item in model.interfaces]).with_inputs([("right", "all")])
+        basis = [Krylov(0.0, 1)]
+        with hpcred.reduce(given, basis, damping=GivenDamping()) as modal:
+            expected = hpcred.frequency_response(modal, FREQUENCIES)
+        with hpcred.reduce(given, basis, damping=GivenDamping(), coordinates="interface") as rom:
+            assert np.abs(rom.D - rom.D.T).max() > 1e-3 * np.abs(rom.D).max()
+            assert hpcred.relative_error(expected, hpcred.frequency_response(rom, FREQUENCIES)).max() < 1e-10
+
+
+def everywhere(model):
+    """The labels of all rows on all ranks."""
+    parts = model.comm.allgather(model.dofs)
+    return Dofs(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("node", "direction", "position")))
+
+
+def test_component_modes_know_the_interfaces_in_any_frame(comm):
+    """A free block held by a chord frame: constraint modes there are static shapes of the held body."""
+    with block_with_ends(comm, cells=(4, 2, 2)) as model:
+        frame = Chord(nodes=(1, 19, 3))
+        with hpcred.reduce(model.with_inputs([("right", "all")]), [ResidualAttachment()], frame) as rom:
+            expected = hpcred.frequency_response(model.with_inputs([("right", "all")]), [0.0], frame)
+            assert hpcred.relative_error(expected, hpcred.frequency_response(rom, [0.0])).max() < 1e-8
+
+
 def test_what_has_no_interface_coordinates_is_refused(comm):
     with block_with_ends(comm, cells=(4, 2, 2)) as model, hpcred.solid((4, 2, 2), comm=comm) as plain:
+        partly = plain.with_interfaces([face("end", 0.04, kind="rigid", directions=("x", "y"))])
         for words, target, basis, keywords in (
             (r"needs at least one \[\[interface\]\]", plain, [Modes(count=3)], {"coordinates": "interface"}),
             (r"craig_bampton needs at least one \[\[interface\]\]", plain, [CraigBampton(count=3)], {}),
@@ -150,6 +185,7 @@ def test_what_has_no_interface_coordinates_is_refused(comm):
             ("K of solid is singular.*'buckens'", model, [Guyan()], {}),
             ("cannot move interface 'left' in direction", model, [Modes(count=3)],
              {"coordinates": "interface", "frame": Buckens()}),
+            ("its set moves it in x, y, rx, ry, rz only", partly, [Guyan()], {}),
             ("expected 'modal' or 'interface'", model, [Guyan()], {"coordinates": "physical"}),
         ):  # fmt: skip
             with pytest.raises(hpcred.InputError, match=words):

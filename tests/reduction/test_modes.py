@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
+from helpers import dense_model
 
 import hpcred
 from hpcred import (
@@ -56,3 +58,14 @@ def test_dominant_modes_are_those_that_the_loads_excite(comm):
             assert len(rom.record.ingredients[0].dominance) == 3
             longitudinal = 1 / (4 * 1.2) * np.sqrt(2.1e11 / 7850)
             assert abs(rom.frequencies[0] / longitudinal - 1) < 0.02
+
+
+@pytest.mark.parametrize("cells", [(10, 2, 2), (4, 4, 4)])
+def test_no_mode_of_a_repeated_pair_is_left_out(comm, cells):
+    """Free square bars, whose bending modes are pairs, against dense numpy, for each number of modes."""
+    with hpcred.solid(cells, clamped=False, comm=comm) as model:
+        K, M, _ = dense_model(model)
+        expected = np.sqrt(scipy.linalg.eigvalsh(K, M)[6:20]) / 2 / np.pi
+        for count in range(1, 13):
+            with hpcred.reduce(model, [Modes(count=count)], Buckens()) as rom:
+                assert np.allclose(rom.frequencies, expected[:count], rtol=1e-8), count

@@ -133,6 +133,15 @@ def test_a_program_of_two_ranks_ends(made, hpcred):
     assert found.returncode == 0 and "constraint drift" in found.stdout, found.stderr
 
 
+@pytest.mark.mpi(ranks=(1,))
+def test_a_free_body_at_rest_has_a_picture(made):
+    """No node, joint or spring to draw: the energies, all zero."""
+    path = made()
+    path.write_text('body = "result.h5"\nend = 0.01\nsteps = 2\n')
+    simulate_file(path)
+    assert path.with_name("simulation.png").read_bytes()[:4] == b"\x89PNG"
+
+
 def test_structural_damping_has_no_motion(made):
     head, tail = MODES_JOB.split('kind = "rayleigh"\nalpha = 2.0\nbeta = 1e-5\n')
     path = made(head + 'kind = "structural"\nloss_factor = 0.02\n' + tail)

@@ -165,6 +165,7 @@ def check_undisturbed(count):
         assert package.relative_error(*responses).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_kill_9_of_a_sweep_and_the_same_command_again(tmp_path, monkeypatch):
     """On two ranks; the results are those of an undisturbed run, and nobody is left behind."""
     monkeypatch.chdir(tmp_path)
@@ -274,6 +275,7 @@ def test_scripts_are_bash(script):
     assert bash("-n", str(ROOT / "jobs" / script)).returncode == 0
 
 
+@pytest.mark.slow
 def test_the_script_for_pbs_with_the_variables_of_pbs(jobs):
     given = {"PBS_O_WORKDIR": str(jobs), "SWEEP": "jobs/sweep.toml", "SHARES": "4"}
     done = bash("jobs/sweep.pbs", PBS_ARRAY_INDEX="3", **given)

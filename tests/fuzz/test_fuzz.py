@@ -1,0 +1,106 @@
+"""A fixed small selection of the cases of `make fuzz`, and what holds the generators and second readings themselves."""
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hpcred import InputError
+from hpcred.formats.job_file import Job
+from hpcred.formats.simulation_file import SimulationJob
+from hpcred.formats.sweep_file import _File
+
+from . import matrices, readings, tables
+from .generators import KINDS, make
+from .judge import INTERNAL, REFUSED, RIGHT, WRONG, Case, run_case
+from .mutations import damaged_text
+
+TAKEN = {"sim.toml": 2, "job.toml": 3, "model.h5": 0, "result.h5": 0}  # cases of a kind, where not four
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_selection(kind):
+    for number in range(TAKEN.get(kind, 4)):
+        case = make(kind, 1, number)
+        verdict, why = run_case(case)
+        assert verdict in (RIGHT, REFUSED), (number, case.note, why)
+
+
+@pytest.mark.slow
+def test_on_two_ranks():
+    assert run_case(make("DMIG", 2, 0), 2)[0] in (RIGHT, REFUSED)
+
+
+def test_a_case_is_the_same_each_time():
+    for kind in matrices.KINDS:
+        one, other = make(kind, 3, 4), make(kind, 3, 4)
+        assert (one.note, one.files) == (other.note, other.files)
+
+
+def test_the_second_readings_read_what_was_meant():
+    """Numbers of the generators come back from the texts, to the digits written."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        matrix = matrices.matrix(rng)
+        near = {"rtol": 1e-5, "atol": 1e-30}
+        assert np.allclose(readings.matrix_market(matrices.matrix_market(matrix, rng)), matrix, **near)
+        assert np.allclose(readings.harwell_boeing(matrices.harwell_boeing(matrix, rng)), matrix, **near)
+        assert np.allclose(readings.op4(matrices.op4("A", matrix, rng)), matrix, **near)
+        assert np.allclose(readings.coordinates(matrices.coordinates(matrix, rng)), matrix, **near)
+        assert np.allclose(readings.triangle(matrices.triangle(matrix)), matrix, **near)
+        labels = matrices.labels_of(matrices.places(rng))
+        abaqus = readings.matrix_input(matrices.labelled(matrix, labels, rng))
+        nastran = readings.dmig(matrices.dmig("A", matrix, labels, rng), b"A")
+        for entries in (abaqus, nastran):
+            number = {label: k for k, label in enumerate(labels, 1)}
+            found = [(number[i], number[j], value) for i, j, value in entries]
+            assert np.allclose(readings.dense(matrix.shape, found), matrix, rtol=1e-2, atol=1e-30)
+
+
+@pytest.mark.parametrize(
+    "root, goods", [(Job, tables.JOBS), (SimulationJob, tables.MOTIONS), (_File, tables.SWEEPS)]
+)  # fmt: skip
+def test_every_dataclass_stands_in_a_good_file(root, goods):
+    seen = {owner for text in goods for _, _, owner in tables.keys_of(root, tables.tomllib.loads(text))}
+    assert tables.dataclasses_of(root) <= seen
+
+
+def test_damage_happens():
+    good = matrices.matrix_market(matrices.matrix(np.random.default_rng(1)), np.random.default_rng(1))
+    copies = {damaged_text(good, np.random.default_rng(seed))[1] for seed in range(200)}
+    assert len(copies - {good}) > 170
+
+
+SMALL = b"%%MatrixMarket matrix coordinate real general\n2 2 2\n1 1 1.0\n2 2 2.0\n"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "files, expected, verdict",
+    [
+        ({}, {"K": np.diag([1.0, 2])}, RIGHT), ({}, {"K": np.diag([1.0, 3])}, WRONG), ({}, None, WRONG),
+        ({"K.mtx": SMALL[:-5]}, None, REFUSED), ({"K.mtx": b"\0"}, {}, REFUSED),
+    ],
+)  # fmt: skip
+def test_verdicts(files, expected, verdict):
+    command = ["convert", "-K", "K.mtx", "-M", "M.mtx", "-o", "m.h5"]
+    case = Case("", {"K.mtx": SMALL, "M.mtx": SMALL, **files}, command, expected, matrices.model_numbers)
+    for ranks in (0, 1) if verdict == REFUSED and expected is None else (0,):
+        assert run_case(case, ranks)[0] == verdict
+    case.good = True
+    assert run_case(case)[0] == (WRONG if verdict == REFUSED else verdict)
+
+
+@pytest.mark.parametrize(
+    "fault", [lambda: 1 / 0, lambda: os.write(2, b"said by a library\n"), lambda: Path("left.h5").touch(), sys.exit]
+)  # fmt: skip
+def test_what_is_neither_right_nor_a_sentence_is_seen(monkeypatch, fault):
+    def faulty(*arguments, **keywords):
+        fault()
+        raise InputError("a sentence")
+
+    monkeypatch.setattr("hpcred.workflows.convert.load_source", faulty)
+    command = ["convert", "-K", "K.mtx", "-M", "K.mtx", "-o", "m.h5"]
+    assert run_case(Case("", {"K.mtx": SMALL}, command, {}, matrices.model_numbers))[0] == INTERNAL
