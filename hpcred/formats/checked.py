@@ -85,7 +85,7 @@ class CheckedFile:
         raise damaged(self.path, f"/{name} is missing")
 
     def get(self, name, default=None):
-        return self[name] if name in self else default
+        return self[name] if name in self else default  # noqa: SIM401
 
     def attribute(self, name, kind=int, default=None):
         """An attribute as a number or text."""
