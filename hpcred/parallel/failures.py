@@ -26,6 +26,7 @@ ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job say
 
 unfinished: set = set()  # files that must not stay when the job is ended
 
+_unheard: list = []
 _private: list = []  # duplicates of communicators, for messages of this module only
 
 
@@ -138,6 +139,7 @@ def _meet(private, word: int, patience: float | None):
     while not request.Test():
         waited = time.monotonic() - start
         if patience is not None and waited > patience:
+            _unheard.append((request, said, told))  # what MPI may still write to
             return None
         if waited > 1e-3:
             time.sleep(min(waited / 10, 0.005))
@@ -208,6 +210,8 @@ def end_job(error: BaseException):
         if world is not None and world.rank:
             world.Isend(bytearray(1), dest=0, tag=ENDING)
     finally:
+        if MPI.COMM_WORLD.size == 1:
+            os._exit(exit_status(error))
         MPI.COMM_WORLD.Abort(exit_status(error))
 
 
