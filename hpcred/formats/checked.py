@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import zlib
+from math import prod
 from typing import NamedTuple
 
 import h5py
@@ -22,6 +23,7 @@ SUMS = "checksums"
 CHECKSUM = "checksum"  # the attribute
 KINDS = {"integer": "iu", "real": "f", "complex": "c", "text": "SO", "flag": "b"}
 DEEPEST = 8  # groups in groups
+PACKED = 1100  # times what is stored is the most that deflate makes of it: a file that says more is not to be believed
 
 
 class Entry(NamedTuple):
@@ -36,8 +38,13 @@ class Entry(NamedTuple):
 def header_checksum(attributes: dict, names) -> int:
     """The CRC-32 of the attributes of a file, but for itself, and of the names of its datasets."""
     kept = {key: value for key, value in attributes.items() if key != CHECKSUM}
-    text = json.dumps([kept, sorted(names)], sort_keys=True, default=lambda value: value.tolist())
+    text = json.dumps([kept, sorted(names)], sort_keys=True, default=_plain)
     return zlib.crc32(text.encode())
+
+
+def _plain(value):
+    """What HDF5 gives as an attribute, for JSON."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def damaged(path, what) -> InputError:
@@ -58,12 +65,17 @@ class CheckedFile:
             self.datasets = dict(_datasets(file, path))
         except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
             raise damaged(path, f"its contents cannot be listed ({_text(error)})") from error
+        self._check_names(path)
+        self._check_shapes(schema or {})
+
+    def _check_names(self, path):
+        """Give datasets their sums."""
         sums = {name: item for name, item in self.datasets.items() if name.startswith(SUMS + "/")}
         for name in sums:
             del self.datasets[name]
         self.complete = CHECKSUM in self.attrs
         if self.complete:
-            if int(self.attrs[CHECKSUM]) != header_checksum(self.attrs, self.datasets):
+            if self.attribute(CHECKSUM) != header_checksum(self.attrs, self.datasets):
                 raise damaged(path, "the attributes, or the names of the datasets, do not have their checksum")
             for name, item in self.datasets.items():
                 if f"{SUMS}/{name}" not in sums:
@@ -71,7 +83,6 @@ class CheckedFile:
                 self.datasets[name] = CheckedDataset(item, sums[f"{SUMS}/{name}"], path)
         else:
             self.datasets = {name: CheckedDataset(item, None, path) for name, item in self.datasets.items()}
-        self._check_shapes(schema or {})
 
     def __contains__(self, name):
         return name in self.datasets or any(key.startswith(name + "/") for key in self.datasets)
@@ -92,7 +103,7 @@ class CheckedFile:
         value = self.attrs.get(name, default)
         try:
             return kind(value.decode() if isinstance(value, bytes) else value)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise damaged(self.path, f"the attribute {name} is missing or no {kind.__name__}: {value!r}") from error
 
     def verify(self, first=lambda rows: (0, rows)) -> int:
@@ -168,25 +179,29 @@ class CheckedDataset:
     """A dataset; what is read of it is checked, in whole chunks of its rows. `rows` along its axis."""
 
     def __init__(self, dataset, sums, path):
-        self._dataset, self._sums, self._path = dataset, sums, path
-        self.name, self.shape, self.dtype, self.ndim = dataset.name, dataset.shape, dataset.dtype, dataset.ndim
-        self.axis = -1
+        self._dataset, self._sums, self.path = dataset, sums, path
+        self.name, self.axis = dataset.name, -1
+        self.shape, self.dtype, stored = self._guarded(
+            lambda: (dataset.shape, dataset.dtype, dataset.id.get_storage_size())
+        )
+        if self.shape is None:
+            raise damaged(path, f"{self.name} is empty")
+        self.ndim = len(self.shape)
+        if self.dtype.itemsize * prod(self.shape) > stored * (1 if dataset.chunks is None else PACKED):
+            raise damaged(path, f"{self.name} is not whole")
         if sums is not None:
             self.axis = int(self._guarded(lambda: sums.attrs["axis"]))
             if not -1 <= self.axis < self.ndim:
                 raise damaged(path, f"{self.name} does not have its checksum")
-            leading = int(np.prod(self.shape[: max(self.axis, 0)]))
-            chunks = -(-self.rows // CHUNK)
+            leading, chunks = prod(self.shape[: max(self.axis, 0)]), -(-self.rows // CHUNK)
             if sums.shape != (leading, chunks) or sums.dtype != np.uint64:
                 raise damaged(path, f"{self.name} does not have its checksum")
             self._tag = tag_of(self.dtype, self.shape, self.axis)
-            if dataset.size and dataset.chunks is None and dataset.id.get_storage_size() < dataset.nbytes:
-                raise damaged(path, f"{self.name} is not whole")
 
     @property
     def rows(self) -> int:
         """Number of rows under the sums; one where all of it is checked together."""
-        return self.shape[self.axis] if self.axis >= 0 else int(np.prod(self.shape))
+        return self.shape[self.axis] if self.axis >= 0 else prod(self.shape)
 
     def __len__(self):
         return self.shape[0]
@@ -247,13 +262,13 @@ class CheckedDataset:
 
     def _compare(self, sums, wanted):
         if not np.array_equal(sums, wanted):
-            raise damaged(self._path, f"{self.name} does not have its checksum")
+            raise damaged(self.path, f"{self.name} does not have its checksum")
 
     def _guarded(self, read):
         try:
             return read()
         except (OSError, RuntimeError, ValueError, KeyError, TypeError, MemoryError) as error:
-            raise damaged(self._path, f"{self.name} cannot be read ({_text(error)})") from error
+            raise damaged(self.path, f"{self.name} cannot be read ({_text(error)})") from error
 
 
 def _text(error):

@@ -139,10 +139,10 @@ def atomic_output(path, comm):
     check_writable(path, comm)
     name, path = path, Path(os.path.realpath(path))
     temporary = temporary_name(path, *comm.bcast((os.getpid(), HOST)))
+    left = {temporary, lock_name(path)}
     with agreed(comm):
         if comm.rank == 0:
             lock(path, name)
-    left = {temporary, lock_name(path)}
     unfinished.update(left)
     try:
         with Owned(comm):
@@ -198,12 +198,12 @@ def opened(path, kind: str, version: int | None = None):
         raise damaged(path, "what HDF5 keeps of its own does not have its checksum")
     try:
         file = h5py.File(path, "r")
-    except OSError as error:
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
         raise InputError(f"{path}: not a readable HDF5 file ({error})") from error
     with file:
         try:
-            found, number = file.attrs.get("format", "none"), int(file.attrs.get("version", 0))
-        except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
+            found, number = str(file.attrs.get("format", "none")), int(file.attrs.get("version", 0))
+        except (OSError, RuntimeError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise damaged(path, f"its attributes cannot be read ({error})") from error
         if found != kind:
             raise InputError(f"{path}: found an HDF5 file of format '{found}', expected '{kind}'")
@@ -226,5 +226,8 @@ def kind_of_file(path) -> str | None:
 
 
 def texts(dataset) -> list[str]:
-    """A list of texts from a dataset of fixed-length bytes."""
-    return [item.decode() for item in dataset[...]]
+    """A list of texts from a dataset of fixed-length bytes. Raises InputError."""
+    try:
+        return [item.decode() for item in dataset[...]]
+    except UnicodeDecodeError as error:
+        raise damaged(dataset.path, f"{dataset.name} is no text") from error

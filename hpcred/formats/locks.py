@@ -11,7 +11,7 @@ import atexit
 import fcntl
 import os
 import socket
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
@@ -35,9 +35,8 @@ def lock_name(path) -> Path:
 def lock(path: Path, called=None):
     """Keep other runs from an output until unlock, or the end of the process. Raises InputError where one has it.
 
-    `called`: its name in messages.
-
-    What dead processes of this machine left of it is removed. Where the file system has no locks nothing is locked.
+    `called`: its name in messages. What dead processes of this machine left of it is removed. Where the file system
+    has no locks nothing is locked.
     """
     name = lock_name(path)
     if name in _held:
@@ -62,6 +61,7 @@ def lock(path: Path, called=None):
             if os.path.samestat(os.fstat(file), os.stat(name)):
                 break
         os.close(file)  # the run that had it has ended meanwhile, and removed its name
+    unfinished.add(name)
     with suppress(OSError):  # words for the user, where there is room for them
         os.ftruncate(file, 0)
         os.write(file, f"process {os.getpid()} on {HOST}".encode())
@@ -81,17 +81,32 @@ def glob_of(path) -> str:
 
 def unlock(path: Path):
     """Give an output free."""
-    name = lock_name(path)
+    _give_back(lock_name(path))
+
+
+def _give_back(name):
     file = _held.pop(name, None)
     if file is not None:
         with suppress(OSError):
             name.unlink()
+        unfinished.discard(name)
         os.close(file)
+
+
+@contextmanager
+def locks_given_back():
+    """Give all outputs free at the end that were locked in the block, or in the function that this decorates."""
+    before = set(_held)
+    try:
+        yield
+    finally:
+        for name in set(_held) - before:
+            _give_back(name)
 
 
 @atexit.register
 def unlock_all():
     """Give all outputs free that are not written in the end."""
-    unfinished.difference_update([path for path in unfinished if path.name.endswith(".lock")])
     for name in list(_held):
-        unlock(name.with_name(name.name[1 : -len(".lock")]))
+        _give_back(name)
+    unfinished.difference_update([path for path in unfinished if path.name.endswith(".lock")])

@@ -102,7 +102,7 @@ def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int =
     of all. Raises InputError, or ComputationError where there is no room.
     """
     outputs = {path: kind for path, kind in outputs.items() if path is not None}
-    replaced = []
+    replaced, locks = [], [lock_name(Path(os.path.realpath(path))) for path in outputs]
     for path in outputs:
         check_writable(path, comm)
     with agreed(comm):
@@ -122,7 +122,7 @@ def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int =
                 check_room(next(iter(outputs)), needed)
             for path in outputs:
                 lock(Path(os.path.realpath(path)), path)
-    unfinished.update(lock_name(Path(os.path.realpath(path))) for path in outputs)
+    unfinished.update(locks)  # on all ranks: any of them may be the one that ends the job
     for path in replaced:
         if progress is not None:
             progress.tell(f"{path} exists and is replaced")

@@ -49,8 +49,11 @@ def is_broken(path) -> bool:
         text = file.read(length)
     if zlib.crc32(text) != crc:
         return True
-    said = json.loads(text)
-    return said["end"] != size - TAIL.size - length or said["crc"] != _crc(path, said["data"], said["end"])
+    try:
+        said = json.loads(text)
+        return said["end"] != size - TAIL.size - length or said["crc"] != _crc(path, said["data"], said["end"])
+    except (ValueError, KeyError, TypeError):
+        return True
 
 
 def _crc(path, data, end) -> int:

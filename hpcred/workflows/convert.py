@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..analysis.check import check
+from ..formats.locks import locks_given_back
 from ..formats.matrix_formats import FORMATS
 from ..formats.model_file import FORMAT, write_model
 from ..formats.model_source import EXPORTS, Source, load_export, load_source
@@ -15,6 +16,7 @@ from ..parallel import startup
 from ..parallel.progress import Progress
 
 
+@locks_given_back()
 def convert(
     source: Source | str | Path, output, *, inputs=None, outputs=None, variables=None, units: str = "SI", comm=None,
     progress: Progress | None = None,

@@ -9,6 +9,7 @@ import numpy as np
 from ..analysis.error import error_integral, relative_error
 from ..analysis.error_check import accuracy_of, check_reduced, said_at
 from ..analysis.frequency_response import frequency_response
+from ..formats.locks import locks_given_back
 from ..formats.model_file import read_model
 from ..formats.outputs import check_outputs
 from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
@@ -32,6 +33,7 @@ MOST = (1, 10**7, "")  # frequencies
 SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
 
 
+@locks_given_back()
 def evaluate_result(
     result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None,
     groups: int | None = None, factoring: Factoring | None = None, comm=None, progress: Progress | None = None,

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..analysis.natural_modes import NaturalModes, natural_modes
 from ..formats.hdf5 import atomic_output, reading, writing
+from ..formats.locks import locks_given_back
 from ..formats.model_file import read_model, write_nodes
 from ..formats.outputs import PICTURES, PNG, check_outputs
 from ..formats.result_file import Shapes
@@ -25,6 +26,7 @@ MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
 ROUND_OFF = 1e-12  # of a mass
 
 
+@locks_given_back()
 def modes_of_file(
     model, count: int = 20, *, frame=None, figure=None, factoring: Factoring | None = None, comm=None,
     progress: Progress | None = None,

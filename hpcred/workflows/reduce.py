@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..formats.contents import content_of
 from ..formats.job_file import Job, plain, read_job
+from ..formats.locks import locks_given_back
 from ..formats.model_file import read_model
 from ..formats.model_source import column_names, load_source, read_columns
 from ..formats.node_table import read_node_numbers
@@ -34,6 +35,7 @@ class Reduced:
     frequencies: tuple[float, ...]
 
 
+@locks_given_back()
 def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Progress | None = None) -> Reduced:
     """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..analysis.full_response import FullResponse, full_response
 from ..formats.hdf5 import atomic_output
+from ..formats.locks import locks_given_back
 from ..formats.model_file import read_model
 from ..formats.outputs import PICTURES, check_outputs
 from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
@@ -24,6 +25,7 @@ from .evaluate import frequencies_over
 from .reduce import with_targets
 
 
+@locks_given_back()
 def response_file(
     model, *, frequencies=(), band=None, points: int = 2001, tolerance: float = 1e-6, frame=None, damping=None,
     inputs=None, outputs=None, check: int = 0, seed: int | None = None, groups: int | None = None,

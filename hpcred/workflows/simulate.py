@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..formats.hdf5 import atomic_output
+from ..formats.locks import locks_given_back
 from ..formats.outputs import CSV_OF_MOTION, PNG, VTK, check_outputs, hdf5_kind
 from ..formats.result_file import read_result
 from ..formats.room import rescued
@@ -24,6 +25,7 @@ from ..reduction.record import versions
 from ..report.figures import has_matplotlib, motion_figure
 
 
+@locks_given_back()
 def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     """Simulate a reduced body in time as a file says. Collective. Raises InputError, ComputationError.
 

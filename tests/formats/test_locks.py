@@ -6,12 +6,14 @@ import subprocess
 import sys
 
 import pytest
+from launch import mpi_environment
 
+import hpcred as package
 from hpcred.cli import run
 from hpcred.formats import locks
 from hpcred.formats.hdf5 import writing
 from hpcred.formats.locks import HOST, lock, lock_name, temporary_name, unlock
-from hpcred.parallel.failures import InputError
+from hpcred.parallel.failures import InputError, unfinished
 
 HOLDER = """
 import sys
@@ -66,6 +68,36 @@ def test_a_lock_is_given_back_however_a_command_ends(tmp_path, monkeypatch):
     assert run(["reduce", "job.toml", "--json", "r.json"]) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["job.toml"]
     assert not locks._held
+
+
+def test_a_workflow_that_fails_gives_its_locks_back(tmp_path, monkeypatch):
+    """In a Python session that goes on, others may write the output."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "job.toml").write_text('model = "missing.h5"\n[[basis]]\nkind = "modes"\ncount = 3\n')
+    with pytest.raises(InputError, match="missing.h5"):
+        package.reduce_job("job.toml")
+    assert not locks._held and not unfinished
+    assert [path.name for path in tmp_path.iterdir()] == ["job.toml"]
+
+
+@pytest.mark.slow
+def test_two_runs_at_once(linkage_folder):
+    """Five times two on one output: each ends with 0 or is refused, and the result is whole."""
+    refused = 0
+    for number in range(5):
+        both = [
+            subprocess.Popen([sys.executable, "-m", "hpcred", "reduce", "job.toml"], stderr=subprocess.PIPE,
+                             stdout=subprocess.DEVNULL, text=True, env=mpi_environment())
+            for _ in range(2)
+        ]  # fmt: skip
+        for process in both:
+            said = process.communicate(timeout=120)[1]
+            assert process.returncode == 0 or (process.returncode == 2 and "another run is about to write" in said)
+            refused += process.returncode == 2
+        assert {process.returncode for process in both} <= {0, 2} and 0 in {process.returncode for process in both}
+        assert package.verify_file("result.h5"), number
+        assert sorted(path.name for path in linkage_folder.iterdir()) == ["job.toml", "model.h5", "result.h5"]
+    assert refused
 
 
 def test_a_file_system_without_locks(tmp_path, monkeypatch, comm):

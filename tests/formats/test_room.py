@@ -5,14 +5,15 @@ import resource
 import shutil
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
-from helpers import MODES_JOB
+from helpers import MODES_JOB, SIMULATION
 from launch import mpi_environment
 
 import hpcred as package
+from hpcred.cli import run as command
 from hpcred.formats.hdf5 import atomic_output, writing
 from hpcred.formats.room import BASE, NoRoom, rescue_places, rescued
 from hpcred.parallel.failures import agreed
@@ -145,3 +146,66 @@ def test_places_for_what_has_no_room(tmp_path, monkeypatch, comm):
     with pytest.raises(NoRoom, match="^output r.h5: no$"):
         rescued(write, "r.h5", comm)
     assert len(tried) == 3 and os.path.dirname(tried[1]) == str(tmp_path)
+
+
+# what is written at the end of the name
+TEXTS = {
+    "a.json": "evaluate result.h5 --frequencies 10,20 --json {}", "a.csv": "evaluate result.h5 --points 5 -o {}",
+    "a.SID_FEM": "export result.h5 --format sid -o {}", "a.png": "export result.h5 --format png --modes 1 -o {}",
+    "a.vtu": "export result.h5 --format vtk -o {}", "a.npz": "export result.h5 --format npz -o {}",
+}  # fmt: skip
+MORE = {
+    **{f"a.{end}": f"export result.h5 --format {end} --modes 1 -o {{}}" for end in ("svg", "pdf", "gif", "webp")},
+    **{f"{name}.{end}": f"export result.h5 --format {name} -o {{}}" for name, end in (
+        ("matlab", "mat"), ("exudyn", "npz"), ("mbdyn", "fem"), ("statespace-mat", "mat"), ("fmu", "fmu"),
+        ("uff", "uff"))},
+    "a.h5": "evaluate result.h5 --points 5 -o {}", "b.h5": "example linkage -o {}", "r.html": "report result.h5 -o {}",
+    "m.png": "modes model.h5 --count 8 --figure {}", "e.png": "evaluate result.h5 --points 5 --figure {}",
+    "c.csv": "evaluate result.h5 result.h5 --full model.h5 --points 3 -o {}",
+}  # fmt: skip
+
+
+def fill(folder):
+    """Leave no byte free."""
+    with suppress(OSError), open(folder / "filler", "wb", buffering=0) as file:
+        while True:
+            file.write(bytes(4096))
+
+
+@pytest.mark.parametrize("name", [*TEXTS, *(pytest.param(name, marks=pytest.mark.slow) for name in MORE)])
+def test_every_output_without_room_is_refused_in_a_sentence(reduced_linkage, full_disk, monkeypatch, capsys, name):
+    folder = reduced_linkage().parent
+    disk = full_disk(4_000_000)
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("HPCRED_RESCUE_DIR", str(folder / "nowhere"))
+    words = (TEXTS | MORE)[name].format(disk / name).split()
+    status = command(words)
+    assert status == 0, capsys.readouterr().err
+    fill(disk)
+    before = {path.name: path.read_bytes() for path in disk.iterdir()}
+    others = sorted(folder.iterdir())
+    capsys.readouterr()
+    assert command(words) == 1
+    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("hpcred:")]
+    assert len(said) == 1 and f"output {disk}/" in said[0] and ": the disk is full: it needs " in said[0], said
+    assert "are free in" in said[0] and "make room" in said[0]
+    assert {path.name: path.read_bytes() for path in disk.iterdir()} == before
+    assert sorted(folder.iterdir()) == others
+
+
+@pytest.mark.slow
+def test_files_of_a_simulation_without_room(reduced_linkage, full_disk, monkeypatch, capsys):
+    """Of four outputs the first one has no room: no other is written, and the older ones stay."""
+    folder = reduced_linkage().parent
+    disk = full_disk(6_000_000)
+    (folder / "sim.toml").write_text(SIMULATION.replace("end = 0.05", "end = 0.002").replace("steps = 20", "steps = 2"))
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("HPCRED_RESCUE_DIR", str(folder))
+    words = ["simulate", "sim.toml", "--set", f"output='{disk}/s.h5'", "--set", "paraview=true"]
+    assert command(words) == 0
+    fill(disk)
+    before = {path: path.read_bytes() for path in disk.rglob("*") if path.is_file()}
+    assert command(words) == 1
+    assert f"what was to be written is in {folder}/s.h5" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in disk.rglob("*") if path.is_file()} == before
+    assert package.verify_file(folder / "s.h5")
