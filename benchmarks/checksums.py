@@ -40,8 +40,8 @@ def main():
                 size = int(file.attrs["size"])
             for ranks in (1, 2):
                 command = ["mpiexec", "-n", str(ranks), sys.executable, "-c", READER, "model.h5", "plain.h5"]
-                run = subprocess.run(command, check=True, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True, cwd=folder)
-                found = json.loads(run.stdout.strip().splitlines()[-1])
+                done = subprocess.run(command, check=True, env=ENVIRONMENT, stdout=subprocess.PIPE, cwd=folder)
+                found = json.loads(done.stdout.strip().splitlines()[-1])
                 rows.append({"dofs": size, "MB": (folder / "model.h5").stat().st_size / 1e6, "ranks": ranks,
                              "with (s)": found["model.h5"], "without (s)": found["plain.h5"],
                              "cost (%)": 100 * (found["model.h5"] / found["plain.h5"] - 1)})  # fmt: skip

@@ -24,11 +24,26 @@ def begins(start: bytes) -> bool:
 def _opened(path):
     try:
         with h5py.File(path, "r") as file:
+            _require_own(path, file)
             yield file
     except InputError:
         raise
     except (OSError, KeyError, ValueError, RuntimeError, TypeError) as error:
         raise InputError(f"{path}: found a damaged HDF5 file ({str(error).splitlines()[0][:100]})") from error
+
+
+def _require_own(path, file):
+    """Raise InputError where a part of the file is in another file, which MATLAB never writes."""
+
+    def elsewhere(name, info):
+        if info.type != h5py.h5l.TYPE_HARD:
+            return name
+        item = file[name]
+        return name if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual) else None
+
+    name = file.id.links.visit(elsewhere, info=True)
+    if name is not None:
+        raise InputError(f"{path}: found '{name.decode()}', which refers to another place; it is not followed")
 
 
 def variables(path) -> list[Variable]:
