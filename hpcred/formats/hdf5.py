@@ -14,7 +14,7 @@ from .checked import CHECKSUM, SUMS, CheckedFile, damaged, header_checksum
 from .checksums import sums_of, tag_of, whole_chunks
 from .locks import HOST, lock, lock_name, temporary_name, unlock
 from .outputs import check_kind, check_writable, kind_of
-from .room import FULL, Room, no_room
+from .room import Room, is_full, no_room
 from .seal import is_broken, seal
 
 SLAB = 2**26  # numbers written in one call, well below the 2 GiB that MPI-IO takes
@@ -156,8 +156,8 @@ def atomic_output(path, comm):
                     os.ftruncate(file.fileno(), os.path.getsize(temporary))  # gives back room that was not needed
                     os.fsync(file.fileno())
                 os.replace(temporary, path)
-    except OSError as error:
-        if error.errno in FULL:
+    except Exception as error:
+        if is_full(error):
             raise common_to(comm, no_room(name, written=temporary)) from error
         raise
     finally:

@@ -42,6 +42,15 @@ def no_room(path, needed: int | None = None, written=None) -> NoRoom:
     )
 
 
+def is_full(error: BaseException) -> bool:
+    """Whether an error that has no sentence yet comes from a full disk, perhaps by a library that fell over it."""
+    if isinstance(error, HpcredError):
+        return False
+    while error is not None and getattr(error, "errno", None) not in FULL:
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
 def in_bytes(count) -> str:
     return f"{count / 1e6:.1f} MB" if count >= 1e5 else f"{count} bytes"
 

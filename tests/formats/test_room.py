@@ -37,7 +37,7 @@ def full_disk(tmp_path):
 
     yield make
     for place in mounted:
-        subprocess.run(["umount", place], check=True)
+        subprocess.run(["umount", "--lazy", place], check=True)  # matplotlib keeps a .pdf open that it could not write
 
 
 @contextmanager
@@ -161,7 +161,7 @@ MORE = {
         ("uff", "uff"))},
     "a.h5": "evaluate result.h5 --points 5 -o {}", "b.h5": "example linkage -o {}", "r.html": "report result.h5 -o {}",
     "m.png": "modes model.h5 --count 8 --figure {}", "e.png": "evaluate result.h5 --points 5 --figure {}",
-    "c.csv": "evaluate result.h5 result.h5 --full model.h5 --points 3 -o {}",
+    "c.csv": "evaluate result.h5 other.h5 --full model.h5 --points 3 -o {}",
 }  # fmt: skip
 
 
@@ -178,9 +178,9 @@ def test_every_output_without_room_is_refused_in_a_sentence(reduced_linkage, ful
     disk = full_disk(4_000_000)
     monkeypatch.chdir(folder)
     monkeypatch.setenv("HPCRED_RESCUE_DIR", str(folder / "nowhere"))
+    shutil.copy("result.h5", "other.h5")
     words = (TEXTS | MORE)[name].format(disk / name).split()
-    status = command(words)
-    assert status == 0, capsys.readouterr().err
+    assert command(words) == 0
     fill(disk)
     before = {path.name: path.read_bytes() for path in disk.iterdir()}
     others = sorted(folder.iterdir())
