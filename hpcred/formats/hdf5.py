@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ..parallel.failures import ComputationError, InputError, Owned, agreed, common_to, unfinished
+from ..parallel.failures import ComputationError, InputError, Owned, agreed, common_to, settle, unfinished
 from .checked import CHECKSUM, SUMS, CheckedFile, damaged, header_checksum
 from .checksums import sums_of, tag_of, whole_chunks
 from .locks import HOST, lock, lock_name, temporary_name, unlock
@@ -156,7 +156,8 @@ def atomic_output(path, comm):
                     os.ftruncate(file.fileno(), os.path.getsize(temporary))  # gives back room that was not needed
                     os.fsync(file.fileno())
                 os.replace(temporary, path)
-    except Exception as error:
+    except BaseException as error:
+        settle(comm, error)  # where this rank fails alone the job ends here, while it still knows what must not stay
         if is_full(error):
             raise common_to(comm, no_room(name, written=temporary)) from error
         raise
