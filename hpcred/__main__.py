@@ -12,6 +12,7 @@ def main():
 
         status = run(sys.argv[1:])
     except KeyboardInterrupt as error:  # while modules are loaded
+        signals.no_more()
         from .parallel.failures import end_job
 
         end_job(error)

@@ -19,6 +19,8 @@ from contextlib import ExitStack, contextmanager, suppress
 import numpy as np
 from mpi4py import MPI
 
+from .signals import Terminated
+
 GRACE = 4.0  # seconds that a failed rank waits for the others
 
 FINE, FAILED, ELSEWHERE = 0, 1, 2  # what a rank says at the end of a block; from ELSEWHERE on: where it fails
@@ -44,12 +46,6 @@ class InputError(HpcredError, ValueError):
 
 class ComputationError(HpcredError, RuntimeError):
     """The input is fine as far as one can see, but the computation failed."""
-
-
-class Terminated(KeyboardInterrupt):
-    """The process was asked to end by SIGTERM."""
-
-    exit_status = 128 + 15
 
 
 @contextmanager

@@ -145,7 +145,7 @@ def test_kills_at_random_moments(reduced_linkage, folder):
     print(f"seed {seed}")
     while tally.total() < int(os.environ.get("HPCRED_KILLS", "30")):
         command, whom = draw.choice(list(COMMANDS)), draw.choice(["launcher", "rank"])
-        number, delay = draw.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), draw.uniform(0.3, 4.0)
+        number, delay = draw.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), draw.uniform(0.8, 4.0)
         print(command, whom, number, delay, flush=True)
         tally[command, whom, number.name] += kill(folder, command, whom, number, delay)
         after = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
