@@ -13,9 +13,10 @@ def main():
         status = run(sys.argv[1:])
     except KeyboardInterrupt as error:  # while modules are loaded
         signals.no_more()
-        from .parallel.failures import end_job
-
-        end_job(error)
+        failures = sys.modules.get("hpcred.parallel.failures")
+        if hasattr(failures, "LOADED"):
+            failures.end_job(error)
+        signals.leave(error)
     signals.no_longer()
     sys.exit(status)
 

@@ -158,8 +158,9 @@ def atomic_output(path, comm):
                 os.replace(temporary, path)
     except BaseException as error:
         settle(comm, error)  # where this rank fails alone the job ends here, while it still knows what must not stay
-        if is_full(error):
-            raise common_to(comm, no_room(name, written=temporary)) from error
+        full = comm.bcast(no_room(name, written=temporary) if comm.rank == 0 and is_full(error) else None)
+        if full is not None:
+            raise common_to(comm, full) from error
         raise
     finally:
         unfinished.difference_update(left)

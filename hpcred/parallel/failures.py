@@ -256,3 +256,6 @@ def _sendable(error):
         return error
     except Exception:
         return ComputationError(f"{type(error).__name__}: {error}")
+
+
+LOADED = True  # all of this module, for a signal that comes while modules are loaded

@@ -54,6 +54,13 @@ def no_longer():
         signal.signal(number, signal.SIG_DFL)
 
 
+def leave(error: KeyboardInterrupt):
+    """End the process with a line, where modules are half loaded and cannot be loaded again; does not return."""
+    name = "terminated" if isinstance(error, Terminated) else "interrupted"
+    os.write(2, f"hpcred: {name}\n".encode())
+    os._exit(getattr(error, "exit_status", 128 + signal.SIGINT))
+
+
 def no_more():
     """Have further signals change nothing: the process is on its way out."""
     for number in (signal.SIGINT, signal.SIGTERM):
