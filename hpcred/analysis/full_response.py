@@ -104,9 +104,12 @@ def full_response(
     with Owned(model.comm) as owned:
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
-        run = owned.owns(Run(framed, progress, KEPT_BY_SEARCH, factoring or Factoring(), inertia=True))
+        room = min(ROOM, adaptive.columns)
+        run = owned.owns(
+            Run(framed, progress, KEPT_BY_SEARCH, factoring or Factoring(), inertia=True, columns=room)
+        )
         rigid = framed.rigid.R if framed.rigid is not None else None
-        basis = owned.owns(Basis(framed.model.M, rigid, KEPT_BY_SEARCH, room=min(ROOM, adaptive.columns)))
+        basis = owned.owns(Basis(framed.model.M, rigid, KEPT_BY_SEARCH, room, run.keeps_images))
         search = owned.owns(Search(basis, run, adaptive))
         reason = search.search()
         with progress.stage("evaluate"):

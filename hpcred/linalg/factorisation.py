@@ -25,12 +25,13 @@ class Factoring:
     `out_of_core`: a folder for the factors, on a fast local disk, instead of memory. `low_rank`: relative accuracy of
     block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined to the residual
     of full factors, and the run fails if that is not reached. `memory_mb`: what a rank may take for a factor, by
-    default what the machine and the batch system leave (see parallel.memory).
+    default what the machine and the batch system leave (see parallel.memory); `reserved_mb` of that are for columns.
     """
 
     out_of_core: str | None = None
     low_rank: float | None = None
     memory_mb: float | None = None
+    reserved_mb: float = 0.0
 
     def __post_init__(self):
         if self.low_rank is not None and not 1e-16 <= self.low_rank < 1e-2:
@@ -52,7 +53,7 @@ class Factoring:
 
     def limit_mb(self, comm) -> int:
         """MB that a rank may take for factors. Collective."""
-        return max(int(self.memory_mb or available_mb(comm)), 1)
+        return max(int((self.memory_mb or available_mb(comm)) - self.reserved_mb), 1)
 
 
 class SingularMatrix(ComputationError):
