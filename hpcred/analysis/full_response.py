@@ -109,7 +109,7 @@ def full_response(
             Run(framed, progress, KEPT_BY_SEARCH, factoring or Factoring(), inertia=True, columns=room)
         )
         rigid = framed.rigid.R if framed.rigid is not None else None
-        basis = owned.owns(Basis(framed.model.M, rigid, KEPT_BY_SEARCH, room, run.keeps_images))
+        basis = owned.owns(Basis(run.mass, rigid, KEPT_BY_SEARCH, room, run.keeps_images))
         search = owned.owns(Search(basis, run, adaptive))
         reason = search.search()
         with progress.stage("evaluate"):

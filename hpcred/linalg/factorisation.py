@@ -25,13 +25,12 @@ class Factoring:
     `out_of_core`: a folder for the factors, on a fast local disk, instead of memory. `low_rank`: relative accuracy of
     block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined to the residual
     of full factors, and the run fails if that is not reached. `memory_mb`: what a rank may take for a factor, by
-    default what the machine and the batch system leave (see parallel.memory); `reserved_mb` of that are for columns.
+    default what the machine and the batch system leave (see parallel.memory).
     """
 
     out_of_core: str | None = None
     low_rank: float | None = None
     memory_mb: float | None = None
-    reserved_mb: float = 0.0
 
     def __post_init__(self):
         if self.low_rank is not None and not 1e-16 <= self.low_rank < 1e-2:
@@ -53,7 +52,7 @@ class Factoring:
 
     def limit_mb(self, comm) -> int:
         """MB that a rank may take for factors. Collective."""
-        return max(int((self.memory_mb or available_mb(comm)) - self.reserved_mb), 1)
+        return max(int(self.memory_mb or available_mb(comm)), 1)
 
 
 class SingularMatrix(ComputationError):
@@ -99,18 +98,19 @@ class Factorisation:
     """LDL^T ("cholesky") or LU ("lu") of `matrix`, whose values may change but not its pattern.
 
     `prefix`: of the PETSc options; `settings`: MUMPS controls such as {"icntl_13": 1}, which users' own options
-    override. `records` has one FactorRecord a factorisation. All methods are collective. Owns the solver, not the
-    matrix: call close().
+    override; `reserved_mb`: what of the memory of a rank is for other things to come. `records` has one FactorRecord a
+    factorisation. All methods are collective. Owns the solver, not the matrix: call close().
     """
 
-    def __init__(self, matrix: PETSc.Mat, kind: str, prefix: str, settings=None, factoring: Factoring | None = None):
+    def __init__(self, matrix: PETSc.Mat, kind: str, prefix: str, settings=None, factoring: Factoring | None = None,
+                 reserved_mb: float = 0.0):  # fmt: skip
         self.matrix, self.factoring = matrix, factoring or Factoring()
         self.records: list[FactorRecord] = []
         self.analyses = 0  # symbolic ones so far
         self._kind, self._prefix = kind, prefix
         self._settings = {"icntl_7": startup.ordering, "icntl_14": 40, **self.factoring.mumps(), **(settings or {})}
         # before the first factor takes its part
-        self._limit = self.factoring.limit_mb(matrix.comm.tompi4py())
+        self._limit = max(int(self.factoring.limit_mb(matrix.comm.tompi4py()) - reserved_mb), 1)
         PETSc.Log.begin()
         self._event = PETSc.Log.Event("MatCholFctrSym" if kind == "cholesky" else "MatLUFactorSym")
         self._ksp = PETSc.KSP().create(matrix.comm)

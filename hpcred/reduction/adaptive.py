@@ -579,7 +579,7 @@ class Search:
         low, high = self.settings.band
         part = max(low, f - width), min(high, f + width)
         rigid = run.rigid.R if run.rigid is not None else None
-        vectors = Basis(run.model.M, rigid, run.tolerance, room=CHAIN, keeps=run.keeps_images)
+        vectors = Basis(run.mass, rigid, run.tolerance, room=CHAIN, keeps=run.keeps_images)
         with Owned(run.model.comm) as owned:
             search = owned.owns(Search(vectors, run, replace(self.settings, band=part, points=(f,))))
             search._expand(f, False)

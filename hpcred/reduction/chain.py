@@ -61,7 +61,7 @@ class Chain:
         self.labels = ("", "")  # of the factor, as FactorRecord has them
         self._place, self._residual, self._solver = 0, 0.0, None
         room = (wanted or 4) * max(self._load_columns(), 1)
-        self.vectors = self.kind(run.model.M, tolerance=run.tolerance, room=room, keeps=run.keeps_images)
+        self.vectors = self.kind(run.mass, tolerance=run.tolerance, room=room, keeps=run.keeps_images)
         self._key = {"kind": "chain", "rule": self.rule, "tolerance": run.tolerance, **key}
         self._take_stored(wanted)
         self.stored = len(self.ends)
@@ -171,7 +171,7 @@ class Chain:
             except ComputationError as error:
                 self.run.remark(f"store: {error}; the point is made again")
                 self.vectors.close()
-                self.vectors = self.kind(self.run.model.M, tolerance=self.run.tolerance, keeps=self.run.keeps_images)
+                self.vectors = self.kind(self.run.mass, tolerance=self.run.tolerance, keeps=self.run.keeps_images)
                 return
         self.ends, self.offered = facts["ends"][:count], facts["offered"][:count]
         if count == len(facts["ends"]):

@@ -201,7 +201,7 @@ def _polish(run, block, count, solve):
     with Owned(run.model.comm) as owned:
         load = owned.owns(run.times_mass(block))
         solve(load, block, steps=1)
-        vectors = owned.owns(Basis(run.model.M, tolerance=INDEPENDENT, room=block.getSizes()[1]))
+        vectors = owned.owns(Basis(run.mass, tolerance=INDEPENDENT, room=block.getSizes()[1]))
         vectors.extend(block)
         if vectors.size < count:
             raise ComputationError(f"only {vectors.size} of the {count} modes found are independent")

@@ -91,7 +91,7 @@ def reduce(
         if two_sided:
             runs.append(owned.owns(runs[0].dual()))
         rigid = framed.rigid.R if framed.rigid is not None else None
-        bases = [owned.owns(Basis(framed.model.M, rigid, tolerance, columns, run.keeps_images)) for _ in runs]
+        bases = [owned.owns(Basis(run.mass, rigid, tolerance, columns, run.keeps_images)) for _ in runs]
         points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
         groups = number_of_groups(settings.groups, runs[0], points)
         ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from dataclasses import asdict, dataclass, field, is_dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ..linalg.basis import Extension
 from ..linalg.blocks import apply, create_block, from_dense, inner, multiply
+from ..linalg.csr import without_zeros
 from ..linalg.factorisation import Factoring, FactorRecord
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
 from ..model.damping import GivenDamping
@@ -68,6 +69,7 @@ class Run:
     _loads: object = None
     _shared: Run | None = None
     _own_model: object = None
+    _mass: object = None
     _added: list[FactorRecord] = field(default_factory=list)
     _added_analyses: int = 0
 
@@ -80,7 +82,7 @@ class Run:
         if self._shared is not None:
             return self._shared.solver
         if self._solver is None:
-            self._solver = ShiftedSolver(self.model, self.rigid, inertia=self.inertia, factoring=self._factoring())
+            self._solver = ShiftedSolver(self.model, self.rigid, inertia=self.inertia, **self._memory())
         if self._complex_solver is not None:
             self._complex_solver.release()
         return self._solver
@@ -91,7 +93,7 @@ class Run:
         if self._shared is not None:
             return self._shared.complex_solver
         if self._complex_solver is None:
-            self._complex_solver = ComplexSolver(self.model, self.rigid, factoring=self._factoring())
+            self._complex_solver = ComplexSolver(self.model, self.rigid, **self._memory())
         if self._solver is not None:
             self._solver.release()
         return self._complex_solver
@@ -106,9 +108,9 @@ class Run:
         rows = np.diff(self.model.M.getOwnershipRanges()).max()
         return self.columns * rows * np.dtype(PETSc.ScalarType).itemsize / MB
 
-    def _factoring(self):
-        """With memory kept for the columns of the basis and those of a point."""
-        return replace(self.factoring, reserved_mb=(4 if self.keeps_images else 2) * self._columns_mb)
+    def _memory(self):
+        """For solvers, with memory kept for the columns of the basis and those of a point."""
+        return {"factoring": self.factoring, "reserved_mb": (4 if self.keeps_images else 2) * self._columns_mb}
 
     def factored(self, mass: float, name: str) -> ShiftedSolver:
         """The solver with the factor of K + mass M, made unless it is there. Raises SingularMatrix."""
@@ -144,11 +146,18 @@ class Run:
                 self.note("inputs", self.model.B.getSize()[1], kept)
         return self._loads
 
+    @property
+    def mass(self) -> PETSc.Mat:
+        """M for products with blocks, without its stored zeros where they are many; owned by the run. Collective."""
+        if self._mass is None:
+            self._mass = without_zeros(self.model.M)
+        return self._mass
+
     def times_mass(self, block):
         """M block as a new block."""
         first, last = block.getActiveColumns()
-        product = create_block(self.model.M, last - first)
-        apply(self.model.M, block, product)
+        product = create_block(self.mass, last - first)
+        apply(self.mass, block, product)
         return product
 
     def note(self, where: str, columns: int, found: Extension | int, **more):
@@ -242,8 +251,9 @@ class Run:
         for item in (*self._solvers(), self._own_model):
             if item is not None:
                 item.close()
-        if self._loads is not None:
-            self._loads.destroy()
+        for item in (self._loads, self._mass):
+            if item is not None:
+                item.destroy()
 
 
 def identity_of_model(model, framed, **known) -> dict:
