@@ -19,7 +19,7 @@ from .blocks import add_product, apply, copy_of, create_block, dense, fold, inne
 
 RESOLVED = 1e-4  # eigenvalues of a unit-diagonal Gram matrix above this are safe to divide by
 PASSES = 20  # of projection or separation; two or three are usual
-STALE = 10.0  # how far columns may be cancelled before their images are computed anew
+STALE = 10  # how far columns may be cancelled before their images are computed anew
 
 
 @dataclass(frozen=True)
@@ -172,11 +172,20 @@ class Basis:
                 raise ComputationError("a block of basis vectors could not be orthonormalised: is M positive definite?")
         return Extension(self.size - start, float(smallest), float(largest))
 
-    def restore(self, block: SLEPc.BV):
-        """Take over the columns of a basis that was written; raises ComputationError unless they are M-orthonormal."""
-        with Owned(self.comm) as owned:
-            given = owned.owns(Imaged(self.mass, block))
-            self._append(given.block, given.images)
+    def renew_images(self, start: int, stop: int):
+        """Compute the images of the columns start .. stop - 1 anew, of which they then are a function."""
+        images = self.images_between(start, stop)
+        if images is not None and stop > start:
+            apply(self.mass, self.columns_between(start, stop), images)
+
+    def restore(self, block: SLEPc.BV, ends):
+        """Take over the columns of a basis that was written, in blocks that end before the columns `ends`.
+
+        Raises ComputationError unless they are M-orthonormal.
+        """
+        self._append(block, block)
+        for start, stop in zip([0, *ends], ends, strict=False):
+            self.renew_images(start, stop)
         defect = self.comm.bcast(self.defect())
         if not defect <= 1e-10:
             raise ComputationError(f"the columns of an earlier run are not orthonormal (defect {defect:.1e})")

@@ -110,7 +110,7 @@ class Factorisation:
         self._kind, self._prefix = kind, prefix
         self._settings = {"icntl_7": startup.ordering, "icntl_14": 40, **self.factoring.mumps(), **(settings or {})}
         # before the first factor takes its part
-        self._limit = max(int(self.factoring.limit_mb(matrix.comm.tompi4py()) - reserved_mb), 1)
+        self._limit = max(self.factoring.limit_mb(matrix.comm.tompi4py()) - int(reserved_mb), 1)
         PETSc.Log.begin()
         self._event = PETSc.Log.Event("MatCholFctrSym" if kind == "cholesky" else "MatLUFactorSym")
         self._ksp = PETSc.KSP().create(matrix.comm)

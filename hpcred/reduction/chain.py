@@ -131,6 +131,7 @@ class Chain:
             with progress.stage("orthogonalise"):
                 start = self.vectors.size
                 self.vectors.extend(block)
+                self.vectors.renew_images(start, self.vectors.size)  # as those that come from a store have them
                 self.complete = self.vectors.size == start
                 self._took(load, block)
         self.offered.append(self._offers(columns))
@@ -167,7 +168,7 @@ class Chain:
             count, facts = len(entry.widths), entry.facts
             try:
                 if entry.block is not None:
-                    self.vectors.restore(entry.block)
+                    self.vectors.restore(entry.block, facts["ends"][:count])
             except ComputationError as error:
                 self.run.remark(f"store: {error}; the point is made again")
                 self.vectors.close()
