@@ -1,4 +1,4 @@
-"""Any file that hpcred reads enters; what it is, and of a model what there is to know before it is reduced, leaves."""
+"""Any file that hpcred reads or writes enters; what it is, and of a model what it needs to be reduced, leaves."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
-from .info_of_output import OUTPUTS, read_whole, sid
+from .info_of_export import description_of
+from .info_of_output import OUTPUTS, damaged, read_whole, sid
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
@@ -56,6 +57,7 @@ def describe_file(
     with agreed(comm):
         kind, export = _kind_of(path), export_of(path)
         of_sid = begins_sid(first_bytes(path))
+        written = None if kind or of_sid else description_of(path)
         single = None if export or of_sid else format_of(path)
         if kind != MODEL and (frequencies or band_top or modes):
             raise InputError(f"{path}: modes can be found in a model file only; convert it first")
@@ -68,6 +70,8 @@ def describe_file(
             return read_whole(OUTPUTS[kind], path, comm)
         if of_sid:
             return read_whole(sid, path, comm)
+        if written:
+            return _on_one_rank(written, path, comm)
         if kind:
             return {"format": f"HDF5 file of format '{kind}'", "warnings": []}
         if export:
@@ -78,6 +82,19 @@ def describe_file(
         f"{path}: found a file that begins with {first_bytes(path)[:12]!r}, which is none of the formats of "
         "`hpcred convert --list-formats`"
     )
+
+
+def _on_one_rank(describe, path, comm):
+    report = None
+    with agreed(comm):
+        if comm.rank == 0:
+            try:
+                report = describe(path)
+            except InputError:
+                raise
+            except Exception as error:  # whatever a damaged file makes its reader raise
+                raise damaged(path, error) from error
+    return {**comm.bcast(report), "warnings": []}
 
 
 def _kind_of(path) -> str | None:
