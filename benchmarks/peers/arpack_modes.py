@@ -1,4 +1,8 @@
-"""Lowest modes by SciPy's shift-invert ARPACK with MKL PARDISO: model.h5, count -> JSON."""
+"""Modes by SciPy's shift-invert ARPACK with MKL PARDISO: model.h5, count or band in Hz, checks -> JSON.
+
+A count is that of the lowest modes. A band ("6000Hz") takes as many as inertia counts below its end, as a program does
+that is asked for a frequency. `checks`: frequencies of the response of the modes, in Hz.
+"""
 
 import json
 import sys
@@ -9,14 +13,30 @@ from model import read, upper
 from pypardiso import PyPardisoSolver
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-path, count = sys.argv[1], int(sys.argv[2])
+path, asked, checks = sys.argv[1], sys.argv[2], json.loads(sys.argv[3]) if len(sys.argv) > 3 else []
 start = time.perf_counter()
 K, M, B = read(path)
-solver, Ku = PyPardisoSolver(mtype=-2), upper(K)
-solver.set_phase(12)
-solver._call_pardiso(Ku, np.zeros((len(B), 1)))
+solver = PyPardisoSolver(mtype=-2)
+
+
+def factored(A, phase):
+    solver.set_phase(phase)
+    solver._call_pardiso(A, np.zeros((len(B), 1)))
+    return A
+
+
+analysed = 12
+if asked.endswith("Hz"):
+    factored(upper(K - (2 * np.pi * float(asked[:-2])) ** 2 * M), analysed)
+    count, analysed = int(solver.iparm[22]), 22
+else:
+    count = int(asked)
+Ku = factored(upper(K), analysed)
 solver.set_phase(33)
 inverse = LinearOperator(K.shape, lambda x: solver._call_pardiso(Ku, x.reshape(-1, 1)).ravel(), dtype=float)
-values, _ = eigsh(K, count, M, sigma=0.0, OPinv=inverse)
+values, V = eigsh(K, count, M, sigma=0.0, OPinv=inverse)
 seconds = time.perf_counter() - start
-print(json.dumps({"seconds": seconds, "frequencies": (np.sqrt(np.sort(values)) / 2 / np.pi).tolist()}))
+b = V.T @ B
+response = [(b.T @ (b / (values - (2 * np.pi * f) ** 2)[:, None])).tolist() for f in checks]
+frequencies = (np.sqrt(np.sort(values)) / 2 / np.pi).tolist()
+print(json.dumps({"seconds": seconds, "count": count, "frequencies": frequencies, "response": response}))

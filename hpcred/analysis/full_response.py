@@ -114,9 +114,12 @@ def full_response(
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
             warnings += inputs_without_effect(framed)
-        run = owned.owns(Run(framed, progress, KEPT_BY_SEARCH, factoring or Factoring(), inertia=True))
+        room = min(ROOM, adaptive.columns)
+        run = owned.owns(
+            Run(framed, progress, KEPT_BY_SEARCH, factoring or Factoring(), inertia=True, columns=room)
+        )
         rigid = framed.rigid.R if framed.rigid is not None else None
-        basis = owned.owns(Basis(framed.model.M, rigid, KEPT_BY_SEARCH, room=min(ROOM, adaptive.columns)))
+        basis = owned.owns(Basis(run.mass, rigid, KEPT_BY_SEARCH, room, run.keeps_images))
         search = owned.owns(Search(basis, run, adaptive))
         run.check_free_motions()
         reason = search.search()

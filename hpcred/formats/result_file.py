@@ -139,8 +139,8 @@ class Shapes:
 
     `nodes` (k,) their numbers, with those that are held, which do not move; `points` (k, 3) in m, `cells` by kind
     as indices of points, `names` and `frequencies` (m,) of the shapes: pseudo-modes, which the columns of the basis
-    are (54), but in interface coordinates, or the basis vectors of a two-sided projection. `interface`: numbers of
-    the interface nodes.
+    are (54), but in interface coordinates, or the basis vectors of a two-sided projection. `first`: the number of the
+    first shape. `mark_names` and `mark_points` (j, 3) in m: of the interface nodes, which need not be among the nodes.
     """
 
     def __init__(self, file, name):
@@ -158,14 +158,20 @@ class Shapes:
         self.points = position[first]
         self._place = place[: len(self._direction)]
         self._basis = file["basis/V"]
-        self.interface = file["interface/node"][...] if "interface" in file else np.zeros(0, dtype=int)
         kind = "basis vector" if "basis/W" in file else "pseudo-mode"
         self.frequencies = file["reduced/frequencies"][...]
         self._mixture = self._mixed = None
         if "reduced/interfaces" in file:
             self._mixture = scipy.linalg.eigh(file["reduced/K"][...], file["reduced/M"][...])[1]
         width = len(str(len(self.frequencies)))
-        self.names = [f"{kind} {k + 1:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies)]
+        self.first = int(file.attrs.get("first_number", 1))
+        self.names = [f"{kind} {k:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies, self.first)]
+        self.mark_names, self.mark_points, self._mark_phi = [], np.zeros((0, 3)), np.zeros((0, 3, len(self.names)))
+        if marks := file.get("interface"):
+            numbers = list(map(str, marks["node"][...].tolist()))
+            named = texts(marks["name"]) if "name" in marks else numbers
+            self.mark_names = [name or number for name, number in zip(named, numbers, strict=True)]
+            self.mark_points, self._mark_phi = marks["position"][...], marks["phi"][...]
         self.cells = {}
         for key, cells in file.get("elements", {}).items():
             cells = cells[...]
@@ -180,6 +186,10 @@ class Shapes:
         if self._mixed is None:
             self._mixed = self._mixture.T @ self._basis[...]
         return self._placed(self._mixed[number])
+
+    def mark_displacement(self, number) -> np.ndarray:
+        """(j, 3); the displacements of the interface nodes of a shape."""
+        return self._mark_phi[..., number] if self._mixture is None else self._mark_phi @ self._mixture[:, number]
 
     def column(self, number) -> np.ndarray:
         """(k, 3); the translational dofs of a column of the basis, which belongs to a coordinate."""

@@ -18,7 +18,7 @@ from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import LABEL, within
 from .damping import with_damping
-from .dofs import DIRECTIONS, direction_index, position_of_node, row_of, rows_of_node
+from .dofs import DIRECTIONS, INTERFACE_THERE, direction_index, position_of_node, row_of, rows_of_node
 from .interfaces import couple, node_number
 from .rigid_body_modes import RigidBodyModes
 from .second_order_model import SecondOrderModel, listed
@@ -153,8 +153,8 @@ def _rows_of_tangent(model, frame):
     if len(rows) < 6:
         have = ", ".join(DIRECTIONS[d] for d in sorted(rows))
         raise InputError(
-            f"frame: the tangent frame needs a node with six dofs, node {frame.node} has {have}; "
-            "take the chord or the Buckens frame"
+            f"frame: the tangent frame needs a node with six dofs, node {frame.node} has {have}; {INTERFACE_THERE}, of "
+            "kind 'rigid', and name it, or take the chord or the Buckens frame"
         )
     return list(rows.values())
 

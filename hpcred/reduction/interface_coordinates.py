@@ -143,7 +143,7 @@ def elastic_part(reduced: ReducedModel) -> ReducedModel:
     Its transfer function is the one in the Buckens frame, which estimates and checks speak of. Other models stay as
     they are.
     """
-    count = reduced.record.rigid_body_modes if reduced.record is not None and reduced.interfaces else 0
+    count = reduced.rigid_size
     if not count:
         return reduced
     X = scipy.linalg.eigh(reduced.K, reduced.M)[1][:, count:]

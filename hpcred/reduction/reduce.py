@@ -90,7 +90,9 @@ def reduce(
             framed = owned.owns(apply_frame(model, frame, damping))
             warnings += inputs_without_effect(framed)
         tolerance = settings.deflation_tolerance if adaptive is None else KEPT_BY_SEARCH
-        runs = [owned.owns(Run(framed, progress, tolerance, factoring or Factoring(), inertia=adaptive is not None))]
+        columns = _check_size(framed, basis, adaptive)
+        run = Run(framed, progress, tolerance, factoring or Factoring(), inertia=adaptive is not None, columns=columns)
+        runs = [owned.owns(run)]
         if store is not None:
             with progress.stage("store"):
                 asked = {"frame": frame, "damping": damping, "basis": [asdict(item) for item in basis]}
@@ -98,8 +100,7 @@ def reduce(
         if two_sided:
             runs.append(owned.owns(runs[0].dual()))
         rigid = framed.rigid.R if framed.rigid is not None else None
-        columns = _check_size(framed, basis, adaptive)
-        bases = [owned.owns(Basis(framed.model.M, rigid, tolerance, room=columns)) for _ in runs]
+        bases = [owned.owns(Basis(run.mass, rigid, tolerance, columns, run.keeps_images)) for _ in runs]
         points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
         groups = number_of_groups(settings.groups, runs[0], points)
         if adaptive is not None:
@@ -208,15 +209,17 @@ def _project(model, framed, vectors, run, settings):
             raise InputError(f"drop_above: no pseudo-frequency lies below {drop_above:g} Hz")
         run.note(f"pseudo-frequencies up to {drop_above:g} Hz", len(frequencies), kept)
         vectors.multiply(np.eye(len(frequencies))[:, :kept])
-        frequencies = frequencies[:kept]
+        squares, frequencies = squares[:kept], frequencies[:kept]
     mass, defect = vectors.gram()
     if defect > ORTHONORMAL_TO:
         raise ComputationError(
             f"the basis has lost its orthonormality: max |V^T M V - I| = {defect:.1e}, allowed is {ORTHONORMAL_TO:g}"
         )
     columns = vectors.columns
-    small = {"M": mass} | {key: project(mat, columns) for key, mat in full.matrices.items() if key != "M"}
-    if "D" not in small:
+    small = {"M": mass, "K": np.diag(squares)}
+    if "D" in full.matrices:
+        small["D"] = project(full.matrices["D"], columns)
+    else:
         small["D"] = reduced_damping(framed.damping, run, columns, frequencies)
     for key, value in small.items():
         if key != "D" or full.symmetric:

@@ -97,6 +97,7 @@ def _draw(figure, model, found):
         try:
             with writing(store, comm) as file:
                 file.attribute("format", "hpcred-shapes")
+                file.attribute("first_number", found.rigid + 1)  # as in the table
                 with local_rows(found.shapes) as rows:
                     columns = rows.real[:, rows.shape[1] - len(elastic) :]
                     file.rows("basis/V", np.ascontiguousarray(columns.T), axis=1)

@@ -27,11 +27,13 @@ SIZE = 40  # coordinates that a reduction to a tolerance is expected to have
 
 @dataclass(frozen=True)
 class Reduced:
-    """What a job gave: the file, its record, the number of coordinates, and the pseudo-frequencies in Hz."""
+    """What a job gave: the file, its record, the number of coordinates, also in words, and the pseudo-frequencies in
+    Hz."""
 
     output: str
     record: Record
     size: int
+    size_in_words: str
     frequencies: tuple[float, ...]
 
 
@@ -81,7 +83,9 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
                     ), output, comm,
                 )  # fmt: skip
             record = replace(reduced.record, timing=progress.timing())
-            found = Reduced(output, record, reduced.size, tuple(reduced.frequencies.tolist()))
+            found = Reduced(
+                output, record, reduced.size, reduced.size_in_words, tuple(reduced.frequencies.tolist())
+            )
     if job.report:
         from .report import report_file  # which reads models as jobs do
 

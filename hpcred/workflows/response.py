@@ -22,6 +22,7 @@ from ..parallel.progress import Progress
 from ..reduction.record import versions
 from ..report.figures import MOST, check_figure_name, pyplot, response_figure
 from .evaluate import frequencies_over
+from .pair_figures import pairs_to_show
 from .reduce import with_targets
 
 
@@ -91,12 +92,10 @@ def _arrays(found: FullResponse) -> dict:
 
 
 def _curves(found: FullResponse) -> list:
-    """Name and values of every pair; of a symmetric H only one of the two that are equal."""
-    H, pairs = found.response, Responses(**_arrays(found)).pairs
-    reciprocal = found.input_names == found.output_names and np.allclose(
-        H, H.transpose(0, 2, 1), rtol=1e-6, atol=1e-6 * np.abs(H).max()
-    )
-    return [(name, H[:, i, j]) for name, i, j in pairs if i <= j or not reciprocal]
+    """Name and values of every pair that is worth drawing."""
+    outputs, inputs = found.output_names, found.input_names
+    return [(f"{outputs[i]}/{inputs[j]}", found.response[:, i, j])
+            for i, j in pairs_to_show(found.response, outputs, inputs)]  # fmt: skip
 
 
 def _write(output, found, report, comm, polar):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -166,10 +167,20 @@ def test_what_must_not_be_written_over_is_refused(folder, capsys, line, says):
 def test_a_file_of_the_same_kind_is_replaced_and_said(folder, capsys, line, name):
     before = Path(name).stat().st_ino
     assert run(line.split()) == 0
-    assert f"{name} exists and is replaced\n" in capsys.readouterr().err
+    assert re.search(f"{name} (exists and is|existed and was) replaced\n", capsys.readouterr().err)
     assert Path(name).stat().st_ino != before
     assert run([*line.split(), "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
+
+
+def test_nothing_is_said_to_be_replaced_that_is_not(folder, capsys):
+    assert run(["export", "result.h5", "--format", "png", "-o", "a.png"]) == 0
+    before = Path("a.png").stat().st_ino
+    capsys.readouterr()
+    assert run(["export", "result.h5", "--format", "png", "-o", "a.png", "--modes", "99"]) == 2
+    message = capsys.readouterr().err
+    assert "modes: found 99, expected numbers from 1 to" in message and "replaced" not in message
+    assert Path("a.png").stat().st_ino == before
 
 
 def test_links_are_followed(folder, capsys):
