@@ -13,10 +13,8 @@ import zipfile
 from pathlib import Path
 
 import h5py
-import scipy.io
 
 from ..parallel.failures import InputError, agreed, unfinished
-from . import nastran_op4, sid
 from .locks import lock, lock_name, temporary_name
 from .room import free_bytes, no_room
 from .seal import is_broken
@@ -73,6 +71,8 @@ def kind_of(path) -> str:
         return SVG if b"<svg" in start else VTK if b"<VTKFile" in start else "XML file"
     if start.startswith((b"PK\x03\x04", b"MATLAB")):
         return _archive_kind(path, ZIP if start.startswith(b"PK") else MATLAB)
+    from . import nastran_op4, sid  # here, since every command looks at its outputs when it starts
+
     if sid.begins(start):
         return SID
     kind = next((kind for begins, kind in BEGINNINGS if start.startswith(begins)), None)
@@ -88,7 +88,9 @@ def _archive_kind(path, kind) -> str:
             with zipfile.ZipFile(path) as archive:
                 names = archive.namelist()
         else:
-            names = [name for name, *_ in scipy.io.whosmat(path)]
+            from scipy.io import whosmat  # of a tenth of a second to load
+
+            names = [name for name, *_ in whosmat(path)]
     except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
         return f"damaged {kind}"
     return f"{kind} of {', '.join(sorted(names)[:3])}"

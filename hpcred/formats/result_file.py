@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import scipy.linalg
 from pydantic import TypeAdapter, ValidationError
 
 from ..linalg.blocks import create_block, local_rows
@@ -162,7 +161,9 @@ class Shapes:
         self.frequencies = file["reduced/frequencies"][...]
         self._mixture = self._mixed = None
         if "reduced/interfaces" in file:
-            self._mixture = scipy.linalg.eigh(file["reduced/K"][...], file["reduced/M"][...])[1]
+            from scipy.linalg import eigh  # which few results need
+
+            self._mixture = eigh(file["reduced/K"][...], file["reduced/M"][...])[1]
         width = len(str(len(self.frequencies)))
         self.first = int(file.attrs.get("first_number", 1))
         self.names = [f"{kind} {k:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies, self.first)]
