@@ -1,6 +1,6 @@
 """Seconds to eps <= 1e-6 over the band, proof included, against the same algorithm on PARDISO and against modes.
 
-usage: python benchmarks/accuracy.py [block | cube | 360k ...]
+usage: python benchmarks/accuracy.py [small | block | cube | 360k ...]
 
 The copy on PARDISO is given the points and orders that the search chose, and does no estimate and no proof. Modes: all
 up to 1.5 and 2 times the band. By hand: the quickest single point in the middle of the band that is as accurate, its
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from common import CHECK, difference, finish, hpcred, krylov, peer, reduce, solid, workspace
 
-CASES = {"block": (60, 24, 24), "cube": (33, 33, 33), "360k": (90, 37, 34)}
+CASES = {"small": (36, 15, 15), "block": (60, 24, 24), "cube": (33, 33, 33), "360k": (90, 37, 34)}
 BAND, TOLERANCE = 6000.0, 1e-6
 INPUTS = 6
 
