@@ -12,6 +12,7 @@ import typer
 
 import hpcred
 
+from .formats.locks import unlock_all
 from .formats.outputs import JSON, check_outputs, keep_files
 from .parallel import startup
 from .parallel.failures import InputError, fail
@@ -109,6 +110,8 @@ def run(arguments: list[str]) -> int:
         return status if isinstance(status, int) else 0
     except BaseException as error:
         return fail(error)
+    finally:
+        unlock_all()
 
 
 def _call(arguments):
@@ -334,12 +337,15 @@ def info(
     below: Annotated[str | None, typer.Option(metavar="F1,F2", help="Count modes below (Hz).")] = None,
     band_top: Annotated[float | None, typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
     modes: Annotated[int | None, typer.Option(help="Find so many of the lowest frequencies.")] = None,
+    verify: Annotated[bool, typer.Option("--verify", help="Read all of it, and check all checksums.")] = False,
     json: JsonFile = None,
 ):
     """Say what a file is: what a model contains and needs, and the format and matrices of any other file."""
-    report = hpcred.describe_file(
+    if verify and (below or band_top or modes):
+        raise InputError("--verify: cannot be combined with other questions; call info twice")
+    report = hpcred.verify_file(file) if verify else hpcred.describe_file(
         file, frequencies=_numbers(below, "--below"), band_top=band_top, modes=modes, progress=_progress()
-    )
+    )  # fmt: skip
     below_it = ("sets", "interfaces", "warnings")
     rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
     show_table(None, rows)

@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import scipy.linalg
 from pydantic import TypeAdapter, ValidationError
 
 from ..linalg.blocks import create_block, local_rows
@@ -32,14 +31,30 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..reduction.record import Record
 from ..reduction.reduced_model import ReducedModel
+from .checked import Entry
 from .hdf5 import reading, texts, writing
-from .model_file import write_nodes
+from .model_file import NODES, write_nodes
 
 FORMAT, VERSION = "hpcred-result", 2
 LABELS = ("node", "direction", "position")
 ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
 NAMES = ("input_names", "output_names")
 QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
+SCHEMA = NODES | {
+    **{f"reduced/{key}": Entry("real", ("m", "m"), needed=True) for key in "MDK"},
+    "reduced/B": Entry("real", ("m", "p"), needed=True), "reduced/C": Entry("real", ("r", "m"), needed=True),
+    "reduced/frequencies": Entry("real", ("m",), needed=True),
+    "reduced/input_names": Entry("text", ("p",), needed=True),
+    "reduced/output_names": Entry("text", ("r",), needed=True),
+    "reduced/interfaces/name": Entry("text", ("i",)), "reduced/interfaces/node": Entry("integer", ("i",)),
+    "reduced/interfaces/position": Entry("real", ("i", 3)),
+    "basis/V": Entry("real", ("m", "n")), "basis/W": Entry("real", ("m", "n")),
+    "interface/node": Entry("integer", ("k",)), "interface/name": Entry("text", ("k",)),
+    "interface/position": Entry("real", ("k", 3)), "interface/phi": Entry("real", ("k", 3, "m")),
+    "interface/psi": Entry("real", ("k", 3, "m")), "interface/rotates": Entry("flag", ("k",)),
+    "floating_frame/masses": Entry("real", (3,)), "floating_frame/integrals": Entry("text", ()),
+    "record": Entry("text", (), needed=True),
+}  # fmt: skip
 CHUNK = 2**22  # rows looked through at a time
 LARGE = 100_000  # dofs of a body whose surface is no longer drawn without being asked for
 
@@ -78,7 +93,7 @@ class Result:
         return Body(self.reduced, self.floating_frame, [known[node] for node in nodes])
 
     def _shapes_of_nodes(self, nodes):
-        with reading(self.path, FORMAT, VERSION) as file:
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
             if "basis/V" not in file or "dofs" not in file:
                 raise InputError(
                     f"{self.path}: node {nodes[0]} is no interface node, and the file was written without basis"
@@ -100,7 +115,7 @@ class Result:
 
     def surface(self) -> Surface | None:
         """The surface of the body, or None: without elements or basis in the file, or above LARGE dofs. On one rank."""
-        with reading(self.path, FORMAT, VERSION) as file:
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
             if "basis/V" not in file or "elements" not in file or file["basis/V"].shape[1] > LARGE:
                 return None
             shapes = Shapes(file, self.path)
@@ -114,7 +129,7 @@ class Result:
     @contextmanager
     def shapes(self):
         """The Shapes of all columns of the basis, while the file is open. On one rank. Raises InputError."""
-        with reading(self.path, FORMAT, VERSION) as file:
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
             yield Shapes(file, self.path)
 
 
@@ -146,7 +161,9 @@ class Shapes:
         self.frequencies = file["reduced/frequencies"][...]
         self._mixture = self._mixed = None
         if "reduced/interfaces" in file:
-            self._mixture = scipy.linalg.eigh(file["reduced/K"][...], file["reduced/M"][...])[1]
+            from scipy.linalg import eigh  # which few results need
+
+            self._mixture = eigh(file["reduced/K"][...], file["reduced/M"][...])[1]
         width = len(str(len(self.frequencies)))
         self.first = int(file.attrs.get("first_number", 1))
         self.names = [f"{kind} {k:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies, self.first)]
@@ -212,7 +229,7 @@ def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=
             _write_basis(file, reduced, model)
         if body is not None:
             for key, value in body.floating_frame.arrays().items():
-                file.small(f"floating_frame/{key}", value)
+                file.small(f"floating_frame/{key}", value, gaps=True)  # what a body that is held here does not show
             file.small("floating_frame/integrals", body.floating_frame.integrals)
             if body.nodes:
                 for key in ("node", "position", "phi", "psi", "rotates"):
@@ -232,7 +249,7 @@ def _write_basis(file, reduced, model):
 
 def read_result(path, comm=MPI.COMM_WORLD) -> Result:
     """Read a result on every rank, without its basis. Collective. Raises InputError."""
-    with agreed(comm), reading(path, FORMAT, VERSION) as file:
+    with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
         group = file["reduced"]
         try:
             record = TypeAdapter(Record | None).validate_json(file["record"][()])
@@ -242,7 +259,7 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
             **{key: group[key][...] for key in ARRAYS},
             **{key: tuple(texts(group[key])) for key in NAMES},
             interfaces=_interfaces(group["interfaces"]) if "interfaces" in group else (),
-            loss_factor=float(file.attrs["loss_factor"]),
+            loss_factor=file.attribute("loss_factor", float),
             record=record,
         )
         result = Result(Path(path), reduced)
@@ -266,7 +283,7 @@ def read_basis(path, model):
 
     Collective; the caller destroys it. Raises InputError.
     """
-    with agreed(model.comm), reading(path, FORMAT, VERSION) as file:
+    with agreed(model.comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
         part = None
         if "basis/V" in file:
             if file["basis/V"].shape[1] != model.size:

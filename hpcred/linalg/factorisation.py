@@ -98,18 +98,19 @@ class Factorisation:
     """LDL^T ("cholesky") or LU ("lu") of `matrix`, whose values may change but not its pattern.
 
     `prefix`: of the PETSc options; `settings`: MUMPS controls such as {"icntl_13": 1}, which users' own options
-    override. `records` has one FactorRecord a factorisation. All methods are collective. Owns the solver, not the
-    matrix: call close().
+    override; `reserved_mb`: what of the memory of a rank is for other things to come. `records` has one FactorRecord a
+    factorisation. All methods are collective. Owns the solver, not the matrix: call close().
     """
 
-    def __init__(self, matrix: PETSc.Mat, kind: str, prefix: str, settings=None, factoring: Factoring | None = None):
+    def __init__(self, matrix: PETSc.Mat, kind: str, prefix: str, settings=None, factoring: Factoring | None = None,
+                 reserved_mb: float = 0.0):  # fmt: skip
         self.matrix, self.factoring = matrix, factoring or Factoring()
         self.records: list[FactorRecord] = []
         self.analyses = 0  # symbolic ones so far
         self._kind, self._prefix = kind, prefix
         self._settings = {"icntl_7": startup.ordering, "icntl_14": 40, **self.factoring.mumps(), **(settings or {})}
         # before the first factor takes its part
-        self._limit = self.factoring.limit_mb(matrix.comm.tompi4py())
+        self._limit = max(self.factoring.limit_mb(matrix.comm.tompi4py()) - int(reserved_mb), 1)
         PETSc.Log.begin()
         self._event = PETSc.Log.Event("MatCholFctrSym" if kind == "cholesky" else "MatLUFactorSym")
         self._ksp = PETSc.KSP().create(matrix.comm)

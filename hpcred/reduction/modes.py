@@ -9,6 +9,7 @@ from ..linalg.basis import Basis, Extension
 from ..linalg.blocks import add_product, apply, column_norms, copy_of, create_block, inner, local_rows
 from ..linalg.eigensolver import lowest_modes, modes_in_interval
 from ..linalg.factorisation import Factoring, SingularMatrix
+from ..linalg.free_motions import free_motions_refused
 from ..model.damping import ModalDamping
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
@@ -156,6 +157,8 @@ def _lowest(run, count):
     try:
         return lowest(run, count)
     except SingularMatrix as error:
+        if run.rigid is not None:
+            raise free_motions_refused(run.model, run.rigid) from error
         raise InputError(
             f"basis: K of {run.model.name} is singular, so the body can move freely; "
             "take frame kind 'buckens', 'chord' or 'tangent'"
@@ -207,7 +210,7 @@ def _polish(run, block, count, solve):
     with Owned(run.model.comm) as owned:
         load = owned.owns(run.times_mass(block))
         solve(load, block, steps=1)
-        vectors = owned.owns(Basis(run.model.M, tolerance=INDEPENDENT, room=block.getSizes()[1]))
+        vectors = owned.owns(Basis(run.mass, tolerance=INDEPENDENT, room=block.getSizes()[1]))
         vectors.extend(block)
         if vectors.size < count:
             raise ComputationError(f"only {vectors.size} of the {count} modes found are independent")

@@ -10,6 +10,7 @@ import scipy.linalg
 from ..analysis.error import error_integral, relative_error
 from ..analysis.frequency_response import frequency_response
 from ..formats.hdf5 import atomic_output
+from ..formats.locks import locks_given_back
 from ..formats.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
 from ..formats.result_file import read_basis, read_result
 from ..linalg.blocks import apply, create_block, inner
@@ -26,6 +27,7 @@ from .full_model import difference_of, full_of_record
 SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
 
 
+@locks_given_back()
 def compare_results(
     results, full, *, frequencies=(), band=None, points: int = 61, modes: int = 10, output=None, figure=None,
     groups: int | None = None, factoring: Factoring | None = None, comm=None, progress: Progress | None = None,

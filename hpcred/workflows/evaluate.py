@@ -10,9 +10,11 @@ import numpy as np
 from ..analysis.error import error_integral, relative_error
 from ..analysis.error_check import accuracy_of, check_reduced, measuring_damping, said_at
 from ..analysis.frequency_response import frequency_response
+from ..formats.locks import locks_given_back
 from ..formats.outputs import check_outputs
 from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
 from ..formats.result_file import read_result
+from ..formats.room import rescued
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
 from ..parallel import startup
@@ -30,6 +32,7 @@ MOST = (1, 10**7, "")  # frequencies
 MOST_FIGURES = 16  # of the largest responses
 
 
+@locks_given_back()
 def evaluate_result(
     result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None, pairs=(),
     groups: int | None = None, factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
@@ -76,7 +79,8 @@ def evaluate_result(
     if output is not None:
         made = {"result": str(result), "model": record.model, "versions": versions()}
         names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
-        write_responses(output, Responses(**arrays, **names, record=made), comm)
+        responses = Responses(**arrays, **names, record=made)
+        rescued(lambda place: write_responses(place, responses, comm), output, comm)
     if figure is not None:
         labels = {"reduced": "reduced", "full": "full model"}
         curves = [(label, grid, arrays[key]) for key, label in labels.items() if key in arrays]

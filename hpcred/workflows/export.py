@@ -18,6 +18,7 @@ from ..formats.body_npz import write_npz
 from ..formats.exudyn import write_exudyn
 from ..formats.fmu import write_fmu
 from ..formats.hdf5 import atomic_output
+from ..formats.locks import locks_given_back
 from ..formats.matlab import write_matlab
 from ..formats.mbdyn import write_mbdyn
 from ..formats.nastran_superelement import nastran_dmig, nastran_op4
@@ -86,6 +87,7 @@ WITHOUT_NODES = {
 }
 
 
+@locks_given_back()
 def export_result(
     result, kind, path=None, *, nodes=None, units: str = "SI", modes=None, comm=None, progress=None
 ) -> dict:

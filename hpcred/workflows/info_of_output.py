@@ -56,7 +56,7 @@ def response(path, comm) -> dict:
 
 def simulation(path, comm) -> dict:
     """What a file of a simulation says. Raises InputError."""
-    with reading(path, simulation_file.FORMAT, simulation_file.VERSION) as file:
+    with reading(path, simulation_file.FORMAT, simulation_file.VERSION, simulation_file.SCHEMA) as file:
         record = json.loads(file["provenance"][()])
         report = {
             "format": "hpcred simulation",

@@ -11,6 +11,7 @@ from ..analysis.error import relative_error
 from ..analysis.error_check import BESIDE, as_measured, measuring_damping
 from ..analysis.frequency_response import frequency_response
 from ..formats.hdf5 import atomic_output
+from ..formats.locks import locks_given_back
 from ..formats.outputs import HTML, check_outputs
 from ..formats.result_file import Result, read_result
 from ..linalg.factorisation import Factoring
@@ -79,6 +80,7 @@ class Sheet:
         return self.result.reduced.record
 
 
+@locks_given_back()
 def report_file(
     results, full=None, *, output="report.html", band=None, exact: int = 21, pairs=(), modes: int = 10,
     png=None, svg=None, csv=None, groups: int | None = None, factoring: Factoring | None = None, comm=None,

@@ -9,9 +9,11 @@ import numpy as np
 
 from ..analysis.full_response import FullResponse, full_response
 from ..formats.hdf5 import atomic_output
+from ..formats.locks import locks_given_back
 from ..formats.model_file import read_model
 from ..formats.outputs import PICTURES, check_outputs
 from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
+from ..formats.room import rescued
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
 from ..parallel import startup
@@ -24,6 +26,7 @@ from .pair_figures import pairs_to_show
 from .reduce import with_targets
 
 
+@locks_given_back()
 def response_file(
     model, *, frequencies=(), band=None, points: int = 2001, tolerance: float = 1e-6, frame=None, damping=None,
     inputs=None, outputs=None, check: int = 0, seed: int | None = None, groups: int | None = None,
@@ -98,7 +101,8 @@ def _curves(found: FullResponse) -> list:
 def _write(output, found, report, comm, polar):
     left_out = ("frequencies_hz", "norm", "eps", "output")
     record = {key: value for key, value in report.items() if key not in left_out} | {"versions": versions()}
-    write_responses(output, Responses(**_arrays(found), record=record), comm, polar)
+    responses = Responses(**_arrays(found), record=record)
+    rescued(lambda place: write_responses(place, responses, comm, polar), output, comm)
 
 
 def _report(found: FullResponse, size: int) -> dict:
