@@ -6,9 +6,11 @@ import os
 import time
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..parallel import startup
 from ..parallel.failures import ComputationError, InputError
-from ..parallel.memory import available_mb
+from ..parallel.memory import MB, available_mb
 from ..parallel.petsc import PETSc, SLEPc
 from .blocks import dense
 from .options import temporary_options
@@ -192,8 +194,8 @@ class Factorisation:
 
     def _factor_with_room(self):
         """The factor of MUMPS, and how often its workspace had to be enlarged."""
-        # MUMPS compares its estimate with this limit after the analysis, before it takes the memory
-        settings = {**self._settings, "icntl_23": self._limit}
+        # MUMPS compares its estimate with this limit after the analysis; then it asks the system for all of it at once
+        settings = {**self._settings, "icntl_23": 0 if self._is_small() else self._limit}
         room = PETSc.Options(self._prefix).getInt("mat_mumps_icntl_14", self._settings["icntl_14"])
         for retries in range(5):
             more = {"icntl_14": max(room, 25) * 2**retries} if retries else {}
@@ -213,6 +215,12 @@ class Factorisation:
             if code not in MORE_ROOM:
                 raise ComputationError(f"MUMPS failed to factor: INFOG(1) = {code}, INFOG(2) = {detail}")
         raise ComputationError(f"MUMPS wants ever more workspace: INFOG(1) = {code}, INFOG(2) = {detail}")
+
+    def _is_small(self):
+        """Whether a factor would fit even if it had ten times the entries that nested dissection of a solid gives."""
+        rows = self.matrix.getSize()[0]
+        entries = min(rows * rows, 3 * self.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] * rows ** (1 / 3))
+        return entries * np.dtype(PETSc.ScalarType).itemsize <= self._limit * MB
 
     def back_substitute(self, load: SLEPc.BV, solution: SLEPc.BV):
         """solution = A^-1 load, all active columns in one call of MUMPS, unchecked."""
