@@ -27,6 +27,7 @@ from ..linalg.blocks import (
     random_block,
 )
 from ..linalg.factorisation import SingularMatrix
+from ..linalg.multigrid_solver import not_definite
 from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
@@ -74,6 +75,7 @@ CHAIN = 128  # columns of a point at most, and
 AHEAD = 32  # as many more when the estimate promises to arrive with them
 RESIDUALS = 40  # frequencies at which residuals are taken
 HIDDEN = 60  # random columns at most, to find modes that no load moves
+UNPROVEN = "exact values in the band, and the count of modes, need factors, which solver.kind 'multigrid' has not"
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 
 
@@ -154,8 +156,9 @@ class Accuracy:
 
     `largest`: the estimated eps over the band, at `worst` (Hz), `mean` its mean Q / (upper - lower), `noise` the
     round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in
-    words. `measured`: with which damping, in words; `loss_factor`: that of (1 + i eta) K where the response is not
-    measured with the damping of the model, else 0. `modes`: counted by inertia below the highest point, those of
+    words; `unproven`: why no exact value stands behind the estimate, "" where one does. `measured`: with which damping,
+    in words; `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model,
+    else 0. `modes`: counted by inertia below the highest point, those of
     the big model, and how many were missing. `worst_pair`: output, input and error of the pair whose response is
     worst by itself (see pseudo_modal.worst_pair), which eps, the error of all together, may hide. `frequencies`
     (S,) and `eps` (S,): the curve. `proofs`: said against exact. `points`: in order.
@@ -179,6 +182,7 @@ class Accuracy:
     eps: tuple[float, ...]
     loss_factor: float = 0.0
     worst_pair: tuple[str, str, float] | None = None
+    unproven: str = ""
 
     @property
     def factorisations(self) -> int:
@@ -196,7 +200,8 @@ class Accuracy:
             else f"NOT REACHED: eps <= {self.largest + self.noise:.1e} instead of {self.tolerance:g} over {low:g} to "
             f"{high:g} Hz, {self.stopped}"
         )  # fmt: skip
-        return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}"
+        doubt = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
+        return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{doubt}"
 
 
 def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
@@ -247,9 +252,10 @@ class Search:
         self.before: tuple | None = None
         self.noise, self.lack, self.closing = 0.0, 0, False
         self.rest = np.inf  # the estimated error of the basis without its newest columns, over the band
+        self._static = run.multigrid  # solves at 0 Hz alone
         # an LU of an unsymmetric model and a complex one have no signs of pivots
-        self._counts = not is_complex() and run.model.symmetric
-        if not self._counts:
+        self._counts = not is_complex() and run.model.symmetric and not self._static
+        if not self._counts and not self._static:
             self.measured += "; modes cannot be counted here, a second proof stands for that"
         low, high = adaptive.band
         self.waiting = [*adaptive.points] or [float(np.sqrt((low**2 + high**2) / 2))]  # points to take before searching
@@ -259,8 +265,12 @@ class Search:
         self._random = 0
         self._mass = 0.0  # -omega^2 of the point that solves are for
         # blocks made from residuals need the whole basis, which a group does not have
-        self.groups = groups if self._by_mass else 1
-        if self.groups > 1 and not adaptive.points:
+        self.groups = groups if self._by_mass and not self._static else 1
+        if self._static:
+            if any(adaptive.points):
+                raise InputError(f"adaptive.points: found {list(adaptive.points)}; {not_definite('points above 0 Hz')}")
+            self.waiting = [0.0]
+        elif self.groups > 1 and not adaptive.points:
             self.waiting = [low + (i + 0.5) * (high - low) / (self.groups - 1) for i in range(self.groups - 1)] + [high]
 
     def close(self):
@@ -279,6 +289,10 @@ class Search:
                 found = self._expand_in_groups(points)
             else:
                 found = self._expand(self.waiting.pop(0), self.closing)
+            if self._static:
+                return "" if found["est"] <= 3 * self._floor() else (
+                    self._exhausted() or "since the chain at 0 Hz, the only point without a factor, has come to its end"
+                )  # fmt: skip
             good = self.closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
             hidden = good and self.lack > 0
             if hidden:
@@ -382,7 +396,7 @@ class Search:
                 new = self._extend_by_random()
             if new:
                 self.starts.append(start)
-            limit = CHAIN + 2 * self.loads.getActiveColumns()[1]
+            limit = CHAIN + 2 * self.loads.getActiveColumns()[1] if not self._static else self.settings.columns
             added = self.basis.size - before
             with progress.stage("estimate"):
                 judged = decided(run.model.comm, self._judge, f, order, new, added, limit, closing, history)
@@ -410,7 +424,12 @@ class Search:
             if known is None or (self._counts and pivots is None):
                 try:
                     self._factor()
-                except SingularMatrix:
+                except SingularMatrix as error:
+                    if self._static:
+                        raise InputError(
+                            f"K of {run.model.name} is singular, so the body can move freely; take frame kind "
+                            "'buckens' (inertia relief), 'chord' or 'tangent'"
+                        ) from error
                     continue
                 pivots = run.solver.negative_pivots if self._counts else None
                 run.keep(key, Entry({"negative_pivots": pivots}))
@@ -786,7 +805,7 @@ class Search:
             highest=float(inner_model.frequencies.max()), missing_modes=max(self.lack, 0), points=tuple(self.points),
             worst_pair=(self.run.model.output_names[i], self.run.model.input_names[j], own),
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
-            loss_factor=law.eta,
+            loss_factor=law.eta, unproven=UNPROVEN if self._static else "",
         )  # fmt: skip
 
 

@@ -84,6 +84,22 @@ class Record:
         """The fill-reducing ordering of MUMPS."""
         return self.factorisations[-1].ordering if self.factorisations else "none"
 
+    @property
+    def effort(self) -> str:
+        """How often was factored or coarsened, in words."""
+        factors = [item for item in self.factorisations if not item.iterations]
+        found = f"{len(factors)} factorisations"
+        if self.factorisations_saved:
+            found += f", {self.factorisations_saved} saved by the store"
+        found += f", {self.symbolic_analyses} analysis ({factors[-1].ordering if factors else 'none'})"
+        if len(factors) < len(self.factorisations):
+            most = max(item.iterations for item in self.factorisations)
+            found += (
+                f", {len(self.factorisations) - len(factors)} by conjugate gradients with multigrid (at most {most} "
+                "iterations)"
+            )
+        return found
+
 
 def versions() -> dict[str, str]:
     """Versions of everything that can change a number."""

@@ -9,11 +9,14 @@ import numpy as np
 
 from ..linalg.basis import Extension
 from ..linalg.blocks import apply, create_block, from_dense, inner, multiply
-from ..linalg.factorisation import Factoring, FactorRecord
+from ..linalg.factorisation import DoesNotFit, Factoring, FactorRecord
+from ..linalg.multigrid_solver import MultigridSolver, not_definite
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
 from ..model.damping import GivenDamping
 from ..model.frames import FramedModel, NoFrame
+from ..model.node_blocks import NodeBlocks
 from ..parallel.decisions import decided
+from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 
 DEPENDENT = 1e-14  # eigenvalue of the Gram matrix of unit columns below which loads count as dependent
@@ -57,7 +60,7 @@ class Run:
     identity: dict = field(default_factory=dict)
     needed: list[tuple[str, str]] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
-    _solver: ShiftedSolver | None = None
+    _solver: ShiftedSolver | MultigridSolver | None = None
     _complex_solver: ComplexSolver | None = None
     _loads: object = None
     _shared: Run | None = None
@@ -69,10 +72,12 @@ class Run:
         self.model, self.rigid = self.framed.model, self.framed.rigid
 
     @property
-    def solver(self) -> ShiftedSolver:
+    def solver(self) -> ShiftedSolver | MultigridSolver:
         """The one solver of the run; only one of the two has a factor at a time."""
         if self._shared is not None:
             return self._shared.solver
+        if self._solver is None and self.factoring.solver.kind == "multigrid":
+            self._take_multigrid()
         if self._solver is None:
             self._solver = ShiftedSolver(self.model, self.rigid, inertia=self.inertia, factoring=self.factoring)
         if self._complex_solver is not None:
@@ -84,18 +89,58 @@ class Run:
         """The one solver of the run for complex A(s)."""
         if self._shared is not None:
             return self._shared.complex_solver
+        if self.factoring.solver.kind == "multigrid":
+            raise InputError(not_definite("a complex point"))
         if self._complex_solver is None:
             self._complex_solver = ComplexSolver(self.model, self.rigid, factoring=self.factoring)
         if self._solver is not None:
             self._solver.release()
         return self._complex_solver
 
-    def factored(self, mass: float, name: str) -> ShiftedSolver:
-        """The solver with the factor of K + mass M, made unless it is there. Raises SingularMatrix."""
-        if self.solver.factored != (mass, 0.0):
+    def factored(self, mass: float, name: str, damping: float = 0.0) -> ShiftedSolver | MultigridSolver:
+        """The solver with the factor of K + damping D + mass M, or of M (mass = inf), made unless it is there.
+
+        Raises SingularMatrix. Where the factor does not fit, solver.kind is "auto" and the matrix is positive definite,
+        the run goes on by multigrid.
+        """
+        if self.solver.factored != (mass, damping):
             with self.progress.stage("factor", name):
-                self.solver.factor(mass)
+                try:
+                    self._factor(mass, damping)
+                except DoesNotFit as error:
+                    if mass < 0 or not self.give_up_factors(error):
+                        raise
+                    self._factor(mass, damping)
         return self.solver
+
+    def _factor(self, mass, damping):
+        if mass == np.inf:
+            self.solver.factor_mass()
+        else:
+            self.solver.factor(mass, damping)
+
+    def give_up_factors(self, error: DoesNotFit) -> bool:
+        """Go on by multigrid, where that may be; whether it is so. Collective."""
+        if self._shared is not None:
+            return self._shared.give_up_factors(error)
+        model = self.model
+        if self.factoring.solver.kind != "auto" or model.dofs is None or not model.symmetric:
+            return False
+        self._added += self._solver.records
+        self._added_analyses += self._solver.analyses
+        self._solver.close()
+        self._take_multigrid()
+        self.remark(f"{str(error).partition(';')[0]}: solved by conjugate gradients with multigrid instead")
+        return True
+
+    @property
+    def multigrid(self) -> bool:
+        """Whether solves are by multigrid, which serves real points alone."""
+        return isinstance(self.solver, MultigridSolver)
+
+    def _take_multigrid(self):
+        blocks = NodeBlocks(self.model)
+        self._solver = MultigridSolver(self.model, self.rigid, blocks, self.factoring.solver)
 
     @property
     def factorisations(self) -> list[FactorRecord]:
