@@ -7,6 +7,7 @@ import numpy as np
 from ..parallel.failures import ComputationError
 
 STALLED = 40  # iterations in which no residual came down to half of its best
+NOISE = 1e-6  # of the first residual: below, a product that is not positive may be round-off
 
 
 class NegativeCurvature(ComputationError):
@@ -24,27 +25,29 @@ def conjugate_gradients(comm, multiply, precondition, residual, solution, target
     count = residual.shape[1]
     iterations = np.zeros(count, dtype=int)
     z, q, p = np.empty_like(residual), np.empty_like(residual), np.zeros_like(residual)
-    before, best, since = np.ones(count), np.full(count, np.inf), 0
+    before, best, since, still = np.ones(count), np.full(count, np.inf), 0, np.ones(count, dtype=bool)
+    first = None
     for _ in range(most):
         size = np.sqrt(comm.allreduce(_dot(residual, residual)))
-        going = size > targets
+        first = size if first is None else first
+        going = still & (size > targets)
         better = size < 0.5 * best
         best, since = np.where(better, size, best), 0 if better[going].any() else since + 1
         if not going.any() or since > STALLED or not np.isfinite(size).all():
             break
         precondition(residual, z)
         product = comm.allreduce(_dot(residual, z))
-        _check(product[going], "the cycle of multigrid")
+        going &= _positive(product, going, size > NOISE * first, "the cycle of multigrid")
         for j in np.flatnonzero(going):
             p[:, j] *= product[j] / before[j]
             p[:, j] += z[:, j]
         multiply(p, q)
         curvature = comm.allreduce(_dot(p, q))
-        _check(curvature[going], "the matrix")
+        going &= _positive(curvature, going, size > NOISE * first, "the matrix")
         for j in np.flatnonzero(going):
             solution[:, j] += product[j] / curvature[j] * p[:, j]
             residual[:, j] -= product[j] / curvature[j] * q[:, j]
-        before = product
+        before, still = product, going
         iterations += going
     return iterations
 
@@ -54,6 +57,13 @@ def _dot(one, other):
     return np.array([np.vdot(a, b).real for a, b in zip(one.T, other.T, strict=True)])
 
 
-def _check(products, what):
-    if (products <= 0).any():
-        raise NegativeCurvature(f"{what} is not positive definite: conjugate gradients met a negative curvature")
+def _positive(products, going, large, what):
+    """Where products are positive, refused where they are not though the residual is large."""
+    positive = products > 0
+    if (going & large & ~positive).any():
+        raise NegativeCurvature(
+            f"solver.kind 'multigrid': {what} is not positive definite: conjugate gradients met a negative curvature; "
+            "K may be indefinite, or singular, so that the body can move freely: take frame kind 'buckens', 'chord' or "
+            "'tangent', or kind 'direct'"
+        )
+    return positive

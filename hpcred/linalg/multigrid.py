@@ -69,7 +69,7 @@ class Multigrid:
         return int(sum(mat.getInfo(kind)["nz_used"] for mat in mats))
 
     def apply(self, load: np.ndarray, solution: np.ndarray):
-        """solution = B load for the rows of this rank (rows, columns), with B symmetric, positive definite. Collective."""
+        """solution = B load for the rows of this rank (rows, columns), B positive definite. Collective."""
         if load.shape[1] != self._width:
             self._width = load.shape[1]
             for level in self._levels:

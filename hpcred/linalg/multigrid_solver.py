@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import ExitStack
 from math import inf
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import SAME, PETSc
 from .blocks import column_norms, copy_of, local_rows
-from .conjugate_gradients import NegativeCurvature, conjugate_gradients
+from .conjugate_gradients import conjugate_gradients
 from .factorisation import FactorRecord, LinearSolver, SingularMatrix
 from .multigrid import Multigrid
 
@@ -103,7 +104,7 @@ class MultigridSolver:
         self._norm = sum(factor * mat.norm(PETSc.NormType.INFINITY) for factor, mat in self._terms)
         stored = int(12 * entries / 2**20)  # a number and its column
         self.records.append(FactorRecord(
-            mass=mass, damping=damping, inertia_relief=self.rigid is not None and len(self._terms) == 1, kind=kind,
+            mass=mass, damping=damping, inertia_relief=self.rigid is not None and mass == "0.0", kind=kind,
             analysis_seconds=0.0, factor_seconds=round(time.perf_counter() - start, 4), ordering="none",
             factor_entries=entries, flops=0.0, memory_mb_estimated_total=stored, memory_mb_estimated_max_rank=0,
             memory_mb_used_max_rank=stored // self.model.comm.size, memory_mb_used_total=stored, negative_pivots=0,
@@ -115,50 +116,64 @@ class MultigridSolver:
 
         Raises ComputationError when the residual stays large, or A proves not to be definite.
         """
-        start = time.perf_counter()
+        self._solve(right, solution, self._terms, None)
+
+    def solve_below(self, mass, right, solution, basis, squares):
+        """solution = (K + mass M)^-1 right for a mass < 0, with the levels of K, where a basis V (a block, V^T M V = I)
+        has all modes below: what is left of the matrix beside V is positive definite.
+
+        `squares`: V^T K V (m, m). Deflated conjugate gradients (Nicolaides, SIAM J. Numer. Anal. 24(2), 1987). Raises
+        NegativeCurvature where V lacks a mode that the loads move, or ComputationError.
+        """
+        small = squares + mass * np.eye(len(squares))
+        terms = [(1.0, self.model.K), (mass, self.model.M)]
+        self._solve(right, solution, terms, (basis, np.linalg.inv((small + small.T) / 2)))
+
+    def _solve(self, right, solution, terms, deflation):
+        start, record = time.perf_counter(), self.records[-1]
         with Owned(self.model.comm) as owned:
             load = owned.owns(copy_of(right, self.model.K))
             if self.rigid is not None:
                 self.rigid.equilibrate(load)
             scale = column_norms(right)
-            with local_rows(load) as b, local_rows(solution) as x:
+            with ExitStack() as views:
+                b, x = (views.enter_context(local_rows(block)) for block in (load, solution))
+                if deflation is not None:
+                    deflation = views.enter_context(local_rows(deflation[0])), deflation[1]
                 for low in range(0, b.shape[1], WIDTH):
                     part = slice(low, low + WIDTH)
-                    self._solve(b[:, part], x[:, part], scale[part])
+                    self._solve_columns(b[:, part], x[:, part], scale[part], terms, deflation)
         if self.rigid is not None:
             self.rigid.project(solution)
-        record = self.records[-1]
         record.columns_solved += len(scale)
         record.solve_seconds = round(record.solve_seconds + time.perf_counter() - start, 4)
 
-    def _solve(self, b, x, scale):
+    def _solve_columns(self, b, x, scale, terms, deflation):
         """x = A^-1 b for the rows of this rank."""
         comm, goal = self.model.comm, self.settings.residual
         x[...] = 0.0
-        r, before, backward = b.copy(order="F"), inf, 0.0
+        r, before, loaded = b.copy(order="F"), inf, scale > 0
         iterations = np.zeros(b.shape[1], dtype=int)
         with Owned(comm) as room:
-            multiply, precondition = self._multiplication(room, b.shape[1]), self._preconditioner(room, b.shape[1])
+            multiply = self._multiplication(room, b.shape[1], terms)
+            precondition = self._preconditioner(room, b.shape[1])
+            if deflation is not None:
+                V, inverse = deflation
+                precondition = self._beside(V, inverse, multiply, precondition)
             for _ in range(RESTARTS + 1):
+                if deflation is not None:
+                    x += V @ (inverse @ comm.allreduce(V.T @ r))
+                    _residual(multiply, b, x, r)
                 size, far = self._norms(r), self._norms(x)
                 floor = np.maximum(goal * scale, ROUND_OFF * self._norm * far)
-                loaded = scale > 0
                 relative = float((size[loaded] / scale[loaded]).max(initial=0.0))
                 backward = float((size / np.maximum(self._norm * far + scale, 1e-300)).max(initial=0.0))
                 if (size <= floor).all() or not relative < before / 2:
                     break
                 before = relative
-                try:
-                    iterations += conjugate_gradients(
-                        comm, multiply, precondition, r, x, floor, self.settings.iterations)  # fmt: skip
-                except NegativeCurvature as error:
-                    raise ComputationError(
-                        f"solver.kind 'multigrid': {error}; K of {self.model.name} may be indefinite, or singular, so "
-                        "that the body can move freely: take frame kind 'buckens', 'chord' or 'tangent', or kind "
-                        "'direct'"
-                    ) from error
-                multiply(x, r)
-                np.subtract(b, r, out=r)
+                iterations += conjugate_gradients(
+                    comm, multiply, precondition, r, x, floor, self.settings.iterations)  # fmt: skip
+                _residual(multiply, b, x, r)
         record = self.records[-1]
         record.iterations = max(record.iterations, int(iterations.max(initial=0)))
         record.residual = max(record.residual, relative)
@@ -170,18 +185,29 @@ class MultigridSolver:
                 "'direct'"
             )
 
+    def _beside(self, V, inverse, multiply, precondition):
+        """The preconditioner whose results are A-orthogonal to V."""
+
+        def deflated(r, z):
+            precondition(r, z)
+            product = np.empty_like(z)
+            multiply(z, product)
+            z -= V @ (inverse @ self.model.comm.allreduce(V.T @ product))
+
+        return deflated
+
     def _norms(self, rows):
         squares = np.array([np.vdot(column, column).real for column in rows.T])
         return np.sqrt(self.model.comm.allreduce(squares))
 
-    def _multiplication(self, room, columns):
+    def _multiplication(self, room, columns, terms):
         """p, q -> q = A p for the rows of this rank."""
         source, target = (room.owns(_dense(self.model.K, columns)) for _ in range(2))
 
         def multiply(p, q):
             source.getDenseArray()[...] = p
             q[...] = 0.0
-            for factor, mat in self._terms:
+            for factor, mat in terms:
                 mat.matMult(source, target)
                 q += factor * target.getDenseArray() if factor != 1 else target.getDenseArray()
 
@@ -211,6 +237,12 @@ class MultigridSolver:
             z -= R @ self.model.comm.allreduce(MR.T @ z)
 
         return precondition
+
+
+def _residual(multiply, b, x, r):
+    """r = b - A x."""
+    multiply(x, r)
+    np.subtract(b, r, out=r)
 
 
 def not_definite(where) -> str:

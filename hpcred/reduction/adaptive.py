@@ -26,6 +26,7 @@ from ..linalg.blocks import (
     multiply,
     random_block,
 )
+from ..linalg.conjugate_gradients import NegativeCurvature
 from ..linalg.factorisation import SingularMatrix
 from ..linalg.multigrid_solver import not_definite
 from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
@@ -75,7 +76,7 @@ CHAIN = 128  # columns of a point at most, and
 AHEAD = 32  # as many more when the estimate promises to arrive with them
 RESIDUALS = 40  # frequencies at which residuals are taken
 HIDDEN = 60  # random columns at most, to find modes that no load moves
-UNPROVEN = "exact values in the band, and the count of modes, need factors, which solver.kind 'multigrid' has not"
+UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 
 
@@ -252,10 +253,10 @@ class Search:
         self.before: tuple | None = None
         self.noise, self.lack, self.closing = 0.0, 0, False
         self.rest = np.inf  # the estimated error of the basis without its newest columns, over the band
-        self._static = run.multigrid  # solves at 0 Hz alone
+        self._static = run.multigrid  # solves at 0 Hz, and elsewhere beside a basis that has the modes below
         # an LU of an unsymmetric model and a complex one have no signs of pivots
         self._counts = not is_complex() and run.model.symmetric and not self._static
-        if not self._counts and not self._static:
+        if not self._counts:
             self.measured += "; modes cannot be counted here, a second proof stands for that"
         low, high = adaptive.band
         self.waiting = [*adaptive.points] or [float(np.sqrt((low**2 + high**2) / 2))]  # points to take before searching
@@ -288,11 +289,12 @@ class Search:
                 points, self.waiting = self.waiting[: self.groups], self.waiting[self.groups :]
                 found = self._expand_in_groups(points)
             else:
-                found = self._expand(self.waiting.pop(0), self.closing)
-            if self._static:
-                return "" if found["est"] <= 3 * self._floor() else (
-                    self._exhausted() or "since the chain at 0 Hz, the only point without a factor, has come to its end"
-                )  # fmt: skip
+                try:
+                    found = self._expand(self.waiting.pop(0), self.closing)
+                except NegativeCurvature:
+                    if not self._static or not self.points:
+                        raise
+                    return "since a mode below the point that was to prove it is missing"
             good = self.closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
             hidden = good and self.lack > 0
             if hidden:
@@ -360,18 +362,19 @@ class Search:
         with Owned(run.model.comm) as owned:
             f, count = self._open(f)
             chain = None
-            if self._by_mass:
+            if self._by_mass and not (self._static and f):
                 chain = owned.owns(SearchChain(run, self._mass, f"{f:.6g} Hz", None, self.loads, ("inputs", "outputs")))
             order, judged = self._extend_at(f, closing, chain)
             if chain is not None:
                 chain.keep()
         records = run.factorisations[made:]
+        stored = not records and not self._static
         run.needs(str(self._mass), "0.0")
         name = f"adaptive {f:.6g} Hz, {order + 1} blocks"
-        run.note(name, self.basis.size - before, self.basis.size - before, from_store=not records)
+        run.note(name, self.basis.size - before, self.basis.size - before, from_store=stored)
         self.points.append(Point(frequency=f, columns=self.basis.size - before, modes_below=count,
                                  factor_seconds=float(sum(record.factor_seconds for record in records)),
-                                 estimate=_finite(judged["est"]), from_store=not records))  # fmt: skip
+                                 estimate=_finite(judged["est"]), from_store=stored))  # fmt: skip
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), counts))
         if self.before is not None:
@@ -388,7 +391,7 @@ class Search:
             start = self.basis.size
             if chain is not None:
                 new = self.projections.extend(chain.vectors.columns_between(*chain.advance()))
-            elif start and (order or self.before is not None):
+            elif start and (order or (self.before is not None and not self._by_mass)):
                 new = self._extend_by_solution(self._history(), lambda: self._residual_block(f))
             else:
                 new = self._extend_by_solution({}, lambda: copy_of(self.loads, run.model.K))
@@ -441,6 +444,8 @@ class Search:
 
     def _factor(self):
         """The solver with the factor of K - omega^2 M at the point."""
+        if self._static:  # what is at 0 Hz serves other points as well
+            return self.run.factored(0.0, "0 Hz")
         return self.run.factored(self._mass, f"{(-self._mass) ** 0.5 / (2 * np.pi):.6g} Hz")
 
     def _extend_by_solution(self, rule, make_load) -> int:
@@ -456,7 +461,10 @@ class Search:
                 solver, load = self._factor(), owned.owns(make_load())
                 block = owned.owns(create_block(run.model.K, load.getActiveColumns()[1]))
                 with run.progress.stage("solve"):
-                    solver.solve(load, block)
+                    if self._static and self._mass:
+                        solver.solve_below(self._mass, load, block, self.basis.columns, self.projections.K)
+                    else:
+                        solver.solve(load, block)
                 run.keep(key, Entry({}, (block.getActiveColumns()[1],), block))
             return self.projections.extend(block)
 
@@ -805,7 +813,7 @@ class Search:
             highest=float(inner_model.frequencies.max()), missing_modes=max(self.lack, 0), points=tuple(self.points),
             worst_pair=(self.run.model.output_names[i], self.run.model.input_names[j], own),
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
-            loss_factor=law.eta, unproven=UNPROVEN if self._static else "",
+            loss_factor=law.eta, unproven=UNPROVEN if self._static and not self.proofs else "",
         )  # fmt: skip
 
 
