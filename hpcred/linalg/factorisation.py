@@ -36,7 +36,7 @@ class LinearSolver:
     residual: float = 1e-12
     iterations: int = 500
     threshold: float = 0.02
-    sweeps: int = 3
+    sweeps: int = 2
 
     def __post_init__(self):
         if self.kind not in ("auto", "direct", "multigrid"):

@@ -11,6 +11,7 @@ from launch import TWO_BUILDS
 import hpcred
 import hpcred as package
 from hpcred import Krylov, Modes
+from hpcred.linalg import factorisation
 from hpcred.linalg.blocks import create_block, from_dense
 from hpcred.linalg.factorisation import Factoring, Factorisation
 from hpcred.linalg.solvers import ShiftedSolver
@@ -141,3 +142,23 @@ def test_what_mumps_was_built_with_is_seen():
         factors.factor(mass=0.0, damping=0.0, inertia_relief=False)
         assert (factors.records[-1].ordering == "SCOTCH") == (startup._mumps("mumps_scotch_") is not None)
         factors.close()
+
+
+@pytest.mark.mpi
+def test_of_several_orderings_that_of_the_fewest_operations_is_taken_once(comm, monkeypatch):
+    """AMD and PORD here, which every MUMPS has, in place of METIS and Scotch."""
+    with package.solid((10, 8, 8), inputs=1, comm=comm) as model:
+        solver = ShiftedSolver(model)
+        flops = solver.flops_by_ordering((0, 4))
+        solver.close()
+        best = min(flops, key=flops.get)
+        assert flops[0] != flops[4]
+        for order in ((0, 4), (4, 0)):
+            monkeypatch.setattr(startup, "orderings", lambda order=order: order)
+            monkeypatch.setattr(factorisation, "CHOOSE_ABOVE", 1)
+            solver = ShiftedSolver(model)
+            for mass in (-1e4, -2e4):
+                solver.factor(mass)
+            assert {record.ordering for record in solver.records} == {factorisation.ORDERINGS[best]}
+            assert solver.analyses == 3
+            solver.close()
