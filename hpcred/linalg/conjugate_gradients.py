@@ -18,9 +18,9 @@ def conjugate_gradients(comm, multiply, precondition, residual, solution, target
     """Add to the solution what takes the residual below the targets, as far as its recurrence knows. Collective.
 
     Rows of this rank (rows, columns): `residual` = load - A solution, overwritten, and `solution`. `multiply(p, q)`:
-    q = A p; `precondition(r, z)`. `targets` (columns,): of the 2-norms of the residuals. At most `most` iterations;
-    they end as well where no column gets better any more (Hestenes & Stiefel, J. Res. NBS 49, 1952). Returns the
-    iterations of each column (columns,). Raises NegativeCurvature.
+    q = A p; `precondition(r, z)`, which may take round-off out of r. `targets` (columns,): of the 2-norms of the
+    residuals. At most `most` iterations; they end as well where no column gets better any more (Hestenes & Stiefel,
+    J. Res. NBS 49, 1952). Returns the iterations of each column (columns,). Raises NegativeCurvature.
     """
     count = residual.shape[1]
     iterations = np.zeros(count, dtype=int)

@@ -159,7 +159,8 @@ class MultigridSolver:
             precondition = self._preconditioner(room, b.shape[1])
             if deflation is not None:
                 V, inverse = deflation
-                precondition = self._beside(V, inverse, multiply, precondition)
+                momentum = self._multiplication(room, b.shape[1], [(1.0, self.model.M)])
+                precondition = self._beside(V, inverse, multiply, momentum, precondition)
             for _ in range(RESTARTS + 1):
                 if deflation is not None:
                     x += V @ (inverse @ comm.allreduce(V.T @ r))
@@ -185,14 +186,18 @@ class MultigridSolver:
                 "'direct'"
             )
 
-    def _beside(self, V, inverse, multiply, precondition):
-        """The preconditioner whose results are A-orthogonal to V."""
+    def _beside(self, V, inverse, multiply, momentum, precondition):
+        """The preconditioner whose results are A-orthogonal to V, for residuals orthogonal to V."""
+        comm = self.model.comm
 
         def deflated(r, z):
+            # what round-off brings back of V, whose modes are soft, would soon be all that is seen
+            product = np.empty_like(r)
+            momentum(V @ comm.allreduce(V.T @ r), product)
+            r -= product
             precondition(r, z)
-            product = np.empty_like(z)
             multiply(z, product)
-            z -= V @ (inverse @ self.model.comm.allreduce(V.T @ product))
+            z -= V @ (inverse @ comm.allreduce(V.T @ product))
 
         return deflated
 

@@ -77,6 +77,7 @@ AHEAD = 32  # as many more when the estimate promises to arrive with them
 RESIDUALS = 40  # frequencies at which residuals are taken
 HIDDEN = 60  # random columns at most, to find modes that no load moves
 UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
+HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 
 
@@ -253,7 +254,8 @@ class Search:
         self.before: tuple | None = None
         self.noise, self.lack, self.closing = 0.0, 0, False
         self.rest = np.inf  # the estimated error of the basis without its newest columns, over the band
-        self._static = run.multigrid  # solves at 0 Hz, and elsewhere beside a basis that has the modes below
+        self._static = run.multigrid  # solves at 0 Hz, and elsewhere beside a basis that has the modes below,
+        self._enough = HAS_MODES  # which it has once the estimate is as small as this
         # an LU of an unsymmetric model and a complex one have no signs of pivots
         self._counts = not is_complex() and run.model.symmetric and not self._static
         if not self._counts:
@@ -291,10 +293,14 @@ class Search:
             else:
                 try:
                     found = self._expand(self.waiting.pop(0), self.closing)
-                except NegativeCurvature:
-                    if not self._static or not self.points:
+                except NegativeCurvature:  # the basis lacks a mode below the point
+                    if not self._static or self._mass == 0:
                         raise
-                    return "since a mode below the point that was to prove it is missing"
+                    if self._enough < self.goal:
+                        return "since modes of the band are missing"
+                    self._enough /= 100
+                    self.waiting, self.closing = [0.0], False
+                    continue
             good = self.closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
             hidden = good and self.lack > 0
             if hidden:
@@ -327,6 +333,10 @@ class Search:
     def _floor(self):
         """What can be asked for: the goal, or round-off."""
         return max(self.goal, self.noise)
+
+    def _wanted(self, f):
+        """What the blocks of a point are to reach."""
+        return max(self._floor(), self._enough) if self._static and not f else self._floor()
 
     def _exhausted(self) -> str:
         settings = self.settings
@@ -362,7 +372,7 @@ class Search:
         with Owned(run.model.comm) as owned:
             f, count = self._open(f)
             chain = None
-            if self._by_mass and not (self._static and f):
+            if self._by_mass and not (self._static and (f or self.points)):
                 chain = owned.owns(SearchChain(run, self._mass, f"{f:.6g} Hz", None, self.loads, ("inputs", "outputs")))
             order, judged = self._extend_at(f, closing, chain)
             if chain is not None:
@@ -391,7 +401,7 @@ class Search:
             start = self.basis.size
             if chain is not None:
                 new = self.projections.extend(chain.vectors.columns_between(*chain.advance()))
-            elif start and (order or (self.before is not None and not self._by_mass)):
+            elif start and (order or self.before is not None) and (order or not self._by_mass or not f):
                 new = self._extend_by_solution(self._history(), lambda: self._residual_block(f))
             else:
                 new = self._extend_by_solution({}, lambda: copy_of(self.loads, run.model.K))
@@ -499,7 +509,7 @@ class Search:
         if order >= 1:
             S = grid([outer], law, band, UNIFORM // 4, [0.0])
             rough = estimate(inner_model, outer, U, law, S, ports)[0].max()
-            if rough > 10 * self._floor() and added + new <= limit and new and m < self.settings.columns:
+            if rough > 10 * self._wanted(f) and added + new <= limit and new and m < self.settings.columns:
                 history.append(rough)
                 return result | {"est": rough}
         S = grid([outer], law, band, UNIFORM)
@@ -514,6 +524,8 @@ class Search:
             raise InputError(f"{self.run.model.name}: no output measures what the inputs move; the response is zero")
         goal = max(self.goal, noise)
         result |= {"est": est, "noise": noise}
+        if self._static and not f:
+            goal = max(goal, self._enough)
         if self.before is not None:
             result |= self._check(f, inner_model, _places(hold), outer)
         history.append(est)
