@@ -185,11 +185,12 @@ class Accuracy:
     loss_factor: float = 0.0
     worst_pair: tuple[str, str, float] | None = None
     unproven: str = ""
+    multigrid: bool = False
 
     @property
     def factorisations(self) -> int:
-        """Points that were factored, and not taken from a store."""
-        return sum(not point.from_store for point in self.points)
+        """Points that were factored, and not taken from a store or solved for by multigrid."""
+        return 0 if self.multigrid else sum(not point.from_store for point in self.points)
 
     @property
     def sentence(self) -> str:
@@ -379,7 +380,7 @@ class Search:
                 chain.keep()
         records = run.factorisations[made:]
         stored = not records and not self._static
-        run.needs(str(self._mass), "0.0")
+        run.needs(str(0.0 if self._static else self._mass), "0.0")
         name = f"adaptive {f:.6g} Hz, {order + 1} blocks"
         run.note(name, self.basis.size - before, self.basis.size - before, from_store=stored)
         self.points.append(Point(frequency=f, columns=self.basis.size - before, modes_below=count,
@@ -826,6 +827,7 @@ class Search:
             worst_pair=(self.run.model.output_names[i], self.run.model.input_names[j], own),
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
             loss_factor=law.eta, unproven=UNPROVEN if self._static and not self.proofs else "",
+            multigrid=self._static,
         )  # fmt: skip
 
 
