@@ -132,6 +132,11 @@ class FactorRecord:
     levels: int = 0
     iterations: int = 0
 
+    @property
+    def direct(self) -> bool:
+        """Whether there was a factor."""
+        return self.kind in ("LDL^T", "LU")
+
 
 class Factorisation:
     """LDL^T ("cholesky") or LU ("lu") of `matrix`, whose values may change but not its pattern.

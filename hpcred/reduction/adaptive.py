@@ -6,6 +6,9 @@ was made before it, since its own blocks give the exact value there, and then ex
 end of the band, where the negative pivots of K - omega^2 M count the modes below it. Last, the basis is compressed to
 the few combinations that the tolerance asks for. (Panzer & Wolf, 2014; Bonin, Fassbender, Soppa & Zaeh, 2016; Lecomte
 et al., AIAA J. 41, 2003, for the count of modes.)
+
+Without factors (see linalg.multigrid_solver) the first chain is at 0 Hz, until the basis has the modes of the band;
+beside such a basis points in the band are solved for as well.
 """
 
 from __future__ import annotations
@@ -160,10 +163,10 @@ class Accuracy:
     round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in
     words; `unproven`: why no exact value stands behind the estimate, "" where one does. `measured`: with which damping,
     in words; `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model,
-    else 0. `modes`: counted by inertia below the highest point, those of
-    the big model, and how many were missing. `worst_pair`: output, input and error of the pair whose response is
-    worst by itself (see pseudo_modal.worst_pair), which eps, the error of all together, may hide. `frequencies`
-    (S,) and `eps` (S,): the curve. `proofs`: said against exact. `points`: in order.
+    else 0. `modes`: counted by inertia below the highest point, those of the big model, and how many were missing.
+    `worst_pair`: output, input and error of the pair whose response is worst by itself (see pseudo_modal.worst_pair),
+    which eps, the error of all together, may hide. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against
+    exact. `points`: in order. `multigrid`: whether there was no factor.
     """
 
     tolerance: float

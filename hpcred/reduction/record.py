@@ -87,7 +87,7 @@ class Record:
     @property
     def effort(self) -> str:
         """How often was factored or coarsened, in words."""
-        factors = [item for item in self.factorisations if not item.iterations]
+        factors = [item for item in self.factorisations if item.direct]
         found = f"{len(factors)} factorisations"
         if self.factorisations_saved:
             found += f", {self.factorisations_saved} saved by the store"

@@ -136,7 +136,9 @@ class Run:
     @property
     def multigrid(self) -> bool:
         """Whether solves are by multigrid, which serves real points alone."""
-        return isinstance(self.solver, MultigridSolver)
+        if self._shared is not None:
+            return self._shared.multigrid
+        return self.factoring.solver.kind == "multigrid" or isinstance(self._solver, MultigridSolver)
 
     def _take_multigrid(self):
         blocks = NodeBlocks(self.model)
