@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import subprocess
@@ -19,7 +18,14 @@ from ..parallel.failures import HpcredError
 from ..parallel.signals import heard_by
 from ..parallel.stopping import Stopped
 
-_libc = ctypes.CDLL(None)  # looked up here: little may be done between fork and exec
+# Has Linux send SIGTERM when the parent is gone, whatever it died of, and becomes the command. Not done between fork
+# and exec of this process: one with much memory may be refused the fork, and yet not a start of something small.
+_END_WITH_PARENT = """
+import ctypes, os, sys
+ctypes.CDLL(None).prctl(1, 15)
+if os.getppid() == int(sys.argv[1]):
+    os.execvp(sys.argv[2], sys.argv[2:])
+"""
 
 PATIENCE = 5.0  # seconds that a process has to end after SIGTERM, before it is killed
 LOOK = 0.05  # seconds between two looks at the processes
@@ -107,15 +113,16 @@ def _start(child, environment):
     child.begun = time.monotonic()
     with open(child.log, "wb") as log:
         child.process = subprocess.Popen(
-            child.command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, env=environment,
-            start_new_session=True, preexec_fn=_end_with_parent if sys.platform == "linux" else None,
+            [*_ending_with_parent(), *child.command], stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+            env=environment, start_new_session=True,
         )  # fmt: skip
     return child
 
 
-def _end_with_parent():
-    """Have Linux send SIGTERM when the parent is gone, whatever it died of."""
-    _libc.prctl(1, signal.SIGTERM)
+def _ending_with_parent():
+    if sys.platform != "linux":
+        return []
+    return [sys.executable, "-I", "-S", "-c", _END_WITH_PARENT, str(os.getpid())]
 
 
 def end(children):
