@@ -200,6 +200,8 @@ class Accuracy:
         """What a user reads first."""
         low, high = self.band
         proven = max(self.proofs, key=lambda item: item.frequency, default=None)
+        if self.multigrid:  # whose first points in the band are no proofs yet
+            proven = max(self.proofs[1:] or self.proofs, key=lambda item: item.exact, default=None)
         by = f", proven {proven.exact:.1e} at {proven.frequency:g} Hz of the big model" if proven else ""
         claim = (
             f"eps <= {self.tolerance:g} over {low:g} to {high:g} Hz" if self.reached
