@@ -110,7 +110,8 @@ test-docs: .venv/.docs-ready
 # the peers need numpy 2 and MKL, in an environment of their own
 .venv-peers/.ready: Makefile
 	/usr/bin/python3 -m venv --clear .venv-peers
-	.venv-peers/bin/python -m pip install -q numpy scipy h5py pypardiso pymor pyyeti ansys-mapdl-reader
+	.venv-peers/bin/python -m pip install -q numpy scipy==1.17.1 h5py pypardiso==0.4.7 pymor==2026.1.1 pyyeti==1.4.7 \
+	    ansys-mapdl-reader==0.56.0
 	@touch $@
 
 bench: install .venv-peers/.ready

@@ -8,11 +8,10 @@ as well. The largest has 112,500 dofs and takes an hour, nearly all of it for fu
 
 import argparse
 import json
-import subprocess
 import sys
 from dataclasses import dataclass
 
-from common import ENVIRONMENT, finish, workspace
+from common import finish, job, workspace
 
 
 @dataclass(frozen=True)
@@ -94,13 +93,6 @@ def check(name, fresh):
                  if exact > 10 * reduced.record.accuracy.noise]  # fmt: skip
         if model.comm.rank == 0:
             print(json.dumps({"true": max(found.exact), "ratios": [min(clear, default=1.0), max(clear, default=1.0)]}))
-
-
-def job(ranks, folder, *arguments):
-    command = ["mpiexec", "-n", str(ranks), sys.executable, __file__, *map(str, arguments)]
-    environment = {**ENVIRONMENT, "OPENBLAS_NUM_THREADS": "1"}
-    run = subprocess.run(command, check=True, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
-    return json.loads(run.stdout.strip().splitlines()[-1])
 
 
 def measured(name, tolerance, groups, ranks, fresh):

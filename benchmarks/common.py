@@ -27,6 +27,14 @@ def hpcred(*arguments, ranks=2, folder="."):
     subprocess.run(command, check=True, cwd=folder, env={**ENVIRONMENT, "OPENBLAS_NUM_THREADS": "1"}, stdout=sys.stderr)
 
 
+def job(ranks, folder, *arguments):
+    """Run the program that calls this once more, with other arguments, on some ranks; its last line is JSON."""
+    command = ["mpiexec", "-n", str(ranks), sys.executable, str(Path(sys.argv[0]).resolve()), *map(str, arguments)]
+    environment = {**ENVIRONMENT, "OPENBLAS_NUM_THREADS": "1"}
+    run = subprocess.run(command, check=True, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
+    return json.loads(run.stdout.strip().splitlines()[-1])
+
+
 def solid(folder, cells, inputs=6, free=False):
     """model.h5 of a block of hexahedra."""
     hpcred("example", "solid", "--cells", *cells, "--inputs", inputs, *(["--free"] if free else []), "-o", "model.h5",

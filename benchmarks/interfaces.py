@@ -9,11 +9,10 @@ solves at 61 frequencies. The second takes a block of 103,275 dofs with two inte
 
 import argparse
 import json
-import subprocess
 import sys
 import time
 
-from common import ENVIRONMENT, finish, workspace
+from common import finish, job, workspace
 
 BAND, LAW = (0.0, 6000.0), (20.0, 1e-7)
 CELLS = (16, 44, 44)
@@ -75,13 +74,6 @@ def cost():
                          "share": made / total, "frame": timing.seconds["frame"]})  # fmt: skip
         if model.comm.rank == 0:
             print(json.dumps(rows))
-
-
-def job(ranks, folder, *arguments):
-    command = ["mpiexec", "-n", str(ranks), sys.executable, __file__, *map(str, arguments)]
-    environment = {**ENVIRONMENT, "OPENBLAS_NUM_THREADS": "1"}
-    run = subprocess.run(command, check=True, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
-    return json.loads(run.stdout.strip().splitlines()[-1])
 
 
 def main():

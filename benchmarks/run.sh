@@ -1,13 +1,14 @@
 #!/bin/sh
-# All benchmarks one after the other; tables on the terminal and as <name>.json in the folder of results.
+# All benchmarks one after the other; tables on the terminal, as <name>.json in the folder of results, and in README.md.
 # usage: benchmarks/run.sh [folder]
 set -e
 here=$(cd "$(dirname "$0")" && pwd)
 python="$here/../.venv/bin/python"
 mkdir -p "${1:-benchmark-results}"
 cd "${1:-benchmark-results}"
-for name in interpolation modes reading op4 ansys_full solids growth response interfaces sweep; do
+for name in interpolation modes reading checksums op4 ansys_full solids accuracy growth response interfaces sweep; do
     "$python" "$here/$name.py"
 done
 "$python" "$here/adaptive.py" linkage linkage-mimo solid free plate
 "$python" "$here/size.py" linkage
+"$python" "$here/tables.py" .

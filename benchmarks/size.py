@@ -14,7 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from common import ENVIRONMENT, HERE, PEER_PYTHON, finish, workspace
+from common import HERE, PEER_PYTHON, finish, job, workspace
 
 EPS = (1e-2, 1e-4, 1e-6)
 SECONDS = 120
@@ -112,13 +112,6 @@ def peer(folder, method, order):
         print(f"pyMOR, {method} {order}: {error}", file=sys.stderr)
         return None
     return {"method": method, **json.loads(run.stdout.strip().splitlines()[-1])}
-
-
-def job(ranks, folder, *arguments):
-    command = ["mpiexec", "-n", str(ranks), sys.executable, __file__, *map(str, arguments)]
-    environment = {**ENVIRONMENT, "OPENBLAS_NUM_THREADS": "1"}
-    run = subprocess.run(command, check=True, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
-    return json.loads(run.stdout.strip().splitlines()[-1])
 
 
 def measured(name, ranks):

@@ -116,3 +116,4 @@ from .workflows.simulate import simulate_file as simulate_file
 from .workflows.store import list_store as list_store
 from .workflows.store import prune_store as prune_store
 from .workflows.sweep import run_sweep as run_sweep
+from .workflows.verify import verify_file as verify_file

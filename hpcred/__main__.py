@@ -12,9 +12,11 @@ def main():
 
         status = run(sys.argv[1:])
     except KeyboardInterrupt as error:  # while modules are loaded
-        from .parallel.failures import end_job
-
-        end_job(error)
+        signals.no_more()
+        failures = sys.modules.get("hpcred.parallel.failures")
+        if hasattr(failures, "LOADED"):
+            failures.end_job(error)
+        signals.leave(error)
     signals.no_longer()
     sys.exit(status)
 

@@ -12,12 +12,13 @@ import typer
 
 import hpcred
 
+from .formats.locks import unlock_all
 from .formats.outputs import JSON, check_outputs, keep_files
 from .parallel import startup
 from .parallel.failures import InputError, fail
 from .parallel.ranges import ANYTHING, FREQUENCY, within
 from .report.profile import show_profile, start_profile
-from .report.tables import as_json, in_words, show_table, show_timing, write_json
+from .report.tables import as_json, in_words, show_table, show_timing, told_apart, write_json
 
 HELP = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(
@@ -49,12 +50,17 @@ Frequencies = Annotated[str | None, typer.Option(metavar="F1,F2,...", help="Freq
 Overrides = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of the file: basis.0.order=2")
 ]
+Pairs = Annotated[
+    str | None, typer.Option(metavar="OUT/IN,...", help="Responses to draw, such as 20:z/20:z,20:z/1:x.")
+]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
 FORMATS = (
     "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff; png, svg, pdf, gif, webp; "
     "nastran, nastran-op4, ansys, abaqus or simscape of a model in interface coordinates."
 )
+INTERFACES = "Interfaces, and where their reference nodes are (m)"
+MOST_SETS = 20  # node sets that info lists
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
 
@@ -104,6 +110,8 @@ def run(arguments: list[str]) -> int:
         return status if isinstance(status, int) else 0
     except BaseException as error:
         return fail(error)
+    finally:
+        unlock_all()
 
 
 def _call(arguments):
@@ -329,14 +337,23 @@ def info(
     below: Annotated[str | None, typer.Option(metavar="F1,F2", help="Count modes below (Hz).")] = None,
     band_top: Annotated[float | None, typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
     modes: Annotated[int | None, typer.Option(help="Find so many of the lowest frequencies.")] = None,
+    verify: Annotated[bool, typer.Option("--verify", help="Read all of it, and check all checksums.")] = False,
     json: JsonFile = None,
 ):
     """Say what a file is: what a model contains and needs, and the format and matrices of any other file."""
-    report = hpcred.describe_file(
+    if verify and (below or band_top or modes):
+        raise InputError("--verify: cannot be combined with other questions; call info twice")
+    report = hpcred.verify_file(file) if verify else hpcred.describe_file(
         file, frequencies=_numbers(below, "--below"), band_top=band_top, modes=modes, progress=_progress()
-    )
-    rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key != "warnings"]
+    )  # fmt: skip
+    below_it = ("sets", "interfaces", "warnings")
+    rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
     show_table(None, rows)
+    show_table(INTERFACES, report.get("interfaces", []))
+    sets = [{"node set": name, "nodes": count} for name, count in report.get("sets", {}).items()]
+    show_table(None, sets[:MOST_SETS])
+    if len(sets) > MOST_SETS:
+        print(f"and {len(sets) - MOST_SETS} more node sets; --json - lists all")
     _warn(report["warnings"])
     _write_json(json, report)
 
@@ -396,12 +413,13 @@ def reduce(
     record, accuracy = found.record, found.record.accuracy
     stored = any(item.from_store for item in record.ingredients)
     if accuracy is not None:
-        print(f"{accuracy.sentence}, {accuracy.factorisations} factorisations, {found.size} coordinates")
+        print(f"{accuracy.sentence}, {accuracy.factorisations} factorisations, {found.size_in_words}")
     show_table(
-        f"{found.output}: {found.size} coordinates for {record.size} dofs",
+        f"{found.output}: {found.size_in_words} for {record.size} dofs",
         [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
           **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.ingredients],
     )  # fmt: skip
+    show_table(INTERFACES, record.interface_rows)
     if accuracy is not None:
         show_table("Expansion points", [
             {"f (Hz)": item.frequency, "columns": item.columns, "modes below": in_words(item.modes_below),
@@ -495,7 +513,7 @@ def sweep(
         file, parallel=parallel, index=index, of=of, store=store, dry_run=dry_run, progress=_progress()
     )
     columns = [key for key in report["runs"][0] if key not in ("sentence", "output")] if report["runs"] else []
-    show_table(report["folder"], [{key: row.get(key, "") for key in columns} for row in report["runs"]])
+    show_table(report["folder"], _named_shortly([{key: row.get(key, "") for key in columns} for row in report["runs"]]))
     for row in report["failed"]:
         print(f"FAILED {row['run']}: {row['sentence']}")
     if not dry_run:
@@ -503,6 +521,12 @@ def sweep(
               f"{report['factorisations']} factorisations made, {report['factorisations_saved']} saved")  # fmt: skip
     _write_json(json, report)
     return int(bool(report["failed"]) and not dry_run)
+
+
+def _named_shortly(rows):
+    """Rows of runs with as much of their names as tells them apart."""
+    names = told_apart([row["run"] for row in rows])
+    return [row | {"run": name} for row, name in zip(rows, names, strict=True)]
 
 
 @app.command()
@@ -518,7 +542,8 @@ def collect(
     rows = report["rows"]
     short = {"factorisations": "factored", "factorisations_saved": "saved", "memory_mb": "MB"}
     known = [key for key in rows[0] if any(row[key] is not None for row in rows)]
-    show_table(file, [{short.get(key, key): "" if row[key] is None else row[key] for key in known} for row in rows])
+    rows = [{short.get(key, key): "" if row[key] is None else row[key] for key in known} for row in rows]
+    show_table(file, _named_shortly(rows))
     for line in report["remarks"]:
         print(f"note: {line}")
     for name in (*([output] if output else []), *report["figures"]):
@@ -539,6 +564,7 @@ def evaluate(
     points: Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")] = 61,
     output: Annotated[str | None, typer.Option("-o", help="Write the responses to this .csv or HDF5 file.")] = None,
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw responses: .png, .svg, .pdf.")] = None,
+    pairs: Pairs = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
     check: Annotated[int | None, typer.Option(help="Set said against exact at so many fresh frequencies.")] = None,
     seed: Annotated[int | None, typer.Option(help="The fresh frequencies of an earlier --check.")] = None,
@@ -559,12 +585,14 @@ def evaluate(
         raise InputError("evaluate: several results are compared with the model that --full names, and without "
                          "--estimate, --check or --figure; call evaluate once for each result")  # fmt: skip
     given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check,
-             "--figure": figure}
+             "--figure": figure, "--pairs": pairs}
     allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
     wrong = [option for option, value in given.items() if value is not None and option not in allowed]
     if wrong or (estimate and check is not None):
         raise InputError(f"{'--check' if check is not None else '--estimate'}: cannot be combined with "
                          f"{', '.join(wrong) or '--estimate'}; call evaluate twice")  # fmt: skip
+    if pairs and not figure:
+        raise InputError("--pairs: belongs to --figure")
     if check is not None and full is None:
         raise InputError("--check: the model file is missing; give it by --full MODEL.h5")
     if seed is not None and check is None:
@@ -597,7 +625,8 @@ def evaluate(
         return 0 if report["passed"] else 1
     report = hpcred.evaluate_result(
         result, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits, points=points,
-        output=output, figure=figure, groups=groups, factoring=factoring, progress=_progress(),
+        output=output, figure=figure, pairs=pairs.split(",") if pairs else (), groups=groups, factoring=factoring,
+        progress=_progress(),
     )  # fmt: skip
     columns = {"f (Hz)": "frequencies_hz", "|H| reduced": "reduced_norm", "|H| full": "full_norm", "eps": "eps"}
     columns = {title: report[key] for title, key in columns.items() if key in report}
@@ -606,8 +635,12 @@ def evaluate(
         print(f"Q = {report['Q']:.6g}, largest eps = {report['eps_max']:.6g}; {report['arithmetic']}")
         worst = report["worst_pair"]
         print(f"worst pair by itself: output {worst['output']}, input {worst['input']}: {worst['error']:.2g}")
-    for name in report.get("figures", ()):
+    drawn = report.get("figures", ())
+    for name in drawn:
         print(f"drawn: {name}")
+    if len(drawn) < report.get("responses", 0):
+        print(f"the {len(drawn)} largest of {report['responses']} responses are drawn; --pairs OUTPUT/INPUT,... "
+              "draws others")  # fmt: skip
     _write_json(json, report)
     return None
 
@@ -619,7 +652,7 @@ def report(
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="The HTML file.")] = "report.html",
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
     exact: Annotated[int, typer.Option(help="Frequencies at which the full model is solved.")] = 21,
-    pairs: Annotated[str | None, typer.Option(help="Responses, such as 20:z/20:z,20:z/1:x.")] = None,
+    pairs: Pairs = None,
     modes: Annotated[int, typer.Option(help="Number of shapes to look at.")] = 10,
     png: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
     svg: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
@@ -694,13 +727,15 @@ def export(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
     kind: Annotated[str, typer.Option("--format", help=FORMATS)] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
-    nodes: Annotated[str | None, typer.Option(help="Interface nodes 1,20; default: of inputs and outputs.")] = None,
+    nodes: Annotated[
+        str | None, typer.Option(help="Interface nodes 1,20 or by name; default: of inputs and outputs.")
+    ] = None,
     units: Annotated[str, typer.Option(help="Units of the file: SI; mm,t,s; ...")] = "SI",
     modes: Annotated[str | None, typer.Option(help="Shapes of a picture, from 1, such as 7,8.")] = None,
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
-    chosen = [int(number) for number in _numbers(nodes, "--nodes")] if nodes else None
+    chosen = [int(word) if word.strip().isdigit() else word.strip() for word in nodes.split(",")] if nodes else None
     shapes = [int(number) for number in _numbers(modes, "--modes")] if modes else None
     report = hpcred.export_result(
         result, kind, output, nodes=chosen, units=units, modes=shapes, progress=_progress()

@@ -10,7 +10,8 @@ from conftest import DATA
 from helpers import SIMULATION, refused
 
 from hpcred.cli import run
-from hpcred.report.tables import as_json, show_table
+from hpcred.report.tables import as_json, show_table, told_apart
+from hpcred.workflows import modes as workflow
 
 JOB = 'model = "model.h5"\nband = [0.0, 300.0]\ntolerance = 1e-3\n[frame]\nkind = "buckens"\n'
 
@@ -75,6 +76,18 @@ def test_tables_fit_the_terminal(monkeypatch, capsys, columns):
     assert all(word in text for word in ("1.23456e-07", "1.98765e-10", "second-order", "|u_y"))
 
 
+@pytest.mark.parametrize("names, short", [
+    (["basis-modal_order-1", "basis-modal_order-3", "basis-krylov_order-1"], ["modal_1", "modal_3", "krylov_1"]),
+    (["tol-1e-04_n-7", "tol-1e-06_n-7"], ["1e-04", "1e-06"]),
+    (["order-0", "order-200"], ["0", "200"]),
+    (["order-0", "a_b"], ["order-0", "a_b"]),
+    (["order-0"], ["order-0"]),
+    (["coarse", "fine"], ["coarse", "fine"]),
+])  # fmt: skip
+def test_names_of_runs_are_as_short_as_they_may(names, short):
+    assert told_apart(names) == short
+
+
 def test_modes_of_a_file(linkage_folder, capsys):
     assert run(["modes", "model.h5", "--count", "8", "--figure", "m.png", "--json", "m.json"]) == 0
     text = capsys.readouterr().out
@@ -91,6 +104,15 @@ def test_modes_of_a_file(linkage_folder, capsys):
         (["--count", "6", "--figure", "n.png"], "no elastic mode"), (["--frame", "loose"], "--frame: found 'loose'"),
     ):  # fmt: skip
         assert says in refused(capsys, "modes", "model.h5", *arguments)
+
+
+def test_a_picture_numbers_modes_as_the_table_does(linkage_folder, monkeypatch):
+    seen = []
+    monkeypatch.setattr(workflow, "draw_shapes", lambda path, shapes, kind: (Path(path).touch(), seen.append(shapes)))
+    assert run(["modes", "model.h5", "--count", "8", "--figure", "m.png", "--json", "m.json"]) == 0
+    frequencies = json.loads(Path("m.json").read_text())["frequencies_hz"]
+    (shapes,) = seen
+    assert shapes.first == 7 and shapes.names == [f"pseudo-mode {k}: {frequencies[k - 1]:.6g} Hz" for k in (7, 8)]
 
 
 def said(capsys, *arguments):

@@ -1,4 +1,7 @@
-"""Block rational Krylov by SciPy and MKL PARDISO (LDL^T, one analysis): model.h5, order, frequencies... -> JSON."""
+"""Block rational Krylov by SciPy and MKL PARDISO (LDL^T, one analysis): model.h5, orders, points, checks -> JSON.
+
+`orders`: one for all points, or a list.
+"""
 
 import json
 import resource
@@ -10,7 +13,8 @@ from model import read, upper
 from pypardiso import PyPardisoSolver
 
 CHECK = json.loads(sys.argv[4])
-path, order, points = sys.argv[1], int(sys.argv[2]), json.loads(sys.argv[3])
+path, orders, points = sys.argv[1], json.loads(sys.argv[2]), json.loads(sys.argv[3])
+orders = orders if isinstance(orders, list) else [orders] * len(points)
 start = time.perf_counter()
 K, M, B = read(path)
 Ku, Mu = upper(K), upper(M)
@@ -33,7 +37,7 @@ for i, frequency in enumerate(points):
     solver._call_pardiso(A, np.zeros((len(B), 1)))
     factor += time.perf_counter() - begin
     X = B
-    for _ in range(order + 1):
+    for _ in range(orders[i] + 1):
         begin = time.perf_counter()
         solver.set_phase(33)
         X = solver._call_pardiso(A, np.asfortranarray(X))

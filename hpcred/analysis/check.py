@@ -20,6 +20,7 @@ from ..parallel.petsc import MPI
 SPEEDS = (200.0, 3e4)  # m/s: waves in plastics to ceramics, with an order of magnitude for the estimate
 DENSITIES = (50.0, 3e4)  # kg/m^3: mass over the volume of the surrounding box
 FIRST = (0.1, 1e4)  # m/s: the first natural frequency times the diagonal of the surrounding box, wires to blocks
+FAR = 10.0  # beyond SPEEDS, where the estimate of the speed cannot be the reason
 CLEARLY_FREE, NEARLY_FREE = 1e-12, 1e-5  # ||K R|| / (||K|| ||R||)
 
 
@@ -183,27 +184,34 @@ def fitting_units(model, mass, size, first=None, written=SI) -> list[Units]:
 def doubts_of_units(model, mass, first=None) -> list[str]:
     """A sentence where mass, size, stiffness and perhaps the `first` frequency (Hz) are those of other units.
 
-    Collective.
+    Of bodies that fill little of their box, such as frames of beams, the speed of waves alone. Collective.
     """
     low, high = extent(model)
     written = units_of(model.converted_from) if model.converted_from else SI
     fitting = fitting_units(model, mass, high - low, first, written)
-    if not fitting or any(np.allclose(units.sizes, written.sizes, rtol=1e-6, atol=0) for units in fitting):
-        return []
     size = " x ".join(f"{value:.4g}" for value in high - low)
     known = f" and a first frequency of {first:.4g} Hz" if first else ""
+    reason = f"a mass of {mass:.4g} kg in a box of {size} m{known} is of no usual material"
+    if not fitting:
+        speed = wave_speed(model)
+        if not speed or SPEEDS[0] / FAR <= speed <= SPEEDS[1] * FAR:
+            return []
+        units_of_speed = [(units, units.length / units.time * written.time / written.length) for units in UNITS]
+        fitting = [units for units, factor in units_of_speed if SPEEDS[0] <= speed * factor <= SPEEDS[1]]
+        reason = f"waves that travel at {speed:.2g} m/s between neighbouring nodes are in no usual material"
+    if not fitting or any(np.allclose(units.sizes, written.sizes, rtol=1e-6, atol=0) for units in fitting):
+        return []
     return [
-        f"{model.name}: a mass of {mass:.4g} kg in a box of {size} m{known} is of no usual material: the numbers look "
-        f"like {' or '.join(units.name for units in fitting)}, not {written.words}; convert with --units "
-        f"{' or '.join(units.words for units in fitting)}"
+        f"{model.name}: {reason}: the numbers look like {' or '.join(units.name for units in fitting)}, not "
+        f"{written.words}; convert with --units {' or '.join(units.words for units in fitting)}"
     ]
 
 
 def wave_speed(model) -> float | None:
     """The speed of waves between neighbouring nodes, within an order of magnitude, or None. Collective.
 
-    The mean distance of nodes that K couples times the median of (K_ii / M_ii)^(1/2), of the stiffest direction, by 4:
-    about what elements of first and second order have.
+    The mean distance of a node to the nearest one that K couples it with times the median of (K_ii / M_ii)^(1/2), of
+    the stiffest direction, by 3: about what elements of first and second order have, also thin ones.
     """
     with closing(_Diagonal(model.K)) as K, closing(_Diagonal(model.M)) as M:
         ratio = np.divide(K.values, M.values, out=np.zeros(len(K.values)), where=M.values > 0)
@@ -215,11 +223,11 @@ def wave_speed(model) -> float | None:
     total, count = model.comm.allreduce(_distances(model), op=MPI.SUM)
     if not count or not max(medians):
         return None
-    return float(total / count * np.sqrt(max(medians)) / 4)
+    return float(total / count * np.sqrt(max(medians)) / 3)
 
 
 def _distances(model):
-    """Sum and number of the distances between nodes of this rank that K couples, of its first rows."""
+    """Sum and number of the distances of the first nodes of this rank to the nearest other one that K couples."""
     first = model.first_row
     most = min(model.local_rows, 30_000)
     indptr, indices, values = model.K.getValuesCSR()
@@ -227,7 +235,9 @@ def _distances(model):
     rows = np.repeat(np.arange(most), np.diff(indptr[: most + 1]))
     columns = indices.astype(np.int64) - first
     near = (columns >= 0) & (columns < model.local_rows) & (values != 0)
-    position = model.dofs.position
-    length = np.linalg.norm(position[rows[near]] - position[columns[near]], axis=1)
-    return np.array([length.sum(), np.count_nonzero(length)])
-
+    rows, columns = rows[near], columns[near]
+    length = np.linalg.norm(model.dofs.position[rows] - model.dofs.position[columns], axis=1)
+    rows, length = rows[length > 0], length[length > 0]
+    starts = np.flatnonzero(np.diff(rows, prepend=-1))
+    nearest = np.minimum.reduceat(length, starts) if len(starts) else length
+    return np.array([nearest.sum(), len(nearest)])

@@ -6,9 +6,11 @@ import numpy as np
 
 from ..linalg.blocks import apply, as_pairs, create_block, from_dense, inner, multiply, unfold
 from ..linalg.factorisation import Factoring, SingularMatrix
+from ..linalg.free_motions import check_free_motions
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
 from ..model.damping import ModalDamping, Structural, caughey_terms
 from ..model.frames import apply_frame
+from ..model.scales import scaled, scales_of, unscaled
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.petsc import MPI
 from ..reduction.groups import Group
@@ -33,11 +35,19 @@ def frequency_response(
         return _reduced(model, frequencies)
     if isinstance(damping, ModalDamping):
         raise InputError("damping: modal ratios belong to a reduced model; the full model has no such response")
+    inputs, outputs = scales_of(model)
+    if (inputs, outputs) != (1.0, 1.0):
+        with scaled(model, inputs, outputs) as usual:
+            found = frequency_response(
+                usual, frequencies, frame, damping, factoring=factoring, progress=progress, groups=groups
+            )
+        return unscaled(found, inputs * outputs)
     groups = groups or (model.comm.size if model.size <= SMALL else 1)
     if not 1 <= groups <= model.comm.size:
         raise InputError(f"groups: found {groups}, expected 1 to {model.comm.size}, the number of ranks")
     with Owned(model.comm) as owned:
         framed = owned.owns(apply_frame(model, frame, damping))
+        check_free_motions(framed.model, framed.rigid, factoring)
         if groups == 1:
             return _full(framed, frequencies, factoring, progress)
         return _in_groups(framed, frequencies, factoring, progress, groups)

@@ -14,8 +14,9 @@ import numpy as np
 from ..linalg.basis import Basis
 from ..linalg.factorisation import Factoring, FactorRecord
 from ..model.damping import Caughey, ModalDamping, NoDamping, Rayleigh, Structural
-from ..model.frames import NoFrame, apply_frame
+from ..model.frames import NoFrame, apply_frame, inputs_without_effect
 from ..model.rigid_body_modes import RigidBodyModes
+from ..model.scales import scaled, scales_of, unscaled
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
@@ -84,6 +85,14 @@ def full_response(
     `groups` of ranks that share these (see frequency_response). Raises InputError, also where a frequency is an
     undamped pole, and ComputationError.
     """
+    inputs, outputs = scales_of(model)
+    if (inputs, outputs) != (1.0, 1.0):
+        with scaled(model, inputs, outputs) as usual:
+            found = full_response(
+                usual, frequencies, frame, damping, tolerance=tolerance, band=band, adaptive=adaptive, check=check,
+                seed=seed, groups=groups, factoring=factoring, progress=progress,
+            )  # fmt: skip
+        return replace(found, response=unscaled(found.response, inputs * outputs))
     frequencies = _sorted(frequencies)
     if check < 0:
         raise InputError(f"check: found {check}, expected 0 or more fresh frequencies")
@@ -104,10 +113,15 @@ def full_response(
     with Owned(model.comm) as owned:
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
-        run = owned.owns(Run(framed, progress, KEPT_BY_SEARCH, factoring or Factoring(), inertia=True))
+            warnings += inputs_without_effect(framed)
+        room = min(ROOM, adaptive.columns)
+        run = owned.owns(
+            Run(framed, progress, KEPT_BY_SEARCH, factoring or Factoring(), inertia=True, columns=room)
+        )
         rigid = framed.rigid.R if framed.rigid is not None else None
-        basis = owned.owns(Basis(framed.model.M, rigid, KEPT_BY_SEARCH, room=min(ROOM, adaptive.columns)))
+        basis = owned.owns(Basis(run.mass, rigid, KEPT_BY_SEARCH, room, run.keeps_images))
         search = owned.owns(Search(basis, run, adaptive))
+        run.check_free_motions()
         reason = search.search()
         with progress.stage("evaluate"):
             values, eps, accuracy, pair = decided(model.comm, _evaluate, search, reason, frequencies, law)

@@ -22,7 +22,8 @@ def inspect(
 
     `modes`: how many of the lowest frequencies to find.
     `band_top` (Hz): upper end of the band of interest, for the size hint: modes below twice that plus inputs.
-    Counts by inertia need a real build; in a complex one they are None. `warnings` lists what is doubtful.
+    Counts by inertia need a real build; in a complex one they are None. `sets`: number of nodes by name of the node
+    set, where there is one. `warnings` lists what is doubtful.
     """
     report = {
         "model": model.name,
@@ -36,6 +37,8 @@ def inspect(
     }
     if model.converted_from:
         report["converted_from"] = model.converted_from
+    if sets := model.set_sizes:
+        report["sets"] = sets
     first = None
     if modes is not None:
         with closing(natural_modes(model, min(modes, model.size), factoring=factoring, progress=progress)) as found:

@@ -7,6 +7,9 @@ nodes (k), positions (k, 3) in the body frame, phi and psi (k, 3, m). SI units. 
 
 from __future__ import annotations
 
+import io
+from pathlib import Path
+
 import numpy as np
 
 from ..multibody.body import Body, maker, remarks
@@ -29,6 +32,12 @@ def arrays_of(body: Body) -> dict:
 
 def write_npz(path, body: Body) -> list[str]:
     """Write all arrays of a body; call it on one rank. Returns remarks on what is approximated."""
-    with open(path, "wb") as file:
-        np.savez(file, **arrays_of(body))
+    save_npz(path, arrays_of(body))
     return remarks(body)
+
+
+def save_npz(path, arrays: dict):
+    """Write arrays by name; call it on one rank. They are packed in memory: an archive cannot be left half written."""
+    content = io.BytesIO()
+    np.savez(content, **arrays)
+    Path(path).write_bytes(content.getbuffer())

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..multibody.body import Body, check_moving, inputs_without_node, remarks
+from .body_npz import save_npz
 
 CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
 RADIUS = 0.01  # of the tetrahedra, in radii of gyration of the body; what they measure does not depend on it
@@ -59,8 +60,7 @@ def write_exudyn(path, body: Body) -> list[str]:
         "markerNodes": markers,
         "dampingMatrixReduced": reduced.D,
     }
-    with open(path, "wb") as file:
-        np.savez(file, **data)
+    save_npz(path, data)
     return [*remarks(body), *_notes(body), *inputs_without_node(body)]
 
 

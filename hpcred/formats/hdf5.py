@@ -2,14 +2,20 @@
 
 import json
 import os
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from math import prod
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-from ..parallel.failures import InputError, Owned, agreed, unfinished
+from ..parallel.failures import ComputationError, InputError, Owned, agreed, common_to, settle, unfinished
+from .checked import CHECKSUM, SUMS, CheckedFile, damaged, header_checksum
+from .checksums import sums_of, tag_of, whole_chunks
+from .locks import HOST, lock, lock_name, temporary_name, unlock
 from .outputs import check_kind, check_writable, kind_of
+from .room import Room, is_full, no_room
+from .seal import is_broken, seal
 
 SLAB = 2**26  # numbers written in one call, well below the 2 GiB that MPI-IO takes
 
@@ -17,13 +23,15 @@ SLAB = 2**26  # numbers written in one call, well below the 2 GiB that MPI-IO ta
 class Writer:
     """A new HDF5 file, written by all ranks. Every method is collective, with the same small values everywhere.
 
-    With an h5py without MPI the ranks write in turn.
+    With an h5py without MPI the ranks write in turn. Datasets get checksums (see formats.checked). All methods raise
+    ComputationError on all ranks for numbers that are not finite and where the disk has no room.
     """
 
     def __init__(self, path, comm):
         self._path, self._comm = str(path), comm
         self._parallel = comm.size > 1 and h5py.get_config().mpi
-        self._file = None
+        self._file, self._room = None, Room(path, comm)
+        self._attributes, self._names = {}, []
         if self._parallel:
             self._file = h5py.File(self._path, "w", driver="mpio", comm=comm)
         elif comm.size == 1:
@@ -35,6 +43,10 @@ class Writer:
     def close(self):
         if self._file is not None:
             self._file.close()
+
+    def finish(self):
+        """Write what tells a whole file from a damaged one."""
+        self.attribute(CHECKSUM, header_checksum(self._attributes, self._names))
 
     def _turns(self, ranks):
         """The open file, or in turn for the ranks named where only one process can have it open."""
@@ -48,11 +60,14 @@ class Writer:
             self._comm.Barrier()
 
     def attribute(self, name, value):
+        self._attributes[name] = value
+        self._room.take(0)
         for file in self._turns([0]):
             file.attrs[name] = value
 
-    def small(self, name, value):
-        """A dataset from rank 0: an array, a text, a list of texts, or a dict (as JSON)."""
+    def small(self, name, value, gaps=False):
+        """A dataset from rank 0: an array (`gaps`: nan is what is not known), a text, a list of texts, or a dict (as
+        JSON)."""
         value = self._comm.bcast(value)
         if isinstance(value, dict):
             value = json.dumps(value)
@@ -61,17 +76,34 @@ class Writer:
         elif isinstance(value, list) and (not value or isinstance(value[0], str)):
             value = np.array([item.encode() for item in value], dtype="S") if value else np.zeros(0, "S1")
         value = np.asarray(value)
+        self._check(name, value, gaps)
+        self._names.append(name)
+        sums = sums_of(value.reshape(-1), 0, 0, tag_of(value.dtype, value.shape, -1))
+        self._room.take(value.nbytes + sums.nbytes, datasets=2)
         for file in self._turns([0]):
-            dataset = file.create_dataset(name, value.shape, value.dtype, track_times=False)
-            if self._comm.rank == 0:
-                dataset[...] = value
+            for place, array in ((name, value), (f"{SUMS}/{name}", sums)):
+                dataset = file.create_dataset(place, array.shape, array.dtype, track_times=False)
+                if self._comm.rank == 0:
+                    dataset[...] = array
+            dataset.attrs["axis"] = -1
 
     def rows(self, name, local, axis=0):
         """A dataset whose `axis` is distributed over the ranks in order; `local` is the part of this rank."""
+        self._check(name, local)
+        self._names.append(name)
+        shape, start = self._lay(name, local, axis)
+        sums = sums_of(local, axis, start, tag_of(local.dtype, shape, axis))
+        self._lay(f"{SUMS}/{name}", whole_chunks(self._comm, sums, start, local.shape[axis]), 1)
+        for file in self._turns([0]):
+            file[f"{SUMS}/{name}"].attrs["axis"] = axis
+
+    def _lay(self, name, local, axis):
+        """Write the parts of all ranks; returns the shape of the whole, and where the part of this rank begins."""
         counts = self._comm.allgather(local.shape[axis])
         start = sum(counts[: self._comm.rank])
         shape = list(local.shape)
         shape[axis] = sum(counts)
+        self._room.take(local.dtype.itemsize * prod(shape), datasets=1)
         for file in self._turns(range(self._comm.size)):
             dataset = file[name] if name in file else file.create_dataset(
                 name, shape=tuple(shape), dtype=local.dtype, track_times=False
@@ -84,6 +116,17 @@ class Writer:
                 part = [slice(None)] * len(shape)
                 part[axis] = slice(low, high)
                 dataset[tuple(place)] = local[tuple(part)]
+        return shape, start
+
+    def _check(self, name, array, gaps=False):
+        with agreed(self._comm):
+            if array.dtype.kind in "fc":
+                bad = np.count_nonzero(np.isinf(array) if gaps else ~np.isfinite(array))
+                if bad:
+                    raise ComputationError(
+                        f"{name} has {bad} of {array.size} numbers that are not finite, and is not written: the scales "
+                        "are beyond what double precision holds, or a matrix is nearly singular"
+                    )
 
 
 @contextmanager
@@ -94,9 +137,13 @@ def atomic_output(path, comm):
     kind than what was written.
     """
     check_writable(path, comm)
-    path = Path(os.path.realpath(path))
-    temporary = path.with_name(f"{path.name}.tmp-{comm.bcast(os.getpid())}")
-    unfinished.add(temporary)
+    name, path = path, Path(os.path.realpath(path))
+    temporary = temporary_name(path, *comm.bcast((os.getpid(), HOST)))
+    left = {temporary, lock_name(path)}
+    with agreed(comm):
+        if comm.rank == 0:
+            lock(path, name)
+    unfinished.update(left)
     try:
         with Owned(comm):
             yield temporary
@@ -105,37 +152,63 @@ def atomic_output(path, comm):
             if comm.rank == 0:
                 if path.exists():
                     check_kind(path, kind_of(temporary))
-                with open(temporary, "rb") as file:
+                with open(temporary, "r+b") as file:
+                    os.ftruncate(file.fileno(), os.path.getsize(temporary))  # gives back room that was not needed
                     os.fsync(file.fileno())
                 os.replace(temporary, path)
+    except BaseException as error:
+        settle(comm, error)  # where this rank fails alone the job ends here, while it still knows what must not stay
+        full = comm.bcast(no_room(name, written=temporary) if comm.rank == 0 and is_full(error) else None)
+        if full is not None:
+            raise common_to(comm, full) from error
+        raise
     finally:
-        unfinished.discard(temporary)
+        unfinished.difference_update(left)
         if comm.rank == 0:
-            temporary.unlink(missing_ok=True)
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            unlock(path)
 
 
 @contextmanager
 def writing(path, comm):
     """A Writer on a file that appears under its name when the block ends well. Collective."""
-    with atomic_output(path, comm) as temporary, Owned(comm) as owned:
-        yield owned.owns(Writer(temporary, comm))
+    with atomic_output(path, comm) as temporary:
+        with Owned(comm) as owned:
+            file = owned.owns(Writer(temporary, comm))
+            yield file
+            file.finish()
+        with agreed(comm):
+            if comm.rank == 0:
+                seal(temporary)
 
 
 @contextmanager
-def reading(path, kind: str, version: int | None = None):
+def reading(path, kind: str, version: int | None = None, schema=None):
+    """A CheckedFile, opened by this rank; see opened, and formats.checked for `schema`. Raises InputError."""
+    with opened(path, kind, version) as file:
+        yield CheckedFile(file, path, schema)
+
+
+@contextmanager
+def opened(path, kind: str, version: int | None = None):
     """The file opened for reading by this rank; `kind` and `version` are its attributes. Raises InputError."""
     path = Path(path)
     if not os.path.isfile(path):
         raise InputError(f"{path}: no such file")
+    if is_broken(path):
+        raise damaged(path, "what HDF5 keeps of its own does not have its checksum")
     try:
         file = h5py.File(path, "r")
-    except OSError as error:
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
         raise InputError(f"{path}: not a readable HDF5 file ({error})") from error
     with file:
-        found = file.attrs.get("format", "none")
+        try:
+            found, number = str(file.attrs.get("format", "none")), int(file.attrs.get("version", 0))
+        except (OSError, RuntimeError, KeyError, TypeError, ValueError, OverflowError) as error:
+            raise damaged(path, f"its attributes cannot be read ({error})") from error
         if found != kind:
             raise InputError(f"{path}: found an HDF5 file of format '{found}', expected '{kind}'")
-        number = int(file.attrs.get("version", 0))
         if version is not None and number != version:
             newer, older = "a newer hpcred wrote it: update this one", "an older hpcred wrote it: make it again"
             what = newer if number > version else older
@@ -146,12 +219,17 @@ def reading(path, kind: str, version: int | None = None):
 def kind_of_file(path) -> str | None:
     """The format that an HDF5 file of hpcred names, or None. Raises nothing."""
     try:
+        if is_broken(path):
+            return None
         with h5py.File(path, "r") as file:
             return str(file.attrs.get("format", "")) or None
-    except OSError:
+    except (OSError, RuntimeError, KeyError):
         return None
 
 
 def texts(dataset) -> list[str]:
-    """A list of texts from a dataset of fixed-length bytes."""
-    return [item.decode() for item in dataset[...]]
+    """A list of texts from a dataset of fixed-length bytes. Raises InputError."""
+    try:
+        return [item.decode() for item in dataset[...]]
+    except UnicodeDecodeError as error:
+        raise damaged(dataset.path, f"{dataset.name} is no text") from error

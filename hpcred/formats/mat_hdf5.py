@@ -24,11 +24,29 @@ def begins(start: bytes) -> bool:
 def _opened(path):
     try:
         with h5py.File(path, "r") as file:
+            _require_own_links(path, file)
             yield file
     except InputError:
         raise
     except (OSError, KeyError, ValueError, RuntimeError, TypeError) as error:
         raise InputError(f"{path}: found a damaged HDF5 file ({str(error).splitlines()[0][:100]})") from error
+
+
+def _require_own_links(path, file):
+    """Raise InputError where the file has links to other files, which MATLAB never writes."""
+    name = file.id.links.visit(lambda name, info: None if info.type == h5py.h5l.TYPE_HARD else name, info=True)
+    if name is not None:
+        raise _not_followed(path, name.decode(errors="replace"))
+
+
+def _not_followed(path, name):
+    return InputError(f"{path}: found '{name}', which refers to another place; it is not followed")
+
+
+def _require_own_numbers(path, item):
+    """Raise InputError where the numbers of an array lie in other files."""
+    if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+        raise _not_followed(path, item.name.strip("/"))
 
 
 def variables(path) -> list[Variable]:
@@ -44,6 +62,7 @@ def variables(path) -> list[Variable]:
 def _look(path, file, item, name, found, depth):
     if depth > DEPTH:
         return
+    _require_own_numbers(path, item)
     if isinstance(item, h5py.Group):
         if "MATLAB_sparse" in item.attrs:
             found.append(_sparse(path, item, name))
@@ -77,6 +96,8 @@ def _class_of(item):
 
 def _sparse(path, group, name):
     lists = [group.get(key) for key in ("jc", "ir", "data")]
+    for item in lists:
+        _require_own_numbers(path, item)
     if lists[0] is None or any(isinstance(item, h5py.Group) or item.ndim != 1 for item in lists if item is not None):
         raise InputError(f"{path}: found a sparse matrix '{name}' without its lists; the file is damaged")
     rows, columns = int(group.attrs["MATLAB_sparse"]), lists[0].shape[0] - 1

@@ -20,9 +20,25 @@ from ..model.dofs import Dofs
 from ..model.second_order_model import SecondOrderModel, dofs_per_node, row_range
 from ..parallel.failures import agreed
 from ..parallel.petsc import MPI
+from .checked import Entry, damaged
 from .hdf5 import reading, texts, writing
 
 FORMAT, VERSION = "hpcred-model", 1
+NODES = {
+    "dofs/node": Entry("integer", ("n",)), "dofs/direction": Entry("integer", ("n",)),
+    "dofs/position": Entry("real", ("n", 3)), "held/node": Entry("integer", ("h",)),
+    "held/direction": Entry("integer", ("h",)), "held/position": Entry("real", ("h", 3)),
+    "elements/*": Entry("integer", ("?", "?")),
+}  # fmt: skip
+SCHEMA = NODES | {
+    "matrices/indptr": Entry("integer", ("n+1",), needed=True),
+    "matrices/indices": Entry("integer", ("z",), needed=True),
+    "matrices/K": Entry("real", ("z",), needed=True), "matrices/M": Entry("real", ("z",), needed=True),
+    "matrices/D": Entry("real", ("z",)),
+    "inputs/B": Entry("real", ("p", "n")), "inputs/names": Entry("text", ("p",)),
+    "outputs/C": Entry("real", ("r", "n")), "outputs/names": Entry("text", ("r",)),
+    "sets/*": Entry("integer", ("?",)), "remarks": Entry("text", ("?",)),
+}  # fmt: skip
 
 
 def write_model(path, model: SecondOrderModel):
@@ -76,13 +92,17 @@ def write_nodes(file, model):
 
 def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
     """Read a model; each rank reads its rows only. Collective. Raises InputError."""
-    with agreed(comm), reading(path, FORMAT, VERSION) as file:
-        size = int(file.attrs["size"])
-        first, last = row_range(comm, size, int(file.attrs.get("rows_per_block", 1)))
+    with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
+        size = file.attribute("size")
+        first, last = row_range(comm, size, file.attribute("rows_per_block", default=1))
         matrices = file["matrices"]
         indptr = matrices["indptr"][first : last + 1].astype(np.int64)
         part = slice(int(indptr[0]), int(indptr[-1]))
+        if part.start < 0 or (np.diff(indptr) < 0).any() or part.stop > len(matrices["indices"]):
+            raise damaged(path, "/matrices/indptr does not ascend from 0 to the number of entries")
         indices = matrices["indices"][part]
+        if indices.size and not 0 <= indices.min() <= indices.max() < size:
+            raise damaged(path, f"/matrices/indices has columns outside of 0 to {size - 1}")
         values = {key: matrices[key][part] for key in ("K", "M", "D") if key in matrices}
         dense, names = {}, {}
         for group, key in (("inputs", "B"), ("outputs", "C")):
@@ -93,7 +113,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         elements = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in file.get("elements", {}).items()}
         sets = {unquote(name): part[slice(*row_range(comm, len(part)))] for name, part in file.get("sets", {}).items()}
         remarks = texts(file["remarks"]) if "remarks" in file else ()
-        converted_from = str(file.attrs.get("converted_from", ""))
+        converted_from = file.attribute("converted_from", str, "")
     return SecondOrderModel.from_csr(
         comm, size, indptr - indptr[0], indices, values, dense["inputs"], dense["outputs"], dofs,
         names["inputs"], names["outputs"], Path(path).name, elements, held, sets, remarks, converted_from,

@@ -10,6 +10,7 @@ import zlib
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
+from ..parallel.memory import MB, node_mb
 from .entries import Entries
 from .petsc_binary import row_share
 
@@ -135,6 +136,12 @@ def _part(path, archive, name, low, high):
 
 
 def _exactly(path, name, file, count):
+    """So many bytes. Raises InputError where they do not fit: a small archive may hold anything."""
+    if count > MB * (free := node_mb()):
+        raise InputError(
+            f"{path}: found {count / MB:.0f} MB in the array '{name}', and {free:.0f} MB are free; take more ranks on "
+            "more nodes"
+        )
     data = file.read(count)
     if len(data) != count:
         raise InputError(f"{path}: the array '{name}' is shorter than it says; the file is damaged")

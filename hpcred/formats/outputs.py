@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import stat
 import zipfile
 from pathlib import Path
 
 import h5py
-import scipy.io
 
-from ..parallel.failures import ComputationError, InputError, agreed
-from . import nastran_op4, sid
+from ..parallel.failures import InputError, agreed, unfinished
+from .locks import lock, lock_name, temporary_name
+from .room import free_bytes, no_room
+from .seal import is_broken
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 JSON, CSV_OF_RESPONSES, CSV_OF_MOTION = "JSON file", ".csv file of responses", ".csv file of a simulation"
@@ -61,14 +61,18 @@ def kind_of(path) -> str:
         return EMPTY
     if start.startswith(HDF5):
         try:
+            if is_broken(path):
+                return "damaged HDF5 file"
             with h5py.File(path, "r") as file:
                 return hdf5_kind(str(file.attrs.get("format", "none")))
-        except OSError:
+        except (OSError, RuntimeError, KeyError):
             return "damaged HDF5 file"
     if start.startswith(b"<?xml"):
         return SVG if b"<svg" in start else VTK if b"<VTKFile" in start else "XML file"
     if start.startswith((b"PK\x03\x04", b"MATLAB")):
         return _archive_kind(path, ZIP if start.startswith(b"PK") else MATLAB)
+    from . import nastran_op4, sid  # here, since every command looks at its outputs when it starts
+
     if sid.begins(start):
         return SID
     kind = next((kind for begins, kind in BEGINNINGS if start.startswith(begins)), None)
@@ -84,20 +88,23 @@ def _archive_kind(path, kind) -> str:
             with zipfile.ZipFile(path) as archive:
                 names = archive.namelist()
         else:
-            names = [name for name, *_ in scipy.io.whosmat(path)]
+            from scipy.io import whosmat  # of a tenth of a second to load
+
+            names = [name for name, *_ in whosmat(path)]
     except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
         return f"damaged {kind}"
     return f"{kind} of {', '.join(sorted(names)[:3])}"
 
 
 def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int = 0):
-    """Refuse outputs that cannot be written or must not be; `progress` tells which files are replaced. Collective.
+    """Refuse outputs that cannot be written or must not be, or that another run is about to write; those that are not
+    refused belong to this run until they are written. `progress` tells which files are replaced. Collective.
 
     `outputs`: kinds (see kind_of) by path, those of None left out; `reads`: files that the run reads; `needed`: bytes
     of all. Raises InputError, or ComputationError where there is no room.
     """
     outputs = {path: kind for path, kind in outputs.items() if path is not None}
-    replaced = []
+    replaced, locks = [], [lock_name(Path(os.path.realpath(path))) for path in outputs]
     for path in outputs:
         check_writable(path, comm)
     with agreed(comm):
@@ -115,6 +122,9 @@ def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int =
                         replaced.append(path)
             if outputs:
                 check_room(next(iter(outputs)), needed)
+            for path in outputs:
+                lock(Path(os.path.realpath(path)), path)
+    unfinished.update(locks)  # on all ranks: any of them may be the one that ends the job
     for path in replaced:
         if progress is not None:
             progress.tell(f"{path} exists and is replaced")
@@ -147,7 +157,7 @@ def _check_writable(path):
         if not mode & 0o222 or not os.access(real, os.W_OK):
             raise InputError(f"output {path}: it is read-only; choose another name")
     try:
-        probe = folder / f"{real.name}.probe-{os.getpid()}.h5"  # as long as the names of temporary files
+        probe = Path(f"{temporary_name(real)}.h5")  # no name is longer
         probe.touch()
         probe.unlink()
     except PermissionError as error:
@@ -181,10 +191,5 @@ def _same(path, other) -> bool:
 
 def check_room(path, needed: int):
     """Raise ComputationError where the disk has less than the bytes needed for `path`. On one rank."""
-    folder = Path(os.path.realpath(path)).parent
-    free = shutil.disk_usage(folder).free
-    if free < needed:
-        raise ComputationError(
-            f"output {path}: needs about {needed / 1e6:.0f} MB, {free / 1e6:.0f} MB are free in {folder}; make room or "
-            "choose another folder"
-        )
+    if free_bytes(Path(os.path.realpath(path)).parent) < needed:
+        raise no_room(path, needed)

@@ -29,7 +29,7 @@ from ..parallel.failures import InputError, agreed, unfinished
 from ..parallel.petsc import MPI
 from ..reduction.chain import Entry
 from ..reduction.points import point_name
-from .hdf5 import reading
+from .hdf5 import opened
 
 FORMAT, VERSION = "hpcred-point", 1
 NAME = re.compile(r"(chain|modes|solution|count)-[0-9a-f]{32}\.h5(\.tmp-[0-9a-f]{16})?")
@@ -62,7 +62,7 @@ class PointStore:
         first = model.first_row
         found = reason = None
         try:
-            with reading(path, FORMAT, VERSION) as file:
+            with opened(path, FORMAT, VERSION) as file:
                 about = about_of(file)
                 if about["key"] != _plain(key):
                     raise ValueError("it belongs to another key")

@@ -20,12 +20,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
+from .checked import Entry
 from .hdf5 import atomic_output, reading, texts, writing
 from .outputs import CSV_OF_RESPONSES, hdf5_kind
 
 FORMAT, VERSION = "hpcred-response", 1
 RESPONSES = ("response", "reduced", "full")
 ARRAYS = (*RESPONSES, "eps")
+SCHEMA = {
+    "frequencies": Entry("real", ("f",), needed=True), "eps": Entry("real", ("f",)),
+    "input_names": Entry("text", ("p",), needed=True), "output_names": Entry("text", ("r",), needed=True),
+    **{key: Entry("complex", ("f", "r", "p")) for key in RESPONSES}, "record": Entry("text", (), needed=True),
+}  # fmt: skip
 
 
 @dataclass(eq=False, kw_only=True)
@@ -100,7 +106,7 @@ def _write_csv(path, responses, polar):
 
 def read_responses(path) -> Responses:
     """Read an HDF5 file of responses, on this rank. Raises InputError."""
-    with reading(path, FORMAT, VERSION) as file:
+    with reading(path, FORMAT, VERSION, SCHEMA) as file:
         return Responses(
             frequencies=file["frequencies"][...], record=json.loads(file["record"][()]),
             input_names=tuple(texts(file["input_names"])), output_names=tuple(texts(file["output_names"])),

@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import scipy.linalg
 from pydantic import TypeAdapter, ValidationError
 
 from ..linalg.blocks import create_block, local_rows
@@ -32,14 +31,30 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..reduction.record import Record
 from ..reduction.reduced_model import ReducedModel
+from .checked import Entry
 from .hdf5 import reading, texts, writing
-from .model_file import write_nodes
+from .model_file import NODES, write_nodes
 
 FORMAT, VERSION = "hpcred-result", 2
 LABELS = ("node", "direction", "position")
 ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
 NAMES = ("input_names", "output_names")
 QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
+SCHEMA = NODES | {
+    **{f"reduced/{key}": Entry("real", ("m", "m"), needed=True) for key in "MDK"},
+    "reduced/B": Entry("real", ("m", "p"), needed=True), "reduced/C": Entry("real", ("r", "m"), needed=True),
+    "reduced/frequencies": Entry("real", ("m",), needed=True),
+    "reduced/input_names": Entry("text", ("p",), needed=True),
+    "reduced/output_names": Entry("text", ("r",), needed=True),
+    "reduced/interfaces/name": Entry("text", ("i",)), "reduced/interfaces/node": Entry("integer", ("i",)),
+    "reduced/interfaces/position": Entry("real", ("i", 3)),
+    "basis/V": Entry("real", ("m", "n")), "basis/W": Entry("real", ("m", "n")),
+    "interface/node": Entry("integer", ("k",)), "interface/name": Entry("text", ("k",)),
+    "interface/position": Entry("real", ("k", 3)), "interface/phi": Entry("real", ("k", 3, "m")),
+    "interface/psi": Entry("real", ("k", 3, "m")), "interface/rotates": Entry("flag", ("k",)),
+    "floating_frame/masses": Entry("real", (3,)), "floating_frame/integrals": Entry("text", ()),
+    "record": Entry("text", (), needed=True),
+}  # fmt: skip
 CHUNK = 2**22  # rows looked through at a time
 LARGE = 100_000  # dofs of a body whose surface is no longer drawn without being asked for
 
@@ -78,7 +93,7 @@ class Result:
         return Body(self.reduced, self.floating_frame, [known[node] for node in nodes])
 
     def _shapes_of_nodes(self, nodes):
-        with reading(self.path, FORMAT, VERSION) as file:
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
             if "basis/V" not in file or "dofs" not in file:
                 raise InputError(
                     f"{self.path}: node {nodes[0]} is no interface node, and the file was written without basis"
@@ -100,7 +115,7 @@ class Result:
 
     def surface(self) -> Surface | None:
         """The surface of the body, or None: without elements or basis in the file, or above LARGE dofs. On one rank."""
-        with reading(self.path, FORMAT, VERSION) as file:
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
             if "basis/V" not in file or "elements" not in file or file["basis/V"].shape[1] > LARGE:
                 return None
             shapes = Shapes(file, self.path)
@@ -114,7 +129,7 @@ class Result:
     @contextmanager
     def shapes(self):
         """The Shapes of all columns of the basis, while the file is open. On one rank. Raises InputError."""
-        with reading(self.path, FORMAT, VERSION) as file:
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
             yield Shapes(file, self.path)
 
 
@@ -123,8 +138,8 @@ class Shapes:
 
     `nodes` (k,) their numbers, with those that are held, which do not move; `points` (k, 3) in m, `cells` by kind
     as indices of points, `names` and `frequencies` (m,) of the shapes: pseudo-modes, which the columns of the basis
-    are (54), but in interface coordinates, or the basis vectors of a two-sided projection. `interface`: numbers of
-    the interface nodes.
+    are (54), but in interface coordinates, or the basis vectors of a two-sided projection. `first`: the number of the
+    first shape. `mark_names` and `mark_points` (j, 3) in m: of the interface nodes, which need not be among the nodes.
     """
 
     def __init__(self, file, name):
@@ -142,14 +157,22 @@ class Shapes:
         self.points = position[first]
         self._place = place[: len(self._direction)]
         self._basis = file["basis/V"]
-        self.interface = file["interface/node"][...] if "interface" in file else np.zeros(0, dtype=int)
         kind = "basis vector" if "basis/W" in file else "pseudo-mode"
         self.frequencies = file["reduced/frequencies"][...]
         self._mixture = self._mixed = None
         if "reduced/interfaces" in file:
-            self._mixture = scipy.linalg.eigh(file["reduced/K"][...], file["reduced/M"][...])[1]
+            from scipy.linalg import eigh  # which few results need
+
+            self._mixture = eigh(file["reduced/K"][...], file["reduced/M"][...])[1]
         width = len(str(len(self.frequencies)))
-        self.names = [f"{kind} {k + 1:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies)]
+        self.first = int(file.attrs.get("first_number", 1))
+        self.names = [f"{kind} {k:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies, self.first)]
+        self.mark_names, self.mark_points, self._mark_phi = [], np.zeros((0, 3)), np.zeros((0, 3, len(self.names)))
+        if marks := file.get("interface"):
+            numbers = list(map(str, marks["node"][...].tolist()))
+            named = texts(marks["name"]) if "name" in marks else numbers
+            self.mark_names = [name or number for name, number in zip(named, numbers, strict=True)]
+            self.mark_points, self._mark_phi = marks["position"][...], marks["phi"][...]
         self.cells = {}
         for key, cells in file.get("elements", {}).items():
             cells = cells[...]
@@ -164,6 +187,10 @@ class Shapes:
         if self._mixed is None:
             self._mixed = self._mixture.T @ self._basis[...]
         return self._placed(self._mixed[number])
+
+    def mark_displacement(self, number) -> np.ndarray:
+        """(j, 3); the displacements of the interface nodes of a shape."""
+        return self._mark_phi[..., number] if self._mixture is None else self._mark_phi @ self._mixture[:, number]
 
     def column(self, number) -> np.ndarray:
         """(k, 3); the translational dofs of a column of the basis, which belongs to a coordinate."""
@@ -202,7 +229,7 @@ def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=
             _write_basis(file, reduced, model)
         if body is not None:
             for key, value in body.floating_frame.arrays().items():
-                file.small(f"floating_frame/{key}", value)
+                file.small(f"floating_frame/{key}", value, gaps=True)  # what a body that is held here does not show
             file.small("floating_frame/integrals", body.floating_frame.integrals)
             if body.nodes:
                 for key in ("node", "position", "phi", "psi", "rotates"):
@@ -222,7 +249,7 @@ def _write_basis(file, reduced, model):
 
 def read_result(path, comm=MPI.COMM_WORLD) -> Result:
     """Read a result on every rank, without its basis. Collective. Raises InputError."""
-    with agreed(comm), reading(path, FORMAT, VERSION) as file:
+    with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
         group = file["reduced"]
         try:
             record = TypeAdapter(Record | None).validate_json(file["record"][()])
@@ -232,7 +259,7 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
             **{key: group[key][...] for key in ARRAYS},
             **{key: tuple(texts(group[key])) for key in NAMES},
             interfaces=_interfaces(group["interfaces"]) if "interfaces" in group else (),
-            loss_factor=float(file.attrs["loss_factor"]),
+            loss_factor=file.attribute("loss_factor", float),
             record=record,
         )
         result = Result(Path(path), reduced)
@@ -256,7 +283,7 @@ def read_basis(path, model):
 
     Collective; the caller destroys it. Raises InputError.
     """
-    with agreed(model.comm), reading(path, FORMAT, VERSION) as file:
+    with agreed(model.comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
         part = None
         if "basis/V" in file:
             if file["basis/V"].shape[1] != model.size:

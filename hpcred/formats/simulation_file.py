@@ -27,11 +27,22 @@ import numpy as np
 from ..multibody.joints import AXES
 from ..multibody.simulation import Motion, Simulation
 from ..parallel.failures import InputError
+from .checked import Entry
 from .hdf5 import writing
 from .toml_file import CONFIG, check_file_names, parse, read_table
 
 FORMAT = "hpcred-simulation"
 VERSION = 1
+SCHEMA = {
+    "t": Entry("real", ("t",), needed=True), "provenance": Entry("text", (), needed=True),
+    **{key: Entry("real", ("t", size), needed=True) for key, size in (
+        ("position", 3), ("quaternion", 4), ("velocity", 3), ("angular_velocity", 3), ("elastic", "m"),
+        ("elastic_velocity", "m"))},
+    "nodes/number": Entry("integer", ("k",), needed=True), "nodes/position": Entry("real", ("t", "k", 3), needed=True),
+    "nodes/displacement": Entry("real", ("t", "k", 3), needed=True), "nodes/rotation": Entry("real", ("t", "k", 3)),
+    "constraints/name": Entry("text", ("c",), needed=True), "constraints/force": Entry("real", ("t", "c"), needed=True),
+    "energy/*": Entry("real", ("t",)),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..multibody.body import check_viscous, instability, maker
 from ..reduction.reduced_model import ReducedModel
+from .body_npz import save_npz
 from .matlab import save_mat
 
 
@@ -54,7 +55,5 @@ def write_state_space_mat(path, reduced: ReducedModel) -> list[str]:
 
 def write_state_space_npz(path, reduced: ReducedModel) -> list[str]:
     """Write an .npz file; call it on one rank. Returns remarks. Raises InputError for structural damping."""
-    arrays = state_space(reduced)
-    with open(path, "wb") as file:
-        np.savez(file, **arrays)
+    save_npz(path, state_space(reduced))
     return instability(reduced)

@@ -31,10 +31,10 @@ def write_sweep_table(path, rows: list[dict], curves: dict, comm):
             file.attribute("format", FORMAT)
             file.attribute("version", VERSION)
             for key in rows[0]:
-                file.small(f"columns/{key}", _column([row[key] for row in rows]))
+                file.small(f"columns/{key}", _column([row[key] for row in rows]), gaps=True)
             for name, (frequencies, eps) in curves.items():
                 file.small(f"curves/{name}/frequencies", np.asarray(frequencies, dtype=float))
-                file.small(f"curves/{name}/eps", np.asarray(eps, dtype=float))
+                file.small(f"curves/{name}/eps", np.asarray(eps, dtype=float), gaps=True)
         return
     with atomic_output(path, comm) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
         if str(path).endswith(".json"):

@@ -22,6 +22,7 @@ except ImportError:
     fast_matrix_market = None
 
 PIECE = 2**21  # bytes of text parsed at a time: what is copied on the way stays in the cache
+LONGEST_LINE = 2**26  # bytes; a small gzip file may hold one of any length
 BLOCK = 2**16  # bytes looked at in one step of numpy: four times as fast as the whole piece
 COMMENT = re.compile(rb"(?m)^[ \t]*(?:%|#|\*\*).*$")
 EMPTY_FIELD = re.compile(rb"(?m)(?:,|^)[ \t]*,")
@@ -183,6 +184,8 @@ def _packed_pieces(path, comm, start):
                 text = rest + text
                 cut = text.rfind(b"\n") + 1
                 rest = text[cut:]
+                if len(rest) > LONGEST_LINE:
+                    raise InputError(f"{path}: found a line of more than {LONGEST_LINE >> 20} MB in a gzip file")
                 if number % comm.size == comm.rank:
                     yield Piece(path, text[:cut], start)
                 start += cut

@@ -3,11 +3,11 @@
 Block Gram-Schmidt in the inner product of M with repeated projection; the rank of a block is decided on
 columns scaled to unit M-norm (Stathopoulos & Wu, SIAM J. Sci. Comput. 23(6), 2002, for the Gram-based step),
 and directions that the Gram matrix cannot resolve are separated, projected again and judged by themselves.
+The images M V are kept beside V and follow what is done to V, so that a block costs one product with M.
 """
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +15,11 @@ import numpy as np
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, Owned
 from ..parallel.petsc import PETSc, SLEPc
-from .blocks import add_product, apply, copy_of, create_block, dense, fold, inner, multiply, unfold
+from .blocks import add_product, apply, copy_of, create_block, dense, fold, inner, multiply, stacked_inner, unfold
 
 RESOLVED = 1e-4  # eigenvalues of a unit-diagonal Gram matrix above this are safe to divide by
 PASSES = 20  # of projection or separation; two or three are usual
+STALE = 10  # how far columns may be cancelled before their images are computed anew
 
 
 @dataclass(frozen=True)
@@ -35,25 +36,65 @@ class Extension:
     largest_dropped: float = 0.0
 
 
+class Imaged:
+    """Columns X with their images M X, which linear combinations act on alike.
+
+    `cancelled`: how much smaller a column may have become by subtraction since M was applied; its image has round-off
+    so many times larger. Owns both blocks: call close(). All methods are collective.
+    """
+
+    def __init__(self, mass: PETSc.Mat, block: SLEPc.BV, images: SLEPc.BV | None = None, cancelled: float = 1.0):
+        self._mass, self.cancelled = mass, cancelled
+        self.block, self.images = copy_of(block, mass), copy_of(block if images is None else images, mass)
+        if images is None:
+            self.renew()
+
+    def close(self):
+        self.block.destroy()
+        self.images.destroy()
+
+    def copy(self) -> Imaged:
+        return Imaged(self._mass, self.block, self.images, self.cancelled)
+
+    def renew(self):
+        """Compute the images anew."""
+        apply(self._mass, self.block, self.images)
+        self.cancelled = 1.0
+
+    def combine(self, factor: np.ndarray, cancelled: float = 1.0):
+        """X <- X factor; `cancelled`: how much smaller than before a column has become."""
+        for block in (self.block, self.images):
+            multiply(block, factor)
+            block.setActiveColumns(0, factor.shape[1])
+        self.cancelled *= cancelled
+        if self.cancelled > STALE and factor.size:
+            self.renew()
+
+
 class Basis:
     """Columns with V^T M V = I, also M-orthogonal to the columns of `deflate` (for rigid-body modes; or None).
 
-    `tolerance`: a direction whose weight (see Extension) is not larger is dropped. `room`: columns to expect. Owns
-    PETSc objects: call close(). All methods are collective, and what they decide is decided once for all ranks.
+    `tolerance`: a direction whose weight (see Extension) is not larger is dropped. `room`: columns to expect. `keeps`:
+    whether M V is kept beside V, which takes as much memory as V and saves products with M. Owns PETSc objects: call
+    close(). All methods are collective, and what they decide is decided once for all ranks.
     """
 
     width = 1  # real columns of a column
 
-    def __init__(self, mass: PETSc.Mat, deflate: SLEPc.BV | None = None, tolerance: float = 1e-12, room: int = 16):
+    def __init__(self, mass: PETSc.Mat, deflate: SLEPc.BV | None = None, tolerance: float = 1e-12, room: int = 16,
+                 keeps: bool = True):  # fmt: skip
         self.mass, self.tolerance = mass, tolerance
         self.comm = mass.comm.tompi4py()
         self._leading = 0
         self.size = 0
         deflated = 0 if deflate is None else np.diff(deflate.getActiveColumns())[0]
         self._block = create_block(mass, deflated + self.width * room)
+        self._images = create_block(mass, deflated + self.width * room) if keeps else None
         if deflate is not None:
-            self._append(deflate)
-            self._leading, self.size = self.size, 0
+            with Owned(self.comm) as owned:
+                given = owned.owns(Imaged(mass, deflate))
+                self._append(given.block, given.images)
+            self._leading, self.size = deflated, 0
 
     @staticmethod
     def _gram(product: np.ndarray) -> np.ndarray:
@@ -66,7 +107,11 @@ class Basis:
         return factor
 
     def close(self):
-        self._block.destroy()
+        for block in self._blocks():
+            block.destroy()
+
+    def _blocks(self):
+        return [block for block in (self._block, self._images) if block is not None]
 
     @property
     def columns(self) -> SLEPc.BV:
@@ -79,17 +124,26 @@ class Basis:
         self._block.setActiveColumns(first, self._leading + self.width * stop)
         return self._block
 
+    def images_between(self, start: int, stop: int) -> SLEPc.BV | None:
+        """M times the columns start .. stop - 1 as active columns of a block, None where images are not kept."""
+        if self._images is not None:
+            first = self._leading + self.width * start
+            self._images.setActiveColumns(first, self._leading + self.width * stop)
+        return self._images
+
     def coefficients(self, block: SLEPc.BV) -> np.ndarray:
         """V^H M block (size, columns): the columns of a block in terms of the basis."""
-        with self._times_mass(block) as product:
-            return self._gram(inner(self.columns, product))
+        if self._images is not None:
+            return self._gram(inner(self.images_between(0, self.size), block))
+        with Owned(self.comm) as owned:
+            return self._gram(inner(self.columns, owned.owns(Imaged(self.mass, block)).images))
 
     @property
     def _end(self):
         return self._leading + self.width * self.size
 
-    def extend(self, block: SLEPc.BV) -> Extension:
-        """Add the span of the active columns of `block`, which stays as it is.
+    def extend(self, block: SLEPc.BV, images: SLEPc.BV | None = None) -> Extension:
+        """Add the span of the active columns of `block`, which stays as it is; `images`: M block where it is known.
 
         Raises ComputationError when a column is not finite or M shows a negative norm.
         """
@@ -98,29 +152,40 @@ class Basis:
             return Extension()
         start, weight, smallest, largest = self.size, None, np.inf, 0.0
         with Owned(self.comm) as owned:
-            pending = owned.owns(copy_of(block, self.mass))
+            pending = owned.owns(Imaged(self.mass, block, images))
             for _ in range(PASSES):
                 weight, gram, dropped = self._project_and_scale(pending, weight)
                 largest = max(largest, dropped)
                 if not weight.size:
                     break
-                scaled, rest, weight, resolved = decided(self.comm, _separate, gram, weight)
+                scaled, rest, weight, resolved, cancelled = decided(self.comm, _separate, gram, weight)
                 smallest = min(smallest, resolved)
                 with Owned(self.comm) as inner_owned:
-                    fresh = inner_owned.owns(copy_of(pending, self.mass))
-                    self._combine(fresh, scaled)
+                    fresh = inner_owned.owns(pending.copy())
+                    fresh.combine(self._factor(scaled), cancelled)
                     self._polish(fresh)
-                    self._append(fresh)
-                self._combine(pending, rest)
+                    self._append(fresh.block, fresh.images)
+                pending.combine(self._factor(rest), np.inf)
                 if not weight.size:
                     break
             else:
                 raise ComputationError("a block of basis vectors could not be orthonormalised: is M positive definite?")
         return Extension(self.size - start, float(smallest), float(largest))
 
-    def restore(self, block: SLEPc.BV):
-        """Take over the columns of a basis that was written; raises ComputationError unless they are M-orthonormal."""
-        self._append(block)
+    def renew_images(self, start: int, stop: int):
+        """Compute the images of the columns start .. stop - 1 anew, of which they then are a function."""
+        images = self.images_between(start, stop)
+        if images is not None and stop > start:
+            apply(self.mass, self.columns_between(start, stop), images)
+
+    def restore(self, block: SLEPc.BV, ends):
+        """Take over the columns of a basis that was written, in blocks that end before the columns `ends`.
+
+        Raises ComputationError unless they are M-orthonormal.
+        """
+        self._append(block, block)
+        for start, stop in zip([0, *ends], ends, strict=False):
+            self.renew_images(start, stop)
         defect = self.comm.bcast(self.defect())
         if not defect <= 1e-10:
             raise ComputationError(f"the columns of an earlier run are not orthonormal (defect {defect:.1e})")
@@ -132,48 +197,43 @@ class Basis:
     def gram(self) -> tuple[np.ndarray, float]:
         """V^H M V (size, size), and max |V^H M V - I| with the rigid-body modes included."""
         self._block.setActiveColumns(0, self._end)
-        with self._times_mass(self._block) as product:
+        with Owned(self.comm) as owned:  # by a product that is not the one that V was made with
+            product = owned.owns(create_block(self.mass, self._end))
+            apply(self.mass, self._block, product)
             gram = self._gram(inner(self._block, product))
         first = self._leading // self.width
         return gram[first:, first:], float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
 
     def multiply(self, factor: np.ndarray):
         """V <- V factor (54); factor (size, k), the same on all ranks."""
-        multiply(self.columns, self._factor(factor))
+        self.columns_between(0, self.size), self.images_between(0, self.size)
+        for block in self._blocks():
+            multiply(block, self._factor(factor))
         self.size = factor.shape[1]
 
-    def _combine(self, block, factor):
-        """block <- block factor, with the new number of columns active."""
-        multiply(block, self._factor(factor))
-        block.setActiveColumns(0, self.width * factor.shape[1])
-
-    @contextmanager
-    def _times_mass(self, block):
-        first, last = block.getActiveColumns()
-        with Owned(self.comm) as owned:
-            product = owned.owns(create_block(self.mass, last - first))
-            apply(self.mass, block, product)
-            yield product
-
-    def _project(self, block):
-        """block <- block - V (V^H M block); returns the coefficients and block^H M block from before."""
+    def _project(self, pending):
+        """X <- X - V (V^H M X); returns the coefficients and X^H M X from before."""
         self._block.setActiveColumns(0, self._end)
-        with self._times_mass(block) as product:
-            inside, gram = (self._gram(inner(left, product)) for left in (self._block, block))
-        add_product(block, self._block, self._factor(inside), alpha=-1.0)
+        inside, gram = map(self._gram, stacked_inner((self._block, pending.block), pending.images))
+        add_product(pending.block, self._block, self._factor(inside), alpha=-1.0)
+        if self._images is None:
+            pending.renew()
+        else:
+            self._images.setActiveColumns(0, self._end)
+            add_product(pending.images, self._images, self._factor(inside), alpha=-1.0)
         return inside, (gram + gram.conj().T) / 2
 
-    def _project_and_scale(self, block, weight):
+    def _project_and_scale(self, pending, weight):
         """Project until the projection takes nothing more, scale to M-norm 1, drop what has become too small.
 
         Returns the weights of the columns left, their Gram matrix with unit diagonal, and the largest weight dropped.
         """
         largest = 0.0
         for _ in range(PASSES):
-            inside, gram = self._project(block)
-            scale, weight, gram, done, dropped = decided(self.comm, _judge, inside, gram, weight, self.tolerance)
+            found = self._project(pending)
+            scale, weight, gram, done, dropped, cancelled = decided(self.comm, _judge, *found, weight, self.tolerance)
             largest = max(largest, dropped)
-            self._combine(block, scale)
+            pending.combine(self._factor(scale), cancelled)
             if done:
                 return weight, gram, largest
         raise ComputationError("the projection of basis vectors does not come to rest: is M positive definite?")
@@ -181,16 +241,17 @@ class Basis:
     def _polish(self, block):
         """One more projection, and the symmetric orthonormalisation of well-conditioned columns."""
         inside, gram = self._project(block)
-        self._combine(block, decided(self.comm, _inverse_root, gram - inside.conj().T @ inside))
+        block.combine(self._factor(decided(self.comm, _inverse_root, gram - inside.conj().T @ inside)))
 
-    def _append(self, block):
+    def _append(self, block, images):
         count = block.getActiveColumns()[1] - block.getActiveColumns()[0]
         end = self._end + count
-        if end > self._block.getSizes()[1]:
-            self._block.resize(max(end, 2 * self._block.getSizes()[1]), copy=True)
-        self._block.setActiveColumns(end - count, end)
-        with dense(block) as source, dense(self._block) as target:
-            source.copy(target)
+        for own, given in zip(self._blocks(), (block, images), strict=False):
+            if end > own.getSizes()[1]:
+                own.resize(max(end, 2 * own.getSizes()[1]), copy=True)
+            own.setActiveColumns(end - count, end)
+            with dense(given) as source, dense(own) as target:
+                source.copy(target)
         self.size += count // self.width
 
 
@@ -209,7 +270,7 @@ def _judge(inside, gram, weight, tolerance):
     """What one projection left of some columns.
 
     Returns the factor that scales and drops columns, the weights and the Gram matrix of those kept, whether another
-    projection would take next to nothing, and the largest weight dropped.
+    projection would take next to nothing, the largest weight dropped, and how much smaller a column has become.
     """
     squares = np.diag(gram).real
     if not np.isfinite(squares).all():
@@ -226,21 +287,24 @@ def _judge(inside, gram, weight, tolerance):
     gram = scale.T @ gram @ scale - inside.conj().T @ inside
     left = np.diag(gram).real
     if not (left > 0.25).all():  # twice is enough
-        return scale, weight, gram, False, dropped
+        cancelled = 1.0 / np.sqrt(left.min()) if left.min() > 0 else np.inf
+        return scale, weight, gram, False, dropped, cancelled
     unit = 1.0 / np.sqrt(left)
-    return scale * unit, weight / unit, gram * np.outer(unit, unit), True, dropped
+    return scale * unit, weight / unit, gram * np.outer(unit, unit), True, dropped, 1.0
 
 
 def _separate(gram, weight):
     """Directions of unit columns that their Gram matrix resolves, scaled to be orthonormal, and the rest.
 
-    Returns both as factors, the weights of the rest, and the smallest weight of the others.
+    Returns both as factors, the weights of the rest, the smallest weight of the others, and how much they are enlarged.
     """
     values, vectors = np.linalg.eigh(gram)
     resolved = values > RESOLVED
     sizes = 1.0 / np.sqrt((np.abs(vectors) ** 2 / weight[:, None] ** 2).sum(axis=0))
     smallest = (sizes * np.sqrt(np.maximum(values, 0.0)))[resolved].min(initial=np.inf)
-    return vectors[:, resolved] / np.sqrt(values[resolved]), vectors[:, ~resolved], sizes[~resolved], smallest
+    enlarged = 1.0 / np.sqrt(values[resolved].min(initial=1.0))
+    scaled = vectors[:, resolved] / np.sqrt(values[resolved])
+    return scaled, vectors[:, ~resolved], sizes[~resolved], smallest, enlarged
 
 
 def _inverse_root(gram):

@@ -7,9 +7,11 @@ import time
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from ..parallel import startup
 from ..parallel.failures import ComputationError, InputError
-from ..parallel.memory import available_mb
+from ..parallel.memory import MB, available_mb
 from ..parallel.petsc import PETSc, SLEPc
 from ..parallel.ranges import within
 from .blocks import dense
@@ -142,18 +144,19 @@ class Factorisation:
     """LDL^T ("cholesky") or LU ("lu") of `matrix`, whose values may change but not its pattern.
 
     `prefix`: of the PETSc options; `settings`: MUMPS controls such as {"icntl_13": 1}, which users' own options
-    override. `records` has one FactorRecord a factorisation. All methods are collective. Owns the solver, not the
-    matrix: call close().
+    override; `reserved_mb`: what of the memory of a rank is for other things to come. `records` has one FactorRecord a
+    factorisation. All methods are collective. Owns the solver, not the matrix: call close().
     """
 
-    def __init__(self, matrix: PETSc.Mat, kind: str, prefix: str, settings=None, factoring: Factoring | None = None):
+    def __init__(self, matrix: PETSc.Mat, kind: str, prefix: str, settings=None, factoring: Factoring | None = None,
+                 reserved_mb: float = 0.0):  # fmt: skip
         self.matrix, self.factoring = matrix, factoring or Factoring()
         self.records: list[FactorRecord] = []
         self.analyses = 0  # symbolic ones so far
         self._kind, self._prefix, self._chosen = kind, prefix, False
         self._settings = {"icntl_7": startup.ordering, "icntl_14": 40, **self.factoring.mumps(), **(settings or {})}
         # before the first factor takes its part
-        self._limit = self.factoring.limit_mb(matrix.comm.tompi4py())
+        self._limit = max(self.factoring.limit_mb(matrix.comm.tompi4py()) - int(reserved_mb), 1)
         PETSc.Log.begin()
         self._event = PETSc.Log.Event("MatCholFctrSym" if kind == "cholesky" else "MatLUFactorSym")
         self._ksp = PETSc.KSP().create(matrix.comm)
@@ -259,8 +262,8 @@ class Factorisation:
     def _factor_with_room(self):
         """The factor of MUMPS, and how often its workspace had to be enlarged."""
         self._choose_ordering()
-        # MUMPS compares its estimate with this limit after the analysis, before it takes the memory
-        settings = {**self._settings, "icntl_23": self._limit}
+        # MUMPS compares its estimate with this limit after the analysis; then it asks the system for all of it at once
+        settings = {**self._settings, "icntl_23": 0 if self._is_small() else self._limit}
         room = PETSc.Options(self._prefix).getInt("mat_mumps_icntl_14", self._settings["icntl_14"])
         for retries in range(5):
             more = {"icntl_14": max(room, 25) * 2**retries} if retries else {}
@@ -280,6 +283,12 @@ class Factorisation:
             if code not in MORE_ROOM:
                 raise ComputationError(f"MUMPS failed to factor: INFOG(1) = {code}, INFOG(2) = {detail}")
         raise ComputationError(f"MUMPS wants ever more workspace: INFOG(1) = {code}, INFOG(2) = {detail}")
+
+    def _is_small(self):
+        """Whether a factor would fit even if it had ten times the entries that nested dissection of a solid gives."""
+        rows = self.matrix.getSize()[0]
+        entries = min(rows * rows, 3 * self.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] * rows ** (1 / 3))
+        return entries * np.dtype(PETSc.ScalarType).itemsize <= self._limit * MB
 
     def back_substitute(self, load: SLEPc.BV, solution: SLEPc.BV):
         """solution = A^-1 load, all active columns in one call of MUMPS, unchecked."""

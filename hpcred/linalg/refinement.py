@@ -29,7 +29,7 @@ def refine(matrix, back_substitute, load, solution, scale=None, steps=0, low_ran
             product = owned.owns(create_block(matrix, columns))
             apply(matrix, solution, product)
             add_product(residual, product, np.eye(columns), alpha=-1.0)
-            r, x = column_norms(residual), column_norms(solution)
+            r, x = column_norms(residual, solution)
             relative = _relative(r, x, scale)
             small_or_stuck = relative <= REFINE_ABOVE or relative > before / 2
             if step == most or not relative < inf or (step >= steps and small_or_stuck):

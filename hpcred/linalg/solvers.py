@@ -24,7 +24,7 @@ from .blocks import (
     unfold,
 )
 from .complex_forms import NativeForm, RealForm
-from .factorisation import Factoring, Factorisation, FactorRecord, SingularMatrix
+from .factorisation import Factorisation, FactorRecord, SingularMatrix
 from .refinement import refine
 
 NEAR_POLE = 1e-8  # relative distance in s^2 to an undamped eigenvalue below which A counts as singular
@@ -35,15 +35,17 @@ class Solver:
     """What the solvers of a model share: a matrix, its factors, records, and the end of both.
 
     `rigid`: rigid-body modes (model.RigidBodyModes) of a free body, or None. `prefix`: of the PETSc options.
-    Symmetric matrices take LDL^T, others LU. All methods are collective. Owns PETSc objects: call close().
+    `reserved_mb`: memory of a rank that is not for factors. Symmetric matrices take LDL^T, others LU. All methods are
+    collective. Owns PETSc objects: call close().
     """
 
-    def __init__(self, model, matrix, rigid, prefix, settings=None, factoring: Factoring | None = None):
+    def __init__(self, model, matrix, rigid, prefix, settings=None, factoring=None, reserved_mb=0.0):
         self.model, self.matrix, self.rigid = model, matrix, rigid
         if model.symmetric:
             matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
             matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
-        self._factors = Factorisation(matrix, "cholesky" if model.symmetric else "lu", prefix, settings, factoring)
+        kind = "cholesky" if model.symmetric else "lu"
+        self._factors = Factorisation(matrix, kind, prefix, settings, factoring, reserved_mb)
         self.factored = None  # the coefficients of the matrix that is factored now
 
     @property
@@ -78,10 +80,10 @@ class ShiftedSolver(Solver):
     `inertia`: prepare MUMPS so that negative_pivots is right on any number of ranks.
     """
 
-    def __init__(self, model, rigid=None, prefix="shift_", inertia=False, factoring=None):
+    def __init__(self, model, rigid=None, prefix="shift_", inertia=False, factoring=None, reserved_mb=0.0):
         matrix = model.K.duplicate(copy=False)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        super().__init__(model, matrix, rigid, prefix, {"icntl_13": 1} if inertia else None, factoring)
+        super().__init__(model, matrix, rigid, prefix, {"icntl_13": 1} if inertia else None, factoring, reserved_mb)
         self._relief = False
 
     def estimate(self):
@@ -205,10 +207,10 @@ class ComplexSolver(Solver):
     `form`: "native" or "real" (see complex_forms), by default what the build can.
     """
 
-    def __init__(self, model, rigid=None, prefix="complex_", form=None, factoring=None):
+    def __init__(self, model, rigid=None, prefix="complex_", form=None, factoring=None, reserved_mb=0.0):
         form = form or ("native" if is_complex() else "real")
         self._form = NativeForm(model) if form == "native" else RealForm(model)
-        super().__init__(model, self._form.matrix, rigid, prefix, factoring=factoring)
+        super().__init__(model, self._form.matrix, rigid, prefix, factoring=factoring, reserved_mb=reserved_mb)
         self._accelerated = None
 
     def release(self):

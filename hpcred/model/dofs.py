@@ -9,6 +9,7 @@ from ..parallel.failures import InputError
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz", "scalar", "own1", "own2", "own3", "own4", "own5", "own6")
 SCALAR = 6  # a dof that no rigid motion moves: a modal coordinate, a scalar point
 OWN = 7  # and five more: directions 1..6 of a displacement system of the node's own, which are none of x .. rz
+INTERFACE_THERE = "declare an [[interface]] with several nodes there, which has all six directions"
 
 
 @dataclass
@@ -86,7 +87,8 @@ def row_of(model, target) -> int:
     if index not in rows:
         have = ", ".join(DIRECTIONS[d] for d in sorted(rows))
         why = ", which is held by the program that wrote the matrices" if index in held_directions(model, node) else ""
-        raise InputError(f"node {node} of {model.name} has no dof in direction {direction}{why}; it has {have}")
+        advice = f"; {INTERFACE_THERE}, and name its direction {direction}" if 3 <= index < SCALAR and not why else ""
+        raise InputError(f"node {node} of {model.name} has no dof in direction {direction}{why}; it has {have}{advice}")
     return rows[index]
 
 

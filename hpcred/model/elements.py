@@ -128,7 +128,9 @@ def surface_areas(comm, elements, nodes, points) -> np.ndarray:
     `elements`: node numbers by kind, of this rank; `nodes` (k,) ascending and `points` (k, 3) of the set, the same on
     all ranks. Collective.
     """
-    parts = all_faces(elements)
+    # an element has a face on the set where it has three of its nodes
+    near = {kind: part[np.isin(part, nodes).sum(axis=1) >= 3] for kind, part in elements.items()}
+    parts = all_faces(near)
     faces = np.hstack(parts[:2])
     on = ((faces < 0) | np.isin(faces, nodes)).all(axis=1)
     # as large as the set

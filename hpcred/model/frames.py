@@ -12,17 +12,18 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from ..linalg.blocks import local_rows
+from ..linalg.blocks import column_norms, from_dense, local_rows
 from ..linalg.csr import compress
 from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import LABEL, within
 from .damping import with_damping
-from .dofs import DIRECTIONS, direction_index, position_of_node, row_of, rows_of_node
+from .dofs import DIRECTIONS, INTERFACE_THERE, direction_index, position_of_node, row_of, rows_of_node
 from .interfaces import couple, node_number
 from .rigid_body_modes import RigidBodyModes
-from .second_order_model import SecondOrderModel
+from .second_order_model import SecondOrderModel, listed
 
+ONLY_RIGID = 1e-11  # of a load that is left after it is equilibrated: round-off
 COLLINEAR = 1e-6  # area of the unit triangle below which three points count as collinear
 
 
@@ -125,13 +126,35 @@ def apply_frame(model: SecondOrderModel, frame=None, damping=None) -> FramedMode
         return FramedModel(free, restore or coupling, rigid, damping)
 
 
+def inputs_without_effect(framed) -> tuple[str, ...]:
+    """A sentence on inputs that only push a free body as a whole, whose elastic response is round-off. Collective.
+
+    Raises InputError where there are no others.
+    """
+    model = framed.model
+    if framed.rigid is None or model.B is None:
+        return ()
+    with Owned(model.comm) as owned:
+        load = owned.owns(from_dense(model.B))
+        before = column_norms(load)
+        framed.rigid.equilibrate(load)
+        vanish = column_norms(load) <= ONLY_RIGID * before
+    names = [name for name, nothing in zip(model.input_names, vanish, strict=True) if nothing]
+    if not names:
+        return ()
+    text = f"{model.name}: the inputs {listed(names)} push the free body as a whole only, and deform it by round-off"
+    if len(names) == len(vanish):
+        raise InputError(f"{text}; there is nothing to compute, expected loads that are not those of a rigid motion")
+    return (f"{text}; leave them out",)
+
+
 def _rows_of_tangent(model, frame):
     rows = rows_of_node(model, node_number(model, frame.node))
     if len(rows) < 6:
         have = ", ".join(DIRECTIONS[d] for d in sorted(rows))
         raise InputError(
-            f"frame: the tangent frame needs a node with six dofs, node {frame.node} has {have}; "
-            "take the chord or the Buckens frame"
+            f"frame: the tangent frame needs a node with six dofs, node {frame.node} has {have}; {INTERFACE_THERE}, of "
+            "kind 'rigid', and name it, or take the chord or the Buckens frame"
         )
     return list(rows.values())
 

@@ -82,9 +82,10 @@ class Interface:
     """What an interface node is to be.
 
     `nodes`: numbers, or Nodes; in a job file also the name of a file of numbers. `at`: its position in m, by default
-    the centre of the set. `weights` of the nodes: "equal", "area" (of the surface that belongs to a node, where
-    elements are known), or one number a node in the order of `nodes`. `directions`: those in which the nodes of a rigid
-    set follow. `node`: the number of the reference node, by default the next one that no node has.
+    the centre of the surface that the set is, where elements have faces on all its nodes, or else the mean of its
+    nodes, with given weights the weighted one. `weights` of the nodes: "equal", "area" (of the surface that belongs to
+    a node, where elements are known), or one number a node in the order of `nodes`. `directions`: those in which the
+    nodes of a rigid set follow. `node`: the number of the reference node, by default the next one that no node has.
     """
 
     name: str
@@ -126,7 +127,8 @@ class Interface:
 class InterfaceNode:
     """A reference node: its `name`, its number `node`, which no node of the body has, and its `position` in m.
 
-    `directions`: those in which its set moves it. `definition`: what it was made from, None after reading a result.
+    `directions`: those in which its set moves it. `count`: the number of nodes of its set, and `definition`: what it
+    was made from; 0 and None after reading a result.
     """
 
     name: str
@@ -134,6 +136,7 @@ class InterfaceNode:
     position: Vector
     directions: tuple[str, ...] = SIX
     definition: Interface | None = field(default=None, compare=False)
+    count: int = field(default=0, compare=False)
 
 
 def with_interfaces(model, interfaces):
@@ -157,13 +160,15 @@ def with_interfaces(model, interfaces):
         taken = model.comm.allreduce(bool((dofs.node == number).any()), op=MPI.LOR)
         if taken or numbers.count(number) > 1:
             raise InputError(f"interface '{item.name}': node: the number {number} is taken; take another one")
-    found, entries = [], []
+    found, entries, coupled = [], [], []
     for item, number in zip(interfaces, numbers, strict=True):
         members = _members(model, item)
-        position, directions, rows, weights = _reference(model, item, members)
-        found.append(InterfaceNode(item.name, number, tuple(position.tolist()), directions, item))
+        own = _set_of(model, members)
+        position, directions, rows, weights = _reference(model, item, members, own)
+        found.append(InterfaceNode(item.name, number, tuple(position.tolist()), directions, item, len(own.nodes)))
         entries.append((rows, weights))
-    _check_overlaps(model, interfaces)
+        coupled.append(rows)
+    _check_overlaps(model, interfaces, coupled)
     return model._with(Gt=_sparse_columns(model, entries), interfaces=tuple(found))
 
 
@@ -217,9 +222,9 @@ def _members(model, item) -> np.ndarray:
     if isinstance(nodes, Nodes) and nodes.set is None:
         inside = [mask & nodes.contain(part.position) for mask, part in zip(placed, (dofs, held), strict=True)]
     elif isinstance(nodes, Nodes):
-        names = set().union(*comm.allgather(set(model.sets)))
+        names = model.set_sizes
         if nodes.set not in names:
-            known = ", ".join(sorted(names)) or "none"
+            known = ", ".join(names) or "none"
             raise InputError(f"{where}: nodes.set: {model.name} has no set '{nodes.set}'; it has {known}")
         numbers = model.sets.get(nodes.set, np.zeros(0, np.int64))
         inside = [look_up(comm, numbers, [], part.node)[0] for part in (dofs, held)]
@@ -246,6 +251,30 @@ def _members(model, item) -> np.ndarray:
     return inside[0]
 
 
+@dataclass(frozen=True)
+class _Set:
+    """The nodes (k,) of a set, ascending, their points (k, 3) in m and areas (k,) in m^2 of the surface; the same on
+    all ranks."""
+
+    nodes: np.ndarray
+    points: np.ndarray
+    areas: np.ndarray
+
+    @property
+    def centre(self) -> np.ndarray | None:
+        """The centre (3,) of its surface, None where some of its nodes lie on no face of it."""
+        return self.areas @ self.points / self.areas.sum() if (self.areas > 0).all() else None
+
+
+def _set_of(model, members) -> _Set:
+    """The set whose rows of this rank are given (rows,). Collective."""
+    found = model.comm.allgather((model.dofs.node[members], model.dofs.position[members]))  # as large as the set
+    nodes, positions = (np.concatenate(part) for part in zip(*found, strict=True))
+    nodes, first = np.unique(nodes, return_index=True)
+    points = positions[first]
+    return _Set(nodes, points, surface_areas(model.comm, model.elements, nodes, points))
+
+
 def _coupled(model, item, members):
     """The rows of this rank that carry an interface: their places, directions and positions."""
     allowed = [SIX.index(name) for name in (item.directions if item.kind == "rigid" else SIX[:3])]
@@ -264,18 +293,20 @@ def _rigid_rows(direction, arm) -> np.ndarray:
     return E
 
 
-def _reference(model, item, members):
+def _reference(model, item, members, own):
     """Position (3,) and directions of the reference node, rows of this rank, and their rows (rows, 6) of G^T.
 
     Collective.
     """
     comm = model.comm
     rows, direction, position = _coupled(model, item, members)
-    weight = _weights(model, item, rows, members)
+    weight = _weights(model, item, rows, own)
     share = weight * (direction < 3)
     total = comm.allreduce(share.sum())
     centre = comm.allreduce(share @ position) / total if total else np.zeros(3)
     at = centre if item.at is None else np.array(item.at)
+    if item.at is None and item.weights == "equal" and own.centre is not None:
+        at = own.centre
     reach = np.max(comm.allgather(np.abs(model.dofs.position - centre).max(initial=0.0)))
     if np.abs(at - centre).max() > FAR * reach:
         raise InputError(
@@ -311,46 +342,42 @@ def _inverse(gram, length, engaged, item):
     if values[0] < DEPENDENT:
         free = (vectors[:, values < DEPENDENT] ** 2).sum(axis=1)
         named = ", ".join(name for name, part in zip(SIX, free, strict=True) if part > 0.1)
-        advice = (
-            "take more nodes, not all on one line; a single node with rotations can be named in `inputs` as it is, or "
-            "be of kind 'rigid'" if item.kind == "averaging"
-            else "take nodes that are not all on one line, or with rotations, and more directions"
+        advice = "take several nodes around the place, not all on one line; at = [x, y, z] puts its node there" + (
+            "; a single node of beams or shells, which has rotations, can be named in `inputs` as it is, or be of kind "
+            "'rigid'" if item.kind == "averaging" else ", and `directions` says in which they follow"
         )  # fmt: skip
         raise InputError(f"interface '{item.name}': its nodes do not define the motion in {named}; {advice}")
     return scale[:, None] * (vectors / values) @ vectors.T * scale * np.outer(engaged, engaged)
 
 
-def _weights(model, item, rows, members) -> np.ndarray:
-    """The weight of each row. Collective. Raises InputError."""
+def _weights(model, item, rows, own) -> np.ndarray:
+    """The weight of each row. Raises InputError."""
     node = model.dofs.node[rows]
     if isinstance(item.weights, tuple):
         order = np.argsort(item.nodes)
         return np.array(item.weights)[order][np.searchsorted(np.array(item.nodes)[order], node)]
     if item.weights == "equal":
         return np.ones(len(rows))
-    found = model.comm.allgather((model.dofs.node[members], model.dofs.position[members]))  # as large as the set
-    numbers, positions = (np.concatenate(part) for part in zip(*found, strict=True))
-    numbers, first = np.unique(numbers, return_index=True)
-    areas = surface_areas(model.comm, model.elements, numbers, positions[first])
-    if not areas.any():
+    if not own.areas.any():
         raise InputError(
             f"interface '{item.name}': weights: 'area' needs elements with a face on the set, and {model.name} has "
             "none there; take 'equal', or give a list of weights"
         )
-    return areas[np.searchsorted(numbers, node)]
+    return own.areas[np.searchsorted(own.nodes, node)]
 
 
-def _check_overlaps(model, interfaces):
-    """Refuse dofs that follow two reference nodes. Collective."""
-    rigid = [(item, _coupled(model, item, _members(model, item))[0]) for item in interfaces if item.kind == "rigid"]
+def _check_overlaps(model, interfaces, coupled):
+    """Refuse dofs that follow two reference nodes; `coupled`: the rows of this rank by interface. Collective."""
     owner = np.full(model.local_rows, -1)
-    for i, (item, rows) in enumerate(rigid):
+    for i, (item, rows) in enumerate(zip(interfaces, coupled, strict=True)):
+        if item.kind != "rigid":
+            continue
         with agreed(model.comm):
             twice = rows[owner[rows] >= 0]
             if twice.size:
                 raise InputError(
                     f"interface '{item.name}': node {model.dofs.node[twice[0]]} belongs to the rigid set of "
-                    f"'{rigid[owner[twice[0]]][0].name}' as well; a dof can follow one reference node only"
+                    f"'{interfaces[owner[twice[0]]].name}' as well; a dof can follow one reference node only"
                 )
         owner[rows] = i
 

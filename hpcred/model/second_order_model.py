@@ -118,6 +118,12 @@ class SecondOrderModel:
         return self.comm.allreduce(len(np.unique(self.dofs.node)))
 
     @property
+    def set_sizes(self) -> dict[str, int]:
+        """Number of nodes of each node set, by name in order. Collective."""
+        parts = self.comm.allgather({name: len(part) for name, part in self.sets.items()})
+        return {name: sum(part.get(name, 0) for part in parts) for name in sorted(set().union(*parts))}
+
+    @property
     def matrices(self) -> dict:
         """M, K and, where there is one, D, by name."""
         return {key: mat for key, mat in (("M", self.M), ("K", self.K), ("D", self.D)) if mat is not None}

@@ -1,4 +1,4 @@
-"""A body in SI enters; the same body in other units leaves, for programs that compute in them."""
+"""A body or its coordinates in SI enter; the same in other units leaves, for programs that compute in them."""
 
 from __future__ import annotations
 
@@ -15,24 +15,20 @@ from .body import Body
 def in_units(body: Body, units: Units) -> Body:
     """The body in other units; frequencies stay in Hz. Raises InputError.
 
-    The coordinates are scaled by g, q_SI = g q: pseudo-modal ones so that V^T M V = I stays, g = length mass^(1/2), and
-    displacements and angles of interface nodes by their own units. Inputs are forces or moments, outputs displacements
-    or angles, by their names. With G = diag(g), K = G K_SI G / energy, M = G M_SI G / (mass length^2), and so on.
+    The coordinates and matrices are those of sizes_of and fields_in. Inputs are forces or moments, outputs
+    displacements or angles, by their names.
     """
     reduced, quantities = body.reduced, body.floating_frame
     L, M = units.length, units.mass
     inertia, moment = M * L**2, M * L
-    g = np.full(reduced.size, L * np.sqrt(M))
-    g[: 6 * len(reduced.interfaces)] = np.tile([L, L, L, 1.0, 1.0, 1.0], len(reduced.interfaces))
+    g = sizes_of(reduced, units)
     both = np.outer(g, g)
     force = [1.0 if turn else 1 / L for turn in _rotations(reduced.input_names)]
     displacement = [1.0 if turn else 1 / L for turn in _rotations(reduced.output_names)]
     return Body(
         replace(
-            reduced, M=both * reduced.M / inertia, D=both * reduced.D * units.time / inertia,
-            K=both * reduced.K / units.energy, B=g[:, None] * reduced.B * force,
+            reduced, **fields_in(reduced, units), B=g[:, None] * reduced.B * force,
             C=np.array(displacement)[:, None] * reduced.C * g,
-            interfaces=tuple(replace(item, position=tuple(np.array(item.position) / L)) for item in reduced.interfaces),
         ),
         replace(
             quantities, masses=quantities.masses / M, mc=quantities.mc / moment, J=quantities.J / inertia,
@@ -43,6 +39,33 @@ def in_units(body: Body, units: Units) -> Body:
         [replace(shape, position=shape.position / L, phi=shape.phi * g / L, psi=shape.psi * g) for shape in body.nodes],
         body.surface and replace(body.surface, points=body.surface.points / L, phi=body.surface.phi * g / L),
     )  # fmt: skip
+
+
+def sizes_of(reduced, units: Units) -> np.ndarray:
+    """The sizes g (m,) of the coordinates, q_SI = g q, of anything with `size` and `interfaces`.
+
+    Pseudo-modal ones such that V^T M V = I stays, g = length mass^(1/2); displacements and angles of interface nodes
+    have their own units.
+    """
+    g = np.full(reduced.size, units.length * np.sqrt(units.mass))
+    g[: 6 * len(reduced.interfaces)] = np.tile([*[units.length] * 3, 1.0, 1.0, 1.0], len(reduced.interfaces))
+    return g
+
+
+def fields_in(reduced, units: Units) -> dict:
+    """M, D (or None), K and interfaces by name in other units, of anything that has them.
+
+    With G = diag(g), K = G K_SI G / energy, D = G D_SI G time / (mass length^2), M = G M_SI G / (mass length^2).
+    """
+    g = sizes_of(reduced, units)
+    both = np.outer(g, g) / (units.mass * units.length**2)
+    return {
+        "M": both * reduced.M,
+        "D": None if reduced.D is None else both * units.time * reduced.D,
+        "K": both * units.time**2 * reduced.K,
+        "interfaces": tuple(replace(item, position=tuple(np.array(item.position) / units.length))
+                            for item in reduced.interfaces),
+    }  # fmt: skip
 
 
 def _rotations(names) -> list[bool]:

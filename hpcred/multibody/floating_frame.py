@@ -24,6 +24,7 @@ from ..linalg.blocks import apply, create_block, inner, local_rows
 from ..model.dofs import SCALAR, require_dofs
 from ..model.rigid_body_modes import SAME_MASS, rigid_body_of, rigid_motions
 from ..parallel.exchange import exchange
+from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc
 from ..reduction.projection import WIDTH, project
 
@@ -157,72 +158,61 @@ def _integrals(model, columns, origin, mass, bases):
     parts = [slice(low, min(low + WIDTH, count)) for low in range(0, count, WIDTH)]
     N, S = np.zeros((count, 3, 3)), np.zeros((3, 3, count, count))
     for base in bases:
-        mine = model.dofs.direction == base
+        mine = np.flatnonzero(model.dofs.direction == base)
         points = (model.dofs.position - origin)[mine]
-        with ExitStack() as stack:
-            transfers = []
+        with Owned(model.comm) as outer:
+            places = (model.first_row + mine).astype(PETSc.IntType)
+            chosen = outer.owns(PETSc.IS().createGeneral(places, model.K.comm))
+            scalar = outer.owns(mass.createSubMatrix(chosen, chosen))  # of one direction: a ninth of the matrix
+            fields = []
             for d in range(3):
-                transfers.append(_transfer(model, d, base))
-                stack.callback(transfers[-1].destroy)
-            # the rows of one direction only: a third of the work
-            fields = [np.empty((len(points), count)) for _ in range(3)]
-            for field, transfer in zip(fields, transfers, strict=True):
-                for part in parts:
-                    field[:, part] = _rows(columns, part, transfer, mine)
+                with Owned(model.comm) as owned:
+                    transfer = owned.owns(_transfer(model, d, base, mine))
+                    field = owned.owns(create_block(scalar, count))
+                    apply(transfer, columns, field)
+                    with local_rows(field) as rows:
+                        fields.append(rows.real.copy())
             for b in range(3):
                 for part in parts:
-                    load = _rows(columns, part, transfers[b], mine, mass)
-                    N[part, :, b] += load.T @ points / len(bases)
-                    for a in range(b + 1):
-                        S[a, b, :, part] += fields[a].T @ load / len(bases)
+                    with Owned(model.comm) as owned:
+                        field, load = (owned.owns(create_block(scalar, part.stop - part.start)) for _ in range(2))
+                        with local_rows(field) as rows:
+                            rows[...] = fields[b][:, part]
+                        apply(scalar, field, load)
+                        with local_rows(load) as rows:
+                            N[part, :, b] += rows.real.T @ points / len(bases)
+                            for a in range(b + 1):
+                                S[a, b, :, part] += fields[a].T @ rows.real / len(bases)
     N, S = model.comm.allreduce(N), model.comm.allreduce(S)
     for a, b in ((0, 1), (0, 2), (1, 2)):
         S[b, a] = S[a, b].T
     return N, S
 
 
-def _rows(columns, part, transfer, mine, mass=None):
-    """The local rows `mine` of transfer V, or of mass transfer V, for some columns of V."""
-    first, last = columns.getActiveColumns()
-    with ExitStack() as stack:
-        block = create_block(transfer, part.stop - part.start)
-        stack.callback(block.destroy)
-        stack.callback(columns.setActiveColumns, first, last)
-        columns.setActiveColumns(first + part.start, first + part.stop)
-        apply(transfer, columns, block)
-        if mass is not None:
-            load = create_block(mass, part.stop - part.start)
-            stack.callback(load.destroy)
-            apply(mass, block, load)
-            block = load
-        with local_rows(block) as rows:
-            return rows.real[mine]
-
-
-def _transfer(model, source, target):
-    """T (n, n) that moves the component in direction `source` of every node to its row in direction `target`."""
+def _transfer(model, source, target, mine):
+    """T that takes the component in direction `source` of every node to the place of its row in direction `target`;
+    `mine`: the local rows in that direction."""
     comm, dofs = model.comm, model.dofs
     rows = np.arange(model.first_row, model.first_row + model.local_rows)
     if source == target:
-        mine = dofs.direction == source
         wanted, given = rows[mine], rows[mine]
     else:
         # rows of a node meet on a rank that its number chooses
         parts = []
         for direction in (target, source):
-            mine = dofs.direction == direction
-            node = dofs.node[mine]
-            parts.append(exchange(comm, _meeting_rank(node, comm.size), [node, rows[mine]]))
+            those = dofs.direction == direction
+            node = dofs.node[those]
+            parts.append(exchange(comm, _meeting_rank(node, comm.size), [node, rows[those]]))
         (node_t, row_t), (node_s, row_s) = parts
         _, at_t, at_s = np.intersect1d(node_t, node_s, return_indices=True)
         owner = np.searchsorted(model.row_starts, row_t[at_t], side="right") - 1
         wanted, given = exchange(comm, owner, [row_t[at_t], row_s[at_s]])
         order = np.argsort(wanted)
         wanted, given = wanted[order], given[order]
-    counts = np.zeros(model.local_rows + 1, dtype=PETSc.IntType)
-    counts[wanted - model.first_row + 1] = 1
+    counts = np.zeros(len(mine) + 1, dtype=PETSc.IntType)
+    counts[np.searchsorted(rows[mine], wanted) + 1] = 1
     csr = (np.cumsum(counts, dtype=PETSc.IntType), given.astype(PETSc.IntType), np.ones(len(given)))
-    return PETSc.Mat().createAIJ(((model.local_rows, model.size),) * 2, csr=csr, comm=model.K.comm)
+    return PETSc.Mat().createAIJ(((len(mine), None), (model.local_rows, model.size)), csr=csr, comm=model.K.comm)
 
 
 def _meeting_rank(node, ranks):

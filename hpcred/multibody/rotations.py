@@ -1,19 +1,18 @@
 """Rotations in space: quaternions and rotation vectors enter, matrices, rates and rotation vectors leave."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 SMALL = 1e-3  # rad; below it, series have no error that double precision could show
 
 
 def rotation(p: np.ndarray) -> np.ndarray:
     """A (3, 3) from body to inertial axes of a quaternion (w, x, y, z) of any length; (k, 3, 3) of (k, 4)."""
-    return Rotation.from_quat(p[..., [1, 2, 3, 0]]).as_matrix()  # SciPy puts the scalar last
+    return _scipy().from_quat(p[..., [1, 2, 3, 0]]).as_matrix()  # SciPy puts the scalar last
 
 
 def quaternion(vector) -> np.ndarray:
     """The unit quaternion (w, x, y, z) of a rotation vector (3,) in rad."""
-    return np.roll(Rotation.from_rotvec(vector).as_quat(), 1)
+    return np.roll(_scipy().from_rotvec(vector).as_quat(), 1)
 
 
 def quaternion_rate(p: np.ndarray, omega: np.ndarray) -> np.ndarray:
@@ -35,12 +34,12 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def of_vector(vector) -> np.ndarray:
     """The rotation matrix exp(skew(vector)) of a rotation vector (3,), exactly (Rodrigues)."""
-    return Rotation.from_rotvec(vector).as_matrix()
+    return _scipy().from_rotvec(vector).as_matrix()
 
 
 def vector_of(matrix) -> np.ndarray:
     """The rotation vector (3,) of a matrix, or (k, 3) of (k, 3, 3); not longer than pi."""
-    return Rotation.from_matrix(matrix).as_rotvec()
+    return _scipy().from_matrix(matrix).as_rotvec()
 
 
 def rate_matrix(vector) -> np.ndarray:
@@ -54,3 +53,9 @@ def rate_matrix(vector) -> np.ndarray:
     else:
         first, second = (1 - np.cos(a)) / a**2, (a - np.sin(a)) / a**3
     return np.eye(3) + first * W + second * W @ W
+
+
+def _scipy():
+    from scipy.spatial.transform import Rotation  # here, since a reduction turns nothing and should start at once
+
+    return Rotation

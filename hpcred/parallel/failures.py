@@ -19,6 +19,8 @@ from contextlib import ExitStack, contextmanager, suppress
 import numpy as np
 from mpi4py import MPI
 
+from .signals import Terminated
+
 GRACE = 4.0  # seconds that a failed rank waits for the others
 
 FINE, FAILED, ELSEWHERE = 0, 1, 2  # what a rank says at the end of a block; from ELSEWHERE on: where it fails
@@ -26,6 +28,7 @@ ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job say
 
 unfinished: set = set()  # files that must not stay when the job is ended
 
+_unheard: list = []
 _private: list = []  # duplicates of communicators, for messages of this module only
 
 
@@ -43,12 +46,6 @@ class InputError(HpcredError, ValueError):
 
 class ComputationError(HpcredError, RuntimeError):
     """The input is fine as far as one can see, but the computation failed."""
-
-
-class Terminated(KeyboardInterrupt):
-    """The process was asked to end by SIGTERM."""
-
-    exit_status = 128 + 15
 
 
 @contextmanager
@@ -138,6 +135,7 @@ def _meet(private, word: int, patience: float | None):
     while not request.Test():
         waited = time.monotonic() - start
         if patience is not None and waited > patience:
+            _unheard.append((request, said, told))  # what MPI may still write to
             return None
         if waited > 1e-3:
             time.sleep(min(waited / 10, 0.005))
@@ -208,6 +206,8 @@ def end_job(error: BaseException):
         if world is not None and world.rank:
             world.Isend(bytearray(1), dest=0, tag=ENDING)
     finally:
+        if MPI.COMM_WORLD.size == 1:
+            os._exit(exit_status(error))
         MPI.COMM_WORLD.Abort(exit_status(error))
 
 
@@ -256,3 +256,6 @@ def _sendable(error):
         return error
     except Exception:
         return ComputationError(f"{type(error).__name__}: {error}")
+
+
+LOADED = True  # all of this module, for a signal that comes while modules are loaded

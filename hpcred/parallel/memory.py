@@ -22,7 +22,7 @@ def available_mb(comm) -> float:
     given = os.environ.get("HPCRED_MEMORY_MB")
     if given:
         return float(given)
-    own = _node_mb() / startup.ranks_on_node
+    own = node_mb() / startup.ranks_on_node
     per_cpu = os.environ.get("SLURM_MEM_PER_CPU", "")
     if per_cpu.isdigit():
         own = min(own, float(per_cpu) * int(os.environ.get("SLURM_CPUS_PER_TASK", "1")))
@@ -32,7 +32,7 @@ def available_mb(comm) -> float:
     return SHARE * min(comm.allgather(own))
 
 
-def _node_mb() -> float:
+def node_mb() -> float:
     """Free memory of this node for the job, in MB."""
     limits = [psutil.virtual_memory().available / MB, *_control_groups()]
     per_node = os.environ.get("SLURM_MEM_PER_NODE", "")

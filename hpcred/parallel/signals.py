@@ -12,8 +12,14 @@ from contextlib import contextmanager
 PATIENCE = 8.0  # seconds; more than those that a rank waits for the others
 
 
+class Terminated(KeyboardInterrupt):
+    """The process was asked to end by SIGTERM."""
+
+    exit_status = 128 + 15
+
+
 def hear():
-    """Have signals raise KeyboardInterrupt (SIGINT) or failures.Terminated (SIGTERM); before MPI is loaded."""
+    """Have signals raise KeyboardInterrupt (SIGINT) or Terminated (SIGTERM); before MPI is loaded."""
     ear, mouth = os.pipe()
     process = os.getpid()
     if os.fork() == 0:
@@ -48,9 +54,20 @@ def no_longer():
         signal.signal(number, signal.SIG_DFL)
 
 
-def _terminate(*_):
-    from .failures import Terminated
+def leave(error: KeyboardInterrupt):
+    """End the process with a line, where modules are half loaded and cannot be loaded again; does not return."""
+    name = "terminated" if isinstance(error, Terminated) else "interrupted"
+    os.write(2, f"hpcred: {name}\n".encode())
+    os._exit(getattr(error, "exit_status", 128 + signal.SIGINT))
 
+
+def no_more():
+    """Have further signals change nothing: the process is on its way out."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _terminate(*_):
     raise Terminated
 
 

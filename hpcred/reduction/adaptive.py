@@ -406,7 +406,8 @@ class Search:
             order += 1
             start = self.basis.size
             if chain is not None:
-                new = self.projections.extend(chain.vectors.columns_between(*chain.advance()))
+                vectors, block = chain.vectors, chain.advance()
+                new = self.projections.extend(vectors.columns_between(*block), vectors.images_between(*block))
             elif start and (order or self.before is not None) and (order or not self._by_mass or not f):
                 new = self._extend_by_solution(self._history(), lambda: self._residual_block(f))
             else:
@@ -623,7 +624,7 @@ class Search:
         low, high = self.settings.band
         part = max(low, f - width), min(high, f + width)
         rigid = run.rigid.R if run.rigid is not None else None
-        vectors = Basis(run.model.M, rigid, run.tolerance, room=CHAIN)
+        vectors = Basis(run.mass, rigid, run.tolerance, room=CHAIN, keeps=run.keeps_images)
         with Owned(run.model.comm) as owned:
             search = owned.owns(Search(vectors, run, replace(self.settings, band=part, points=(f,))))
             search._expand(f, False)

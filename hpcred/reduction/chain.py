@@ -61,7 +61,7 @@ class Chain:
         self.labels = ("", "")  # of the factor, as FactorRecord has them
         self._place, self._residual, self._solver = 0, 0.0, None
         room = (wanted or 4) * max(self._load_columns(), 1)
-        self.vectors = self.kind(run.model.M, tolerance=run.tolerance, room=room)
+        self.vectors = self.kind(run.mass, tolerance=run.tolerance, room=room, keeps=run.keeps_images)
         self._key = {"kind": "chain", "rule": self.rule, "tolerance": run.tolerance, **key}
         self._take_stored(wanted)
         self.stored = len(self.ends)
@@ -131,6 +131,7 @@ class Chain:
             with progress.stage("orthogonalise"):
                 start = self.vectors.size
                 self.vectors.extend(block)
+                self.vectors.renew_images(start, self.vectors.size)  # as those that come from a store have them
                 self.complete = self.vectors.size == start
                 self._took(load, block)
         self.offered.append(self._offers(columns))
@@ -167,11 +168,11 @@ class Chain:
             count, facts = len(entry.widths), entry.facts
             try:
                 if entry.block is not None:
-                    self.vectors.restore(entry.block)
+                    self.vectors.restore(entry.block, facts["ends"][:count])
             except ComputationError as error:
                 self.run.remark(f"store: {error}; the point is made again")
                 self.vectors.close()
-                self.vectors = self.kind(self.run.model.M, tolerance=self.run.tolerance)
+                self.vectors = self.kind(self.run.mass, tolerance=self.run.tolerance, keeps=self.run.keeps_images)
                 return
         self.ends, self.offered = facts["ends"][:count], facts["offered"][:count]
         if count == len(facts["ends"]):

@@ -24,11 +24,10 @@ from ..parallel.decisions import decided
 from ..parallel.failures import HpcredError, InputError, Owned
 from ..parallel.ranges import COUNT, FREQUENCY, within
 from .ingredient import Ingredient
-from .modes import choose, lowest_modes_by
+from .modes import all_between, lowest_modes_by
 from .run import Run
 
 DEPENDENT = 1e-12  # eigenvalue of the scaled G K^+ G^T below which a direction of the interfaces depends on others
-MODES = 16  # taken at first where a band is asked for
 
 
 @dataclass(frozen=True)
@@ -99,15 +98,7 @@ class FixedInterfaceModes(Ingredient):
         if self.count:
             return lowest_modes_by(run, self.count, free, solver.solve)
         low, high = ((2 * np.pi * f) ** 2 for f in self.band)
-        count = MODES
-        while True:
-            values, block = lowest_modes_by(run, min(count, free), free, solver.solve)
-            if values[-1] > high or len(values) == free:
-                break
-            block.destroy()
-            count *= 2
-        inside = np.flatnonzero((values >= low) & (values <= high))
-        return values[inside], choose(run, block, inside)
+        return all_between(run, low, high, free, lambda count: lowest_modes_by(run, count, free, solver.solve))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 
 from ..linalg.blocks import create_block, local_rows
 from ..model.damping import GivenDamping
@@ -129,7 +128,7 @@ def transformation(motion, M, K, interfaces):
     psi = right[:count].T @ ((left.T / sizes) / values[:, None])
     if N.shape[1] == 0:
         return psi
-    squares, X = scipy.linalg.eigh(_symmetric(N.T @ K @ N), _symmetric(N.T @ M @ N))
+    squares, X = _eigh(_symmetric(N.T @ K @ N), _symmetric(N.T @ M @ N))
     if squares[0] <= 1e-12 * squares[-1]:
         raise InputError("coordinates: with all interfaces held the body can still move; add an interface")
     phi = N @ X
@@ -143,10 +142,10 @@ def elastic_part(reduced: ReducedModel) -> ReducedModel:
     Its transfer function is the one in the Buckens frame, which estimates and checks speak of. Other models stay as
     they are.
     """
-    count = reduced.record.rigid_body_modes if reduced.record is not None and reduced.interfaces else 0
+    count = reduced.rigid_size
     if not count:
         return reduced
-    X = scipy.linalg.eigh(reduced.K, reduced.M)[1][:, count:]
+    X = _eigh(reduced.K, reduced.M)[1][:, count:]
     small = {key: X.T @ getattr(reduced, key) @ X for key in ("M", "D", "K")}
     return replace(
         reduced, **small, B=X.T @ reduced.B, C=reduced.C @ X, frequencies=reduced.frequencies[count:], interfaces=(),
@@ -156,3 +155,9 @@ def elastic_part(reduced: ReducedModel) -> ReducedModel:
 
 def _symmetric(matrix):
     return (matrix + matrix.T) / 2
+
+
+def _eigh(K, M):
+    from scipy.linalg import eigh  # which most reductions do without
+
+    return eigh(K, M)

@@ -12,6 +12,7 @@ import numpy as np
 from ..linalg.basis import ComplexBasis
 from ..linalg.blocks import apply, as_pairs, copy_of, create_block
 from ..linalg.factorisation import SingularMatrix
+from ..linalg.free_motions import free_motions_refused
 from ..model.damping import is_proportional
 from ..parallel.failures import InputError
 from ..parallel.ranges import COUNT, within
@@ -44,6 +45,9 @@ class PencilChain(Chain):
         if not self.ends:
             return copy_of(self._loads, self.run.model.K)
         start, stop = self._start(len(self.ends) - 1), self.ends[-1]
+        images = self.vectors.images_between(start, stop)
+        if images is not None and self._square != np.inf:
+            return copy_of(images, self.run.model.K)
         load = create_block(self.run.model.K, self.vectors.width * (stop - start))
         matrix = self.run.model.K if self._square == np.inf else self.run.model.M
         apply(matrix, self.vectors.columns_between(start, stop), load)
@@ -128,12 +132,14 @@ class Krylov(PointIngredient):
             return chain.blocks(self.order + 1, f"krylov {self.name}")
         except SingularMatrix as error:
             chain.close()  # a refusal of all ranks
-            raise self._refusal(model, error) from error
+            raise self._refusal(model, run.rigid, error) from error
 
-    def _refusal(self, model, error):
+    def _refusal(self, model, rigid, error):
         if self.infinity:
             return InputError(f"krylov at infinity: the mass matrix of {model.name} is singular; take another point")
         if self.point == 0:
+            if rigid is not None:
+                return free_motions_refused(model, rigid)
             return InputError(
                 f"krylov point 0 Hz: K of {model.name} is singular, so the body can move freely; "
                 "take frame kind 'buckens' (inertia relief), 'chord' or 'tangent', or a point above 0 Hz"

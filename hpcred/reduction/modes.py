@@ -9,6 +9,7 @@ from ..linalg.basis import Basis, Extension
 from ..linalg.blocks import add_product, apply, column_norms, copy_of, create_block, inner, local_rows
 from ..linalg.eigensolver import lowest_modes, modes_in_interval
 from ..linalg.factorisation import DoesNotFit, Factoring, SingularMatrix
+from ..linalg.free_motions import free_motions_refused
 from ..model.damping import ModalDamping
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
@@ -19,6 +20,7 @@ from .ingredient import Ingredient
 from .projection import diagonalise, project, project_columns
 
 INDEPENDENT = 1e-6  # weight of a direction of modes found that is not round-off
+AT_FIRST = 16  # modes that are looked for where nobody knows how many lie in a band
 
 
 @dataclass(frozen=True)
@@ -113,17 +115,9 @@ class Modes(Ingredient):
             settings = Factoring(out_of_core=run.factoring.out_of_core).mumps()
             values, block = modes_in_interval(run.model.K, run.model.M, low, high, settings=settings)
             return _without_rigid(run, values, block)
-        # No inertia in complex builds, or by multigrid: take ever more of the lowest modes until one is above the band
-        rigid = run.rigid.count if run.rigid is not None else 0
-        count, most = 16, run.model.size - rigid
-        while True:
-            values, block = _lowest(run, min(count, most))
-            if values[-1] > high or len(values) == most:
-                break
-            block.destroy()
-            count *= 2
-        inside = np.flatnonzero((values > low) & (values < high))
-        return values[inside], choose(run, block, inside)
+        # no inertia in complex builds, or by multigrid
+        most = run.model.size - (run.rigid.count if run.rigid is not None else 0)
+        return all_between(run, low, high, most, lambda count: _lowest(run, count))
 
 
 def _slices(run):
@@ -157,10 +151,26 @@ def _kept(run, rule, count, find):
     return values, block, False
 
 
+def all_between(run, low, high, most, find):
+    """All eigenvalues from `low` to `high` (omega^2) and their modes as a block, or None, by `find(count)` of ever more
+    of the lowest, of which there are `most`, until one lies above. Collective."""
+    count = AT_FIRST
+    while True:
+        values, block = find(min(count, most))
+        if values[-1] > high or len(values) == most:
+            break
+        block.destroy()
+        count *= 2
+    inside = np.flatnonzero((values >= low) & (values <= high))
+    return values[inside], choose(run, block, inside)
+
+
 def _lowest(run, count):
     try:
         return lowest(run, count)
     except SingularMatrix as error:
+        if run.rigid is not None:
+            raise free_motions_refused(run.model, run.rigid) from error
         raise InputError(
             f"basis: K of {run.model.name} is singular, so the body can move freely; "
             "take frame kind 'buckens', 'chord' or 'tangent'"
@@ -212,7 +222,7 @@ def _polish(run, block, count, solve):
     with Owned(run.model.comm) as owned:
         load = owned.owns(run.times_mass(block))
         solve(load, block, steps=1)
-        vectors = owned.owns(Basis(run.model.M, tolerance=INDEPENDENT, room=block.getSizes()[1]))
+        vectors = owned.owns(Basis(run.mass, tolerance=INDEPENDENT, room=block.getSizes()[1]))
         vectors.extend(block)
         if vectors.size < count:
             raise ComputationError(f"only {vectors.size} of the {count} modes found are independent")

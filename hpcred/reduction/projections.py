@@ -26,11 +26,11 @@ class Projections:
         self.D = np.zeros((0, 0)) if damped else None
         self._project(0)
 
-    def extend(self, block) -> int:
-        """Add the span of a block to the basis; returns how many columns are new."""
+    def extend(self, block, images=None) -> int:
+        """Add the span of a block to the basis; returns how many columns are new. `images`: M block where known."""
         start = self.basis.size
         with self._run.progress.stage("orthogonalise"):
-            self.basis.extend(block)
+            self.basis.extend(block, images)
         self._project(start)
         return self.basis.size - start
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
@@ -14,7 +14,7 @@ from ..linalg.blocks import apply, create_block, from_dense, inner, random_block
 from ..linalg.factorisation import FactorRecord
 from ..model.damping import Damping
 from ..model.frames import Frame
-from ..model.interfaces import Interface
+from ..model.interfaces import Interface, InterfaceNode
 from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ..parallel.progress import Timing
@@ -37,11 +37,11 @@ class Record:
     """What made a reduced model.
 
     Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs
-    by name, interfaces, and `signature` (see signature_of), by which it is known again. Of the reduction: frame,
-    damping, basis and settings; what each ingredient brought; every factorisation, and how many more a store saved;
-    max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings; where the time went; of an automatic one its
-    accuracy. `job`: the job file with its overrides, file names absolute, and `contents` of the files that it names
-    (see formats.contents), by name.
+    by name, interfaces and their nodes, and `signature` (see signature_of), by which it is known again. Of the
+    reduction: frame, damping, basis and settings; what each ingredient brought; every factorisation, and how many more
+    a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings; where the time went; of an automatic
+    one its accuracy. `job`: the job file with its overrides, file names absolute, and `contents` of the files that it
+    names (see formats.contents), by name.
     """
 
     date: str
@@ -73,6 +73,7 @@ class Record:
     warnings: tuple[str, ...]
     timing: Timing
     interfaces: tuple[Interface, ...] = ()
+    interface_nodes: tuple[InterfaceNode, ...] = ()
     coordinates: str = "modal"
     accuracy: Accuracy | None = None
     factorisations_saved: int = 0
@@ -99,6 +100,16 @@ class Record:
                 "iterations)"
             )
         return found
+
+    @property
+    def interface_rows(self) -> list[dict]:
+        """For a table: name, number, kind, number of nodes and place in m of each interface; empty in older files."""
+        pairs = zip(self.interfaces, self.interface_nodes, strict=False)
+        return [
+            {"interface": found.name, "node": found.node, "kind": asked.kind, "nodes": found.count,
+             **{axis: round(value, 12) + 0.0 for axis, value in zip("xyz", found.position, strict=True)}}
+            for asked, found in pairs
+        ]  # fmt: skip
 
 
 def versions() -> dict[str, str]:
@@ -151,6 +162,7 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         inputs=model.input_names,
         outputs=model.output_names,
         interfaces=tuple(item.definition for item in model.interfaces),
+        interface_nodes=tuple(replace(item, definition=None) for item in model.interfaces),
         ingredients=tuple(runs[0].ingredients),
         factorisations=tuple(factorisations),
         factorisations_saved=sum(run.factorisations_saved for run in runs),

@@ -10,8 +10,9 @@ from ..linalg.basis import Basis
 from ..linalg.blocks import apply, copy_of, create_block
 from ..linalg.factorisation import DoesNotFit, Factoring
 from ..model.damping import ModalDamping, NoDamping, Structural
-from ..model.frames import Buckens, NoFrame, apply_frame
+from ..model.frames import Buckens, NoFrame, apply_frame, inputs_without_effect
 from ..model.rigid_body_modes import doubts_of_nodes
+from ..model.scales import scaled, scales_of
 from ..model.second_order_model import SYMMETRIC_TO
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
@@ -59,6 +60,13 @@ def reduce(
         if band is None:
             raise InputError("tolerance: a reduction to a tolerance needs the band in Hz")
         adaptive = Adaptive(tolerance=tolerance, band=tuple(band))
+    inputs, outputs = scales_of(model)
+    if (inputs, outputs) != (1.0, 1.0):
+        with scaled(model, inputs, outputs) as usual:
+            reduced = reduce(usual, basis, frame, damping, adaptive=adaptive, settings=settings, factoring=factoring,
+                             store=store, progress=progress)  # fmt: skip
+        reduced.B, reduced.C = reduced.B * inputs, reduced.C * outputs
+        return reduced
     progress = progress or Progress(model.comm, show=False)
     progress.expect(model.size)
     frame, damping = frame or NoFrame(), damping or NoDamping()
@@ -80,8 +88,11 @@ def reduce(
     with Owned(model.comm) as owned:
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
+            warnings += inputs_without_effect(framed)
         tolerance = settings.deflation_tolerance if adaptive is None else KEPT_BY_SEARCH
-        runs = [owned.owns(Run(framed, progress, tolerance, factoring or Factoring(), inertia=adaptive is not None))]
+        columns = _check_size(framed, basis, adaptive)
+        run = Run(framed, progress, tolerance, factoring or Factoring(), inertia=adaptive is not None, columns=columns)
+        runs = [owned.owns(run)]
         if store is not None:
             with progress.stage("store"):
                 asked = {"frame": frame, "damping": damping, "basis": [asdict(item) for item in basis]}
@@ -89,10 +100,11 @@ def reduce(
         if two_sided:
             runs.append(owned.owns(runs[0].dual()))
         rigid = framed.rigid.R if framed.rigid is not None else None
-        columns = _check_size(framed, basis, adaptive)
-        bases = [owned.owns(Basis(framed.model.M, rigid, tolerance, room=columns)) for _ in runs]
+        bases = [owned.owns(Basis(run.mass, rigid, tolerance, columns, run.keeps_images)) for _ in runs]
         points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
         groups = number_of_groups(settings.groups, runs[0], points)
+        if adaptive is not None:
+            runs[0].check_free_motions()  # of whose motions no search comes to an end
         ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}
         for i, ingredient in enumerate(basis):
             progress.step("points and modes", i, len(basis), always=True)
@@ -113,6 +125,7 @@ def reduce(
             accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, settings.drop_above, kept)
         for run in runs:
             run.release()
+        runs[0].check_free_motions()
         if not all(vectors.size for vectors in bases):
             raise InputError("basis: no vector is left; no mode lies in the bands and no input loads the body")
         with progress.stage("project"):
@@ -206,15 +219,17 @@ def _project(model, framed, vectors, run, settings):
             raise InputError(f"drop_above: no pseudo-frequency lies below {drop_above:g} Hz")
         run.note(f"pseudo-frequencies up to {drop_above:g} Hz", len(frequencies), kept)
         vectors.multiply(np.eye(len(frequencies))[:, :kept])
-        frequencies = frequencies[:kept]
+        squares, frequencies = squares[:kept], frequencies[:kept]
     mass, defect = vectors.gram()
     if defect > ORTHONORMAL_TO:
         raise ComputationError(
             f"the basis has lost its orthonormality: max |V^T M V - I| = {defect:.1e}, allowed is {ORTHONORMAL_TO:g}"
         )
     columns = vectors.columns
-    small = {"M": mass} | {key: project(mat, columns) for key, mat in full.matrices.items() if key != "M"}
-    if "D" not in small:
+    small = {"M": mass, "K": np.diag(squares)}
+    if "D" in full.matrices:
+        small["D"] = project(full.matrices["D"], columns)
+    else:
         small["D"] = reduced_damping(framed.damping, run, columns, frequencies)
     for key, value in small.items():
         if key != "D" or full.symmetric:

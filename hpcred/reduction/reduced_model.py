@@ -44,13 +44,25 @@ class ReducedModel:
     def size(self) -> int:
         return len(self.M)
 
+    @property
+    def rigid_size(self) -> int:
+        """How many coordinates belong to rigid-body motion: in interface coordinates of a free body those of its
+        rigid-body modes, which the frame has taken out of pseudo-modal ones."""
+        return self.record.rigid_body_modes if self.record is not None and self.interfaces else 0
+
+    @property
+    def size_in_words(self) -> str:
+        """The number of coordinates, such as 26 coordinates (6 rigid-body, 20 elastic)."""
+        rigid = self.rigid_size
+        return f"{self.size} coordinates" + (f" ({rigid} rigid-body, {self.size - rigid} elastic)" if rigid else "")
+
     def __str__(self):
         """Three lines on what the model is."""
         record = self.record
         origin = f" for the {record.size} dofs of {record.model}" if record is not None else ""
         frame = f", frame {record.frame.kind}, damping {record.damping.kind}" if record is not None else ""
         return (
-            f"reduced model: {self.size} coordinates{origin}\n"
+            f"reduced model: {self.size_in_words}{origin}\n"
             f"  pseudo-frequencies {self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g} Hz{frame}\n"
             f"  inputs {listed(self.input_names)}; outputs {listed(self.output_names)}"
         )

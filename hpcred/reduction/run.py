@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import asdict, dataclass, field, is_dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ..linalg.basis import Extension
 from ..linalg.blocks import apply, create_block, from_dense, inner, multiply
+from ..linalg.csr import without_zeros
 from ..linalg.factorisation import DoesNotFit, Factoring, FactorRecord
+from ..linalg.free_motions import check_free_motions
 from ..linalg.multigrid_solver import MultigridSolver, not_definite
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
 from ..model.damping import GivenDamping
@@ -17,8 +20,11 @@ from ..model.frames import FramedModel, NoFrame
 from ..model.node_blocks import NodeBlocks
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
+from ..parallel.memory import MB
+from ..parallel.petsc import PETSc
 from ..parallel.progress import Progress
 
+FOR_IMAGES = 0.1  # of the memory of a rank may go to images of columns
 DEPENDENT = 1e-14  # eigenvalue of the Gram matrix of unit columns below which loads count as dependent
 
 
@@ -46,8 +52,9 @@ class IngredientRecord:
 class Run:
     """Given to `extend(basis, run)` of every ingredient. Call close(); collective.
 
-    `store`: a Store (see chain), or None; `identity`: what of the model and of the job decides about columns (see
-    identity_of_model). `needed`: the factors (mass and damping, as in FactorRecord) that a run without store has.
+    `columns`: how many the basis is expected to have; `store`: a Store (see chain), or None; `identity`: what of the
+    model and of the job decides about columns (see identity_of_model). `needed`: the factors (mass and damping, as in
+    FactorRecord) that a run without store has.
     """
 
     framed: FramedModel
@@ -56,6 +63,7 @@ class Run:
     factoring: Factoring = Factoring()
     ingredients: list[IngredientRecord] = field(default_factory=list)
     inertia: bool = False  # whether the solver counts negative pivots on any number of ranks
+    columns: int = 16
     store: object = None
     identity: dict = field(default_factory=dict)
     needed: list[tuple[str, str]] = field(default_factory=list)
@@ -65,8 +73,10 @@ class Run:
     _loads: object = None
     _shared: Run | None = None
     _own_model: object = None
+    _mass: object = None
     _added: list[FactorRecord] = field(default_factory=list)
     _added_analyses: int = 0
+    _checked: bool = False
 
     def __post_init__(self):
         self.model, self.rigid = self.framed.model, self.framed.rigid
@@ -79,7 +89,7 @@ class Run:
         if self._solver is None and self.factoring.solver.kind == "multigrid":
             self._take_multigrid()
         if self._solver is None:
-            self._solver = ShiftedSolver(self.model, self.rigid, inertia=self.inertia, factoring=self.factoring)
+            self._solver = ShiftedSolver(self.model, self.rigid, inertia=self.inertia, **self._memory())
         if self._complex_solver is not None:
             self._complex_solver.release()
         return self._solver
@@ -92,10 +102,24 @@ class Run:
         if self.factoring.solver.kind == "multigrid":
             raise InputError(not_definite("a complex point"))
         if self._complex_solver is None:
-            self._complex_solver = ComplexSolver(self.model, self.rigid, factoring=self.factoring)
+            self._complex_solver = ComplexSolver(self.model, self.rigid, **self._memory())
         if self._solver is not None:
             self._solver.release()
         return self._complex_solver
+
+    @cached_property
+    def keeps_images(self) -> bool:
+        """Whether M V is kept beside V, of basis and point: where it takes little of the memory. Collective."""
+        return 2 * self._columns_mb <= FOR_IMAGES * self.factoring.limit_mb(self.model.comm)
+
+    @property
+    def _columns_mb(self):
+        rows = np.diff(self.model.M.getOwnershipRanges()).max()
+        return self.columns * rows * np.dtype(PETSc.ScalarType).itemsize / MB
+
+    def _memory(self):
+        """For solvers, with memory kept for the columns of the basis and those of a point."""
+        return {"factoring": self.factoring, "reserved_mb": (4 if self.keeps_images else 2) * self._columns_mb}
 
     def factored(self, mass: float, name: str, damping: float = 0.0) -> ShiftedSolver | MultigridSolver:
         """The solver with the factor of K + damping D + mass M, or of M (mass = inf), made unless it is there.
@@ -126,9 +150,10 @@ class Run:
         model = self.model
         if self.factoring.solver.kind != "auto" or model.dofs is None or not model.symmetric:
             return False
-        self._added += self._solver.records
-        self._added_analyses += self._solver.analyses
-        self._solver.close()
+        if self._solver is not None:
+            self._added += self._solver.records
+            self._added_analyses += self._solver.analyses
+            self._solver.close()
         self._take_multigrid()
         self.remark(f"{str(error).partition(';')[0]}: solved by conjugate gradients with multigrid instead")
         return True
@@ -143,6 +168,18 @@ class Run:
     def _take_multigrid(self):
         blocks = NodeBlocks(self.model)
         self._solver = MultigridSolver(self.model, self.rigid, blocks, self.factoring.solver)
+
+    def check_free_motions(self):
+        """Refuse a free body in parts or with hinges, unless factors of this run have shown that it has none, or the
+        store had all that was needed. Multigrid does not come to an end where it has. Collective."""
+        known = self._checked or any(record.inertia_relief for record in self.factorisations)
+        if not known and not self.multigrid and (self.store is None or self.factorisations):
+            try:
+                check_free_motions(self.model, self.rigid, self.factoring)
+            except DoesNotFit as error:
+                if not self.give_up_factors(error):
+                    raise
+            self._checked = True
 
     @property
     def factorisations(self) -> list[FactorRecord]:
@@ -171,11 +208,18 @@ class Run:
                 self.note("inputs", self.model.B.getSize()[1], kept)
         return self._loads
 
+    @property
+    def mass(self) -> PETSc.Mat:
+        """M for products with blocks, without its stored zeros where they are many; owned by the run. Collective."""
+        if self._mass is None:
+            self._mass = without_zeros(self.model.M)
+        return self._mass
+
     def times_mass(self, block):
         """M block as a new block."""
         first, last = block.getActiveColumns()
-        product = create_block(self.model.M, last - first)
-        apply(self.model.M, block, product)
+        product = create_block(self.mass, last - first)
+        apply(self.mass, block, product)
         return product
 
     def note(self, where: str, columns: int, found: Extension | int, **more):
@@ -228,8 +272,8 @@ class Run:
 
     def on_group(self, framed):
         """A run for a copy of the framed model on a group of ranks."""
-        return Run(framed, self.progress, self.tolerance, self.factoring, inertia=self.inertia, store=self.store,
-                   identity=self.identity)  # fmt: skip
+        return Run(framed, self.progress, self.tolerance, self.factoring, inertia=self.inertia, columns=self.columns,
+                   store=self.store, identity=self.identity)  # fmt: skip
 
     def told(self):
         """What add() of another run takes over."""
@@ -250,9 +294,9 @@ class Run:
         """
         model = self.model.as_dual()
         framed = FramedModel(model, rigid=self.rigid, damping=self.framed.damping)
-        other = Run(framed, self.progress, self.tolerance, self.factoring, self.ingredients, store=self.store,
-                    identity=self.identity | {"inputs": self.identity.get("outputs"), "transposed": True},
-                    remarks=self.remarks)  # fmt: skip
+        other = Run(framed, self.progress, self.tolerance, self.factoring, self.ingredients, columns=self.columns,
+                    store=self.store, remarks=self.remarks,
+                    identity=self.identity | {"inputs": self.identity.get("outputs"), "transposed": True})  # fmt: skip
         other._own_model = model
         if self.model.symmetric:
             other._shared = self
@@ -269,8 +313,9 @@ class Run:
         for item in (*self._solvers(), self._own_model):
             if item is not None:
                 item.close()
-        if self._loads is not None:
-            self._loads.destroy()
+        for item in (self._loads, self._mass):
+            if item is not None:
+                item.destroy()
 
 
 def identity_of_model(model, framed, **known) -> dict:

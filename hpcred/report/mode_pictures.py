@@ -43,9 +43,9 @@ def picture_of(kind):
 def draw_shapes(path, shapes, modes=None, kind="png") -> list[str]:
     """A picture of shapes on the surface of the body; call it on one rank. Returns their names.
 
-    `shapes` as for formats.vtk.write_vtk, with `frequencies` in Hz and `interface` (node numbers, which are marked).
-    `modes`: numbers from 1, by default the first six. Colour is the size of the displacement; the undeformed outline
-    is grey. Raises InputError where there is no such shape.
+    `shapes` as for formats.vtk.write_vtk, with `frequencies` in Hz, `first`, and points that are marked (see
+    formats.result_file.Shapes). `modes`: numbers from 1, by default the first six elastic ones. Colour is the size of
+    the displacement; the undeformed outline is grey. Raises InputError where there is no such shape.
     """
     plt = pyplot()
     stage = _Stage(shapes, _chosen(shapes, modes, FIRST), DOTS)
@@ -84,13 +84,19 @@ def animate_shapes(path, shapes, modes=None, kind="gif") -> list[str]:
 def _chosen(shapes, modes, first):
     """Columns, counted from 0."""
     count = len(shapes.names)
-    if modes is None:  # rigid-body motions come first in interface coordinates of a free body
-        elastic = np.flatnonzero(shapes.frequencies > RIGID * shapes.frequencies.max(initial=0.0))
-        return elastic[:first].tolist() or list(range(min(first, count)))
+    if modes is None:
+        start = first_elastic(shapes.frequencies)
+        return list(range(start, min(start + first, count)))
     wrong = [k for k in modes if not 1 <= k <= count]
     if wrong or not modes:
         raise InputError(f"modes: found {', '.join(map(str, wrong)) or 'none'}, expected numbers from 1 to {count}")
     return [k - 1 for k in modes]
+
+
+def first_elastic(frequencies) -> int:
+    """The place of the first elastic shape: rigid-body motions come first in interface coordinates of a free body."""
+    elastic = np.flatnonzero(frequencies > RIGID * frequencies.max(initial=0.0))
+    return int(elastic[0]) if elastic.size else 0
 
 
 @dataclass(frozen=True)
@@ -128,15 +134,15 @@ class _Stage:
         self.shapes, self.modes, self.dots = shapes, modes, dots
         self.surface = surface_of(shapes.points, shapes.cells)
         points = self.surface.points
-        self.marked = np.flatnonzero(np.isin(shapes.nodes, shapes.interface))
         diagonal = max(np.linalg.norm(np.ptp(shapes.points, axis=0)), 1e-12)
-        self.fields, self.sizes = [], []
+        self.fields, self.sizes, self.marks = [], [], []
         for k in modes:
             field = shapes.displacement(k)
             size = np.linalg.norm(field, axis=1)
             largest = max(size.max(initial=0.0), 1e-300)
             self.fields.append(SWING * diagonal / largest * field)
             self.sizes.append(size / largest)
+            self.marks.append(SWING * diagonal / largest * shapes.mark_displacement(k))
         axes = axes_of_view(points)
         seen = [(points + sign * field[self.surface.nodes]) @ axes.T for field in self.fields for sign in (-1, 0, 1)]
         low, high = np.min([s.min(axis=0) for s in seen], axis=0), np.max([s.max(axis=0) for s in seen], axis=0)
@@ -170,7 +176,8 @@ class _Stage:
             axes.set_axis_off()
             size = self.view.height // FINE, self.view.width // FINE
             images.append(axes.imshow(np.ones((*size, 3)), interpolation="nearest", aspect="auto"))
-            axes.set_title(f"{k + 1}:  {in_hertz(self.shapes.frequencies[k])}", fontsize=11, color=INK, pad=3)
+            title = f"{k + self.shapes.first}:  {in_hertz(self.shapes.frequencies[k])}"
+            axes.set_title(title, fontsize=11, color=INK, pad=3)
         self._legend(figure, tall)
         return figure, images
 
@@ -189,7 +196,7 @@ class _Stage:
         axes.plot([1.1, 1.1 + length * inch], [0.28, 0.28], color=INK, linewidth=2.5, solid_capstyle="butt")
         axes.text(1.1 + length * inch / 2, 0.35, in_metres(length), fontsize=9, color=INK, ha="center", va="bottom")
         left = 3.6
-        if len(self.marked):
+        if len(self.shapes.mark_points):
             axes.plot([left], [0.30], "o", color=MARK, markersize=5, markeredgewidth=0)
             axes.text(left + 0.12, 0.30, "interface node", fontsize=9, color=INK, va="center")
         axes.plot([left + 1.3, left + 1.65], [0.30, 0.30], color=UNDEFORMED, linewidth=1.2)
@@ -206,7 +213,7 @@ class _Stage:
         """Pixels (h, w, 3) of a shape that is deflected by `amplitude` from -1 to 1."""
         field, size = self.fields[place], self.sizes[place] * abs(amplitude)
         moved = self.surface.points + amplitude * field[self.surface.nodes]
-        marks = self.shapes.points[self.marked] + amplitude * field[self.marked]
+        marks = self.shapes.mark_points + amplitude * self.marks[place]
         fine = render(self.surface, moved, size[self.surface.nodes], self.view, marks)
         return fine.reshape(fine.shape[0] // FINE, FINE, fine.shape[1] // FINE, FINE, 3).mean(axis=(1, 3))
 

@@ -8,7 +8,7 @@ from importlib.resources import files
 import numpy as np
 
 from ..parallel.failures import InputError
-from .mode_pictures import SWING, axes_of_view
+from .mode_pictures import SWING, axes_of_view, first_elastic
 from .surface import surface_of, thinned
 from .tables import in_words
 
@@ -44,20 +44,22 @@ def unpacked(value) -> np.ndarray:
 
 
 def body_for_page(shapes, modes: int, most: int = MOST_POINTS) -> tuple[dict, str]:
-    """The surface of a body and its first `modes` shapes for the page, with at most `most` points, and a sentence.
+    """The surface of a body and its first `modes` elastic shapes for the page, with at most `most` points, and a
+    sentence.
 
-    Displacements are relative to the largest of each shape; `swing` is what that is drawn as, in m.
+    Displacements are relative to the largest of each shape; `swing` is what that is drawn as, in m. Rigid-body shapes
+    come before; `start` is the place of the first elastic one.
     """
     whole = surface_of(shapes.points, shapes.cells)
     surface = thinned(whole, most)
-    marked = np.flatnonzero(np.isin(shapes.nodes, shapes.interface))
-    points = np.concatenate([surface.points, shapes.points[marked]])
-    nodes = np.concatenate([surface.nodes, marked])
+    points = np.concatenate([surface.points, shapes.mark_points])
+    start = first_elastic(shapes.frequencies)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     fields = []
-    for k in range(min(modes, len(shapes.names))):
+    for k in range(min(start + modes, len(shapes.names))):
         field = shapes.displacement(k)
-        fields.append(packed(field[nodes] / max(np.linalg.norm(field, axis=1).max(), 1e-300), "f4"))
+        moved = np.concatenate([field[surface.nodes], shapes.mark_displacement(k)])
+        fields.append(packed(moved / max(np.linalg.norm(field, axis=1).max(), 1e-300), "f4"))
     edges = surface.edges if len(surface.edges) <= MOST_EDGES else surface.outline
     sentence = f"{len(fields)} of {len(shapes.names)} shapes, " + (
         f"{whole.whole} nodes on the surface" if len(whole.triangles)
@@ -71,7 +73,8 @@ def body_for_page(shapes, modes: int, most: int = MOST_POINTS) -> tuple[dict, st
         "outline": packed(surface.outline, "u4"),
         "edges": packed(edges, "u4"),
         "marks": packed(np.arange(len(surface.points), len(points)), "u4"),
-        "mark_names": [str(node) for node in shapes.nodes[marked].tolist()],
+        "mark_names": list(shapes.mark_names),
+        "start": start,
         "fields": fields,
         "names": list(shapes.names[: len(fields)]),
         "swing": SWING * float(np.linalg.norm(np.ptp(points, axis=0))),

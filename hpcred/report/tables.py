@@ -44,6 +44,16 @@ def show_table(title, rows: list[dict], comm=MPI.COMM_WORLD):
             return
 
 
+def told_apart(names: list[str]) -> list[str]:
+    """Names of runs (see formats.sweep_file) by what tells them apart: basis-modal_order-1 among orders is 1, among
+    bases and orders modal_1. Names of other forms stay as they are."""
+    parts = [[part.partition("-") for part in name.split("_")] for name in names]
+    if len({tuple(key for key, _, _ in row) for row in parts}) > 1 or len(set(names)) < 2:
+        return names
+    differing = [k for k, column in enumerate(zip(*parts, strict=True)) if len(set(column)) > 1]
+    return ["_".join(row[k][2] or row[k][0] for k in differing) for row in parts]
+
+
 def _numeric(column, rows):
     return all(isinstance(row[column], (int, float)) for row in rows)
 

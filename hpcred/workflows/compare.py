@@ -10,24 +10,24 @@ import scipy.linalg
 from ..analysis.error import error_integral, relative_error
 from ..analysis.frequency_response import frequency_response
 from ..formats.hdf5 import atomic_output
+from ..formats.locks import locks_given_back
 from ..formats.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
 from ..formats.result_file import read_basis, read_result
 from ..linalg.blocks import apply, create_block, inner
 from ..linalg.factorisation import Factoring
-from ..model.damping import NoDamping
 from ..parallel import startup
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.modes import Modes
 from ..reduction.pseudo_modal import worst_pair
-from ..reduction.reduce import reduce
 from ..report.figures import error_figure
-from .evaluate import SAME, band_of, factoring_of, frequencies_over, model_of_record
+from .evaluate import band_of, frequencies_over, short_names
+from .full_model import difference_of, full_of_record
 
 SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
 
 
+@locks_given_back()
 def compare_results(
     results, full, *, frequencies=(), band=None, points: int = 61, modes: int = 10, output=None, figure=None,
     groups: int | None = None, factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
@@ -35,9 +35,10 @@ def compare_results(
     """Results of one model (names of files) against the model file `full`, which is solved once. Collective.
 
     They must have the same inputs, outputs, frame and damping. The other keywords are those of evaluate_result.
-    `rows`: for each result its coordinates, size, largest eps (55), Q (57), and the worst pair of output and input
-    (see analysis.error.worst_pair). `modes`: the lowest modes of the model (so many) and, for each result, the
-    relative error of the frequency of its pseudo-mode with the largest modal assurance criterion,
+    `rows`: for each result its coordinates, their number, where some are rigid-body ones also that of the elastic
+    ones, the largest eps (55), Q (57), and the worst pair of output and input (see pseudo_modal.worst_pair). `modes`:
+    the lowest modes of the model (so many) and, for each result, the relative error of the frequency of its pseudo-mode
+    with the largest modal assurance criterion,
 
         MAC = (phi^T M psi)^2 / (phi^T M phi psi^T M psi),
 
@@ -46,31 +47,28 @@ def compare_results(
     """
     comm = comm or startup.start_mpi()
     results = [str(path) for path in results]
-    labels = _labels(results)
-    reduced = [elastic_part(read_result(path, comm).reduced) for path in results]
+    labels = short_names(results)
+    whole = [read_result(path, comm).reduced for path in results]
+    reduced = [elastic_part(item) for item in whole]
     _check_alike(results, reduced)
     first = reduced[0].record
-    grid = frequencies_over(frequencies, band or band_of(reduced[0]), points)
+    grid = frequencies_over(frequencies, band or band_of(reduced[0], reduced[1:]), points)
     written = {output: CSV_OF_RESPONSES}
     if figure is not None:
         written |= {Path(figure).with_suffix(suffix): PICTURES[suffix] for suffix in (".png", ".svg")}
     check_outputs(written, comm, [*results, full], progress=progress)
-    factoring = factoring or factoring_of(first)
-    damped = not isinstance(first.damping, NoDamping)
-    startup.start(preferred="complex" if damped else "real", low_rank=factoring.low_rank is not None)
-    with model_of_record(full, first, results[0], comm) as model:
-        known = frequency_response(
-            model, grid, first.frame, first.damping, factoring=factoring, progress=progress, groups=groups
-        )
-        shapes = _modes(model, first, modes, results, reduced, factoring, progress)
+    with full_of_record(full, first, results[0], factoring=factoring, comm=comm) as full_model:
+        known = full_model.response(grid, groups, progress)
+        shapes = _modes(full_model, modes, results, labels, whole, reduced, progress)
     rows, curves = [], []
-    for label, item in zip(labels, reduced, strict=True):
+    for label, given, item in zip(labels, whole, reduced, strict=True):
         found = frequency_response(item, grid)
         eps = relative_error(known, found)
         i, j, error = worst_pair(known, found)
         curves.append((label, eps))
         rows.append({
-            "result": label, "coordinates": item.record.coordinates, "size": item.size,
+            "result": label, "coordinates": item.record.coordinates, "size": given.size,
+            **({"elastic": item.size} if any(part.rigid_size for part in whole) else {}),
             "largest eps": float(eps.max()), "Q": error_integral(grid, eps),
             "worst pair": f"{item.output_names[i]} / {item.input_names[j]}", "its error": error,
         })  # fmt: skip
@@ -87,12 +85,6 @@ def compare_results(
             if comm.rank == 0:
                 error_figure(Path(figure).with_suffix(""), grid, curves, first.model)
     return report
-
-
-def _labels(results):
-    """Short names of the files, each once."""
-    names = [Path(path).stem for path in results]
-    return names if len(set(names)) == len(names) else results
 
 
 def _check_alike(results, reduced):
@@ -112,29 +104,25 @@ def _check_alike(results, reduced):
                     f"{path}: its {key} are {other}, but those of {results[0]} are {mine}; compare results of one "
                     "model with the same loads and frame"
                 )
-        for key, expected in first.signature.items():
-            values = np.array(record.signature.get(key, ()))
-            scale = np.abs(expected).max(initial=0.0)
-            if values.shape != np.shape(expected) or np.abs(values - expected).max(initial=0.0) > SAME * scale:
-                raise InputError(f"{path}: was reduced from another model than {results[0]} (its {key} differs)")
+        key = difference_of(record.signature, first)
+        if key is not None:
+            raise InputError(f"{path}: was reduced from another model than {results[0]} (its {key} differs)")
 
 
-def _modes(model, record, count, results, reduced, factoring, progress):
-    """Rows of the lowest modes of the model and what each result has for them. Collective."""
-    rigid = record.rigid_body_modes
-    count = min(count, model.size - rigid)
-    labels = _labels(results)
-    with reduce(model, [Modes(count=count)], record.frame, factoring=factoring, progress=progress) as reference:
+def _modes(full_model, count, results, labels, whole, reduced, progress):
+    """Rows of the lowest modes of the FullModel and what each result has for them. Collective."""
+    model = full_model.model
+    count = min(count, model.size - full_model.record.rigid_body_modes)
+    with full_model.lowest_modes(count, progress) as reference:
         rows = [{"mode": i + 1, "f (Hz)": float(f)} for i, f in enumerate(reference.frequencies)]
         with Owned(model.comm) as owned:
             momentum = owned.owns(create_block(model.M, len(rows)))
             apply(model.M, reference.columns, momentum)
-            for path, label, item in zip(results, labels, reduced, strict=True):
+            for path, label, given, item in zip(results, labels, whole, reduced, strict=True):
                 basis = None if item.record.projection == "two_sided" else read_basis(path, model)
                 share = None
                 if basis is not None:
-                    whole = read_result(path, model.comm).reduced
-                    X = scipy.linalg.eigh(whole.K, whole.M)[1][:, whole.size - item.size :]
+                    X = scipy.linalg.eigh(given.K, given.M)[1][:, given.rigid_size :]
                     share = (inner(momentum, owned.owns(basis)) @ X) ** 2
                 for cluster in _clusters(reference.frequencies):
                     best, value = _nearest(reference.frequencies[cluster], item.frequencies,

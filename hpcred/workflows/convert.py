@@ -5,15 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..analysis.check import check
+from ..formats.locks import locks_given_back
 from ..formats.matrix_formats import FORMATS
 from ..formats.model_file import FORMAT, write_model
 from ..formats.model_source import EXPORTS, Source, load_export, load_source
 from ..formats.outputs import check_outputs, hdf5_kind
+from ..formats.room import rescued
 from ..model.units import SI, in_si, units_of
 from ..parallel import startup
 from ..parallel.progress import Progress
 
 
+@locks_given_back()
 def convert(
     source: Source | str | Path, output, *, inputs=None, outputs=None, variables=None, units: str = "SI", comm=None,
     progress: Progress | None = None,
@@ -49,7 +52,7 @@ def convert(
         with progress.stage("check"):
             report = check(model)
         with progress.stage("write", str(output)):
-            write_model(output, model)
+            rescued(lambda place: write_model(place, model), output, comm)
         return {"output": str(output), "inputs": list(model.input_names), **report}
 
 

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 from ..examples.linkage import linkage
 from ..examples.section5 import AUTOMATIC, SISO, compare, table
+from ..formats.locks import locks_given_back
 from ..formats.outputs import check_outputs, hdf5_kind
 from ..formats.result_file import FORMAT, write_result
 from ..parallel import startup
 from ..parallel.progress import Progress
 
 
+@locks_given_back()
 def run_demo(output="demo_result.h5", *, comm=None, progress: Progress | None = None) -> list[dict]:
     """Reduce the linkage in four ways and write the first model, the automatic one, to `output`; returns the table.
 

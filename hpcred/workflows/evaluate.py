@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 
 from ..analysis.error import error_integral, relative_error
-from ..analysis.error_check import accuracy_of, check_reduced, said_at
+from ..analysis.error_check import accuracy_of, check_reduced, measuring_damping, said_at
 from ..analysis.frequency_response import frequency_response
-from ..formats.model_file import read_model
+from ..formats.locks import locks_given_back
 from ..formats.outputs import check_outputs
 from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
 from ..formats.result_file import read_result
+from ..formats.room import rescued
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
-from ..model.dofs import target_of
 from ..parallel import startup
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
@@ -23,16 +24,17 @@ from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.pseudo_modal import worst_pair
-from ..reduction.record import signature_of, versions
-from .pair_figures import check_figures, figures_of_pairs
-from .reduce import with_interfaces, with_targets
+from ..reduction.record import versions
+from .full_model import full_of_record
+from .pair_figures import check_figures, figures_of_pairs, pairs_by_name, pairs_to_show
 
 MOST = (1, 10**7, "")  # frequencies
-SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
+MOST_FIGURES = 16  # of the largest responses
 
 
+@locks_given_back()
 def evaluate_result(
-    result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None,
+    result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None, pairs=(),
     groups: int | None = None, factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Responses of result.h5, and eps(f) (55) and Q (57) against the model file `full` if given. Collective.
@@ -40,8 +42,9 @@ def evaluate_result(
     `frequencies` (Hz), or else `points` of them over `band` (two numbers, default that of the job). The frame, the
     damping, the inputs and outputs of the full model are those of the reduction, and so is `factoring` unless it is
     given; that it is the model of the reduction is checked. `output`: a .csv or HDF5 file for the responses, see
-    formats.response_file. `figure`: a .png, .svg or .pdf of every response and its error, see workflows.pair_figures.
-    `groups`: see frequency_response. Returns plain numbers for a table or JSON. Raises InputError.
+    formats.response_file. `figure`: a .png, .svg or .pdf of a response and its error, see workflows.pair_figures, for
+    each of the `pairs` "output/input", by default the largest. `groups`: see frequency_response. Returns plain numbers
+    for a table or JSON. Raises InputError.
     """
     comm = comm or startup.start_mpi()
     reduced = elastic_part(read_result(result, comm).reduced)
@@ -54,21 +57,17 @@ def evaluate_result(
         check_outputs({output: kind_of_responses(output)}, comm, reads, progress=progress)
     if figure is not None:
         check_figures(figure, comm, reads, progress)
+    shown = pairs_by_name(pairs, reduced.output_names, reduced.input_names, result)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     arrays = {"frequencies": grid, "reduced": frequency_response(reduced, grid)}
     report["reduced_norm"] = np.linalg.norm(arrays["reduced"], axis=(1, 2)).tolist()
     if full is not None:
-        damped = not isinstance(record.damping, NoDamping)
-        factoring = factoring or factoring_of(record)
-        startup.start(preferred="complex" if damped else "real", low_rank=factoring.low_rank is not None)
-        with model_of_record(full, record, result, comm) as model:
-            arrays["full"] = frequency_response(
-                model, grid, record.frame, record.damping, factoring=factoring, progress=progress, groups=groups
-            )
+        with full_of_record(full, record, result, factoring=factoring, comm=comm) as known:
+            arrays["full"] = known.response(grid, groups, progress)
         arrays["eps"] = relative_error(arrays["full"], arrays["reduced"])
         report |= {
             "arithmetic": "full model solved in "
-            + ("real arithmetic (undamped)" if not damped
+            + ("real arithmetic (undamped)" if isinstance(record.damping, NoDamping)
                else "complex arithmetic" if is_complex()
                else "real arithmetic of twice the size (real PETSc)"),
             "full_norm": np.linalg.norm(arrays["full"], axis=(1, 2)).tolist(),
@@ -80,11 +79,16 @@ def evaluate_result(
     if output is not None:
         made = {"result": str(result), "model": record.model, "versions": versions()}
         names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
-        write_responses(output, Responses(**arrays, **names, record=made), comm)
+        responses = Responses(**arrays, **names, record=made)
+        rescued(lambda place: write_responses(place, responses, comm), output, comm)
     if figure is not None:
         labels = {"reduced": "reduced", "full": "full model"}
         curves = [(label, grid, arrays[key]) for key, label in labels.items() if key in arrays]
-        report["figures"] = figures_of_pairs(figure, reduced.output_names, reduced.input_names, curves, comm)
+        names = reduced.output_names, reduced.input_names
+        every = shown or pairs_to_show(arrays["reduced"], *names)
+        shown = shown or pairs_to_show(arrays["reduced"], *names, MOST_FIGURES)
+        report["figures"] = figures_of_pairs(figure, *names, curves, comm, shown)
+        report["responses"] = len(every)
     return report
 
 
@@ -140,10 +144,11 @@ def check_result(
     comm = comm or startup.start_mpi()
     reduced = elastic_part(read_result(result, comm).reduced)
     accuracy, record = accuracy_of(reduced, result), reduced.record
-    factoring = factoring or factoring_of(record)
-    startup.start(preferred="complex", low_rank=factoring.low_rank is not None)
-    with model_of_record(full, record, result, comm) as model:
-        check = check_reduced(reduced, model, count, seed=seed, factoring=factoring, groups=groups, progress=progress)
+    law = measuring_damping(accuracy, record.damping)
+    with full_of_record(full, record, result, damping=law, factoring=factoring, comm=comm) as known:
+        check = check_reduced(
+            reduced, known.model, count, seed=seed, factoring=known.factoring, groups=groups, progress=progress
+        )
     return {
         "result": str(result),
         "sentence": check.sentence,
@@ -168,56 +173,18 @@ def frequencies_over(frequencies, band, points) -> np.ndarray:
     return grid
 
 
-def band_of(reduced) -> tuple[float, float]:
-    """The band of the job, of the accuracy, or up to the highest pseudo-frequency, in Hz."""
-    record = reduced.record
-    known = record.accuracy.band if record.accuracy is not None else (0.0, float(reduced.frequencies[-1]))
-    return (record.job or {}).get("band") or known
+def band_of(reduced, others=()) -> tuple[float, float]:
+    """The band (Hz) that the job or the accuracy of a reduced model states, or else the first that one of the others
+    does, or up to the highest pseudo-frequency."""
+    for item in (reduced, *others):
+        record = item.record
+        stated = (record.job or {}).get("band") or (record.accuracy and record.accuracy.band)
+        if stated:
+            return tuple(stated)
+    return 0.0, float(reduced.frequencies[-1])
 
 
-def factoring_of(record) -> Factoring:
-    job = record.job or {}
-    return Factoring(**{key: job.get(key) for key in ("out_of_core", "low_rank", "memory_mb")})
-
-
-def model_of_record(path, record, result, comm):
-    """The model of a model file with the inputs and outputs of a reduction, checked to be the one that was reduced.
-
-    Collective. Raises InputError.
-    """
-    model = with_interfaces(read_model(path, comm), record.interfaces)
-    for key, names in (("input", record.inputs), ("output", record.outputs)):
-        model = _as_recorded(model, key, names, record, path)
-    try:
-        _check_same(signature_of(model), record, path, result)
-    except InputError:
-        model.close()  # a refusal of all ranks
-        raise
-    return model
-
-
-def _as_recorded(model, key, names, record, path):
-    """The model with the inputs or outputs of a reduction, from their names or from the file of the job."""
-    if key == "output" and names == record.inputs and "C" not in record.signature:
-        with model:
-            return model.with_output_columns(None, ())
-    if getattr(model, f"{key}_names") == names:
-        return model
-    targets = [target_of(name) for name in names]
-    file = (record.job or {}).get(key + "s")
-    if None in targets and not isinstance(file, str):
-        with model:
-            raise InputError(f"{path}: has no {key}s {', '.join(names)}, which the reduction used")
-    return with_targets(model, key, file if None in targets else targets)
-
-
-def _check_same(found, record, path, result):
-    for key, expected in record.signature.items():
-        if key == "D" and record.damping.kind != "given":
-            continue
-        values = np.array(found.get(key, ()))
-        scale = np.abs(expected).max(initial=0.0)
-        if values.shape != np.shape(expected) or np.abs(values - expected).max(initial=0.0) > SAME * scale:
-            what = {"B": "inputs", "C": "outputs"}.get(key, f"matrix {key}")
-            raise InputError(f"{path}: its {what} differ from what {result} was reduced from; take that model, or "
-                             "reduce this one again")  # fmt: skip
+def short_names(paths) -> list[str]:
+    """The names of files without folder and suffix, or as they are given where two would be the same."""
+    stems = [Path(path).stem for path in paths]
+    return stems if len(set(stems)) == len(stems) else [str(path) for path in paths]

@@ -5,11 +5,13 @@ from __future__ import annotations
 from ..examples.crank import crank
 from ..examples.linkage import linkage
 from ..examples.solid import solid
+from ..formats.locks import locks_given_back
 from ..formats.model_file import FORMAT, write_model
 from ..formats.outputs import check_outputs, hdf5_kind
 from ..parallel import startup
 
 
+@locks_given_back()
 def write_example(name, output="model.h5", *, comm=None, progress=None, **keywords) -> dict:
     """Write the example `name`, "linkage", "solid" or "crank", made with its own keywords.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..formats import outputs
@@ -18,6 +18,7 @@ from ..formats.body_npz import write_npz
 from ..formats.exudyn import write_exudyn
 from ..formats.fmu import write_fmu
 from ..formats.hdf5 import atomic_output
+from ..formats.locks import locks_given_back
 from ..formats.matlab import write_matlab
 from ..formats.mbdyn import write_mbdyn
 from ..formats.nastran_superelement import nastran_dmig, nastran_op4
@@ -29,7 +30,7 @@ from ..formats.superelement import superelement
 from ..formats.uff import write_uff
 from ..formats.vtk import write_vtk
 from ..model.units import SI, units_of
-from ..multibody.body_units import in_units
+from ..multibody.body_units import fields_in, in_units
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
@@ -43,7 +44,7 @@ class Export:
     `takes` "body": (path, Body) -> remarks; "reduced": (path, ReducedModel) -> remarks, for programs that know inputs
     and outputs and no nodes; "shapes": (path, shapes of all nodes) -> names of the shapes; "superelement":
     (Superelement, stem of the file) -> its content, those beside it by what follows the stem, remarks. `surface`:
-    whether the body has the surface that is drawn.
+    whether the body has the surface that is drawn. `si`: whether the program that reads it wants SI.
     """
 
     write: Callable
@@ -52,6 +53,12 @@ class Export:
     takes: str = "body"
     surface: bool = False
     picture: bool = False  # of chosen shapes
+    si: bool = False
+
+    @property
+    def any_units(self) -> bool:
+        """Whether it can be written in other units than SI."""
+        return self.takes in ("body", "superelement") and not self.si
 
 
 EXPORTS = {
@@ -71,7 +78,7 @@ EXPORTS = {
     "nastran-op4": Export(nastran_op4, "_external.op4", None, takes="superelement"),
     "ansys": Export(ansys_superelement, "_ansys.inp", outputs.SUPERELEMENT, takes="superelement"),
     "abaqus": Export(abaqus_superelement, "_abaqus.inp", outputs.SUPERELEMENT, takes="superelement"),
-    "simscape": Export(simscape_solid, "_simscape.mat", outputs.MATLAB, takes="superelement"),
+    "simscape": Export(simscape_solid, "_simscape.mat", outputs.MATLAB, takes="superelement", si=True),
 }
 WITHOUT_NODES = {
     "shapes": "shows all nodes",
@@ -80,17 +87,19 @@ WITHOUT_NODES = {
 }
 
 
+@locks_given_back()
 def export_result(
     result, kind, path=None, *, nodes=None, units: str = "SI", modes=None, comm=None, progress=None
 ) -> dict:
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
     `kind`: one of EXPORTS; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of
-    the interface nodes, by default those of the inputs and outputs; a superelement has those of its coordinates.
-    `units`: of the file, see model.units.units_of; only formats of a body have others than SI. `modes`: numbers from 1
-    of the shapes of a picture, by default the first six, of a moving one (gif, webp) the first. Returns what was
-    written: output, format, and shapes (their names), or coordinates (their number), remarks on what the format does
-    not hold, and nodes, or inputs and outputs by name; of a superelement, the files beside the output.
+    the interface nodes, or names of interfaces, by default those of the inputs and outputs; a superelement has those of
+    its coordinates. `units`: of the file, see model.units.units_of; bodies and superelements have others than SI.
+    `modes`: numbers from 1 of the shapes of a picture, by default the first six elastic ones, of a moving one (gif,
+    webp) the first. Returns what was written: output, format, and shapes (their names), or coordinates (their number),
+    remarks on what the format does not hold, and nodes, or inputs and outputs by name; of a superelement, the files
+    beside the output.
     """
     comm = comm or startup.start_mpi()
     if isinstance(result, Result):
@@ -105,22 +114,24 @@ def export_result(
     if nodes is not None and (not len(nodes) or len(set(nodes)) < len(nodes)):
         raise InputError(f"--nodes: found {list(nodes)}, expected at least one node, and each once")
     system = units_of(units)
-    if export.takes != "body" and system != SI:
+    if not export.any_units and system != SI:
         raise InputError(f"--units: '{kind}' is in SI, found '{units}'; leave it out")
     path = Path(path) if path else Path(result).with_name(Path(result).stem + export.suffix)
-    outputs.check_outputs({path: export.kind}, comm, [result], progress=progress)
-    seen_later = export.kind in (outputs.ZIP, outputs.MATLAB) and comm.bcast(path.exists())
+    outputs.check_outputs({path: export.kind}, comm, [result])
+    existed = comm.bcast(path.exists())
     if progress is not None:
         progress.say(f"export: {path}")
     if export.takes == "superelement":
-        return _export_superelement(export, kind, result, path, comm, progress)
-    report = None
-    with atomic_output(path, comm) as temporary, agreed(comm):
-        if comm.rank == 0:
-            report = {"output": str(path), "format": kind, **_write(export, result, temporary, nodes, system, modes)}
-    if seen_later and progress is not None:
+        report = _export_superelement(export, result, path, system, comm)
+    else:
+        report = None
+        with atomic_output(path, comm) as temporary, agreed(comm):
+            if comm.rank == 0:
+                report = _write(export, result, temporary, nodes, system, modes)
+        report = comm.bcast(report)
+    if existed and progress is not None:  # said at the end: what cannot be written replaces nothing
         progress.tell(f"{path} existed and was replaced")
-    return comm.bcast(report)
+    return {"output": str(path), "format": kind, **report}
 
 
 def _write(export, path, target, nodes, system, modes) -> dict:
@@ -143,34 +154,39 @@ def _write(export, path, target, nodes, system, modes) -> dict:
         if system == SI:
             remarks = export.write(target, body)
         else:
-            remarks = export.write(target, in_units(body, system)) + [f"in {system.name}; frequencies in Hz"]
+            remarks = [*export.write(target, in_units(body, system)), f"{_in(system)}; frequencies in Hz"]
     return {"coordinates": body.reduced.size, "nodes": [shape.node for shape in body.nodes], "remarks": remarks}
 
 
-def _export_superelement(export, kind, result, path, comm, progress) -> dict:
+def _export_superelement(export, result, path, system, comm) -> dict:
     """Write the files of a superelement, the one that takes the others at the end. Collective."""
     report, content, beside = None, None, {}
     with agreed(comm), _naming(result):
         if comm.rank == 0:
             element = superelement(read_result(result, MPI.COMM_SELF).reduced)
+            if system != SI:
+                element = replace(element, **fields_in(element, system), remarks=(*element.remarks, _in(system)))
             content, others, remarks = export.write(element, path.stem)
             beside = {path.with_name(path.stem + suffix): text for suffix, text in others.items()}
             if path in beside:
                 raise InputError(f"output {path}: this name is that of a file beside it; choose another")
             report = {
-                "output": str(path), "format": kind, "coordinates": element.size,
-                "nodes": [item.node for item in element.interfaces], "remarks": remarks,
+                "coordinates": element.size, "nodes": [item.node for item in element.interfaces], "remarks": remarks,
                 "files": [str(name) for name in beside],
             }  # fmt: skip
     report = comm.bcast(report)
     besides = {Path(name): None for name in report["files"]}
-    outputs.check_outputs(besides, comm, [result], progress=progress)
+    outputs.check_outputs(besides, comm, [result])
     for name in [*besides, path]:
         with atomic_output(name, comm) as temporary, agreed(comm):
             if comm.rank == 0:
                 data = beside.get(name, content)
                 temporary.write_bytes(data if isinstance(data, bytes) else data.encode())
     return report
+
+
+def _in(system) -> str:
+    return f"in {system.name}"
 
 
 @contextmanager

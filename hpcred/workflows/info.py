@@ -1,4 +1,4 @@
-"""Any file that hpcred reads enters; what it is, and of a model what there is to know before it is reduced, leaves."""
+"""Any file that hpcred reads or writes enters; what it is, and of a model what it needs to be reduced, leaves."""
 
 from __future__ import annotations
 
@@ -6,19 +6,21 @@ import h5py
 import numpy as np
 
 from ..analysis.summary import inspect
-from ..formats import abaqus_input, node_table
+from ..formats import abaqus_input, checked, node_table
 from ..formats.entries import LabelledEntries
 from ..formats.matrix_formats import format_of, read_entries
 from ..formats.model_file import FORMAT as MODEL
 from ..formats.model_file import read_model
 from ..formats.model_source import export_of, read_export
+from ..formats.seal import is_broken
 from ..formats.sid import begins as begins_sid
 from ..formats.text import first_bytes, first_line
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
-from .info_of_output import OUTPUTS, read_whole, sid
+from .info_of_export import description_of
+from .info_of_output import OUTPUTS, damaged, read_whole, sid
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
@@ -56,6 +58,7 @@ def describe_file(
     with agreed(comm):
         kind, export = _kind_of(path), export_of(path)
         of_sid = begins_sid(first_bytes(path))
+        written = None if kind or of_sid else description_of(path)
         single = None if export or of_sid else format_of(path)
         if kind != MODEL and (frequencies or band_top or modes):
             raise InputError(f"{path}: modes can be found in a model file only; convert it first")
@@ -68,6 +71,8 @@ def describe_file(
             return read_whole(OUTPUTS[kind], path, comm)
         if of_sid:
             return read_whole(sid, path, comm)
+        if written:
+            return _on_one_rank(written, path, comm)
         if kind:
             return {"format": f"HDF5 file of format '{kind}'", "warnings": []}
         if export:
@@ -80,14 +85,29 @@ def describe_file(
     )
 
 
+def _on_one_rank(describe, path, comm):
+    report = None
+    with agreed(comm):
+        if comm.rank == 0:
+            try:
+                report = describe(path)
+            except InputError:
+                raise
+            except Exception as error:  # whatever a damaged file makes its reader raise
+                raise damaged(path, error) from error
+    return {**comm.bcast(report), "warnings": []}
+
+
 def _kind_of(path) -> str | None:
     """The format that an HDF5 file of hpcred names, or None."""
     if not first_bytes(path).startswith(HDF5):
         return None
+    if is_broken(path):
+        raise checked.damaged(path, "what HDF5 keeps of its own does not have its checksum")
     try:
         with h5py.File(path, "r") as file:
             return str(file.attrs.get("format", "")) or None
-    except OSError as error:
+    except (OSError, RuntimeError, KeyError) as error:
         raise InputError(f"{path}: not a readable HDF5 file ({error})") from error
 
 

@@ -19,6 +19,7 @@ def result(path, comm) -> dict:
     report = {
         "format": "hpcred result",
         "coordinates": reduced.size,
+        **({"of_these_rigid_body": reduced.rigid_size} if reduced.rigid_size else {}),
         "frequencies_hz": reduced.frequencies.tolist(),
         "inputs": list(reduced.input_names),
         "outputs": list(reduced.output_names),
@@ -30,6 +31,8 @@ def result(path, comm) -> dict:
     report |= {"model": record.model, "dofs": record.size, "frame": record.frame.kind, "damping": record.damping.kind}
     if record.accuracy is not None:
         report["accuracy"] = record.accuracy.sentence
+    if record.interface_rows:
+        report["interfaces"] = record.interface_rows
     return report | {"warnings": list(record.warnings)}
 
 
@@ -53,7 +56,7 @@ def response(path, comm) -> dict:
 
 def simulation(path, comm) -> dict:
     """What a file of a simulation says. Raises InputError."""
-    with reading(path, simulation_file.FORMAT, simulation_file.VERSION) as file:
+    with reading(path, simulation_file.FORMAT, simulation_file.VERSION, simulation_file.SCHEMA) as file:
         record = json.loads(file["provenance"][()])
         report = {
             "format": "hpcred simulation",
@@ -97,4 +100,9 @@ def read_whole(describe, path, comm) -> dict:
     try:
         return describe(path, comm)
     except (KeyError, IndexError, TypeError, AttributeError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: damaged, or not whole ({type(error).__name__}: {error}); make it again") from error
+        raise damaged(path, error) from error
+
+
+def damaged(path, error) -> InputError:
+    """The refusal of a file that its reader does not understand."""
+    return InputError(f"{path}: damaged, or not whole ({type(error).__name__}: {error}); make it again")

@@ -6,11 +6,11 @@ from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from ..analysis.natural_modes import NaturalModes, natural_modes
-from ..formats.hdf5 import atomic_output, writing
+from ..formats.hdf5 import atomic_output, reading, writing
+from ..formats.locks import locks_given_back
 from ..formats.model_file import read_model, write_nodes
 from ..formats.outputs import PICTURES, PNG, check_outputs
 from ..formats.result_file import Shapes
@@ -26,6 +26,7 @@ MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
 ROUND_OFF = 1e-12  # of a mass
 
 
+@locks_given_back()
 def modes_of_file(
     model, count: int = 20, *, frame=None, figure=None, factoring: Factoring | None = None, comm=None,
     progress: Progress | None = None,
@@ -95,6 +96,8 @@ def _draw(figure, model, found):
         store = Path(f"{temporary}.h5")
         try:
             with writing(store, comm) as file:
+                file.attribute("format", "hpcred-shapes")
+                file.attribute("first_number", found.rigid + 1)  # as in the table
                 with local_rows(found.shapes) as rows:
                     columns = rows.real[:, rows.shape[1] - len(elastic) :]
                     file.rows("basis/V", np.ascontiguousarray(columns.T), axis=1)
@@ -102,7 +105,7 @@ def _draw(figure, model, found):
                 write_nodes(file, model)
             with agreed(comm):
                 if comm.rank == 0:
-                    with h5py.File(store, "r") as file:
+                    with reading(store, "hpcred-shapes") as file:
                         draw_shapes(temporary, Shapes(file, str(figure)), kind=Path(figure).suffix[1:].lower())
         finally:
             if comm.rank == 0:

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..formats.hdf5 import atomic_output
 from ..formats.outputs import PICTURES, check_outputs
-from ..parallel.failures import agreed
-from ..report.figures import MOST, check_figure_name, pair_figure, pyplot
+from ..parallel.failures import InputError, agreed
+from ..report.figures import check_figure_name, pair_figure, pyplot
 
 ZERO = 1e-12  # of the largest response, below which one is round-off
 
@@ -22,16 +22,16 @@ def check_figures(path, comm, reads, progress):
         pyplot()
 
 
-def figures_of_pairs(path, outputs, inputs, responses, comm, most=MOST) -> list[str]:
-    """Draw the responses of `outputs` (r) to `inputs` (p), by name, those of pairs_to_show. Collective.
+def figures_of_pairs(path, outputs, inputs, responses, comm, pairs) -> list[str]:
+    """Draw the responses of `outputs` (r) to `inputs` (p), by name, of `pairs` of their places. Collective.
 
     `responses`: (label, frequencies (F,) in Hz, complex (F, r, p)), the reduced one first; where the second one is at
-    the same frequencies, the difference of the two relative to the second is drawn too. One pair is drawn as `path`,
-    several under names with the pair in them. Returns the names of the files.
+    the same frequencies, the difference of the two relative to the second is drawn too. The only pair that there is is
+    drawn as `path`, others under names with the pair in them. Returns the names of the files.
     """
     path, written = Path(path), []
     alone = len(outputs) * len(inputs) == 1
-    for i, j in pairs_to_show(responses[0][2], outputs, inputs, most):
+    for i, j in pairs:
         name = f"{outputs[i]}-{inputs[j]}"
         target = path if alone else path.with_name(f"{path.stem}_{in_file_name(name)}{path.suffix}")
         with atomic_output(target, comm) as temporary, agreed(comm):
@@ -45,9 +45,20 @@ def figures_of_pairs(path, outputs, inputs, responses, comm, most=MOST) -> list[
     return written
 
 
-def pairs_to_show(H, outputs, inputs, most) -> list[tuple[int, int]]:
-    """Output and input (from 0) of the `most` largest responses of H (F, r, p), in their order: without those that are
-    zero to round-off, and of a symmetric H with one of the two that are equal."""
+def pairs_by_name(wanted, outputs, inputs, where) -> list[tuple[int, int]]:
+    """Output and input (from 0) of pairs named output/input, such as 20:z/1:x. Raises InputError for others; `where`
+    names the result."""
+    known = {f"{output}/{given}": (i, j) for i, output in enumerate(outputs) for j, given in enumerate(inputs)}
+    for name in wanted:
+        if name not in known:
+            first = next(iter(known))
+            raise InputError(f"pairs: found '{name}', expected output/input of {where}, such as {first}")
+    return [known[name] for name in wanted]
+
+
+def pairs_to_show(H, outputs, inputs, most=None) -> list[tuple[int, int]]:
+    """Output and input (from 0) of the `most` largest responses of H (F, r, p), or of all, in their order: without
+    those that are zero to round-off, and of a symmetric H with one of the two that are equal."""
     size = np.abs(H).max(axis=0)
     reciprocal = tuple(inputs) == tuple(outputs) and np.allclose(
         H, H.transpose(0, 2, 1), rtol=1e-6, atol=1e-6 * size.max()

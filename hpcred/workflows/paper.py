@@ -9,6 +9,7 @@ import numpy as np
 from ..examples.linkage import linkage
 from ..examples.section5 import FREQUENCIES, MIMO, SISO, compare, deviations, lateral, table, time_response
 from ..formats.hdf5 import writing
+from ..formats.locks import locks_given_back
 from ..formats.outputs import JSON, check_outputs, hdf5_kind
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
@@ -17,6 +18,7 @@ from ..report.figures import cut_figure, error_figure
 from ..report.tables import write_json
 
 
+@locks_given_back()
 def reproduce(folder="paper", *, comm=None, progress: Progress | None = None) -> dict:
     """Compute and write everything into `folder`, which is created. Collective. Raises InputError.
 

@@ -7,12 +7,14 @@ from pathlib import Path
 
 from ..formats.contents import content_of
 from ..formats.job_file import Job, plain, read_job
+from ..formats.locks import locks_given_back
 from ..formats.model_file import read_model
 from ..formats.model_source import column_names, load_source, read_columns
 from ..formats.node_table import read_node_numbers
 from ..formats.outputs import check_outputs, check_room, hdf5_kind
 from ..formats.point_store import PointStore
 from ..formats.result_file import FORMAT, write_result
+from ..formats.room import rescued
 from ..parallel import startup
 from ..parallel.failures import ComputationError, InputError, agreed
 from ..parallel.progress import Progress
@@ -25,14 +27,17 @@ SIZE = 40  # coordinates that a reduction to a tolerance is expected to have
 
 @dataclass(frozen=True)
 class Reduced:
-    """What a job gave: the file, its record, the number of coordinates, and the pseudo-frequencies in Hz."""
+    """What a job gave: the file, its record, the number of coordinates, also in words, and the pseudo-frequencies in
+    Hz."""
 
     output: str
     record: Record
     size: int
+    size_in_words: str
     frequencies: tuple[float, ...]
 
 
+@locks_given_back()
 def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Progress | None = None) -> Reduced:
     """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.
 
@@ -71,11 +76,16 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
             output = _name_of(job, reduced.record.accuracy)
             reduced.record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
             with progress.stage("write", output):
-                write_result(
-                    output, reduced, model, basis=job.write_basis, origin=job.body_origin, lumped=job.lumped_integrals
-                )
+                rescued(
+                    lambda place: write_result(
+                        place, reduced, model, basis=job.write_basis, origin=job.body_origin,
+                        lumped=job.lumped_integrals,
+                    ), output, comm,
+                )  # fmt: skip
             record = replace(reduced.record, timing=progress.timing())
-            found = Reduced(output, record, reduced.size, tuple(reduced.frequencies.tolist()))
+            found = Reduced(
+                output, record, reduced.size, reduced.size_in_words, tuple(reduced.frequencies.tolist())
+            )
     if job.report:
         from .report import report_file  # which reads models as jobs do
 

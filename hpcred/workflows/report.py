@@ -11,22 +11,23 @@ from ..analysis.error import relative_error
 from ..analysis.error_check import BESIDE, as_measured, measuring_damping
 from ..analysis.frequency_response import frequency_response
 from ..formats.hdf5 import atomic_output
+from ..formats.locks import locks_given_back
 from ..formats.outputs import HTML, check_outputs
 from ..formats.result_file import Result, read_result
 from ..linalg.factorisation import Factoring
-from ..model.damping import ModalDamping, NoDamping
+from ..model.damping import Damping, ModalDamping
 from ..model.dofs import target_of
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.modes import Modes
 from ..reduction.record import versions
-from ..reduction.reduce import reduce
+from ..reduction.reduced_model import ReducedModel
 from ..report.page import MOST_POINTS, body_for_page, packed, render_page
 from ..report.tables import in_words
-from .evaluate import band_of, factoring_of, model_of_record
-from .pair_figures import pairs_to_show
+from .evaluate import band_of, short_names
+from .full_model import difference_of, factoring_of, full_of_record, start_for
+from .pair_figures import pairs_by_name, pairs_to_show
 from .report_files import check_drawing, draw_files, make_folder, write_tables
 
 FREQUENCIES = 801  # equally spaced; more around the pseudo-frequencies
@@ -36,24 +37,35 @@ BESIDE_AT_MOST = 8  # exact frequencies beside pseudo-frequencies
 MOST_MODES = 40  # of the full model
 
 
+@dataclass(frozen=True)
+class Full:
+    """The response (E, r, p) of a full model at `frequencies` (E,) in Hz, and its lowest `modes` in Hz."""
+
+    frequencies: np.ndarray
+    response: np.ndarray
+    modes: np.ndarray
+
+
 @dataclass
 class Sheet:
-    """What a report says of one result: the file, the reduced model as its error was measured, its responses.
+    """What a report says of one result: the file, the reduced model as it is `measured` and the damping `law` of the
+    full model for that, with `words` on it; its response (F, r, p) at `frequencies` (F,) in Hz over the band.
 
-    `response` (F, r, p) at `frequencies` (F,) in Hz. With a full model: its response `full` and the error `eps` at
-    `exact` (E,), and its `modes` in Hz. `body`: shapes for the page and a sentence, by body_for_page.
+    With a full model: `full`, which may be that of a sheet before (`full_as_before`), and the error `eps` at its
+    frequencies. `body`: shapes for the page and a sentence, by body_for_page.
     """
 
     name: str
     result: Result
+    measured: ReducedModel
+    law: Damping
+    words: str
     band: tuple[float, float]
     frequencies: np.ndarray
     response: np.ndarray
-    exact: np.ndarray | None = None
-    full: np.ndarray | None = None
+    full: Full | None = None
     full_as_before: bool = False
     eps: np.ndarray | None = None
-    modes: np.ndarray | None = None
     body: dict | None = None
     body_sentence: str = ""
     notes: list = field(default_factory=list)
@@ -65,9 +77,10 @@ class Sheet:
 
     @property
     def record(self):
-        return self.reduced.record
+        return self.result.reduced.record
 
 
+@locks_given_back()
 def report_file(
     results, full=None, *, output="report.html", band=None, exact: int = 21, pairs=(), modes: int = 10,
     png=None, svg=None, csv=None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
@@ -121,39 +134,34 @@ def sheets_of(
     for result in read:
         if result.reduced.record is None:
             raise InputError(f"{result.path}: has no record of its reduction, which a report is about")
+    sheets = [_sheet(name, result, read, band) for name, result in zip(short_names(results), read, strict=True)]
     if full is not None:
-        damped = any(not isinstance(_law(result), NoDamping) for result in read)
-        given = factoring or factoring_of(read[0].reduced.record)
-        startup.start(preferred="complex" if damped else "real", low_rank=given.low_rank is not None)
-    sheets = []
-    for name, result in zip(_names(read), read, strict=True):
-        limits = tuple(band or band_of(result.reduced))
-        grid = _grid(limits, elastic_part(result.reduced).frequencies)
-        sheet = Sheet(name, result, limits, grid, frequency_response(_measured(result), grid))
-        if full is not None:
-            with progress.stage("full model", name):
-                _add_full(sheet, full, exact, sheets, groups, factoring, comm, progress)
-        sheets.append(sheet)
+        start_for([sheet.law for sheet in sheets], factoring or factoring_of(sheets[0].record))
+        for k, sheet in enumerate(sheets):
+            with progress.stage("full model", sheet.name):
+                _add_full(sheet, full, exact, sheets[:k], groups, factoring, comm, progress)
     return sheets
 
 
-def _names(read):
-    """Short names, each once."""
-    stems = [result.path.stem for result in read]
-    if len(set(stems)) == len(stems):
-        return stems
-    return [str(result.path) for result in read]
+def _sheet(name, result, read, band):
+    """The Sheet of one of the results, without the full model."""
+    reduced, accuracy = elastic_part(result.reduced), _measuring(result, read)
+    law = reduced.record.damping
+    words = f"measured with the damping of the job: {_kind(law)}"
+    if accuracy is not None:
+        reduced, law, words = as_measured(reduced, accuracy), measuring_damping(accuracy, law), accuracy.measured
+    limits = tuple(band or band_of(result.reduced, [other.reduced for other in read]))
+    grid = _grid(limits, reduced.frequencies)
+    return Sheet(name, result, reduced, law, words, limits, grid, frequency_response(reduced, grid))
 
 
-def _measured(result):
-    reduced, accuracy = elastic_part(result.reduced), result.reduced.record.accuracy
-    return as_measured(reduced, accuracy) if accuracy is not None else reduced
-
-
-def _law(result):
-    """The damping law of the full response that the reduced one is compared with."""
-    record = result.reduced.record
-    return measuring_damping(record.accuracy, record.damping) if record.accuracy is not None else record.damping
+def _measuring(result, read):
+    """The accuracy that says with which damping a result is drawn: its own, or else, so that curves beside each other
+    have one damping, that of another result with the same damping law. None where there is none."""
+    own = result.reduced.record
+    known = [record.accuracy for record in (other.reduced.record for other in read)
+             if record.damping == own.damping and record.accuracy is not None]  # fmt: skip
+    return own.accuracy or next(iter(known), None)
 
 
 def _grid(band, pseudo):
@@ -167,40 +175,44 @@ def _grid(band, pseudo):
 
 def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
     """The response of the full model at some frequencies, its modes, and the error. Collective."""
-    record, law = sheet.record, _law(sheet.result)
-    low, high = sheet.band
-    if isinstance(law, ModalDamping):
+    if isinstance(sheet.law, ModalDamping):
         sheet.notes.append(f"{sheet.name}: modal damping belongs to a reduced model; there is no full response with it")
         return
+    same = next((item for item in before if item.full is not None and _same_question(item, sheet)), None)
+    if same is not None:
+        sheet.full, sheet.full_as_before = same.full, True
+    else:
+        with full_of_record(path, sheet.record, sheet.result.path, damping=sheet.law, factoring=factoring,
+                            comm=comm) as full_model:  # fmt: skip
+            sheet.full = _solved(full_model, sheet, count, groups, progress)
+            units = check(full_model.model)["units"] if full_model.model.dofs is not None else None
+        sheet.notes += [f"{path} looks like {units}: from its mass, size, and speed of waves"] if units else []
+    sheet.eps = relative_error(sheet.full.response, frequency_response(sheet.measured, sheet.full.frequencies))
+
+
+def _solved(full_model, sheet, count, groups, progress):
+    """`count` frequencies of the band, and beside pseudo-frequencies, and the modes of the band. Collective."""
+    low, high = sheet.band
     beside = BESIDE * sheet.reduced.frequencies
     beside = beside[(beside > low) & (beside < high)][:BESIDE_AT_MOST]
-    same = next((item for item in before if item.full is not None and _question(item) == _question(sheet)), None)
-    factoring = factoring or factoring_of(record)
-    with model_of_record(path, record, sheet.result.path, comm) as model:
-        if same is not None:
-            sheet.exact, sheet.full, sheet.modes, sheet.full_as_before = same.exact, same.full, same.modes, True
-        else:
-            sheet.exact = np.unique(np.concatenate([np.linspace(low or high / count, high, count), beside]))
-            sheet.full = frequency_response(
-                model, sheet.exact, record.frame, law, factoring=factoring, groups=groups, progress=progress
-            )
-            # a few more than the reduced model has in the band, which some modes may be missing in
-            wanted = min(2 * int((sheet.reduced.frequencies <= high).sum()) + 4, MOST_MODES)
-            wanted = min(wanted, record.free_size - record.rigid_body_modes)
-            with reduce(model, [Modes(count=wanted)], record.frame, factoring=factoring, progress=progress) as modal:
-                sheet.modes = modal.frequencies
-            if sheet.modes[-1] < high:
-                sheet.notes.append(f"{sheet.name}: the {wanted} lowest modes of the model are shown")
-        if model.dofs is not None:
-            units = check(model)["units"]
-            sheet.notes += [f"{path} looks like {units}: from its mass, size, and speed of waves"] if units else []
-    sheet.eps = relative_error(sheet.full, frequency_response(_measured(sheet.result), sheet.exact))
+    frequencies = np.unique(np.concatenate([np.linspace(low or high / count, high, count), beside]))
+    response = full_model.response(frequencies, groups, progress)
+    # a few more than the reduced model has in the band, which some modes may be missing in
+    wanted = min(2 * int((sheet.reduced.frequencies <= high).sum()) + 4, MOST_MODES)
+    wanted = min(wanted, sheet.record.free_size - sheet.record.rigid_body_modes)
+    with full_model.lowest_modes(wanted, progress) as modal:
+        modes = modal.frequencies
+    if modes[-1] < high:
+        sheet.notes.append(f"{sheet.name}: the {wanted} lowest modes of the model are shown")
+    return Full(frequencies, response, modes)
 
 
-def _question(sheet):
-    """What the response of the full model depends on."""
-    record = sheet.record
-    return record.frame, _law(sheet.result), record.inputs, record.outputs, sheet.band
+def _same_question(one, other):
+    """Whether the full model has one response for two sheets."""
+    keys = ("frame", "interfaces", "inputs", "outputs")
+    same = all(getattr(one.record, key) == getattr(other.record, key) for key in keys)
+    same &= (one.law, one.band) == (other.law, other.band)
+    return same and difference_of(other.record.signature, one.record) is None
 
 
 def _take_body(sheet, modes, most):
@@ -217,14 +229,10 @@ def choose_pairs(sheet, wanted=(), most=MOST_PAIRS) -> list[tuple[str, int, int]
 
     Raises InputError."""
     outputs, inputs = sheet.reduced.output_names, sheet.reduced.input_names
-    known = {f"{outputs[i]}/{inputs[j]}": (i, j) for i in range(len(outputs)) for j in range(len(inputs))}
-    for name in wanted:
-        if name not in known:
-            first = next(iter(known))
-            raise InputError(f"pairs: found '{name}', expected output/input of {sheet.name}, such as {first}")
-    shown = [known[name] for name in wanted] or pairs_to_show(sheet.response, outputs, inputs, most)
+    shown = pairs_by_name(wanted, outputs, inputs, sheet.name)
+    shown = shown or pairs_to_show(sheet.response, outputs, inputs, most)
     if not wanted and len(shown) == most:
-        sheet.notes.append(f"{sheet.name}: the {most} largest responses are shown")
+        sheet.notes.append(f"{sheet.name}: the {most} largest responses are shown; --pairs chooses others")
     return [(f"{outputs[i]}/{inputs[j]}", i, j) for i, j in shown]
 
 
@@ -235,7 +243,9 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
     for sheet, pairs in zip(sheets, chosen, strict=True):
         results.append(_shown(sheet))
         drawn.append(_drawn(sheet, pairs))
-    measured = {sheet.name: sheet.record.accuracy.measured for sheet in sheets if sheet.record.accuracy is not None}
+    whose = {sheet.name: sheet.words for sheet in sheets}
+    if len(set(whose.values())) == 1:
+        whose = {"all curves": sheets[0].words}
     bands = [sheet.band for sheet in sheets]
     page = {
         "title": ", ".join(sheet.name for sheet in sheets),
@@ -244,10 +254,10 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
         "facts": list(results[0]["facts"]),
         "results": results,
         "notes": list(dict.fromkeys(note for sheet in sheets for note in sheet.notes)),
-        "response_notes": [f"{name}: responses and errors are {words}" for name, words in measured.items()],
+        "response_notes": [f"{name}: responses and errors are {words}" for name, words in whose.items()],
         "searched": any(result["points"] for result in results),
         "shaped": any(result["shape"] for result in results),
-        "with_modes": any(sheet.modes is not None for sheet in sheets),
+        "with_modes": any(sheet.full is not None for sheet in sheets),
     }  # fmt: skip
     several = sum(sheet.full is not None and not sheet.full_as_before for sheet in sheets) > 1
     data = {
@@ -260,12 +270,13 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
 
 def _drawn(sheet, pairs):
     accuracy, H, full = sheet.record.accuracy, sheet.response, sheet.full
+    F = None if full is None else full.response
     drawn = {
         "name": sheet.name,
         "frequencies": packed(sheet.frequencies),
         "pairs": [
             {"name": name, "re": packed(H[:, i, j].real), "im": packed(H[:, i, j].imag)}
-            | ({} if full is None else {"full_re": packed(full[:, i, j].real), "full_im": packed(full[:, i, j].imag)})
+            | ({} if F is None else {"full_re": packed(F[:, i, j].real), "full_im": packed(F[:, i, j].imag)})
             for name, i, j in pairs
         ],
         "full_as_before": sheet.full_as_before,
@@ -281,7 +292,7 @@ def _drawn(sheet, pairs):
         drawn |= {"eps_frequencies": packed(accuracy.frequencies), "eps": packed(accuracy.eps)}
     if full is not None:
         drawn |= {
-            "full_frequencies": packed(sheet.exact), "exact_eps": packed(sheet.eps), "modes": packed(sheet.modes)
+            "full_frequencies": packed(full.frequencies), "exact_eps": packed(sheet.eps), "modes": packed(full.modes)
         }  # fmt: skip
     return drawn
 
@@ -302,7 +313,8 @@ def _shown(sheet):
         "facts": _facts(sheet),
         "warnings": list(record.warnings),
         "exact": [] if sheet.eps is None else [
-            {"f (Hz)": f, "exact eps": eps} for f, eps in zip(sheet.exact.tolist(), sheet.eps.tolist(), strict=True)
+            {"f (Hz)": f, "exact eps": eps}
+            for f, eps in zip(sheet.full.frequencies.tolist(), sheet.eps.tolist(), strict=True)
         ],
         "proofs": [] if accuracy is None else [
             {"f (Hz)": item.frequency, "said": item.said, "exact": item.exact} for item in accuracy.proofs
@@ -323,7 +335,7 @@ def _shown(sheet):
              "MB, all ranks": item.memory_mb_used_total, "columns": item.columns_solved, "residual": item.residual}
             for item in record.factorisations
         ],
-        "shape": None if sheet.body is None else {"count": len(sheet.body["names"])},
+        "shape": None if sheet.body is None else {"count": len(sheet.body["names"]), "start": sheet.body["start"] + 1},
         "shape_note": sheet.body_sentence,
     }  # fmt: skip
 
@@ -331,13 +343,13 @@ def _shown(sheet):
 def frequency_rows(sheet) -> list[dict]:
     """Pseudo-frequencies; with the full model's modes each beside the nearest one, and their relative distance."""
     pseudo = sheet.reduced.frequencies
-    if sheet.modes is None:
+    if sheet.full is None:
         return [{"number": k + 1, "pseudo-frequency (Hz)": f} for k, f in enumerate(pseudo.tolist())]
-    near = np.abs(pseudo[None] - sheet.modes[:, None]).argmin(axis=1)
+    near = np.abs(pseudo[None] - sheet.full.modes[:, None]).argmin(axis=1)
     return [
         {"mode": k + 1, "of the model (Hz)": f, "nearest pseudo-frequency (Hz)": float(pseudo[j]),
          "relative distance": float(abs(pseudo[j] - f) / max(f, 1e-300))}
-        for k, (f, j) in enumerate(zip(sheet.modes.tolist(), near, strict=True))
+        for k, (f, j) in enumerate(zip(sheet.full.modes.tolist(), near, strict=True))
     ]  # fmt: skip
 
 
@@ -360,7 +372,7 @@ def _facts(sheet):
                         if isinstance(target := target_of(name), tuple)})  # fmt: skip
     return {
         "model": f"{record.model}, {record.size} dofs, {record.nonzeros} nonzeros",
-        "reduced model": f"{reduced.size} coordinates",
+        "reduced model": sheet.result.reduced.size_in_words,
         **body,
         "units": "kg, m, s, if the model has them",
         "frame": _kind(record.frame),

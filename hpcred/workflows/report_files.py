@@ -66,7 +66,7 @@ def _curves_of(name, sheets, chosen):
             if known == name:
                 curves.append((sheet.name, sheet.frequencies, sheet.response[:, i, j]))
                 if sheet.full is not None and not sheet.full_as_before:
-                    curves.append(("full model", sheet.exact, sheet.full[:, i, j]))
+                    curves.append(("full model", sheet.full.frequencies, sheet.full.response[:, i, j]))
     return curves
 
 
@@ -77,7 +77,7 @@ def _errors_of(sheets):
         if accuracy is not None:
             curves.append((f"{sheet.name}, estimate", accuracy.frequencies, accuracy.eps))
         if sheet.eps is not None:
-            curves.append((f"{sheet.name}, exact", sheet.exact, sheet.eps))
+            curves.append((f"{sheet.name}, exact", sheet.full.frequencies, sheet.eps))
     return curves
 
 
@@ -95,14 +95,14 @@ def write_tables(folder, sheets, rows_of_frequencies) -> list[str]:
             tables["error"] = [{"f_hz": f, "eps": eps} for f, eps in rows]
             tables["points"] = [asdict(point) for point in accuracy.points]
         if sheet.eps is not None:
-            rows = zip(sheet.exact.tolist(), sheet.eps.tolist(), strict=True)
+            rows = zip(sheet.full.frequencies.tolist(), sheet.eps.tolist(), strict=True)
             tables["error_exact"] = [{"f_hz": f, "eps": eps} for f, eps in rows]
         for key, rows in tables.items():
             written.append(_write_table(folder, f"{key}_{sheet.name}", rows))
         names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
         responses = {"response": (sheet.frequencies, {"reduced": sheet.response})}
         if sheet.full is not None:
-            responses["response_full"] = sheet.exact, {"full": sheet.full}
+            responses["response_full"] = sheet.full.frequencies, {"full": sheet.full.response}
         for key, (frequencies, arrays) in responses.items():
             written.append(str(Path(folder) / f"{key}_{in_file_name(sheet.name)}.csv"))
             write_responses(written[-1], Responses(frequencies=frequencies, **arrays, **names), MPI.COMM_SELF)

@@ -9,9 +9,11 @@ import numpy as np
 
 from ..analysis.full_response import FullResponse, full_response
 from ..formats.hdf5 import atomic_output
+from ..formats.locks import locks_given_back
 from ..formats.model_file import read_model
 from ..formats.outputs import PICTURES, check_outputs
 from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
+from ..formats.room import rescued
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
 from ..parallel import startup
@@ -20,9 +22,11 @@ from ..parallel.progress import Progress
 from ..reduction.record import versions
 from ..report.figures import MOST, check_figure_name, pyplot, response_figure
 from .evaluate import frequencies_over
+from .pair_figures import pairs_to_show
 from .reduce import with_targets
 
 
+@locks_given_back()
 def response_file(
     model, *, frequencies=(), band=None, points: int = 2001, tolerance: float = 1e-6, frame=None, damping=None,
     inputs=None, outputs=None, check: int = 0, seed: int | None = None, groups: int | None = None,
@@ -88,18 +92,17 @@ def _arrays(found: FullResponse) -> dict:
 
 
 def _curves(found: FullResponse) -> list:
-    """Name and values of every pair; of a symmetric H only one of the two that are equal."""
-    H, pairs = found.response, Responses(**_arrays(found)).pairs
-    reciprocal = found.input_names == found.output_names and np.allclose(
-        H, H.transpose(0, 2, 1), rtol=1e-6, atol=1e-6 * np.abs(H).max()
-    )
-    return [(name, H[:, i, j]) for name, i, j in pairs if i <= j or not reciprocal]
+    """Name and values of every pair that is worth drawing."""
+    outputs, inputs = found.output_names, found.input_names
+    return [(f"{outputs[i]}/{inputs[j]}", found.response[:, i, j])
+            for i, j in pairs_to_show(found.response, outputs, inputs)]  # fmt: skip
 
 
 def _write(output, found, report, comm, polar):
     left_out = ("frequencies_hz", "norm", "eps", "output")
     record = {key: value for key, value in report.items() if key not in left_out} | {"versions": versions()}
-    write_responses(output, Responses(**_arrays(found), record=record), comm, polar)
+    responses = Responses(**_arrays(found), record=record)
+    rescued(lambda place: write_responses(place, responses, comm, polar), output, comm)
 
 
 def _report(found: FullResponse, size: int) -> dict:

@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from ..formats.hdf5 import atomic_output
+from ..formats.locks import locks_given_back
 from ..formats.outputs import CSV_OF_MOTION, PNG, VTK, check_outputs, hdf5_kind
 from ..formats.result_file import read_result
+from ..formats.room import rescued
 from ..formats.simulation_file import FORMAT, read_simulation, write_motion, write_motion_csv
 from ..formats.vtk import write_motion_vtk
 from ..multibody.simulation import simulate
@@ -23,6 +25,7 @@ from ..reduction.record import versions
 from ..report.figures import has_matplotlib, motion_figure
 
 
+@locks_given_back()
 def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     """Simulate a reduced body in time as a file says. Collective. Raises InputError, ComputationError.
 
@@ -60,7 +63,7 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     report = {"output": [str(output), *(str(name) for name, _ in files)], **_figures(motion), "notes": notes}
     with progress.stage("write", str(output)):
         record = {"versions": versions(), "setup": asdict(setup), **report, "timing": asdict(progress.timing())}
-        write_motion(output, motion, record, comm)
+        rescued(lambda place: write_motion(place, motion, record, comm), output, comm)
         for target, write in files:
             with atomic_output(target, comm) as temporary, agreed(comm):
                 if comm.rank == 0:

@@ -1,5 +1,7 @@
 """What is said of matrices from another program."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import DATA
@@ -8,6 +10,7 @@ import hpcred
 from hpcred.formats.model_source import Source, load_export, load_source
 from hpcred.model.dofs import Dofs
 from hpcred.model.second_order_model import SecondOrderModel
+from hpcred.model.units import Units, units_of
 
 pytestmark = pytest.mark.mpi
 
@@ -58,6 +61,32 @@ def test_units_are_recognised(comm, name, sizes):
         with model, scaled(model, *sizes) as other:
             found.append(hpcred.check(other)["units"])
     assert set(found) <= {name, None} and name in found
+
+
+BODIES = {
+    "rod": lambda comm: hpcred.crank(1000, comm),
+    "sheet": lambda comm: hpcred.solid((12, 12, 1), size=(1.0, 1.0, 0.002), clamped=False, comm=comm),
+    "frame of beams": lambda comm: hpcred.linkage(comm),  # which fills nothing of its box
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_other_units_are_noticed_both_ways(comm, name):
+    """A body in m that is said to be in mm, and one in mm that is taken as it is; not where all is right."""
+    millimetres = units_of("mm,t,s")
+
+    def doubts(model):
+        return [line for line in hpcred.inspect(model)["warnings"] if "the numbers look like" in line]
+
+    with BODIES[name](comm) as model, hpcred.in_si(model, millimetres) as said_to_be_mm:
+        assert not doubts(model)
+        (line,) = doubts(said_to_be_mm)
+        assert "look like m, kg, s" in line and "not mm,t,s; convert with --units SI" in line
+        with hpcred.in_si(model, Units("", 1e3, 1e-3, 1.0)) as made, replace(made.shared(), converted_from="") as bare:
+            (line,) = doubts(bare)
+            assert "not SI; convert with --units mm,t,s" in line
+            with hpcred.in_si(bare, millimetres) as right:
+                assert not doubts(right)
 
 
 def test_a_body_of_no_usual_material_has_no_units(comm):

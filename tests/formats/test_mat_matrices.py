@@ -132,6 +132,22 @@ def test_empty_sparse_matrices(comm, folder):
         assert not to_dense(model.D).any()
 
 
+@pytest.mark.parametrize("kind", ["link", "storage"])
+def test_parts_in_other_files_are_not_followed(comm, folder, kind):
+    path = saved(comm, folder, "v7.3", {"K": K, "M": M})
+    if comm.rank == 0:
+        (folder / "other").write_bytes(bytes(8 * SIZE**2))
+        with h5py.File(path, "a") as file:
+            del file["M"]
+            if kind == "link":
+                file["M"] = h5py.ExternalLink("other.h5", "/M")
+            else:
+                file.create_dataset("M", (SIZE, SIZE), "f8", external=[(str(folder / "other"), 0, 8 * SIZE**2)])
+    comm.Barrier()
+    with pytest.raises(InputError, match="found 'M', which refers to another place; it is not followed"):
+        load_export(path, comm)
+
+
 @pytest.mark.parametrize(
     "tree, says",
     [

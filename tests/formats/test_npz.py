@@ -91,3 +91,9 @@ def test_damage_is_refused_or_makes_no_difference(comm, folder, compressed):
         taken += 1
         assert np.array_equal(found, matrix.toarray())
     assert taken < 12
+
+
+def test_an_archive_larger_than_the_memory(comm, folder, monkeypatch):
+    monkeypatch.setattr("hpcred.formats.npz.node_mb", lambda: 1e-5)
+    with pytest.raises(InputError, match=r"found 0 MB in the array '\w+', and 0 MB are free"):
+        assembled(write(folder / "K.npz", archive(), comm), comm)

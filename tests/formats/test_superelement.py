@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import scipy.linalg
 from foreign import gathered
 from helpers import interface_model, to_dense
 
+import hpcred
 from hpcred.formats import nastran_dmig
 from hpcred.formats.abaqus_superelement import abaqus_superelement
 from hpcred.formats.ansys_superelement import ansys_superelement
@@ -19,7 +21,9 @@ from hpcred.formats.nastran_superelement import nastran_op4, number
 from hpcred.formats.simscape import simscape_solid
 from hpcred.formats.superelement import superelement
 from hpcred.model.dofs import SCALAR
+from hpcred.model.units import units_of
 from hpcred.parallel.failures import InputError
+from hpcred.workflows.export import export_result
 
 KINDS = [{"modes": 5, "damping": 10.0}, {"modes": 0}, {"modes": 1, "held": True}, {"modes": 9, "damping": 1.0}]
 kinds = pytest.mark.parametrize("kind", KINDS, ids=str)
@@ -121,6 +125,41 @@ def test_nastran_files_in_pynastran(tmp_path, kind):
     deck.read_bdf(str(path), xref=False, punch=True)
     found = {key: card.get_matrix(is_sparse=False)[0] for key, card in deck.dmig.items()}
     check(model, found["KAAX"], found["MAAX"], found.get("BAAX"), 1e-10)
+
+
+SIZES = {"mm,t,s": (1e-3, 1e3, 1.0), "mm-kg-ms": (1e-3, 1.0, 1e-3)}  # of length, mass and time in SI
+
+
+@pytest.mark.parametrize("text", SIZES)
+def test_superelements_in_other_units(tmp_path, comm, text):
+    """By formula for forces, moments and modal coordinates, read back from every program; frequencies stay in Hz."""
+    model = interface_model(modes=5, damping=10.0)
+    hpcred.write_result(tmp_path / "arm.h5", model)
+    L, M, T = SIZES[text]
+    names = ("nastran", "nastran-op4", "ansys", "abaqus")
+    files = {name: Path(export_result(tmp_path / "arm.h5", name, units=text)["output"]) for name in names}
+    # an energy is 1/2 q^T K q, a length of the program is L m, and modal coordinates keep V^T M V = I
+    g = np.array([*[L, L, L, 1, 1, 1] * 2, *[L * np.sqrt(M)] * 5])
+    both, inertia = np.outer(g, g), M * L**2
+    expected = {"K": both * model.K * T**2 / inertia, "M": both * model.M / inertia, "D": both * model.D * T / inertia}
+    assert np.allclose(np.diag(expected["M"])[12:], 1)
+    found = {}
+    for name in names[:2]:
+        with load_export(files[name], comm) as read:
+            found[name] = {key: to_dense(mat) for key, mat in read.matrices.items()}
+            assert np.allclose(read.dofs.position[0] * L, model.interfaces[0].position)
+            with hpcred.in_si(read, units_of(text)) as back:  # another way: rows of interface nodes are those of SI
+                assert np.allclose(to_dense(back.K)[:12, :12], model.K[:12, :12], rtol=1e-8)
+                squares = scipy.linalg.eigh(to_dense(back.K), to_dense(back.M), eigvals_only=True)
+    assert np.sqrt(squares[6:]) / (2 * np.pi) == pytest.approx(model.frequencies[6:], rel=1e-8)
+    nodes, _, matrices = abaqus(files["abaqus"].read_text())
+    assert np.allclose(np.array(nodes[205]) * L, model.interfaces[1].position)
+    found["abaqus"] = {"K": matrices["STIFFNESS"], "M": matrices["MASS"], "D": matrices["VISCOUS DAMPING"]}
+    found["ansys"] = {key: scipy.io.mmread(tmp_path / f"arm_ansys_{key}.mtx") for key in "KMD"}
+    for name, key in ((name, key) for name in names for key in "KMD"):
+        assert np.allclose(found[name][key], expected[key], rtol=1e-9, atol=1e-10 * np.abs(expected[key]).max()), name
+    with pytest.raises(InputError, match="'simscape' is in SI"):
+        export_result(tmp_path / "arm.h5", "simscape", units=text)
 
 
 def abaqus(text):

@@ -129,3 +129,11 @@ def test_a_damaged_gzip_file_is_refused(comm, folder):
     path = write(folder / "a.gz", packed[:-20], comm)
     with pytest.raises(InputError, match="found a damaged gzip file"):
         list(pieces(path, comm))
+
+
+def test_a_line_without_end_in_a_small_file_is_refused(comm, folder, monkeypatch):
+    monkeypatch.setattr("hpcred.formats.text.PIECE", 1000)
+    monkeypatch.setattr("hpcred.formats.text.LONGEST_LINE", 10**5)
+    path = write(folder / "a.gz", gzip.compress(b"1 1 1.0\n" + bytes(10**6)), comm)
+    with pytest.raises(InputError, match="found a line of more than 0 MB in a gzip file"):
+        list(pieces(path, comm))

@@ -1,5 +1,7 @@
 """Interface nodes against beam theory, against dense least squares, and against a model made rigid by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -65,6 +67,30 @@ def test_weights_by_area_are_those_of_the_surface(comm):
         area = model.with_interfaces([face("a", 0.0, weights="area")])
         assert np.allclose(equal.interfaces[0].position, area.interfaces[0].position)
         assert np.abs(to_dense(area.Gt) - to_dense(equal.Gt)).max() > 0.01
+
+
+def test_the_place_of_a_bore_is_the_centre_of_its_surface(comm):
+    """On an uneven ring of nodes by the sides of its polygon; without elements, and with weights, the mean."""
+    with hpcred.crank(2000, comm) as model:
+        bore = Interface(name="big", nodes=Nodes(set="BIG_EYE"))
+        (node,) = model.with_interfaces([bore]).interfaces
+        numbers = np.concatenate(comm.allgather(model.sets["BIG_EYE"]))
+        points = np.unique(everywhere(model, "position")[np.isin(everywhere(model, "node"), numbers)], axis=0)
+        assert node.count == len(points) == len(numbers)
+        ring = np.unique(points[:, :2].round(12), axis=0)
+        ring = ring[np.argsort(np.arctan2(ring[:, 1], ring[:, 0]))]
+        following = np.roll(ring, -1, axis=0)
+        length = np.linalg.norm(following - ring, axis=1)
+        expected = length @ (ring + following) / 2 / length.sum()
+        assert np.allclose(node.position, [*expected, 0.0], atol=1e-12)
+        mean = points.mean(axis=0)
+        assert np.linalg.norm(mean) > 5 * np.linalg.norm(node.position)  # the axis is at the origin
+        bare = replace(model.shared(), elements={})
+        assert np.allclose(bare.with_interfaces([bore]).interfaces[0].position, mean, atol=1e-12)
+        three = tuple(numbers[[0, 4, 9]].tolist())
+        given = Interface(name="a", nodes=three, weights=(1.0, 2.0, 5.0))
+        where = everywhere(model, "position")[::3][[list(everywhere(model, "node")[::3]).index(n) for n in three]]
+        assert np.allclose(model.with_interfaces([given]).interfaces[0].position, [1, 2, 5] @ where / 8)
 
 
 def test_end_to_end_flexibility_is_that_of_beam_theory(comm):
@@ -162,6 +188,9 @@ def test_shapes_and_files_know_the_reference_nodes(comm, folder):
         assert (shape.name, shape.rotates) == ("right", True)
         motion = to_dense(model.Gt).T @ gather(rom.columns)
         assert np.abs(np.concatenate([shape.phi, shape.psi]) - motion).max() < 1e-12 * np.abs(motion).max()
+        (row,) = hpcred.describe_file(folder / "result.h5", comm=comm)["interfaces"]
+        place = {"x": pytest.approx(0.06), "y": pytest.approx(0.01), "z": pytest.approx(0.015)}
+        assert row == {"interface": "right", "node": shape.node, "kind": "averaging", "nodes": 12} | place
         report = hpcred.evaluate_result(folder / "result.h5", folder / "model.h5", frequencies=(100.0, 5000.0))
         assert max(report["eps"]) < 1e-4
         hpcred.export_result(folder / "result.h5", "sid", folder / "body.SID_FEM")
@@ -175,8 +204,8 @@ REFUSALS = [
     ([face("a", 0.04), face("a", 0.02)], "expected each once"),
     ([Interface(name="a", nodes=(1, 99999))], "node 99999 does not exist"),
     ([Interface(name="a", nodes=Nodes(set="LEFT"))], "has no set 'LEFT'; it has none"),
-    ([Interface(name="a", nodes=(1,))], "do not define the motion in .*; take more nodes"),
-    ([Interface(name="a", nodes=(1, 2, 3))], "do not define the motion in rz; take more nodes, not all on one line"),
+    ([Interface(name="a", nodes=(1,))], r"do not define the motion in .*; take several nodes around .*at = \["),
+    ([Interface(name="a", nodes=(1, 2, 3))], "motion in rz; take several nodes around the place, not all on one"),
     ([face("a", 0.04, kind="rigid"), Interface(name="b", nodes=(36, 35, 33), kind="rigid")], "follow one reference"),
     ([face("a", 0.04, node=5)], "the number 5 is taken"),
     ([face("a", 0.04, weights="area"), Interface(name="b", nodes=(1, 5, 12), weights="area")], "a face on the set"),
@@ -187,6 +216,20 @@ REFUSALS = [
 def test_what_defines_no_interface_is_refused(comm, interfaces, words):
     with hpcred.solid((4, 2, 2), clamped=True, comm=comm) as model, pytest.raises(hpcred.InputError, match=words):
         model.with_interfaces(interfaces)
+
+
+def test_advice_for_a_node_without_rotations_leads_somewhere(comm):
+    """What it says, done: an interface with several nodes there, of kind rigid for a frame."""
+    with hpcred.solid((4, 2, 2), clamped=False, comm=comm) as model:
+        leads = r"x, y, z; declare an \[\[interface\]\] with several nodes there"
+        with pytest.raises(hpcred.InputError, match=f"no dof in direction rx; it has {leads}.*name its direction rx"):
+            model.with_inputs([(1, "rx")])
+        with pytest.raises(hpcred.InputError, match=f"six dofs, node 1 has {leads}.*of kind 'rigid', and name it"):
+            hpcred.reduce(model.with_inputs([(45, "x")]), [Modes(count=2)], Tangent(1))
+        marked = model.with_interfaces([face("end", 0.0, kind="rigid")])
+        assert marked.with_inputs([("end", "rx")]).input_names == ("end:rx",)
+        with hpcred.reduce(marked.with_inputs([(45, "x")]), [Modes(count=2)], Tangent("end")) as rom:
+            assert rom.size == 2
 
 
 def test_a_set_with_a_held_node_is_refused(comm):

@@ -6,13 +6,21 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
+from contextlib import suppress
 
 import psutil
 import pytest
-from helpers import SIMULATION
+import scipy.io
+import scipy.sparse
+from helpers import SIMULATION, to_dense
 from launch import mpi_environment
 
+import hpcred as package
+
 LONG = SIMULATION.replace("end = 0.05", "end = 1e4").replace("steps = 20", "steps = 100000")
+NEW = ("c.h5", "c.json", "result.h5", "r.json", "e.h5", "result.SID_FEM", "simulation.h5", "simulation.csv",
+       "simulation.png")  # fmt: skip
 DEAF = """
 from hpcred.parallel import signals
 signals.PATIENCE = 0.5
@@ -40,19 +48,24 @@ def start(folder, ranks, *arguments):
 
 def ranks_of(job):
     """The processes of the ranks, not those that watch over them, by pid."""
-    children = psutil.Process(job.pid).children()
-    return sorted((item for item in children if "hpcred" in item.cmdline()), key=lambda item: item.pid)
+    found = []
+    for item in psutil.Process(job.pid).children(recursive=True):
+        with suppress(psutil.NoSuchProcess):
+            if "hpcred" in item.cmdline() and item.parent().name().startswith(("mpiexec", "orterun", "prte")):
+                found.append(item)
+    return sorted(found, key=lambda item: item.pid)
 
 
-def end(job, victim, number):
-    """Send a signal; what was said on stderr by hpcred, once all processes are gone, which takes at most 10 s."""
+def end(job, victim, number, most=20):
+    """Send a signal; what was said on stderr by hpcred, once all processes are gone, which takes at most 10 s, and 10
+    more where the machine is busy."""
     family = psutil.Process(job.pid).children(recursive=True)
     os.kill(victim, number)
     begin = time.monotonic()
-    told = job.communicate(timeout=60)[1]
+    told = job.communicate(timeout=max(most, 60))[1]
     alive = psutil.wait_procs(family, timeout=10)[1]
     assert not [item for item in alive if item.status() != psutil.STATUS_ZOMBIE]
-    assert time.monotonic() - begin < 20  # 10 s, and 10 more where the machine is busy
+    assert time.monotonic() - begin < most
     assert "Traceback" not in told
     return [line for line in told.splitlines() if line.startswith("hpcred: ") and "[" not in line]
 
@@ -87,33 +100,63 @@ def test_a_process_that_does_not_hear_is_killed():
     assert job.returncode == -signal.SIGKILL
 
 
+COMMANDS = {
+    "convert": "convert -K K.mtx -M M.mtx --inputs 115 -o c.h5 --json c.json", "simulate": "simulate sim.toml",
+    "reduce": "reduce job.toml --json r.json", "evaluate": "evaluate result.h5 --full model.h5 --points 5 -o e.h5",
+    "export": "export result.h5 --format sid", "sweep": "sweep sweep.toml --parallel 2",
+}  # fmt: skip
+SWEEP = 'job = "job.toml"\n[[vary]]\nkey = "damping.alpha"\nvalues = [1.0, 2.0, 3.0]\n[launch]\n' \
+        'launcher = "mpiexec -n {ranks}"\nranks = 2\n'  # fmt: skip
+
+
+def begin(folder, command):
+    return start(folder, 1 if command == "sweep" else 2, *COMMANDS[command].split())
+
+
+def kill(folder, command, whom, number, delay):
+    """A command that is sent a signal after a while (s), if it is still there; whether it was."""
+    for path in (folder / "sweep").glob("*.h5"):
+        path.unlink()
+    job = begin(folder, command)
+    time.sleep(delay)
+    with suppress(psutil.NoSuchProcess, ProcessLookupError):
+        if job.poll() is None:
+            ranks = ranks_of(job)
+            if ranks or whom == "launcher":
+                goes_on = command == "sweep" and whom == "rank"  # with its other runs
+                end(job, job.pid if whom == "launcher" else random.choice(ranks).pid, number, 200 if goes_on else 20)
+                return True
+    job.communicate()
+    return False
+
+
 @pytest.mark.slow
 def test_kills_at_random_moments(reduced_linkage, folder):
     """HPCRED_KILLS of them, by default 30: processes gone, older outputs whole, and a clean second run."""
     reduced_linkage()
     (folder / "sim.toml").write_text(SIMULATION.replace("end = 0.05", "end = 0.01").replace("steps = 20", "steps = 4"))
-    commands = (
-        "reduce job.toml", "evaluate result.h5 --full model.h5 --points 5 -o e.h5", "export result.h5 --format sid",
-        "simulate sim.toml",
-    )  # fmt: skip
-    seed = int(os.environ.get("HPCRED_SEED", time.time()))
+    (folder / "sweep.toml").write_text(SWEEP)
+    with package.linkage() as model:
+        for key in "KM":
+            scipy.io.mmwrite(folder / f"{key}.mtx", scipy.sparse.coo_matrix(to_dense(getattr(model, key))))
+    for command in COMMANDS:
+        assert begin(folder, command).wait(120) == 0
+    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    seed, tally = int(os.environ.get("HPCRED_SEED", time.time())), Counter()
     draw = random.Random(seed)
     print(f"seed {seed}")
-    for _ in range(int(os.environ.get("HPCRED_KILLS", "30"))):
-        command, whom = draw.choice(commands), draw.choice(["launcher", "rank"])
-        number, delay = draw.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), draw.uniform(0.3, 4.0)
+    while tally.total() < int(os.environ.get("HPCRED_KILLS", "30")):
+        command, whom = draw.choice(list(COMMANDS)), draw.choice(["launcher", "rank"])
+        number, delay = draw.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), draw.uniform(0.8, 4.0)
         print(command, whom, number, delay, flush=True)
-        job = start(folder, 2, *command.split())
-        time.sleep(delay)
-        ranks = ranks_of(job) if job.poll() is None else []
-        if job.poll() is None and (ranks or whom == "launcher"):
-            end(job, job.pid if whom == "launcher" else draw.choice(ranks).pid, number)
-        job.communicate()
-        for name in ("model.h5", "result.h5"):
-            assert subprocess.run(
-                [sys.executable, "-m", "hpcred", "info", name], cwd=folder, capture_output=True
-            ).returncode == 0  # fmt: skip
-    for command in commands:
-        job = start(folder, 2, *command.split())
-        assert job.communicate()[0] is None and job.returncode == 0
-    assert not list(folder.glob("*.tmp-*"))
+        tally[command, whom, number.name] += kill(folder, command, whom, number, delay)
+        after = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+        assert set(before) <= set(after)
+        for name in before:
+            if after[name] != before[name]:
+                assert name in NEW and (not name.endswith(".h5") or package.verify_file(folder / name)), name
+    print(*sorted(tally.items()), sep="\n")
+    for command in COMMANDS:
+        assert begin(folder, command).wait(120) == 0
+    assert {path.name for path in folder.iterdir() if path.is_file()} == set(before)
+    assert not [*folder.glob("sweep/*.tmp-*"), *folder.glob("sweep/.*")]

@@ -48,7 +48,8 @@ def checked(case, tolerance, comm, groups=1, **limits):
     assert len(accuracy.points) <= 4 and len(accuracy.proofs) == len(accuracy.points) - groups + (groups > 1)
     # what was said at a point before it was factored; without inertia a proof may be what finds a mode
     for proof in accuracy.proofs[-1:] if is_complex() else accuracy.proofs:
-        if proof.exact > max(10 * proof.own, 100 * accuracy.noise):
+        # far below the goal the round-off decides which column is the last one
+        if proof.exact > max(10 * proof.own, 100 * accuracy.noise, 0.01 * tolerance):
             assert 0.5 <= proof.said / proof.exact <= 2
     return accuracy, size
 

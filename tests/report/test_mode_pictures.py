@@ -19,12 +19,16 @@ class Bending:
         self.points, hexahedra = block(8, 2, 1, (1.0, 0.4, 0.2))
         self.nodes = np.arange(len(self.points)) + 1
         self.cells = {"hexahedron": hexahedra} if cells else {}
-        self.names, self.frequencies, self.interface = ["first", "second"], np.array([12.5, 2000.0]), np.array([54])
+        self.names, self.frequencies, self.first = ["first", "second"], np.array([12.5, 2000.0]), 1
+        self.mark_names, self.mark_points = ["tip"], np.array([[1.0, 0.2, 0.1]])
 
     def displacement(self, k):
         field = np.zeros_like(self.points)
         field[:, 2 - k] = 3.0 * self.points[:, 0] ** 2
         return field
+
+    def mark_displacement(self, k):
+        return 3.0 * np.eye(3)[[2 - k]]
 
 
 def test_what_is_inside_a_body_is_not_seen():

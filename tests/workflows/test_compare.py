@@ -30,6 +30,9 @@ def test_each_result_has_its_own_error_and_the_modes_of_the_model(comm, folder):
         alone = hpcred.evaluate_result(file, folder / "model.h5", frequencies=FREQUENCIES)
         assert report["eps"][file.stem] == pytest.approx(alone["eps"], rel=1e-9)
         assert row["Q"] == pytest.approx(alone["Q"], rel=1e-9)
+        whole = hpcred.read_result(file, comm).reduced
+        assert row["size"] == whole.size and row["elastic"] == whole.size - (6 if file.stem == "cb" else 0)
+        assert ("(6 rigid-body, 12 elastic)" in whole.size_in_words) == (file.stem == "cb")
     frequencies, phi = shapes["modes"]
     for i, row in enumerate(report["modes"]):
         assert row["f (Hz)"] == pytest.approx(frequencies[i], rel=1e-9)

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import scipy.io
 from conftest import DATA
-from helpers import CHORD_JOB
+from helpers import CHORD_JOB, refused
 
 import hpcred as package
 from hpcred.cli import run
 from hpcred.examples.beam import Rod
+from hpcred.workflows import evaluate
 from hpcred.workflows.pair_figures import in_file_name, pairs_to_show
 
 
@@ -181,6 +182,7 @@ def test_a_check_notices_another_reduced_model(automatic, capsys):
     """A pseudo-frequency that is 0.1 % too high: status 1."""
     automatic()
     with h5py.File("result.h5", "a") as file:
+        del file.attrs["checksum"]  # as in files of before there were any
         file["reduced/K"][1, 1] *= 1.002
     assert run(["evaluate", "result.h5", "--full", "model.h5", "--check", "5"]) == 1
     assert "ABOVE at" in capsys.readouterr().out
@@ -234,7 +236,7 @@ def test_what_does_not_go_together_is_refused(automatic, capsys, arguments, says
     assert says in capsys.readouterr().err
 
 
-def test_a_figure_of_every_response(linkage_folder):
+def test_a_figure_of_every_response(linkage_folder, monkeypatch, capsys):
     """Named after the pair where there are several; the reduced model alone, or with the full one and their error."""
     assert run(["reduce", "job.toml"]) == 0
     assert run(["evaluate", "result.h5", "--band", "1,300", "--points", "5", "--figure", "one.svg"]) == 0
@@ -247,6 +249,19 @@ def test_a_figure_of_every_response(linkage_folder):
     figures = json.loads(Path("e.json").read_text())["figures"]
     assert figures == ["f_20z-20z.png", "f_20z-12z.png", "f_12z-12z.png"]
     assert all(Path(name).read_bytes()[:4] == b"\x89PNG" for name in figures)
+    assert "--pairs" not in capsys.readouterr().out
+    monkeypatch.setattr(evaluate, "MOST_FIGURES", 2)
+    draw = ["evaluate", "r.h5", "--band", "1,300", "--points", "5", "--figure", "g.svg"]
+    assert run(draw) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.count("drawn: g_") == 2 and "the 2 largest of 3 responses are drawn; --pairs OUTPUT/INPUT,..." in said
+    assert run([*draw, "--pairs", "12:z/20:z"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "drawn: g_12z-20z.svg"
+    for arguments, says in (
+        ([*draw, "--pairs", "12:x/20:z"], "found '12:x/20:z', expected output/input of r.h5, such as 20:z/20:z"),
+        (["evaluate", "r.h5", "--pairs", "12:z/20:z"], "--pairs: belongs to --figure"),
+    ):
+        assert says in refused(capsys, *arguments)
 
 
 def test_pairs_worth_a_figure():

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from helpers import MODES_JOB, interface_model, names
+from helpers import MODES_JOB, block_with_ends, interface_model, names
+from mpi4py import MPI
 
 import hpcred as package
 from hpcred import Buckens, Modes, read_sid
@@ -105,6 +106,20 @@ def test_superelements_are_written_with_the_files_beside_them(folder, comm):
     with pytest.raises(InputError, match="this name is that of a file beside it"):
         export_result(folder / "arm.h5", "nastran-op4", folder / "x.pch")
     assert names(folder, comm) == [folder / "arm.h5"]
+
+
+def test_interface_nodes_by_name(folder, capsys):
+    with block_with_ends(MPI.COMM_SELF) as model, package.reduce(model, [Modes(count=3)], Buckens()) as rom:
+        package.write_result(folder / "result.h5", rom, model)
+    numbers = {item.name: item.node for item in model.interfaces}
+    result = str(folder / "result.h5")
+    left, right = numbers["left"], numbers["right"]
+    for words, expected in (("right", [right]), (f"right, 1,{left}", [right, 1, left])):
+        assert run(["export", result, "--nodes", words]) == 0
+        assert [node.node for node in read_sid(folder / "result.SID_FEM").nodes] == expected
+    capsys.readouterr()
+    assert run(["export", result, "--nodes", "middle"]) == 2
+    assert "node 'middle': no interface of this name; its interfaces are left, right" in capsys.readouterr().err
 
 
 def test_a_body_without_coordinates_is_no_body(reduced_linkage, folder):

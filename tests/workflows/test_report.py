@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import MODES_JOB, refused
+from helpers import MODES_JOB, block_with_ends, refused
 
 import hpcred as package
 from hpcred.cli import run
 from hpcred.report.page import unpacked
-from hpcred.workflows.report import report_file
+from hpcred.workflows.report import report_file, sheets_of
 
 TOLERANCE_JOB = """
 model = "model.h5"
@@ -144,6 +144,50 @@ def test_bodies_move_as_the_shapes_say(linkage_report):
             assert unpacked(field)[marks] == pytest.approx(u[at] / np.linalg.norm(u, axis=1).max(), abs=1e-6)
             assert np.linalg.norm(unpacked(field), axis=1).max() == pytest.approx(1)
     assert unpacked(drawn["triangles"]).max() < len(points) and len(unpacked(drawn["outline"])) == 19
+
+
+def test_interface_nodes_are_drawn_where_their_set_moves(folder, comm):
+    """Reference nodes, which are no nodes of the mesh; a free body opens with its first elastic shape."""
+    with block_with_ends(comm) as model:
+        basis = [package.CraigBampton(count=3)]
+        with package.reduce(model, basis, package.Buckens(), coordinates="interface") as rom:
+            package.write_result(folder / "result.h5", rom, model)
+    report_file([folder / "result.h5"], output=folder / "r.html", modes=2)
+    page, _ = page_of(folder / "r.html")
+    drawn = json.loads(page.data)["results"][0]["shape"]
+    assert drawn["mark_names"] == ["left", "right"] and drawn["start"] == 6 and len(drawn["fields"]) == 8
+    points, marks = unpacked(drawn["points"]), unpacked(drawn["marks"])
+    for field in map(unpacked, drawn["fields"]):
+        for mark, x in zip(marks, (points[:, 0].min(), points[:, 0].max()), strict=True):
+            face = np.setdiff1d(np.flatnonzero(np.abs(points[:, 0] - x) < 1e-6), marks)
+            assert len(face) == 12 and points[mark] == pytest.approx(points[face].mean(axis=0), abs=1e-6)
+            assert field[mark] == pytest.approx(field[face].mean(axis=0), abs=1e-5)
+
+
+def test_results_beside_each_other_have_one_damping_and_one_full_response(folder, comm):
+    """One to a tolerance, undamped and measured with a loss factor, and one by modes without a band of its own."""
+    with package.linkage(comm) as model:
+        package.write_model(folder / "model.h5", model)
+        keywords = {"tolerance": 1e-3, "band": (0.0, 300.0)}, {"basis": [package.Modes(count=8)]}
+        for name, chosen in zip(("automatic", "modes"), keywords, strict=True):
+            with package.reduce(model, frame=package.Buckens(), **chosen) as rom:
+                package.write_result(folder / f"{name}.h5", rom, model)
+    files = [folder / "modes.h5", folder / "automatic.h5"]
+    one, two = sheets_of(files, folder / "model.h5", exact=3, comm=comm)
+    assert one.measured.loss_factor == two.measured.loss_factor == 0.002 and one.words == two.words
+    assert one.band == two.band == (0.0, 300.0)
+    assert two.full is one.full and two.full_as_before and not one.full_as_before
+    with package.read_model(folder / "model.h5") as model:
+        law = package.Structural(0.002)
+        H = package.frequency_response(model, one.full.frequencies, package.Buckens(), law)
+    assert np.allclose(H, one.full.response, rtol=1e-6, atol=1e-9 * np.abs(H).max())
+    for sheet in (one, two):
+        reduced = replace(sheet.reduced, loss_factor=0.002)
+        error = package.relative_error(H, package.frequency_response(reduced, one.full.frequencies))
+        assert sheet.eps == pytest.approx(error, rel=1e-3, abs=1e-9)
+    report_file(files, output=folder / "r.html")
+    page, _ = page_of(folder / "r.html")
+    assert "all curves: responses and errors are measured with the loss factor 0.002 (undamped)" in page.texts
 
 
 def test_tables_and_figures(linkage_report):

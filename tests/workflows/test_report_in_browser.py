@@ -10,7 +10,8 @@ import time
 import numpy as np
 import pytest
 from bodies import block
-from helpers import MODES_JOB
+from helpers import MODES_JOB, block_with_ends
+from mpi4py import MPI
 from PIL import Image
 
 import hpcred as package
@@ -82,17 +83,36 @@ def test_the_slider_moves_the_picture(linkage_page):
     assert (np.abs(by_address - after).max(axis=2) > 60).sum() < 200
 
 
+def test_interfaces_inside_a_body_are_seen_and_named(tmp_path):
+    """A free body in interface coordinates opens with its first elastic shape; marks lie over what hides them."""
+    with block_with_ends(MPI.COMM_SELF) as model:
+        basis = [package.CraigBampton(count=3)]
+        with package.reduce(model, basis, package.Buckens(), coordinates="interface") as rom:
+            package.write_result(tmp_path / "result.h5", rom, model)
+    package.report_file([tmp_path / "result.h5"], output=tmp_path / "report.html")
+    text = browse(tmp_path / "report.html", "--dump-dom")
+    assert re.search(r'<span class="tag"[^>]*>left</span>.*<span class="tag"[^>]*>right</span>', text, re.S)
+    assert re.search(r"pseudo-mode 07: [0-9.]+ Hz</output>", text)
+    picture = screenshot(tmp_path / "report.html", "page.png")[:1450]  # above the plots
+    orange = np.abs(picture - [213, 94, 0]).max(axis=2) < 12
+    rows, columns = np.nonzero(orange)
+    assert 60 < orange.sum() < 400 and np.ptp(rows) < 200 < np.ptp(columns) < 600  # two discs
+
+
 def test_large_surfaces_open(linkage_page, monkeypatch):
     """50,000 nodes and 10 shapes: below 30 MB, and drawn. The time is printed, not asserted."""
 
     class Plate:
         points, cells = block(158, 157, 1, (1.0, 1.0, 0.02))
-        nodes, interface = np.arange(len(points)), np.array([0])
-        names = [f"shape {k + 1}" for k in range(10)]
+        nodes, mark_names, mark_points = np.arange(len(points)), ["corner"], np.zeros((1, 3))
+        names, frequencies = [f"shape {k + 1}" for k in range(10)], np.arange(1.0, 11.0)
 
         def displacement(self, k):
             x, y, _ = self.points.T
             return np.stack([0 * x, 0 * x, np.sin((k + 1) * 3 * x) * np.cos(k * y)], axis=1)
+
+        def mark_displacement(self, k):
+            return np.zeros((1, 3))
 
     Plate.cells = {"hexahedron": Plate.cells}
 

@@ -145,7 +145,7 @@ void main() { gl_FragColor = vec4(colour, 1.0); }`;
 
 class BodyView {
   constructor(element, shape) {
-    this.element = element; this.shape = shape; this.mode = 0; this.phase = 1;
+    this.element = element; this.shape = shape; this.mode = shape.start; this.phase = 1;
     this.renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.renderer.setClearColor(0xffffff);
@@ -159,7 +159,7 @@ class BodyView {
     this.frame();
     new ResizeObserver(() => this.resize()).observe(element);
     this.resize();
-    this.show(0);
+    this.show(this.mode);
   }
   geometry(index) {
     const made = new THREE.BufferGeometry();

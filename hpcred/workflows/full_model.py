@@ -1,0 +1,113 @@
+"""A record and a model file enter; the full model as it was reduced, checked to be that one, leaves, and responses."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..analysis.frequency_response import frequency_response
+from ..formats.model_file import read_model
+from ..linalg.factorisation import Factoring
+from ..model.damping import Damping, NoDamping
+from ..model.dofs import target_of
+from ..model.second_order_model import SecondOrderModel
+from ..parallel import startup
+from ..parallel.failures import InputError
+from ..reduction.modes import Modes
+from ..reduction.record import Record, signature_of
+from ..reduction.reduce import reduce
+from .reduce import with_interfaces, with_targets
+
+SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
+
+
+@dataclass(frozen=True)
+class FullModel:
+    """The model that a record is of, with its inputs and outputs, and the damping and factoring of its responses."""
+
+    model: SecondOrderModel
+    record: Record
+    damping: Damping
+    factoring: Factoring
+
+    def response(self, frequencies, groups=None, progress=None) -> np.ndarray:
+        """H (F, r, p) at frequencies (F,) in Hz, in the frame of the record; see frequency_response. Collective."""
+        return frequency_response(
+            self.model, frequencies, self.record.frame, self.damping, factoring=self.factoring, groups=groups,
+            progress=progress,
+        )  # fmt: skip
+
+    def lowest_modes(self, count, progress=None):
+        """The ReducedModel of the `count` lowest undamped modes in the frame of the record. Collective; close it."""
+        return reduce(
+            self.model, [Modes(count=count)], self.record.frame, factoring=self.factoring, progress=progress
+        )
+
+
+@contextmanager
+def full_of_record(path, record: Record, result, *, damping=None, factoring=None, comm):
+    """The FullModel of a model file `path` while the context is open; `result` names the file of the record.
+
+    `damping`: the law of the responses, by default that of the record, which decides on the PETSc build where none is
+    loaded; `factoring` likewise. Collective. Raises InputError where it is another model.
+    """
+    damping = record.damping if damping is None else damping
+    factoring = factoring or factoring_of(record)
+    start_for([damping], factoring)
+    with _model_of_record(path, record, result, comm) as model:
+        yield FullModel(model, record, damping, factoring)
+
+
+def start_for(laws, factoring):
+    """Load the PETSc build that suits responses with these damping laws, where none is loaded yet."""
+    damped = not all(isinstance(law, NoDamping) for law in laws)
+    startup.start(preferred="complex" if damped else "real", low_rank=factoring.low_rank is not None)
+
+
+def factoring_of(record) -> Factoring:
+    """How the reduction factored."""
+    job = record.job or {}
+    return Factoring(**{key: job.get(key) for key in ("out_of_core", "low_rank", "memory_mb")})
+
+
+def difference_of(signature, record) -> str | None:
+    """The first of M, K, D, B, C in which a signature differs from that of a record; D counts where it was used."""
+    for key, expected in record.signature.items():
+        if key == "D" and record.damping.kind != "given":
+            continue
+        values = np.array(signature.get(key, ()))
+        scale = np.abs(expected).max(initial=0.0)
+        if values.shape != np.shape(expected) or np.abs(values - expected).max(initial=0.0) > SAME * scale:
+            return key
+    return None
+
+
+def _model_of_record(path, record, result, comm):
+    """The model of a model file with the inputs and outputs of a reduction, checked to be the one that was reduced."""
+    model = with_interfaces(read_model(path, comm), record.interfaces)
+    for key, names in (("input", record.inputs), ("output", record.outputs)):
+        model = _as_recorded(model, key, names, record, path)
+    key = difference_of(signature_of(model), record)
+    if key is not None:
+        with model:
+            what = {"B": "inputs", "C": "outputs"}.get(key, f"matrix {key}")
+            raise InputError(f"{path}: its {what} differ from what {result} was reduced from; take that model, or "
+                             "reduce this one again")  # fmt: skip
+    return model
+
+
+def _as_recorded(model, key, names, record, path):
+    """The model with the inputs or outputs of a reduction, from their names or from the file of the job."""
+    if key == "output" and names == record.inputs and "C" not in record.signature:
+        with model:
+            return model.with_output_columns(None, ())
+    if getattr(model, f"{key}_names") == names:
+        return model
+    targets = [target_of(name) for name in names]
+    file = (record.job or {}).get(key + "s")
+    if None in targets and not isinstance(file, str):
+        with model:
+            raise InputError(f"{path}: has no {key}s {', '.join(names)}, which the reduction used")
+    return with_targets(model, key, file if None in targets else targets)

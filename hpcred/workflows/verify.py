@@ -1,0 +1,29 @@
+"""A file of hpcred enters; whether each of its numbers has its checksum leaves."""
+
+from __future__ import annotations
+
+from ..formats import model_file, response_file, result_file, simulation_file
+from ..formats.hdf5 import kind_of_file, reading
+from ..model.second_order_model import row_range
+from ..parallel import startup
+from ..parallel.failures import InputError, agreed
+
+FORMATS = {item.FORMAT: item for item in (model_file, result_file, response_file, simulation_file)}
+
+
+def verify_file(path, *, comm=None) -> dict:
+    """Read all of a model, result, file of responses or of a simulation, on all ranks; what was checked, in numbers.
+
+    Collective. Raises InputError at the first dataset that is damaged, and where there are no checksums.
+    """
+    comm = comm or startup.start_mpi()
+    with agreed(comm):
+        kind = kind_of_file(path)
+        if kind not in FORMATS:
+            raise InputError(f"{path}: found no HDF5 file of hpcred that has checksums, expected such as model.h5")
+        room = FORMATS[kind]
+        with reading(path, kind, room.VERSION, room.SCHEMA) as file:
+            if not file.complete:
+                raise InputError(f"{path}: has no checksums, an older hpcred wrote it; make it again to have some")
+            count = file.verify(lambda rows: row_range(comm, rows))
+    return {"format": kind, "verified_datasets": count, "warnings": []}

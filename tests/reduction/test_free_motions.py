@@ -1,0 +1,113 @@
+"""A free body in parts or with hinges, inputs that only push it, and inputs in far-off units."""
+
+import numpy as np
+import pytest
+from helpers import close, columns_of, dense_model
+
+import hpcred
+from hpcred.examples.beam import Rod, beam_element
+from hpcred.model.dofs import Dofs
+from hpcred.model.second_order_model import SecondOrderModel
+from hpcred.parallel.failures import ComputationError, InputError
+
+BAND = (0.0, 300.0)
+WAYS = {
+    "krylov": lambda model: hpcred.reduce(model, [hpcred.Krylov(150.0, 2)], hpcred.Buckens()),
+    "krylov at rest": lambda model: hpcred.reduce(model, [hpcred.Krylov(0.0, 2)], hpcred.Buckens()),
+    "lowest modes": lambda model: hpcred.reduce(model, [hpcred.Modes(count=4)], hpcred.Buckens()),
+    "modes in a band": lambda model: hpcred.reduce(model, [hpcred.Modes(band=BAND)], hpcred.Buckens()),
+    "tolerance": lambda model: hpcred.reduce(model, frame=hpcred.Buckens(), tolerance=1e-4, band=BAND),
+    "responses": lambda model: hpcred.frequency_response(model, [10.0, 100.0], hpcred.Buckens()),
+    "all responses": lambda model: hpcred.full_response(model, [10.0, 100.0], hpcred.Buckens()),
+}
+
+
+def beams(comm, kind):
+    """Ten elements in a line: whole, in two parts, or with a hinge at node 6, which has a second rotation there."""
+    nodes = np.linspace([0, 0, 0], [1, 0, 0], 11)
+    size = 66 + (kind == "hinge")
+    K, M = np.zeros((size, size)), np.zeros((size, size))
+    for e in range(10):
+        rows = np.arange(6 * e, 6 * e + 12)
+        if kind == "hinge" and e == 5:
+            rows[4] = 66
+        stiffness, mass = beam_element(nodes[e], nodes[e + 1], Rod())
+        M[np.ix_(rows, rows)] += mass
+        K[np.ix_(rows, rows)] += 0.0 if kind == "two parts" and e == 5 else stiffness
+    node, direction = np.append(np.arange(66) // 6 + 1, 12), np.append(np.arange(66) % 6, 4).astype(np.int8)
+    position = np.concatenate([np.repeat(nodes, 6, axis=0), nodes[5:6]])
+    model = SecondOrderModel.from_scipy(
+        K, M, dofs=Dofs(node[:size], direction[:size], position[:size]), comm=comm
+    )
+    return model.with_inputs([(1, "z"), (11, "z")])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("way", WAYS)
+def test_a_body_with_more_free_motions_is_refused(comm, way):
+    for kind, count in (("two parts", 6), ("hinge", 1)):
+        with beams(comm, kind) as model:
+            K, M, _ = dense_model(model)
+            values = np.linalg.eigvalsh(np.linalg.solve(np.linalg.cholesky(M), np.linalg.solve(
+                np.linalg.cholesky(M), K).T))  # fmt: skip
+            assert (np.abs(values) < 1e-9 * values.max()).sum() == 6 + count
+            many = "more motions" if way in ("krylov at rest", "lowest modes") else f"{count} more motion"
+            with pytest.raises(InputError, match=f"K lets {many}s? happen without force|K lets {many} happen"):
+                WAYS[way](model)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_body_of_one_part_is_not_refused(comm, way):
+    with beams(comm, "whole") as model:
+        found = WAYS[way](model)
+        if hasattr(found, "close"):
+            found.close()
+
+
+@pytest.mark.mpi
+def test_inputs_that_only_push_the_body(comm):
+    """A load of inertia forces: M times a translation."""
+    with beams(comm, "whole") as model:
+        _, M, B = dense_model(model)
+        push = M @ np.tile(np.eye(6)[2], 11)
+        mine = slice(model.first_row, model.first_row + model.local_rows)
+        with model.with_input_columns(np.column_stack([B[:, 0], push])[mine], ["force", "push"]) as both:
+            with hpcred.reduce(both, [hpcred.Krylov(150.0, 1)], hpcred.Buckens()) as reduced:
+                assert "the inputs push push the free body as a whole only" in reduced.record.warnings[0]
+            found = hpcred.full_response(both, [10.0, 20.0], hpcred.Buckens())
+            assert "as a whole only" in found.warnings[0]
+        with (
+            model.with_input_columns(push[mine, None], ["push"]) as only,
+            pytest.raises(InputError, match="the inputs push push .* there is nothing to compute"),
+        ):
+            hpcred.reduce(only, [hpcred.Krylov(150.0, 1)], hpcred.Buckens())
+
+
+@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.parametrize("scale", [1e150, 1e-150, 1e-280])
+def test_inputs_in_far_off_units(comm, linkage, scale):
+    """Reduced models and responses are those of inputs of size 1, in other units; both ways to scale are exact."""
+    with linkage.with_inputs([(20, "z"), (1, "x")]) as model:
+        B = columns_of(model.B)[model.first_row : model.first_row + model.local_rows]
+        with model.with_input_columns(B * scale, model.input_names) as far:
+            # outputs of size 1, so that a response has the scale once
+            far = far.with_output_columns(B, model.input_names)
+            for way in ("krylov", "tolerance"):
+                with WAYS[way](model) as near, WAYS[way](far) as found:
+                    assert np.abs(found.frequencies / near.frequencies - 1).max() < 1e-6
+                    assert close(near.transfer_function(600j), found.transfer_function(600j) / scale) < 1e-6
+            for way in ("responses", "all responses"):
+                expected, values = WAYS[way](model), WAYS[way](far)
+                expected, values = (getattr(item, "response", item) for item in (expected, values))
+                assert close(expected, values / scale) < 1e-6
+            far.close()
+
+
+def test_a_response_beyond_all_numbers(linkage):
+    with linkage.with_inputs([(20, "z")]) as model:
+        B = columns_of(model.B) * 1e300
+        with (
+            model.with_input_columns(B, ["a"]) as far,
+            pytest.raises(ComputationError, match="the response is beyond what double precision holds"),
+        ):
+            WAYS["responses"](far)

@@ -1,0 +1,102 @@
+"""What `info` says of node sets, and of everything that hpcred writes."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import block_with_ends, refused
+from mpi4py import MPI
+
+import hpcred as package
+from hpcred.cli import run
+from hpcred.report import mode_pictures
+from hpcred.workflows.export import EXPORTS, export_result
+
+
+def said(capsys, *arguments):
+    capsys.readouterr()
+    assert run(list(arguments)) == 0
+    return " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.mpi
+def test_node_sets_are_counted_over_all_ranks(comm, folder):
+    with package.crank(1000, comm) as model:
+        sizes = {name: comm.allreduce(len(part)) for name, part in model.sets.items()}
+        package.write_model(folder / "model.h5", model)
+    assert package.describe_file(folder / "model.h5", comm=comm)["sets"] == sizes and min(sizes.values()) > 10
+
+
+def test_many_node_sets_are_cut_off_with_a_word(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with package.crank(500) as model:
+        for count in (20, 23):
+            sets = {f"S{k:02d}": np.arange(1, k + 2) for k in range(count)}
+            with replace(model.shared(), sets=sets) as marked:
+                package.write_model("model.h5", marked)
+            text = said(capsys, "info", "model.h5", "--json", "i.json")
+            assert "S00 1 S01 2" in text and "S19 20" in text and "S20" not in text
+            assert ("and 3 more node sets" in text) == (count == 23)
+            assert json.loads(Path("i.json").read_text())["sets"] == {name: len(part) for name, part in sets.items()}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A folder with a result of a body with two interfaces, in both coordinates, in every format, and more."""
+    folder = tmp_path_factory.mktemp("info")
+    with pytest.MonkeyPatch.context() as patch, block_with_ends(MPI.COMM_SELF) as model:
+        patch.setattr(mode_pictures, "MOVING_DOTS", 30)
+        patch.setattr(mode_pictures, "DOTS", 40)
+        package.write_model(folder / "model.h5", model)
+        for name, coordinates in (("body", "modal"), ("arm", "interface")):
+            with package.reduce(model, [package.CraigBampton(count=3)], package.Buckens(),
+                                coordinates=coordinates) as rom:  # fmt: skip
+                package.write_result(folder / f"{name}.h5", rom, model)
+        for kind, export in EXPORTS.items():
+            export_result(folder / ("arm.h5" if export.takes == "superelement" else "body.h5"), kind)
+        package.report_file([folder / "body.h5"], output=folder / "page.html", csv=folder / "tables")
+        package.evaluate_result(folder / "body.h5", frequencies=(10.0, 20.0, 30.0), output=folder / "h.csv")
+    return folder
+
+
+WORDS = {
+    "arm.h5": ["hpcred result", "coordinates 15", "of these rigid body 6", "left 85 averaging 12 0 0.01 0.015"],
+    "arm.pch": ["Nastran DMIG", "K arm.pch, matrix KAAX"], "arm_external.op4": ["Nastran OP4", "matrix KXX: 15 x 15"],
+    "arm_external.pch": ["beside OP4", "left 85, right 86"], "arm_simscape.mat": ["K 15 x 15"],
+    "arm_abaqus.inp": ["user element of Abaqus", "interface nodes left 85, right 86"],
+    "arm_ansys.inp": ["MATRIX50", "interface nodes left 85, right 86"], "arm_ansys_K.mtx": ["Market", "15 x 15"],
+    "body.SID_FEM": ["SID file", "mass kg 0.2826", "interface nodes 85, 86"], "body.mat": ["phi 2 x 3 x 9"],
+    "body.fem": ["MBDyn", "coordinates 9", "interface nodes left, right", "mass kg 0.2826"],
+    "body.fmu": ["FMI 2.0", "model solid", "inputs force_left_x, force", "states 18", "platforms linux64"],
+    "body.uff": ["universal file", "nodes 84", "elements hexahedron 36", "shapes pseudo-mode 1: 25680.7 Hz, p"],
+    "body.vtu": ["points 84", "cells hexahedron 36", "pseudo_mode_1_25680.7_Hz"],
+    "body.npz": ["NumPy arrays", "phi 2 x 3 x 9", "mass 1,"], "body_exudyn.npz": ["NumPy arrays"],
+    "body_statespace.npz": ["A 18 x 18"], "body_statespace.mat": ["A 18 x 18"],
+    "body.gif": ["GIF picture", "pixels", "frames 24"], "body.webp": ["WEBP picture", "frames 24"],
+    "body.png": ["PNG picture", "pixels"], "body.svg": ["SVG picture"], "body.pdf": ["PDF file"],
+    "page.html": ["HTML report", "about body"], "tables/frequencies_body.csv": ["columns number,", "rows 9"],
+    "h.csv": ["columns f_hz, re_left:x/left:x", "rows 3"],
+}  # fmt: skip
+
+
+def test_info_of_all_that_is_written_for_others(written, monkeypatch, capsys):
+    monkeypatch.chdir(written)
+    known = {name.removeprefix("body").removeprefix("arm") for name in WORDS}
+    assert {export.suffix for export in EXPORTS.values()} <= known
+    for name, expected in WORDS.items():
+        text = said(capsys, "info", name)
+        assert all(part in text for part in expected), text
+        assert "convert it first" in refused(capsys, "info", name, "--below", "3")
+
+
+@pytest.mark.parametrize("name", ["body.fmu", "body.fem", "body.vtu", "body.uff", "body.npz", "body.png"])
+def test_half_a_file_is_refused_or_half_described(written, tmp_path, monkeypatch, capsys, name):
+    """Never a traceback."""
+    monkeypatch.chdir(tmp_path)
+    content = (written / name).read_bytes()
+    Path(name).write_bytes(content[: len(content) // 2])
+    capsys.readouterr()
+    assert run(["info", name]) in (0, 2)
+    assert "Traceback" not in capsys.readouterr().err
