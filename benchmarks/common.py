@@ -57,6 +57,7 @@ def reduce(folder, basis, ranks=2, options=()):
         "dofs": record["size"],
         "size": record["reduced_size"],
         "ordering": factors[-1]["ordering"],
+        "iterations": max(f["iterations"] for f in factors),
         "factor_gflops": sum(f["flops"] for f in factors) / sum(f["factor_seconds"] for f in factors) / 1e9,
         "frequencies": record["frequencies_hz"],
         "response": responses(folder / "result.h5"),

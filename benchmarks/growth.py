@@ -1,37 +1,60 @@
-"""(d) How the time of hpcred grows with dofs, inputs, ranks and points."""
+"""(d) How the time of hpcred grows with dofs, inputs, ranks and points; "multigrid": cubes without a factor.
 
+usage: python benchmarks/growth.py [multigrid]
+"""
+
+import sys
 from pathlib import Path
 
 import numpy as np
 from common import POINTS, difference, finish, krylov, reduce, solid, workspace
 
 CELLS = (60, 24, 24)  # 112k dofs
+CUBES = (33, 50, 69)  # cells an edge: 114k, 390k and 1014k dofs
+MULTIGRID = '[solver]\nkind = "multigrid"\n' + krylov((0.0,), order=3)
 rows = []
 
 
-def run(what, value, cells=CELLS, inputs=6, points=POINTS[:2], ranks=2, options=()):
+def run(what, value, cells=CELLS, inputs=6, basis=None, ranks=2, options=()):
     with workspace() as folder:
         folder = Path(folder)
         solid(folder, cells, inputs)
-        found = reduce(folder, krylov(points), ranks, options)
-    rows.append({"varied": what, "value": value, "dofs": found["dofs"], "seconds": found["seconds"],
-                 "size": found["size"], "GB": found["memory_mb"] / 1024})  # fmt: skip
+        found = reduce(folder, basis or krylov(POINTS[:2]), ranks, options)
+    kept = {key: found[key] for key in ("dofs", "seconds", "size", "iterations")}
+    rows.append({"varied": what, "value": value, **kept, "GB": found["memory_mb"] / 1024})
     return found
 
 
-sizes = [run("dofs", name, cells) for name, cells in (("27k", (36, 15, 15)), ("112k", CELLS), ("200k", (72, 30, 29)))]
-slope = np.polyfit(np.log([item["dofs"] for item in sizes]), np.log([item["seconds"] for item in sizes]), 1)[0]
-inputs = [run("inputs", count, inputs=count) for count in (1, 6, 24, 96)]
-ranks = [run("ranks", count, ranks=count) for count in (1, 2)]
-for count in (1, 2, 4):
-    run("points", count, points=POINTS[:count])
-one = run("groups", 1)
-two = run("groups", 2, options=("--groups", "2"))
-finish("growth", [
-    *rows, {"varied": "exponent of dofs", "value": float(slope)},
-    {"varied": "96 inputs / 6 inputs", "value": inputs[3]["seconds"] / inputs[1]["seconds"]},
-    {"varied": "1 rank / 2 ranks", "value": ranks[0]["seconds"] / ranks[1]["seconds"],
-     "agreement": difference(ranks[0]["response"], ranks[1]["response"])},
-    {"varied": "1 group / 2 groups", "value": one["seconds"] / two["seconds"],
-     "agreement": difference(one["response"], two["response"])},
-])  # fmt: skip
+def exponent(found, key):
+    """The slope of a quantity over the dofs, both logarithmic."""
+    return float(np.polyfit(*(np.log([item[name] for item in found]) for name in ("dofs", key)), 1)[0])
+
+
+def multigrid():
+    cubes = [run("cube", edge, (edge,) * 3, basis=MULTIGRID) for edge in CUBES]
+    finish("growth-multigrid", [
+        *rows, {"varied": "exponent of seconds", "value": exponent(cubes, "seconds")},
+        {"varied": "exponent of memory", "value": exponent(cubes, "memory_mb")},
+    ])  # fmt: skip
+
+
+def main():
+    blocks = {"27k": (36, 15, 15), "112k": CELLS, "200k": (72, 30, 29)}
+    sizes = [run("dofs", name, cells) for name, cells in blocks.items()]
+    inputs = [run("inputs", count, inputs=count) for count in (1, 6, 24, 96)]
+    ranks = [run("ranks", count, ranks=count) for count in (1, 2)]
+    for count in (1, 2, 4):
+        run("points", count, basis=krylov(POINTS[:count]))
+    one = run("groups", 1)
+    two = run("groups", 2, options=("--groups", "2"))
+    finish("growth", [
+        *rows, {"varied": "exponent of dofs", "value": exponent(sizes, "seconds")},
+        {"varied": "96 inputs / 6 inputs", "value": inputs[3]["seconds"] / inputs[1]["seconds"]},
+        {"varied": "1 rank / 2 ranks", "value": ranks[0]["seconds"] / ranks[1]["seconds"],
+         "agreement": difference(ranks[0]["response"], ranks[1]["response"])},
+        {"varied": "1 group / 2 groups", "value": one["seconds"] / two["seconds"],
+         "agreement": difference(one["response"], two["response"])},
+    ])  # fmt: skip
+
+
+multigrid() if sys.argv[1:] == ["multigrid"] else main()

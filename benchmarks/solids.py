@@ -29,4 +29,5 @@ def main(names=None):
     finish("solids", rows)
 
 
-main(sys.argv[1:])
+if __name__ == "__main__":
+    main(sys.argv[1:])

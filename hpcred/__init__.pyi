@@ -31,6 +31,7 @@ from .formats.sid import read_sid as read_sid
 from .formats.sid import write_sid as write_sid
 from .formats.state_space import state_space as state_space
 from .linalg.factorisation import Factoring as Factoring
+from .linalg.factorisation import LinearSolver as LinearSolver
 from .model.damping import Caughey as Caughey
 from .model.damping import GivenDamping as GivenDamping
 from .model.damping import ModalDamping as ModalDamping

@@ -437,9 +437,7 @@ def reduce(
         f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "
         f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; "
         + (f"largest residual {residual:.1e}; " if record.factorisations else "")
-        + f"{len(record.factorisations)} factorisations, "
-        + (f"{record.factorisations_saved} saved by the store, " if stored else "")
-        + f"{record.symbolic_analyses} analysis ({record.ordering})"
+        + record.effort
     )
     _warn(record.warnings)
     print(f"{record.scalar} PETSc {record.versions['petsc']}, {record.ranks} rank(s)")

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Literal
 
-from ..linalg.factorisation import Factoring
+from ..linalg.factorisation import Factoring, LinearSolver
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import direction_index
 from ..model.frames import Frame, NoFrame
@@ -36,8 +36,8 @@ class Job:
     ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result; `report`: whether
     an HTML report is written beside it. `body_origin` (m), `lumped_integrals`: see multibody.floating_frame.
     deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
-    out_of_core, low_rank, memory_mb: see linalg.factorisation.Factoring. `store`: a folder of expansion points (see
-    formats.point_store).
+    out_of_core, low_rank, memory_mb, solver: see linalg.factorisation.Factoring. `store`: a folder of expansion points
+    (see formats.point_store).
     """
 
     model: str | Source
@@ -65,6 +65,7 @@ class Job:
     out_of_core: str | None = None
     low_rank: float | None = None
     memory_mb: float | None = None
+    solver: LinearSolver = LinearSolver()
     store: str | None = None
 
     __pydantic_config__ = CONFIG

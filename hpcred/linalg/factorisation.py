@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -12,12 +13,40 @@ from ..parallel import startup
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.memory import MB, available_mb
 from ..parallel.petsc import PETSc, SLEPc
+from ..parallel.ranges import within
 from .blocks import dense
 from .options import temporary_options
 
 MORE_ROOM = (-8, -9, -14, -15, -17, -20)  # INFOG(1): a workspace was too small
 OUT_OF_MEMORY = (-7, -13, -19)
+CHOOSE_ABOVE = 10_000  # rows from which on an ordering is worth a second analysis
 ORDERINGS = {0: "AMD", 2: "AMF", 3: "SCOTCH", 4: "PORD", 5: "METIS", 6: "QAMD"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearSolver:
+    """How blocks are solved for at the points of a reduction.
+
+    `kind`: "direct", by factors; "multigrid", by conjugate gradients with algebraic multigrid, which takes a tenth of
+    the memory and real points only (0 Hz, decays); "auto": by factors, and by multigrid from the first real point on
+    whose factor does not fit. Of multigrid: `residual`, the relative one that solutions are refined to, as far as
+    round-off lets them; at most so many `iterations`; `threshold`, the share of the diagonal below which entries do
+    not count in coarsening; `sweeps` of the smoother.
+    """
+
+    kind: Literal["auto", "direct", "multigrid"] = "auto"
+    residual: float = 1e-12
+    iterations: int = 500
+    threshold: float = 0.02
+    sweeps: int = 2
+
+    def __post_init__(self):
+        if self.kind not in ("auto", "direct", "multigrid"):
+            raise InputError(f"solver.kind: found '{self.kind[:40]}', expected 'auto', 'direct' or 'multigrid'")
+        within("solver.residual", self.residual, (1e-16, 1e-10, ""))
+        within("solver.iterations", self.iterations, (1, 1e6, ""))
+        within("solver.threshold", self.threshold, (-1.0, 0.5, ""))
+        within("solver.sweeps", self.sweeps, (1, 20, ""))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,12 +56,14 @@ class Factoring:
     `out_of_core`: a folder for the factors, on a fast local disk, instead of memory. `low_rank`: relative accuracy of
     block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined to the residual
     of full factors, and the run fails if that is not reached. `memory_mb`: what a rank may take for a factor, by
-    default what the machine and the batch system leave (see parallel.memory).
+    default what the machine and the batch system leave (see parallel.memory). `solver`: what a reduction does where
+    there shall be no factor, or where it does not fit.
     """
 
     out_of_core: str | None = None
     low_rank: float | None = None
     memory_mb: float | None = None
+    solver: LinearSolver = LinearSolver()
 
     def __post_init__(self):
         if self.low_rank is not None and not 1e-16 <= self.low_rank < 1e-2:
@@ -68,11 +99,17 @@ class SingularMatrix(ComputationError):
         return f"the matrix is singular to working precision (relative distance {self.distance:.1e})"
 
 
+class DoesNotFit(ComputationError):
+    """A factor needs more memory than there is."""
+
+
 @dataclass(kw_only=True)
 class FactorRecord:
     """One factorisation: of K + damping D + mass M (texts of the two numbers), what it took, and what it was used for.
 
-    Seconds, MB, counts of MUMPS; `residual`: the largest relative residual of the solves.
+    Seconds, MB, counts of MUMPS; `residual`: the largest relative residual of the solves. Of kind "multigrid" (or
+    "diagonal", for M) there is no factor: `levels` of the hierarchy, `factor_entries` in all of them, and `iterations`
+    of conjugate gradients, the most that a column took.
     """
 
     mass: str
@@ -94,6 +131,13 @@ class FactorRecord:
     columns_solved: int = 0
     solve_seconds: float = 0.0
     residual: float = 0.0
+    levels: int = 0
+    iterations: int = 0
+
+    @property
+    def direct(self) -> bool:
+        """Whether there was a factor."""
+        return self.kind in ("LDL^T", "LU")
 
 
 class Factorisation:
@@ -109,7 +153,7 @@ class Factorisation:
         self.matrix, self.factoring = matrix, factoring or Factoring()
         self.records: list[FactorRecord] = []
         self.analyses = 0  # symbolic ones so far
-        self._kind, self._prefix = kind, prefix
+        self._kind, self._prefix, self._chosen = kind, prefix, False
         self._settings = {"icntl_7": startup.ordering, "icntl_14": 40, **self.factoring.mumps(), **(settings or {})}
         # before the first factor takes its part
         self._limit = max(self.factoring.limit_mb(matrix.comm.tompi4py()) - int(reserved_mb), 1)
@@ -134,11 +178,34 @@ class Factorisation:
         """Number of negative eigenvalues by Sylvester's law; on several ranks it needs icntl_13 = 1."""
         return self.records[-1].negative_pivots
 
+    def flops_by_ordering(self, orderings) -> dict[int, float]:
+        """Operations of a factor with each of the orderings (icntl_7), as MUMPS estimates, by analyses alone."""
+        found = {}
+        for ordering in orderings:
+            with temporary_options(self._prefix + "mat_mumps_", self._settings, {"icntl_7": ordering, "icntl_23": 1}):
+                self._ksp.setOperators(self.matrix)
+                self._ksp.setUp()
+            found[ordering] = self._ksp.getPC().getFactorMatrix().getMumpsRinfog(1)
+            self.release()
+        return found
+
+    def _choose_ordering(self):
+        """Once, where MUMPS has several nested dissections and the user chose none: that of the fewest operations."""
+        if self._chosen:
+            return
+        self._chosen = True
+        theirs = PETSc.Options(self._prefix).hasName("mat_mumps_icntl_7")
+        there = startup.orderings()
+        if len(there) > 1 and not theirs and self.matrix.getSize()[0] >= CHOOSE_ABOVE:
+            flops = self.flops_by_ordering(there)
+            self._settings["icntl_7"] = min(flops, key=flops.get)
+
     def estimate(self):
         """MB that a factor needs in all, as MUMPS estimates, and MB that the ranks have; by an analysis alone.
 
-        Raises ComputationError where it does not fit.
+        Raises DoesNotFit.
         """
+        self._choose_ordering()
         with temporary_options(self._prefix + "mat_mumps_", self._settings, {"icntl_23": 1}):
             self._ksp.setOperators(self.matrix)
             self._ksp.setUp()
@@ -148,7 +215,7 @@ class Factorisation:
         message = self._does_not_fit(mumps)
         self.release()
         if largest > self._limit:
-            raise ComputationError(message)
+            raise DoesNotFit(message)
         return total, self._limit * self.matrix.comm.size
 
     def _does_not_fit(self, mumps):
@@ -156,7 +223,7 @@ class Factorisation:
         return (
             f"the factorisation does not fit: it needs about {rank} MB on one rank and {total} MB in all, and a rank "
             f"has {self._limit} MB; take more ranks on more nodes, fewer groups, or --out-of-core DIR (about "
-            f"{on_disk} MB a rank)"
+            f"{on_disk} MB a rank); real points, 0 Hz or decays, need no factor with solver.kind = 'multigrid'"
         )
 
     def factor(self, **labels):
@@ -194,6 +261,7 @@ class Factorisation:
 
     def _factor_with_room(self):
         """The factor of MUMPS, and how often its workspace had to be enlarged."""
+        self._choose_ordering()
         # MUMPS compares its estimate with this limit after the analysis; then it asks the system for all of it at once
         settings = {**self._settings, "icntl_23": 0 if self._is_small() else self._limit}
         room = PETSc.Options(self._prefix).getInt("mat_mumps_icntl_14", self._settings["icntl_14"])
@@ -211,7 +279,7 @@ class Factorisation:
             if code == -10:
                 raise SingularMatrix()
             if code in OUT_OF_MEMORY:
-                raise ComputationError(message)
+                raise DoesNotFit(message)
             if code not in MORE_ROOM:
                 raise ComputationError(f"MUMPS failed to factor: INFOG(1) = {code}, INFOG(2) = {detail}")
         raise ComputationError(f"MUMPS wants ever more workspace: INFOG(1) = {code}, INFOG(2) = {detail}")

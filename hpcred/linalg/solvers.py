@@ -87,11 +87,18 @@ class ShiftedSolver(Solver):
         self._relief = False
 
     def estimate(self):
-        """MB that a factor of A needs in all, and MB that the ranks have; ComputationError where it does not fit."""
+        """MB that a factor of A needs in all, and MB that the ranks have. Raises DoesNotFit."""
         self.factored = None
         self.model.K.copy(self.matrix, structure=SAME)
         self.matrix.stateIncrease()
         return self._factors.estimate()
+
+    def flops_by_ordering(self, orderings) -> dict[int, float]:
+        """Operations of a factor of K with each of the orderings of MUMPS (icntl_7), estimated."""
+        self.factored = None
+        self.model.K.copy(self.matrix, structure=SAME)
+        self.matrix.stateIncrease()
+        return self._factors.flops_by_ordering(orderings)
 
     @property
     def negative_pivots(self) -> int:

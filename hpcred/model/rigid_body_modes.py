@@ -198,6 +198,11 @@ def _forces(model, motions):
         return inner(product, product) / scale / norm**2, inner(motions, motions) / scale, sizes
 
 
+def free_motions(model, motions) -> int:
+    """How many independent rigid-body motions (see rigid_motions) meet no force. Collective."""
+    return decided(model.comm, _force_free, *_forces(model, motions))[1].shape[1]
+
+
 def _force_free(forces, overlaps, sizes):
     """||K R|| / (||K|| ||R||) of the worst motion, and the combinations (6, count) that K does not resist."""
     # orthonormal combinations; a turn about the line on which all nodes are is none, in whatever direction it lies

@@ -155,6 +155,12 @@ def check_low_rank():
         )
 
 
+def orderings() -> tuple[int, ...]:
+    """The nested dissections (icntl_7) that the MUMPS that is loaded was built with."""
+    found = {3: "mumps_scotch_", 5: "mumps_metis_kway_"}
+    return tuple(number for number, name in found.items() if _mumps(name) is not None)
+
+
 def _mumps(name):
     """A function of the MUMPS that is loaded, or None; looked up where the loader does, global libraries first."""
     from petsc4py import PETSc

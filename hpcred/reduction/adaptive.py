@@ -6,6 +6,9 @@ was made before it, since its own blocks give the exact value there, and then ex
 end of the band, where the negative pivots of K - omega^2 M count the modes below it. Last, the basis is compressed to
 the few combinations that the tolerance asks for. (Panzer & Wolf, 2014; Bonin, Fassbender, Soppa & Zaeh, 2016; Lecomte
 et al., AIAA J. 41, 2003, for the count of modes.)
+
+Without factors (see linalg.multigrid_solver) the first chain is at 0 Hz, until the basis has the modes of the band;
+beside such a basis points in the band are solved for as well.
 """
 
 from __future__ import annotations
@@ -26,7 +29,9 @@ from ..linalg.blocks import (
     multiply,
     random_block,
 )
+from ..linalg.conjugate_gradients import NegativeCurvature
 from ..linalg.factorisation import SingularMatrix
+from ..linalg.multigrid_solver import not_definite
 from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
@@ -74,6 +79,8 @@ CHAIN = 128  # columns of a point at most, and
 AHEAD = 32  # as many more when the estimate promises to arrive with them
 RESIDUALS = 40  # frequencies at which residuals are taken
 HIDDEN = 60  # random columns at most, to find modes that no load moves
+UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
+HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 
 
@@ -154,11 +161,12 @@ class Accuracy:
 
     `largest`: the estimated eps over the band, at `worst` (Hz), `mean` its mean Q / (upper - lower), `noise` the
     round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in
-    words. `measured`: with which damping, in words; `loss_factor`: that of (1 + i eta) K where the response is not
-    measured with the damping of the model, else 0. `modes`: counted by inertia below the highest point, those of
-    the big model, and how many were missing. `worst_pair`: output, input and error of the pair whose response is
-    worst by itself (see pseudo_modal.worst_pair), which eps, the error of all together, may hide. `frequencies`
-    (S,) and `eps` (S,): the curve. `proofs`: said against exact. `points`: in order.
+    words; `unproven`: why no exact value stands behind the estimate, "" where one does. `measured`: with which damping,
+    in words; `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model,
+    else 0. `modes`: counted by inertia below the highest point, those of the big model, and how many were missing.
+    `worst_pair`: output, input and error of the pair whose response is worst by itself (see pseudo_modal.worst_pair),
+    which eps, the error of all together, may hide. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against
+    exact. `points`: in order. `multigrid`: whether there was no factor.
     """
 
     tolerance: float
@@ -179,24 +187,29 @@ class Accuracy:
     eps: tuple[float, ...]
     loss_factor: float = 0.0
     worst_pair: tuple[str, str, float] | None = None
+    unproven: str = ""
+    multigrid: bool = False
 
     @property
     def factorisations(self) -> int:
-        """Points that were factored, and not taken from a store."""
-        return sum(not point.from_store for point in self.points)
+        """Points that were factored, and not taken from a store or solved for by multigrid."""
+        return 0 if self.multigrid else sum(not point.from_store for point in self.points)
 
     @property
     def sentence(self) -> str:
         """What a user reads first."""
         low, high = self.band
         proven = max(self.proofs, key=lambda item: item.frequency, default=None)
+        if self.multigrid:  # whose first points in the band are no proofs yet
+            proven = max(self.proofs[1:] or self.proofs, key=lambda item: item.exact, default=None)
         by = f", proven {proven.exact:.1e} at {proven.frequency:g} Hz of the big model" if proven else ""
         claim = (
             f"eps <= {self.tolerance:g} over {low:g} to {high:g} Hz" if self.reached
             else f"NOT REACHED: eps <= {self.largest + self.noise:.1e} instead of {self.tolerance:g} over {low:g} to "
             f"{high:g} Hz, {self.stopped}"
         )  # fmt: skip
-        return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}"
+        doubt = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
+        return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{doubt}"
 
 
 def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
@@ -247,8 +260,10 @@ class Search:
         self.before: tuple | None = None
         self.noise, self.lack, self.closing = 0.0, 0, False
         self.rest = np.inf  # the estimated error of the basis without its newest columns, over the band
+        self._static = run.multigrid  # solves at 0 Hz, and elsewhere beside a basis that has the modes below,
+        self._enough = HAS_MODES  # which it has once the estimate is as small as this
         # an LU of an unsymmetric model and a complex one have no signs of pivots
-        self._counts = not is_complex() and run.model.symmetric
+        self._counts = not is_complex() and run.model.symmetric and not self._static
         if not self._counts:
             self.measured += "; modes cannot be counted here, a second proof stands for that"
         low, high = adaptive.band
@@ -259,8 +274,12 @@ class Search:
         self._random = 0
         self._mass = 0.0  # -omega^2 of the point that solves are for
         # blocks made from residuals need the whole basis, which a group does not have
-        self.groups = groups if self._by_mass else 1
-        if self.groups > 1 and not adaptive.points:
+        self.groups = groups if self._by_mass and not self._static else 1
+        if self._static:
+            if any(adaptive.points):
+                raise InputError(f"adaptive.points: found {list(adaptive.points)}; {not_definite('points above 0 Hz')}")
+            self.waiting = [0.0]
+        elif self.groups > 1 and not adaptive.points:
             self.waiting = [low + (i + 0.5) * (high - low) / (self.groups - 1) for i in range(self.groups - 1)] + [high]
 
     def close(self):
@@ -278,7 +297,16 @@ class Search:
                 points, self.waiting = self.waiting[: self.groups], self.waiting[self.groups :]
                 found = self._expand_in_groups(points)
             else:
-                found = self._expand(self.waiting.pop(0), self.closing)
+                try:
+                    found = self._expand(self.waiting.pop(0), self.closing)
+                except NegativeCurvature:  # the basis lacks a mode below the point
+                    if not self._static or self._mass == 0:
+                        raise
+                    if self._enough < self.goal:
+                        return "since modes of the band are missing"
+                    self._enough /= 100
+                    self.waiting, self.closing = [0.0], False
+                    continue
             good = self.closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
             hidden = good and self.lack > 0
             if hidden:
@@ -311,6 +339,10 @@ class Search:
     def _floor(self):
         """What can be asked for: the goal, or round-off."""
         return max(self.goal, self.noise)
+
+    def _wanted(self, f):
+        """What the blocks of a point are to reach."""
+        return max(self._floor(), self._enough) if self._static and not f else self._floor()
 
     def _exhausted(self) -> str:
         settings = self.settings
@@ -346,18 +378,19 @@ class Search:
         with Owned(run.model.comm) as owned:
             f, count = self._open(f)
             chain = None
-            if self._by_mass:
+            if self._by_mass and not (self._static and (f or self.points)):
                 chain = owned.owns(SearchChain(run, self._mass, f"{f:.6g} Hz", None, self.loads, ("inputs", "outputs")))
             order, judged = self._extend_at(f, closing, chain)
             if chain is not None:
                 chain.keep()
         records = run.factorisations[made:]
-        run.needs(str(self._mass), "0.0")
+        stored = not records and not self._static
+        run.needs(str(0.0 if self._static else self._mass), "0.0")
         name = f"adaptive {f:.6g} Hz, {order + 1} blocks"
-        run.note(name, self.basis.size - before, self.basis.size - before, from_store=not records)
+        run.note(name, self.basis.size - before, self.basis.size - before, from_store=stored)
         self.points.append(Point(frequency=f, columns=self.basis.size - before, modes_below=count,
                                  factor_seconds=float(sum(record.factor_seconds for record in records)),
-                                 estimate=_finite(judged["est"]), from_store=not records))  # fmt: skip
+                                 estimate=_finite(judged["est"]), from_store=stored))  # fmt: skip
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), counts))
         if self.before is not None:
@@ -375,7 +408,7 @@ class Search:
             if chain is not None:
                 vectors, block = chain.vectors, chain.advance()
                 new = self.projections.extend(vectors.columns_between(*block), vectors.images_between(*block))
-            elif start and (order or self.before is not None):
+            elif start and (order or self.before is not None) and (order or not self._by_mass or not f):
                 new = self._extend_by_solution(self._history(), lambda: self._residual_block(f))
             else:
                 new = self._extend_by_solution({}, lambda: copy_of(self.loads, run.model.K))
@@ -383,7 +416,7 @@ class Search:
                 new = self._extend_by_random()
             if new:
                 self.starts.append(start)
-            limit = CHAIN + 2 * self.loads.getActiveColumns()[1]
+            limit = CHAIN + 2 * self.loads.getActiveColumns()[1] if not self._static else self.settings.columns
             added = self.basis.size - before
             with progress.stage("estimate"):
                 judged = decided(run.model.comm, self._judge, f, order, new, added, limit, closing, history)
@@ -411,7 +444,12 @@ class Search:
             if known is None or (self._counts and pivots is None):
                 try:
                     self._factor()
-                except SingularMatrix:
+                except SingularMatrix as error:
+                    if self._static:
+                        raise InputError(
+                            f"K of {run.model.name} is singular, so the body can move freely; take frame kind "
+                            "'buckens' (inertia relief), 'chord' or 'tangent'"
+                        ) from error
                     continue
                 pivots = run.solver.negative_pivots if self._counts else None
                 run.keep(key, Entry({"negative_pivots": pivots}))
@@ -423,6 +461,8 @@ class Search:
 
     def _factor(self):
         """The solver with the factor of K - omega^2 M at the point."""
+        if self._static:  # what is at 0 Hz serves other points as well
+            return self.run.factored(0.0, "0 Hz")
         return self.run.factored(self._mass, f"{(-self._mass) ** 0.5 / (2 * np.pi):.6g} Hz")
 
     def _extend_by_solution(self, rule, make_load) -> int:
@@ -438,7 +478,10 @@ class Search:
                 solver, load = self._factor(), owned.owns(make_load())
                 block = owned.owns(create_block(run.model.K, load.getActiveColumns()[1]))
                 with run.progress.stage("solve"):
-                    solver.solve(load, block)
+                    if self._static and self._mass:
+                        solver.solve_below(self._mass, load, block, self.basis.columns, self.projections.K)
+                    else:
+                        solver.solve(load, block)
                 run.keep(key, Entry({}, (block.getActiveColumns()[1],), block))
             return self.projections.extend(block)
 
@@ -473,7 +516,7 @@ class Search:
         if order >= 1:
             S = grid([outer], law, band, UNIFORM // 4, [0.0])
             rough = estimate(inner_model, outer, U, law, S, ports)[0].max()
-            if rough > 10 * self._floor() and added + new <= limit and new and m < self.settings.columns:
+            if rough > 10 * self._wanted(f) and added + new <= limit and new and m < self.settings.columns:
                 history.append(rough)
                 return result | {"est": rough}
         S = grid([outer], law, band, UNIFORM)
@@ -488,6 +531,8 @@ class Search:
             raise InputError(f"{self.run.model.name}: no output measures what the inputs move; the response is zero")
         goal = max(self.goal, noise)
         result |= {"est": est, "noise": noise}
+        if self._static and not f:
+            goal = max(goal, self._enough)
         if self.before is not None:
             result |= self._check(f, inner_model, _places(hold), outer)
         history.append(est)
@@ -787,7 +832,8 @@ class Search:
             highest=float(inner_model.frequencies.max()), missing_modes=max(self.lack, 0), points=tuple(self.points),
             worst_pair=(self.run.model.output_names[i], self.run.model.input_names[j], own),
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
-            loss_factor=law.eta,
+            loss_factor=law.eta, unproven=UNPROVEN if self._static and not self.proofs else "",
+            multigrid=self._static,
         )  # fmt: skip
 
 

@@ -150,8 +150,7 @@ class InterfaceSolver:
         model, self._run = run.model, run
         check_directions(model)
         try:
-            with run.progress.stage("factor", "0 Hz"):
-                run.solver.factor(0.0)
+            run.factored(0.0, "0 Hz")
         except SingularMatrix as error:
             raise InputError(
                 f"basis: K of {model.name} is singular, so the body can move freely; take frame kind 'buckens', with "

@@ -89,7 +89,7 @@ def number_of_groups(wanted, run, points: int) -> int:
             raise InputError(f"groups: found {wanted!r}, expected 1 to {ranks}, the number of ranks, or 'auto'")
         return min(wanted, max(points, 1))
     most = min(points, ranks)
-    if most < 2:
+    if most < 2 or run.multigrid:
         return 1
     with run.progress.stage("estimate"):
         need, have = run.solver.estimate()

@@ -39,11 +39,7 @@ class PencilChain(Chain):
         return self._loads.getActiveColumns()[1]
 
     def _factor(self):
-        if self._square != np.inf:
-            return self.run.factored(self._square, self._name)
-        with self.run.progress.stage("factor", self._name):
-            self.run.solver.factor_mass()
-            return self.run.solver
+        return self.run.factored(self._square, self._name)
 
     def _next_load(self):
         if not self.ends:

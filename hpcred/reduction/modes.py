@@ -8,7 +8,7 @@ import numpy as np
 from ..linalg.basis import Basis, Extension
 from ..linalg.blocks import add_product, apply, column_norms, copy_of, create_block, inner, local_rows
 from ..linalg.eigensolver import lowest_modes, modes_in_interval
-from ..linalg.factorisation import Factoring, SingularMatrix
+from ..linalg.factorisation import DoesNotFit, Factoring, SingularMatrix
 from ..linalg.free_motions import free_motions_refused
 from ..model.damping import ModalDamping
 from ..parallel.decisions import decided
@@ -111,14 +111,26 @@ class Modes(Ingredient):
         low, high = ((2 * np.pi * f) ** 2 for f in self.band)
         if low == 0:
             low = -0.01 * high  # below the rigid-body modes, where K - low M is definite
-        if not is_complex():
-            run.solver.estimate()  # SLEPc makes factors of its own; refused here if they do not fit
-            run.release()
+        if not is_complex() and _slices(run):
             settings = Factoring(out_of_core=run.factoring.out_of_core).mumps()
             values, block = modes_in_interval(run.model.K, run.model.M, low, high, settings=settings)
             return _without_rigid(run, values, block)
+        # no inertia in complex builds, or by multigrid
         most = run.model.size - (run.rigid.count if run.rigid is not None else 0)
-        return all_between(run, low, high, most, lambda count: _lowest(run, count))  # no inertia in complex builds
+        return all_between(run, low, high, most, lambda count: _lowest(run, count))
+
+
+def _slices(run):
+    """Whether the factors that SLEPc makes of its own fit; refused where nothing else would do."""
+    if not run.multigrid:
+        try:
+            run.solver.estimate()
+        except DoesNotFit as error:
+            if not run.give_up_factors(error):
+                raise
+    if not run.multigrid:
+        run.release()
+    return not run.multigrid
 
 
 def _kept(run, rule, count, find):
@@ -170,7 +182,7 @@ def lowest(run, count, shift=0.0):
 
     Found by solves with K + shift M. Raises SingularMatrix.
     """
-    run.solver.factor(shift)
+    run.factored(shift, "0 Hz" if not shift else "a shift")
     rigid = 0 if run.rigid is None else run.rigid.count
     return lowest_modes_by(run, count, run.model.size - rigid, run.solver.solve)
 

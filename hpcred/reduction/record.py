@@ -86,6 +86,22 @@ class Record:
         return self.factorisations[-1].ordering if self.factorisations else "none"
 
     @property
+    def effort(self) -> str:
+        """How often was factored or coarsened, in words."""
+        factors = [item for item in self.factorisations if item.direct]
+        found = f"{len(factors)} factorisations"
+        if self.factorisations_saved:
+            found += f", {self.factorisations_saved} saved by the store"
+        found += f", {self.symbolic_analyses} analysis ({factors[-1].ordering if factors else 'none'})"
+        if len(factors) < len(self.factorisations):
+            most = max(item.iterations for item in self.factorisations)
+            found += (
+                f", {len(self.factorisations) - len(factors)} by conjugate gradients with multigrid (at most {most} "
+                "iterations)"
+            )
+        return found
+
+    @property
     def interface_rows(self) -> list[dict]:
         """For a table: name, number, kind, number of nodes and place in m of each interface; empty in older files."""
         pairs = zip(self.interfaces, self.interface_nodes, strict=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..linalg.basis import Basis
 from ..linalg.blocks import apply, copy_of, create_block
-from ..linalg.factorisation import Factoring
+from ..linalg.factorisation import DoesNotFit, Factoring
 from ..model.damping import ModalDamping, NoDamping, Structural
 from ..model.frames import Buckens, NoFrame, apply_frame, inputs_without_effect
 from ..model.rigid_body_modes import doubts_of_nodes
@@ -170,12 +170,22 @@ def warnings_of(model, frame) -> tuple[str, ...]:
 
 def _to_tolerance(vectors, run, adaptive, groups, drop_above, kept) -> Accuracy:
     """Extend the basis until the tolerance is proven, and compress it; the columns `kept` stay in its span."""
-    with Owned(run.model.comm) as owned:
-        search = owned.owns(Search(vectors, run, adaptive, groups))
-        factor, accuracy = search.compress(search.search(), drop_above, kept)
+    before = vectors.size
+    try:
+        factor, accuracy = _search(vectors, run, adaptive, groups, drop_above, kept)
+    except DoesNotFit as error:
+        if vectors.size > before or not run.give_up_factors(error):
+            raise
+        factor, accuracy = _search(vectors, run, adaptive, groups, drop_above, kept)
     run.note("compressed", vectors.size, factor.shape[1])
     vectors.multiply(factor)
     return accuracy
+
+
+def _search(vectors, run, adaptive, groups, drop_above, kept):
+    with Owned(run.model.comm) as owned:
+        search = owned.owns(Search(vectors, run, adaptive, groups))
+        return search.compress(search.search(), drop_above, kept)
 
 
 def _check_size(framed, basis, adaptive) -> int:

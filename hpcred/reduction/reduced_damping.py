@@ -21,7 +21,7 @@ def reduced_damping(damping, run, right, frequencies, left=None):
 def _project_caughey(terms, run, right, left):
     """W^T M sum_k a_k (M^-1 K)^k V (39), by solves with M."""
     model = run.model
-    run.solver.factor_mass()
+    solver = run.factored(np.inf, "infinity")
     power = copy_of(right, model.M)  # (M^-1 K)^k V
     left = left if left is not None else right
     momentum = run.times_mass(power)
@@ -31,7 +31,7 @@ def _project_caughey(terms, run, right, left):
         force = create_block(model.K, power.getSizes()[1])
         apply(model.K, power, force)
         result += coefficient * inner(left, force)
-        run.solver.solve(force, power)
+        solver.solve(force, power)
         force.destroy()
     power.destroy()
     return result

@@ -11,12 +11,15 @@ import numpy as np
 from ..linalg.basis import Extension
 from ..linalg.blocks import apply, create_block, from_dense, inner, multiply
 from ..linalg.csr import without_zeros
-from ..linalg.factorisation import Factoring, FactorRecord
+from ..linalg.factorisation import DoesNotFit, Factoring, FactorRecord
 from ..linalg.free_motions import check_free_motions
+from ..linalg.multigrid_solver import MultigridSolver, not_definite
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
 from ..model.damping import GivenDamping
 from ..model.frames import FramedModel, NoFrame
+from ..model.node_blocks import NodeBlocks
 from ..parallel.decisions import decided
+from ..parallel.failures import InputError
 from ..parallel.memory import MB
 from ..parallel.petsc import PETSc
 from ..parallel.progress import Progress
@@ -65,7 +68,7 @@ class Run:
     identity: dict = field(default_factory=dict)
     needed: list[tuple[str, str]] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
-    _solver: ShiftedSolver | None = None
+    _solver: ShiftedSolver | MultigridSolver | None = None
     _complex_solver: ComplexSolver | None = None
     _loads: object = None
     _shared: Run | None = None
@@ -79,10 +82,12 @@ class Run:
         self.model, self.rigid = self.framed.model, self.framed.rigid
 
     @property
-    def solver(self) -> ShiftedSolver:
+    def solver(self) -> ShiftedSolver | MultigridSolver:
         """The one solver of the run; only one of the two has a factor at a time."""
         if self._shared is not None:
             return self._shared.solver
+        if self._solver is None and self.factoring.solver.kind == "multigrid":
+            self._take_multigrid()
         if self._solver is None:
             self._solver = ShiftedSolver(self.model, self.rigid, inertia=self.inertia, **self._memory())
         if self._complex_solver is not None:
@@ -94,6 +99,8 @@ class Run:
         """The one solver of the run for complex A(s)."""
         if self._shared is not None:
             return self._shared.complex_solver
+        if self.factoring.solver.kind == "multigrid":
+            raise InputError(not_definite("a complex point"))
         if self._complex_solver is None:
             self._complex_solver = ComplexSolver(self.model, self.rigid, **self._memory())
         if self._solver is not None:
@@ -114,19 +121,64 @@ class Run:
         """For solvers, with memory kept for the columns of the basis and those of a point."""
         return {"factoring": self.factoring, "reserved_mb": (4 if self.keeps_images else 2) * self._columns_mb}
 
-    def factored(self, mass: float, name: str) -> ShiftedSolver:
-        """The solver with the factor of K + mass M, made unless it is there. Raises SingularMatrix."""
-        if self.solver.factored != (mass, 0.0):
+    def factored(self, mass: float, name: str, damping: float = 0.0) -> ShiftedSolver | MultigridSolver:
+        """The solver with the factor of K + damping D + mass M, or of M (mass = inf), made unless it is there.
+
+        Raises SingularMatrix. Where the factor does not fit, solver.kind is "auto" and the matrix is positive definite,
+        the run goes on by multigrid.
+        """
+        if self.solver.factored != (mass, damping):
             with self.progress.stage("factor", name):
-                self.solver.factor(mass)
+                try:
+                    self._factor(mass, damping)
+                except DoesNotFit as error:
+                    if mass < 0 or not self.give_up_factors(error):
+                        raise
+                    self._factor(mass, damping)
         return self.solver
+
+    def _factor(self, mass, damping):
+        if mass == np.inf:
+            self.solver.factor_mass()
+        else:
+            self.solver.factor(mass, damping)
+
+    def give_up_factors(self, error: DoesNotFit) -> bool:
+        """Go on by multigrid, where that may be; whether it is so. Collective."""
+        if self._shared is not None:
+            return self._shared.give_up_factors(error)
+        model = self.model
+        if self.factoring.solver.kind != "auto" or model.dofs is None or not model.symmetric:
+            return False
+        if self._solver is not None:
+            self._added += self._solver.records
+            self._added_analyses += self._solver.analyses
+            self._solver.close()
+        self._take_multigrid()
+        self.remark(f"{str(error).partition(';')[0]}: solved by conjugate gradients with multigrid instead")
+        return True
+
+    @property
+    def multigrid(self) -> bool:
+        """Whether solves are by multigrid, which serves real points alone."""
+        if self._shared is not None:
+            return self._shared.multigrid
+        return self.factoring.solver.kind == "multigrid" or isinstance(self._solver, MultigridSolver)
+
+    def _take_multigrid(self):
+        blocks = NodeBlocks(self.model)
+        self._solver = MultigridSolver(self.model, self.rigid, blocks, self.factoring.solver)
 
     def check_free_motions(self):
         """Refuse a free body in parts or with hinges, unless factors of this run have shown that it has none, or the
-        store had all that was needed. Collective."""
+        store had all that was needed. Multigrid does not come to an end where it has. Collective."""
         known = self._checked or any(record.inertia_relief for record in self.factorisations)
-        if not known and (self.store is None or self.factorisations):
-            check_free_motions(self.model, self.rigid, self.factoring)
+        if not known and not self.multigrid and (self.store is None or self.factorisations):
+            try:
+                check_free_motions(self.model, self.rigid, self.factoring)
+            except DoesNotFit as error:
+                if not self.give_up_factors(error):
+                    raise
             self._checked = True
 
     @property

@@ -104,10 +104,9 @@ class SecondOrderChain(Chain):
 
     def _factor(self):
         s, run = self._s, self.run
+        if self._is_real():
+            return run.factored(s.real**2, point_name(s), s.real)
         with run.progress.stage("factor", point_name(s)):
-            if self._is_real():
-                run.solver.factor(s.real**2, s.real)
-                return run.solver
             run.complex_solver.factor(s)
             return run.complex_solver
 

@@ -122,6 +122,16 @@ def show_timing(timing: Timing, factorisations=(), comm=MPI.COMM_WORLD):
     total = timing.elapsed
     listed = ", ".join(f"{name} {value:.2f} s ({100 * value / total:.0f} %)" for name, value in parts if value > 0)
     print(f"time {total:.2f} s: {listed}; at most {max(timing.memory_mb_per_rank):.0f} MB a rank")
+    rest = [item for item in factorisations if not item.direct]
+    if rest:
+        keys = ("factor_seconds", "solve_seconds")
+        parts = [sum(getattr(item, key) for item in rest) for key in keys]
+        print(
+            f"multigrid {sum(parts):.2f} s of it ({100 * sum(parts) / total:.0f} %): levels {parts[0]:.2f} s, solves "
+            f"{parts[1]:.2f} s for {sum(item.columns_solved for item in rest)} columns; levels of "
+            f"{max(item.memory_mb_used_max_rank for item in rest)} MB a rank"
+        )
+    factorisations = [item for item in factorisations if item.direct]
     if factorisations:
         keys = ("analysis_seconds", "factor_seconds", "solve_seconds")
         mumps = [sum(getattr(item, key) for item in factorisations) for key in keys]

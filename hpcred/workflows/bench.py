@@ -13,6 +13,7 @@ from ..examples.solid import solid
 from ..formats.model_file import read_model, write_model
 from ..linalg.basis import Basis
 from ..linalg.blocks import apply, create_block, local_rows, random_block
+from ..linalg.factorisation import ORDERINGS
 from ..linalg.solvers import ShiftedSolver
 from ..parallel import startup
 from ..parallel.failures import InputError, Owned, agreed
@@ -21,6 +22,7 @@ from ..parallel.progress import Progress
 
 NESTED = ("METIS", "SCOTCH")
 COLUMNS = 32
+PORD = 4  # icntl_7, in every MUMPS
 
 
 def bench(cells=(40, 16, 16), *, folder=None, comm=None, progress: Progress | None = None) -> dict:
@@ -68,6 +70,10 @@ def _measure(cells, folder, comm, progress):
             report[f"solve_ms_per_column_of_{columns}"] = 1e3 * seconds
             report[f"solve_gflops_of_{columns}"] = 4 * record.factor_entries / seconds / 1e9
         report["residual"] = record.residual
+        solver.release()
+        with progress.stage("orderings"):
+            flops = solver.flops_by_ordering((*startup.orderings(), PORD))
+        report["gflop_by_ordering"] = {ORDERINGS[number]: value / 1e9 for number, value in flops.items()}
         solver.release()
         return report | _products(model, comm, progress) | _files(model, folder, comm, progress)
 

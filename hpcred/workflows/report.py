@@ -385,7 +385,7 @@ def _facts(sheet):
         "pseudo-frequencies (Hz)": f"{reduced.frequencies[0]:.6g} to {reduced.frequencies[-1]:.6g}",
         "band (Hz)": f"{sheet.band[0]:g} to {sheet.band[1]:g}",
         "max |V^T M V - I|": f"{record.orthonormality_defect:.1e}",
-        "factorisations": f"{len(record.factorisations)}, {record.symbolic_analyses} analysis, {record.ordering}",
+        "factorisations": record.effort,
         "made": f"{record.date}, {record.scalar} PETSc {record.versions['petsc']}, hpcred {record.versions['hpcred']}, "
                 f"{record.ranks} rank(s)",
     }  # fmt: skip

@@ -11,6 +11,7 @@ from launch import TWO_BUILDS
 import hpcred
 import hpcred as package
 from hpcred import Krylov, Modes
+from hpcred.linalg import factorisation
 from hpcred.linalg.blocks import create_block, from_dense
 from hpcred.linalg.factorisation import Factoring, Factorisation
 from hpcred.linalg.solvers import ShiftedSolver
@@ -92,7 +93,8 @@ def test_a_factor_that_does_not_fit_is_refused_before_it_is_made(comm, monkeypat
         with pytest.raises(ComputationError, match=r"about \d+ MB on one rank .* a rank has 3 MB.*--out-of-core DIR"):
             package.reduce(model, [Krylov(frequency=100.0)])
         with pytest.raises(ComputationError, match=r"does not fit"):
-            package.reduce(model, [Modes(band=(0.0, 3000.0))])
+            direct = Factoring(solver=package.LinearSolver(kind="direct"))
+            package.reduce(model, [Modes(band=(0.0, 3000.0))], factoring=direct)
         monkeypatch.delenv("HPCRED_MEMORY_MB")
         solver = ShiftedSolver(model)
         need, have = solver.estimate()
@@ -141,3 +143,23 @@ def test_what_mumps_was_built_with_is_seen():
         factors.factor(mass=0.0, damping=0.0, inertia_relief=False)
         assert (factors.records[-1].ordering == "SCOTCH") == (startup._mumps("mumps_scotch_") is not None)
         factors.close()
+
+
+@pytest.mark.mpi
+def test_of_several_orderings_that_of_the_fewest_operations_is_taken_once(comm, monkeypatch):
+    """AMD and PORD here, which every MUMPS has, in place of METIS and Scotch."""
+    with package.solid((10, 8, 8), inputs=1, comm=comm) as model:
+        solver = ShiftedSolver(model)
+        flops = solver.flops_by_ordering((0, 4))
+        solver.close()
+        best = min(flops, key=flops.get)
+        assert flops[0] != flops[4]
+        for order in ((0, 4), (4, 0)):
+            monkeypatch.setattr(startup, "orderings", lambda order=order: order)
+            monkeypatch.setattr(factorisation, "CHOOSE_ABOVE", 1)
+            solver = ShiftedSolver(model)
+            for mass in (-1e4, -2e4):
+                solver.factor(mass)
+            assert {record.ordering for record in solver.records} == {factorisation.ORDERINGS[best]}
+            assert solver.analyses == 3
+            solver.close()

@@ -14,6 +14,7 @@ def test_bench_and_profile(hpcred, tmp_path):
     assert report["dofs"] == 1080 and report["orthogonality_loss"] < 1e-12 and report["residual"] < 1e-10
     assert all(report[key] > 0 for key in ("factor_gflops", "solve_gflops_of_32", "multiply_gflops",
                                            "write_mb_per_second", "read_mb_per_second"))  # fmt: skip
+    assert report["gflop_by_ordering"]["PORD"] > 0
     assert ("hint: MUMPS ordered by" in run.stdout) == (report["ordering"] not in ("METIS", "SCOTCH"))
     assert hpcred("bench", "--folder", "nowhere").returncode == 2
     assert hpcred("example", "solid", "--cells", 10, 5, 5).returncode == 0

@@ -1,0 +1,69 @@
+"""Conjugate gradients for a block of loads, each column by itself: rows of this rank enter, solutions leave."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..parallel.failures import ComputationError
+
+STALLED = 40  # iterations in which no residual came down to half of its best
+NOISE = 1e-6  # of the first residual: below, a product that is not positive may be round-off
+
+
+class NegativeCurvature(ComputationError):
+    """The matrix, or what stands for its inverse, is not positive definite."""
+
+
+def conjugate_gradients(comm, multiply, precondition, residual, solution, targets, most: int) -> np.ndarray:
+    """Add to the solution what takes the residual below the targets, as far as its recurrence knows. Collective.
+
+    Rows of this rank (rows, columns): `residual` = load - A solution, overwritten, and `solution`. `multiply(p, q)`:
+    q = A p; `precondition(r, z)`, which may take round-off out of r. `targets` (columns,): of the 2-norms of the
+    residuals. At most `most` iterations; they end as well where no column gets better any more (Hestenes & Stiefel,
+    J. Res. NBS 49, 1952). Returns the iterations of each column (columns,). Raises NegativeCurvature.
+    """
+    count = residual.shape[1]
+    iterations = np.zeros(count, dtype=int)
+    z, q, p = np.empty_like(residual), np.empty_like(residual), np.zeros_like(residual)
+    before, best, since, still = np.ones(count), np.full(count, np.inf), 0, np.ones(count, dtype=bool)
+    first = None
+    for _ in range(most):
+        size = np.sqrt(comm.allreduce(_dot(residual, residual)))
+        first = size if first is None else first
+        going = still & (size > targets)
+        better = size < 0.5 * best
+        best, since = np.where(better, size, best), 0 if better[going].any() else since + 1
+        if not going.any() or since > STALLED or not np.isfinite(size).all():
+            break
+        precondition(residual, z)
+        product = comm.allreduce(_dot(residual, z))
+        going &= _positive(product, going, size > NOISE * first, "the cycle of multigrid")
+        for j in np.flatnonzero(going):
+            p[:, j] *= product[j] / before[j]
+            p[:, j] += z[:, j]
+        multiply(p, q)
+        curvature = comm.allreduce(_dot(p, q))
+        going &= _positive(curvature, going, size > NOISE * first, "the matrix")
+        for j in np.flatnonzero(going):
+            solution[:, j] += product[j] / curvature[j] * p[:, j]
+            residual[:, j] -= product[j] / curvature[j] * q[:, j]
+        before, still = product, going
+        iterations += going
+    return iterations
+
+
+def _dot(one, other):
+    """Products of columns (columns,) on this rank."""
+    return np.array([np.vdot(a, b).real for a, b in zip(one.T, other.T, strict=True)])
+
+
+def _positive(products, going, large, what):
+    """Where products are positive, refused where they are not though the residual is large."""
+    positive = products > 0
+    if (going & large & ~positive).any():
+        raise NegativeCurvature(
+            f"solver.kind 'multigrid': {what} is not positive definite: conjugate gradients met a negative curvature; "
+            "K may be indefinite, or singular, so that the body can move freely: take frame kind 'buckens', 'chord' or "
+            "'tangent', or kind 'direct'"
+        )
+    return positive

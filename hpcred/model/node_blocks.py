@@ -1,0 +1,108 @@
+"""The rows of a model as blocks of the same number of rows for every node, which algebraic multigrid coarsens."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..linalg.blocks import apply, copy_of, create_block
+from ..parallel.failures import InputError, Owned
+from ..parallel.lookup import look_up, sort_over_ranks
+from ..parallel.petsc import PETSc
+from .rigid_body_modes import free_motions, rigid_motions
+
+
+class NodeBlocks:
+    """`size`: rows of a block, 6 where most nodes can turn, else 3. `motions`: the six rigid-body motions as a block
+    (n', 6). `free`: how many of them meet no force.
+
+    `expansion`: a matrix (n', n) of unit entries that puts the rows of the model, which has n, into whole blocks of
+    nodes, each on one rank; None where they are so already. Rows that are missing, of nodes that are held in some
+    directions, are those that no entry leads to. Collective. Raises InputError without nodes. Call close().
+    """
+
+    def __init__(self, model):
+        if model.dofs is None:
+            raise InputError(
+                f"solver.kind: {model.name} has no node coordinates, which multigrid needs; convert it with --nodes, "
+                "or take 'direct'"
+            )
+        direction = model.dofs.direction
+        turning = model.comm.allreduce(int(np.isin(direction, (3, 4, 5)).sum()))
+        self.size = 6 if 3 * turning >= model.size else 3
+        self._comm = model.comm
+        with Owned(model.comm) as owned:
+            motions = owned.owns(rigid_motions(model))
+            self.free = free_motions(model, motions)
+            self.expansion = self._expansion(model)
+            self.motions = copy_of(motions, model.K) if self.expansion is None else create_block(self.expansion, 6)
+            if self.expansion is not None:
+                apply(self.expansion, motions, self.motions)
+        self.contraction = None
+        if self.expansion is not None:
+            self.contraction = self.expansion.transpose(PETSc.Mat())
+
+    def close(self):
+        for item in (self.motions, self.expansion, self.contraction):
+            if item is not None:
+                item.destroy()
+
+    def expanded(self, matrix: PETSc.Mat, diagonal: float) -> PETSc.Mat:
+        """A matrix in whole blocks, with `diagonal` in the rows that are missing; `matrix` itself where it has them,
+        told its block size. Collective."""
+        if self.expansion is None:
+            matrix.setBlockSize(self.size)
+            return matrix
+        result = matrix.ptap(self.contraction)
+        missing = self.contraction.createVecRight()
+        here = self.contraction.createVecLeft()
+        here.set(1.0)
+        self.expansion.mult(here, missing)
+        missing.scale(-diagonal)
+        missing.shift(diagonal)
+        with Owned(self._comm) as owned:
+            owned.owns(missing)
+            owned.owns(here)
+            fill = owned.owns(_diagonal_matrix(result, missing))
+            result.axpy(1.0, fill, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        result.setBlockSize(self.size)
+        return result
+
+    def _expansion(self, model):
+        comm, dofs = model.comm, model.dofs
+        block = dofs.node.astype(np.int64) * 8 + dofs.direction // self.size
+        place = dofs.direction % self.size
+        whole = len(block) % self.size == 0
+        if whole:
+            table, places = block.reshape(-1, self.size), place.reshape(-1, self.size)
+            whole = bool((table == table[:, :1]).all() and (places == np.arange(self.size)).all())
+            whole = whole and len(np.unique(table[:, 0])) == len(table)
+        if all(comm.allgather(whole)):
+            return None
+        # a block is where its first row is
+        mine = np.unique(block)
+        keys, ranks = sort_over_ranks(comm, mine, [np.full(len(mine), comm.rank)])
+        first = np.concatenate([[True], keys[1:] != keys[:-1]]) if len(keys) else np.zeros(0, bool)
+        _, (owner,) = look_up(comm, keys[first], [ranks[first]], mine)
+        order = mine[owner == comm.rank]
+        _, starts = np.unique(block, return_index=True)
+        order = order[np.argsort(starts[owner == comm.rank])]  # as the rows are
+        count = len(order)
+        start = comm.exscan(count) or 0
+        _, (number,) = look_up(comm, order, [start + np.arange(count)], block)
+        rows, size = self.size * count, self.size * comm.allreduce(count)
+        # its transpose has one entry a row
+        indptr = np.arange(len(block) + 1, dtype=PETSc.IntType)
+        columns = (self.size * number + place).astype(PETSc.IntType)
+        sizes = ((model.local_rows, model.size), (rows, size))
+        csr = (indptr, columns, np.ones(len(block)))
+        contraction = PETSc.Mat().createAIJ(sizes, csr=csr, comm=model.K.comm)
+        expansion = contraction.transpose(PETSc.Mat())
+        contraction.destroy()
+        return expansion
+
+
+def _diagonal_matrix(like, diagonal):
+    (rows, size), first = (like.getLocalSize()[0], like.getSize()[0]), like.getOwnershipRange()[0]
+    csr = (np.arange(rows + 1, dtype=PETSc.IntType), np.arange(first, first + rows, dtype=PETSc.IntType),
+           diagonal.getArray(readonly=True).copy())  # fmt: skip
+    return PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=csr, comm=like.comm)
