@@ -121,7 +121,6 @@ def full_response(
         rigid = framed.rigid.R if framed.rigid is not None else None
         basis = owned.owns(Basis(run.mass, rigid, KEPT_BY_SEARCH, room, run.keeps_images))
         search = owned.owns(Search(basis, run, adaptive))
-        run.check_free_motions()
         reason = search.search()
         with progress.stage("evaluate"):
             values, eps, accuracy, pair = decided(model.comm, _evaluate, search, reason, frequencies, law)

@@ -31,6 +31,7 @@ from ..linalg.blocks import (
 )
 from ..linalg.conjugate_gradients import NegativeCurvature
 from ..linalg.factorisation import SingularMatrix
+from ..linalg.free_motions import free_motions_refused
 from ..linalg.multigrid_solver import not_definite
 from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
 from ..parallel.decisions import decided
@@ -307,6 +308,7 @@ class Search:
                     self._enough /= 100
                     self.waiting, self.closing = [0.0], False
                     continue
+            self._check_free_motions()
             good = self.closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
             hidden = good and self.lack > 0
             if hidden:
@@ -331,6 +333,13 @@ class Search:
             if hidden:  # the next point checks the model that has these modes
                 self.before = self._hold(), self.basis.size
             stop_if_asked(self.run.model.comm, f"point {len(self.points)}")
+
+    def _check_free_motions(self):
+        """Refuse a free body that has more free motions than its own, where modes are missing or near 0 Hz."""
+        run, point = self.run, self.points[-1].frequency
+        if run.rigid is not None:
+            lowest = decided(run.model.comm, lambda: float(self.projections.model().frequencies[0]))
+            run.check_free_motions(0.0 if self.lack > 0 else lowest, point or self.settings.band[1])
 
     def _hold(self):
         """Where the newest blocks begin that are held back."""
@@ -523,6 +532,8 @@ class Search:
         curve, noise = estimate(inner_model, outer, U, law, S, ports)
         est, noise = float(curve.max()), float(noise.max())
         if noise > est and S[0] == 0 and is_free(outer, law, S, ports):
+            if self.run.rigid is not None:
+                raise free_motions_refused(self.run.model, self.run.rigid)
             raise InputError(
                 f"{self.run.model.name}: the response at 0 Hz is infinite, for the body is free; take frame 'buckens', "
                 "hold the body, or give a band that begins above 0"

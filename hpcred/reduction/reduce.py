@@ -103,8 +103,6 @@ def reduce(
         bases = [owned.owns(Basis(run.mass, rigid, tolerance, columns, run.keeps_images)) for _ in runs]
         points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
         groups = number_of_groups(settings.groups, runs[0], points)
-        if adaptive is not None:
-            runs[0].check_free_motions()  # of whose motions no search comes to an end
         ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}
         for i, ingredient in enumerate(basis):
             progress.step("points and modes", i, len(basis), always=True)
@@ -125,7 +123,6 @@ def reduce(
             accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, settings.drop_above, kept)
         for run in runs:
             run.release()
-        runs[0].check_free_motions()
         if not all(vectors.size for vectors in bases):
             raise InputError("basis: no vector is left; no mode lies in the bands and no input loads the body")
         with progress.stage("project"):
@@ -133,6 +130,8 @@ def reduce(
                 reduced, defect = _project_two_sided(model, framed, *bases, runs[0], settings.allow_unstable)
             else:
                 reduced, defect = _project(model, framed, bases[0], runs[0], settings)
+        if framed.rigid is not None and adaptive is None:
+            runs[0].check_free_motions(float(reduced.frequencies.min()), _highest(basis, runs[0]))
         reduced.record = make_record(
             model, framed, runs, progress, frame=frame, damping=damping, basis=tuple(basis), groups=groups,
             projection="two_sided" if two_sided else "one_sided", deflation_tolerance=tolerance,
@@ -141,6 +140,13 @@ def reduce(
             unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         )  # fmt: skip
         return reduced
+
+
+def _highest(basis, run) -> float:
+    """The highest point or mode (Hz) that a basis was made for."""
+    points = [abs(getattr(item, "point", 0.0)) for item in basis if isinstance(item, PointIngredient)]
+    modes = [max(item.frequencies_hz) for item in run.ingredients if item.frequencies_hz]
+    return max([*(point / 2 / np.pi for point in points if np.isfinite(point)), *modes], default=0.0) or np.inf
 
 
 def check_model(model):

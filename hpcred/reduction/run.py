@@ -24,6 +24,7 @@ from ..parallel.memory import MB
 from ..parallel.petsc import PETSc
 from ..parallel.progress import Progress
 
+NEAR_ZERO = 0.01  # of a frequency of interest, below which a pseudo-mode may be a motion without force
 FOR_IMAGES = 0.1  # of the memory of a rank may go to images of columns
 DEPENDENT = 1e-14  # eigenvalue of the Gram matrix of unit columns below which loads count as dependent
 
@@ -169,11 +170,16 @@ class Run:
         blocks = NodeBlocks(self.model)
         self._solver = MultigridSolver(self.model, self.rigid, blocks, self.factoring.solver)
 
-    def check_free_motions(self):
-        """Refuse a free body in parts or with hinges, unless factors of this run have shown that it has none, or the
-        store had all that was needed. Multigrid does not come to an end where it has. Collective."""
-        known = self._checked or any(record.inertia_relief for record in self.factorisations)
+    def check_free_motions(self, lowest: float, among: float):
+        """Refuse a free body in parts or with hinges, whose other free motions are pseudo-modes near 0 Hz.
+
+        It takes a factor of K, and is done where the `lowest` pseudo-frequency is far below those it is `among` (Hz),
+        unless factors of this run have shown that there are no such motions, or the store had all that was needed.
+        Multigrid does not come to an end where there are. Frees the factor. Collective.
+        """
+        known = self._checked or lowest > NEAR_ZERO * among or any(item.inertia_relief for item in self.factorisations)
         if not known and not self.multigrid and (self.store is None or self.factorisations):
+            self.release()
             try:
                 check_free_motions(self.model, self.rigid, self.factoring)
             except DoesNotFit as error:
