@@ -17,14 +17,15 @@ from typing import Literal
 import numpy as np
 
 from ..linalg.basis import Basis
-from ..linalg.blocks import add_product, create_block, from_dense, inner
+from ..linalg.blocks import add_product, create_block, dense, from_dense, inner
 from ..linalg.factorisation import SingularMatrix
 from ..model.dofs import DIRECTIONS
 from ..parallel.decisions import decided
 from ..parallel.failures import HpcredError, InputError, Owned
 from ..parallel.ranges import COUNT, FREQUENCY, within
+from .chain import Entry
 from .ingredient import Ingredient
-from .modes import all_between, lowest_modes_by
+from .modes import all_between, kept_modes, lowest_modes_by
 from .run import Run
 
 DEPENDENT = 1e-12  # eigenvalue of the scaled G K^+ G^T below which a direction of the interfaces depends on others
@@ -85,14 +86,15 @@ class FixedInterfaceModes(Ingredient):
         where = f"{self.count} fixed-interface modes" if self.count else (
             f"fixed-interface modes in {self.band[0]:g} to {self.band[1]:g} Hz")  # fmt: skip
         with run.progress.stage("modes", where):
-            values, block = self._modes(run, solver, free)
+            rule = {"held": "interfaces", "band": self.band}
+            values, block, served = kept_modes(run, rule, self.count, lambda: self._modes(run, solver, free))
         frequencies = tuple((np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)).tolist())
         if block is None:
-            run.note(where, 0, 0, frequencies_hz=())
+            run.note(where, 0, 0, frequencies_hz=(), from_store=served)
             return
         with Owned(run.model.comm) as owned, run.progress.stage("orthogonalise"):
             found = basis.extend(owned.owns(block))
-        run.note(where, len(values), found, frequencies_hz=frequencies)
+        run.note(where, len(values), found, frequencies_hz=frequencies, from_store=served)
 
     def _modes(self, run, solver, free):
         if self.count:
@@ -136,7 +138,7 @@ class ResidualAttachment(Ingredient):
             solver = owned.owns(InterfaceSolver(run))
             with run.progress.stage("orthogonalise"):
                 found = basis.extend(solver.flexible)
-            run.note("residual attachment modes", solver.size, found)
+            run.note("residual attachment modes", solver.size, found, from_store=solver.from_store)
 
 
 class InterfaceSolver:
@@ -149,19 +151,11 @@ class InterfaceSolver:
     def __init__(self, run: Run):
         model, self._run = run.model, run
         check_directions(model)
-        try:
-            run.factored(0.0, "0 Hz")
-        except SingularMatrix as error:
-            raise InputError(
-                f"basis: K of {model.name} is singular, so the body can move freely; take frame kind 'buckens', with "
-                "which coordinates = 'interface' keep the rigid-body motion"
-            ) from error
         self._forces = interface_forces(model)
         self.size = self._forces.getActiveColumns()[1]
         self.flexible = create_block(model.K, self.size)
         try:
-            with run.progress.stage("solve"):
-                run.solver.solve(self._forces, self.flexible, steps=1)
+            self.from_store = self._take_flexible()
             small = inner(self._forces, self.flexible)
             rigid = inner(self._forces, run.rigid.R) if run.rigid is not None else np.zeros((self.size, 0))
             self._system = decided(model.comm, _interface_system, small, rigid, model.interfaces)
@@ -173,6 +167,32 @@ class InterfaceSolver:
         self._forces.destroy()
         self.flexible.destroy()
 
+    def _factored(self):
+        """The solver of the run with the factor of K."""
+        try:
+            return self._run.factored(0.0, "0 Hz")
+        except SingularMatrix as error:
+            raise InputError(
+                f"basis: K of {self._run.model.name} is singular, so the body can move freely; take frame kind "
+                "'buckens', with which coordinates = 'interface' keep the rigid-body motion"
+            ) from error
+
+    def _take_flexible(self) -> bool:
+        """X from the store, or else by solves, and whether it is from the store."""
+        run = self._run
+        key = {"kind": "attachment modes", **run.identity_of("M", "K")}  # of the interfaces among the nodes
+        entry = run.stored(key)
+        run.needs("0.0", "0.0")
+        if entry is not None:
+            with Owned(run.model.comm) as owned, dense(owned.owns(entry).block) as source, dense(self.flexible) as X:
+                source.copy(X)
+            return True
+        solver = self._factored()
+        with run.progress.stage("solve"):
+            solver.solve(self._forces, self.flexible, steps=1)
+        run.keep(key, Entry({}, (self.size,), self.flexible))
+        return False
+
     def constraint_modes(self):
         """x (n, 6k) with f = 0 and g = I, as a new block."""
         shapes = create_block(self._run.model.K, self.size)
@@ -181,7 +201,7 @@ class InterfaceSolver:
 
     def solve(self, load, solution, steps=0):
         """solution = x with g = 0 for the columns of a load."""
-        self._run.solver.solve(load, solution, steps)
+        self._factored().solve(load, solution, steps)
         # twice, against what round-off leaves of the motion of the interfaces
         for f in (load, None):
             self._complete(solution, -inner(self._forces, solution), f)
@@ -248,4 +268,4 @@ def interface_forces(model):
 def _add_constraint_modes(basis: Basis, run: Run, solver: InterfaceSolver):
     with Owned(run.model.comm) as owned, run.progress.stage("orthogonalise"):
         found = basis.extend(owned.owns(solver.constraint_modes()))
-    run.note("constraint modes", solver.size, found)
+    run.note("constraint modes", solver.size, found, from_store=solver.from_store)

@@ -82,10 +82,10 @@ class Modes(Ingredient):
         more = {}
         with run.progress.stage("modes", self._name()):
             if self.band is not None:
-                values, block, served = _kept(run, {"band": self.band}, None, lambda: self._in_band(run))
+                values, block, served = kept_modes(run, {"band": self.band}, None, lambda: self._in_band(run))
             else:
                 count = self._highest(rigid)
-                values, block, served = _kept(run, {"band": None}, count, lambda: _lowest(run, count))
+                values, block, served = kept_modes(run, {"band": None}, count, lambda: _lowest(run, count))
                 if self.index is not None:
                     chosen = np.array(sorted(set(self.index))) - rigid - 1
                     values, block = values[chosen], choose(run, block, chosen)
@@ -133,9 +133,9 @@ def _slices(run):
     return not run.multigrid
 
 
-def _kept(run, rule, count, find):
+def kept_modes(run, rule, count, find):
     """The first `count` modes, or all, from the store or by `find`, and whether they are from the store; the store then
-    has what was found, in place of fewer."""
+    has what was found, in place of fewer. `rule`: what tells them from others, with their "band" (None: the lowest)."""
     key = {"kind": "modes", **rule, **run.identity_of("M", "K")}
     entry = run.stored(key)
     if rule["band"] is None:

@@ -190,3 +190,23 @@ def test_what_has_no_interface_coordinates_is_refused(comm):
         ):  # fmt: skip
             with pytest.raises(hpcred.InputError, match=words):
                 hpcred.reduce(target, basis, **keywords)
+
+
+def test_component_modes_come_from_a_store(comm, tmp_path):
+    """Without a factor, and as they were computed; more modes, and those without the interfaces, are others."""
+    store = hpcred.PointStore(comm.bcast(str(tmp_path)))
+    basis = [CraigBampton(count=4), ResidualAttachment()]
+    with block_with_ends(comm, "averaging", cells=(4, 2, 2)) as model:
+        records, responses = [], []
+        for kept, ingredients in ((None, basis), (store, basis), (store, basis), (store, [CraigBampton(count=6)]),
+                                  (store, [Modes(count=4)])):  # fmt: skip
+            with hpcred.reduce(model, ingredients, store=kept) as rom:
+                records.append(rom.record)
+                responses.append(np.array([rom.transfer_function(2j * np.pi * f) for f in FREQUENCIES]))
+    plain, first, second, more, free = records
+    assert len(plain.factorisations) == len(first.factorisations) == len(more.factorisations) == 1
+    assert not second.factorisations and second.factorisations_saved == 1 and len(free.factorisations) == 1
+    assert [item.from_store for item in second.ingredients] == [True] * 3
+    assert [item.from_store for item in more.ingredients] == [True, False]
+    for response in responses[1:3]:
+        assert np.abs(response - responses[0]).max() < 1e-12 * np.abs(responses[0]).max()
