@@ -402,7 +402,7 @@ class Search:
                                  estimate=_finite(judged["est"]), from_store=stored))  # fmt: skip
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), counts))
-        if self.before is not None:
+        if self.before is not None and not (self._static and not f):  # all models are exact at 0 Hz then
             self.proofs.append(Proof(frequency=f, **{key: float(judged[key]) for key in ("said", "exact", "own")}))
         return judged
 
