@@ -313,6 +313,7 @@ class Search:
             hidden = good and self.lack > 0
             if hidden:
                 good = self._find_hidden()
+                self._check_free_motions()
             taken = [point.frequency for point in self.points]
             again = good and not self._counts and not any(proof.frequency <= (low + high) / 2 for proof in self.proofs)
             if good and not again:
@@ -335,11 +336,11 @@ class Search:
             stop_if_asked(self.run.model.comm, f"point {len(self.points)}")
 
     def _check_free_motions(self):
-        """Refuse a free body that has more free motions than its own, where modes are missing or near 0 Hz."""
+        """Refuse a free body that has more free motions than its own, where a pseudo-mode is near 0 Hz."""
         run, point = self.run, self.points[-1].frequency
         if run.rigid is not None:
             lowest = decided(run.model.comm, lambda: float(self.projections.model().frequencies[0]))
-            run.check_free_motions(0.0 if self.lack > 0 else lowest, point or self.settings.band[1])
+            run.check_free_motions(lowest, point or self.settings.band[1])
 
     def _hold(self):
         """Where the newest blocks begin that are held back."""

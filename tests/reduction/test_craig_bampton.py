@@ -196,7 +196,7 @@ def test_component_modes_come_from_a_store(comm, tmp_path):
     """Without a factor, and as they were computed; more modes, and those without the interfaces, are others."""
     store = hpcred.PointStore(comm.bcast(str(tmp_path)))
     basis = [CraigBampton(count=4), ResidualAttachment()]
-    with block_with_ends(comm, "averaging", cells=(4, 2, 2)) as model:
+    with block_with_ends(comm, "averaging", True, cells=(4, 2, 2)) as model:
         records, responses = [], []
         for kept, ingredients in ((None, basis), (store, basis), (store, basis), (store, [CraigBampton(count=6)]),
                                   (store, [Modes(count=4)])):  # fmt: skip
