@@ -30,7 +30,8 @@ def sums_of(array: np.ndarray, axis: int, first: int, tag: int) -> np.ndarray:
     unit = next(size for size in (8, 4, 1) if array.dtype.itemsize % size == 0)
     words = np.ascontiguousarray(array).reshape(leading, -1).view(f"u{unit}")
     width = words.shape[1] // rows
-    weights = _weights(CHUNK * width, unit == 4)
+    used = CHUNK if first % CHUNK + rows > CHUNK else first % CHUNK + rows  # a text may be one row of many words
+    weights = _weights(used * width + (used * width) % 2, unit == 4)
     head = min(-first % CHUNK, rows)
     whole = (rows - head) // CHUNK
 
@@ -45,9 +46,9 @@ def sums_of(array: np.ndarray, axis: int, first: int, tag: int) -> np.ndarray:
         add(0, head)
     if whole:
         part = words[:, head * width : (head + whole * CHUNK) * width].reshape(leading, whole, CHUNK * width)
-        low, factors = (first + head) // CHUNK - begin, weights
+        low, factors = (first + head) // CHUNK - begin, weights[: CHUNK * width]
         if unit == 4 and sys.byteorder == "little" and part.flags.c_contiguous:
-            part, factors = part.view("u8"), weights[::2]
+            part, factors = part.view("u8"), factors[::2]
         sums[:, low : low + whole] = np.einsum("lcw,w->lc", part, factors, dtype=np.uint64, casting="safe")
     if head + whole * CHUNK < rows:
         add(head + whole * CHUNK, rows)
@@ -74,7 +75,7 @@ def whole_chunks(comm, sums: np.ndarray, first: int, rows: int) -> np.ndarray:
     return sums
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=4)
 def _weights(count, in_halves) -> np.ndarray:
     """Odd numbers without pattern: the generator splitmix64 (Steele, Lea & Flood, OOPSLA 2014) at 1, 2, ..., count.
 

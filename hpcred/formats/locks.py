@@ -42,7 +42,13 @@ def lock(path: Path, called=None):
     if name in _held:
         return
     while True:
-        file = os.open(name, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            file = os.open(name, os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError as error:
+            raise InputError(
+                f"output {called or path}: its lock {name} cannot be opened ({error.strerror}); remove it when no run "
+                "is under way, or choose another name"
+            ) from error
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -91,10 +91,11 @@ def _allocate(path, size) -> bool:
     if size > limit_of_files():
         return False
     with open(path, "r+b") as file:
-        if _libc.fallocate(file.fileno(), KEEP_SIZE, ctypes.c_int64(0), ctypes.c_int64(size)) == 0:
-            return True
-        if ctypes.get_errno() in FULL:
-            return False
+        if hasattr(_libc, "fallocate"):  # of Linux
+            if _libc.fallocate(file.fileno(), KEEP_SIZE, ctypes.c_int64(0), ctypes.c_int64(size)) == 0:
+                return True
+            if ctypes.get_errno() in FULL:
+                return False
         there = os.fstat(file.fileno()).st_blocks * 512
     return free_bytes(path.parent) >= size - there
 

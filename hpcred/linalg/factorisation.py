@@ -197,8 +197,8 @@ class Factorisation:
         theirs = PETSc.Options(self._prefix).hasName("mat_mumps_icntl_7")
         there = startup.orderings()
         if len(there) > 1 and not theirs and self.matrix.getSize()[0] >= CHOOSE_ABOVE:
-            flops = self.flops_by_ordering(there)
-            self._settings["icntl_7"] = min(flops, key=flops.get)
+            flops = {key: value for key, value in self.flops_by_ordering(there).items() if value > 0}  # 0: it failed
+            self._settings["icntl_7"] = min(flops, key=flops.get, default=self._settings["icntl_7"])
 
     def estimate(self):
         """MB that a factor needs in all, as MUMPS estimates, and MB that the ranks have; by an analysis alone.

@@ -29,13 +29,13 @@ class Multigrid:
     """
 
     def __init__(self, matrix: PETSc.Mat, near_null, prefix: str, threshold: float, sweeps: int):
-        self.sweeps, self._width = sweeps, 0
-        _set_near_null(matrix, near_null)
+        self.sweeps, self._width, self._levels = sweeps, 0, []
         pc = PETSc.PC().create(matrix.comm)
         pc.setOptionsPrefix(prefix)
         pc.setType("gamg")
         pc.setOperators(matrix)
         try:
+            _set_near_null(matrix, near_null)
             with temporary_options(prefix + "pc_gamg_", {"threshold": threshold, "agg_nsmooths": 1}):
                 pc.setFromOptions()
                 pc.setUp()
@@ -51,7 +51,11 @@ class Multigrid:
             raise ComputationError(f"multigrid: GAMG of PETSc could not make the levels: {lines[-1]}") from error
         finally:
             pc.destroy()
-        self._coarsest = _coarsest(self._levels[-1].matrix)
+        try:
+            self._coarsest = _coarsest(self._levels[-1].matrix)
+        except ComputationError:
+            self.close()  # a refusal of all ranks
+            raise
 
     def close(self):
         for level in self._levels:
@@ -186,13 +190,20 @@ class _Level:
 
 
 def _set_near_null(matrix, near_null):
-    """Tell the matrix its near null vectors."""
-    first, last = near_null.getActiveColumns()
-    vectors = []
+    """Tell the matrix its near null vectors, which PETSc wants orthonormal."""
+    comm, vectors = matrix.comm.tompi4py(), []
     with local_rows(near_null) as rows:
-        for column in range(last - first):
+        basis = rows.real
+        for _ in range(2):
+            gram = comm.allreduce(basis.T @ basis)
+            size = np.sqrt(np.diag(gram))
+            scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+            squares, turn = np.linalg.eigh(gram * np.outer(scale, scale))
+            kept = squares > 1e-12
+            basis = basis @ comm.bcast(scale[:, None] * turn[:, kept] / np.sqrt(squares[kept]))
+        for column in basis.T:
             vectors.append(matrix.createVecRight())
-            vectors[-1].setArray(rows[:, column])
+            vectors[-1].setArray(column)
     space = PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
     matrix.setNearNullSpace(space)
     for item in (*vectors, space):

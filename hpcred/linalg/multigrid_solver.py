@@ -48,6 +48,7 @@ class MultigridSolver:
         self.factored = None
         if self._levels is not None:
             self._levels.close()
+        if self._matrix is not None:
             self._matrix.destroy()
         self._levels = self._matrix = None
 
@@ -161,7 +162,7 @@ class MultigridSolver:
                 V, inverse = deflation
                 momentum = self._multiplication(room, b.shape[1], [(1.0, self.model.M)])
                 precondition = self._beside(V, inverse, multiply, momentum, precondition)
-            for _ in range(RESTARTS + 1):
+            for turn in range(RESTARTS + 2):
                 if deflation is not None:
                     x += V @ (inverse @ comm.allreduce(V.T @ r))
                     _residual(multiply, b, x, r)
@@ -169,7 +170,7 @@ class MultigridSolver:
                 floor = np.maximum(goal * scale, ROUND_OFF * self._norm * far)
                 relative = float((size[loaded] / scale[loaded]).max(initial=0.0))
                 backward = float((size / np.maximum(self._norm * far + scale, 1e-300)).max(initial=0.0))
-                if (size <= floor).all() or not relative < before / 2:
+                if (size <= floor).all() or not relative < before / 2 or turn > RESTARTS:
                     break
                 before = relative
                 iterations += conjugate_gradients(

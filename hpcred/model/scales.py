@@ -41,4 +41,4 @@ def _scale(model, mat) -> float:
     largest = max(model.comm.allgather(float(np.abs(mat.getDenseArray().real).max(initial=0.0))))
     if not 0 < largest < inf or 1 / USUAL <= largest <= USUAL:
         return 1.0
-    return 2.0 ** max(frexp(largest)[1], -1000)
+    return 2.0 ** min(max(frexp(largest)[1], -1000), 1000)

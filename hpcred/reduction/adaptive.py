@@ -243,6 +243,9 @@ class SearchChain(PencilChain):
 
     rule = "pencil of inputs and outputs"
 
+    def _factor(self):
+        return self.run.factored(self._square, self._name, may_give_up=False)
+
 
 class Search:
     """The state of one automatic reduction; see run(). Its methods are collective, and what depends on small arrays is
@@ -473,7 +476,8 @@ class Search:
         """The solver with the factor of K - omega^2 M at the point."""
         if self._static:  # what is at 0 Hz serves other points as well
             return self.run.factored(0.0, "0 Hz")
-        return self.run.factored(self._mass, f"{(-self._mass) ** 0.5 / (2 * np.pi):.6g} Hz")
+        # another search begins by multigrid where a factor does not fit
+        return self.run.factored(self._mass, f"{(-self._mass) ** 0.5 / (2 * np.pi):.6g} Hz", may_give_up=False)
 
     def _extend_by_solution(self, rule, make_load) -> int:
         """Add A^-1 times a load, at the point; returns how many columns are new. `rule`: what tells the load in the key
@@ -789,6 +793,10 @@ class Search:
 
     # the end
 
+    def without_factors(self) -> dict:
+        """What of an Accuracy says that there were no factors."""
+        return {"multigrid": self._static, "unproven": UNPROVEN if self._static and not self.proofs else ""}
+
     def compress(self, reason, drop_above=None, kept=range(0)) -> tuple[np.ndarray, Accuracy]:
         """The columns U (m, k) of the basis that the tolerance asks for, and what is known of them. Collective.
 
@@ -844,8 +852,7 @@ class Search:
             highest=float(inner_model.frequencies.max()), missing_modes=max(self.lack, 0), points=tuple(self.points),
             worst_pair=(self.run.model.output_names[i], self.run.model.input_names[j], own),
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
-            loss_factor=law.eta, unproven=UNPROVEN if self._static and not self.proofs else "",
-            multigrid=self._static,
+            loss_factor=law.eta, **self.without_factors(),
         )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ from .groups import blocks_in_groups, number_of_groups
 from .ingredient import PointIngredient
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
 from .projection import diagonalise, project, project_columns
-from .record import make_record
+from .record import make_record, signature_of
 from .reduced_damping import reduced_damping
 from .reduced_model import ReducedModel
 from .run import Run, identity_of_model
@@ -66,6 +66,7 @@ def reduce(
             reduced = reduce(usual, basis, frame, damping, adaptive=adaptive, settings=settings, factoring=factoring,
                              store=store, progress=progress)  # fmt: skip
         reduced.B, reduced.C = reduced.B * inputs, reduced.C * outputs
+        reduced.record = replace(reduced.record, signature=signature_of(model))
         return reduced
     progress = progress or Progress(model.comm, show=False)
     progress.expect(model.size)

@@ -122,18 +122,20 @@ class Run:
         """For solvers, with memory kept for the columns of the basis and those of a point."""
         return {"factoring": self.factoring, "reserved_mb": (4 if self.keeps_images else 2) * self._columns_mb}
 
-    def factored(self, mass: float, name: str, damping: float = 0.0) -> ShiftedSolver | MultigridSolver:
+    def factored(
+        self, mass: float, name: str, damping: float = 0.0, may_give_up: bool = True
+    ) -> ShiftedSolver | MultigridSolver:
         """The solver with the factor of K + damping D + mass M, or of M (mass = inf), made unless it is there.
 
         Raises SingularMatrix. Where the factor does not fit, solver.kind is "auto" and the matrix is positive definite,
-        the run goes on by multigrid.
+        the run goes on by multigrid, if it `may_give_up` factors; else DoesNotFit is raised.
         """
         if self.solver.factored != (mass, damping):
             with self.progress.stage("factor", name):
                 try:
                     self._factor(mass, damping)
                 except DoesNotFit as error:
-                    if mass < 0 or not self.give_up_factors(error):
+                    if mass < 0 or not may_give_up or not self.give_up_factors(error):
                         raise
                     self._factor(mass, damping)
         return self.solver
@@ -183,8 +185,7 @@ class Run:
             try:
                 check_free_motions(self.model, self.rigid, self.factoring)
             except DoesNotFit as error:
-                if not self.give_up_factors(error):
-                    raise
+                self.remark(f"whether the body has parts or hinges was not looked at: {str(error).partition(';')[0]}")
             self._checked = True
 
     @property
