@@ -22,7 +22,7 @@ def said(text):
     "page",
     [
         pytest.param(DOCS / "tutorial" / "1-lever.md", marks=[pytest.mark.ccx, needs_programs]),
-        DOCS / "tutorial" / "2-crank.md",
+        pytest.param(DOCS / "tutorial" / "2-crank.md", marks=pytest.mark.slow),
         ROOT / "README.md",
     ],
     ids=lambda page: page.stem,

@@ -183,7 +183,7 @@ def test_what_has_no_interface_coordinates_is_refused(comm):
             (r"craig_bampton needs at least one \[\[interface\]\]", plain, [CraigBampton(count=3)], {}),
             ("6 rigid-body motions without force", model, [Krylov(900.0)], {"coordinates": "interface"}),
             ("K of solid is singular.*'buckens'", model, [Guyan()], {}),
-            ("cannot move interface 'left' in direction", model, [Modes(count=3)],
+            ("cannot move interface '(left|right)' in direction", model, [Modes(count=3)],
              {"coordinates": "interface", "frame": Buckens()}),
             ("its set moves it in x, y, rx, ry, rz only", partly, [Guyan()], {}),
             ("expected 'modal' or 'interface'", model, [Guyan()], {"coordinates": "physical"}),

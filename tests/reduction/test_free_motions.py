@@ -51,8 +51,8 @@ def test_a_body_with_more_free_motions_is_refused(comm, way):
             values = np.linalg.eigvalsh(np.linalg.solve(np.linalg.cholesky(M), np.linalg.solve(
                 np.linalg.cholesky(M), K).T))  # fmt: skip
             assert (np.abs(values) < 1e-9 * values.max()).sum() == 6 + count
-            many = "more motions" if way in ("krylov at rest", "lowest modes") else f"{count} more motion"
-            with pytest.raises(InputError, match=f"K lets {many}s? happen without force|K lets {many} happen"):
+            # where the run's own factor or its modes show them, they are not counted
+            with pytest.raises(InputError, match=f"K lets ({count} )?more motions? happen without force than the 6"):
                 WAYS[way](model)
 
 

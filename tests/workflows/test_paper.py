@@ -8,6 +8,7 @@ import pytest
 import scipy.integrate
 
 
+@pytest.mark.slow
 def test_section_5_in_one_command(hpcred, tmp_path):
     run = hpcred("paper", "-o", "out", "--json", "all.json", ranks=2, timeout=900)
     assert run.returncode == 0, run.stderr
