@@ -194,10 +194,7 @@ def reading(path, kind: str, version: int | None = None, schema=None):
 def opened(path, kind: str, version: int | None = None):
     """The file opened for reading by this rank; `kind` and `version` are its attributes. Raises InputError."""
     path = Path(path)
-    if not os.path.isfile(path):
-        raise InputError(f"{path}: no such file")
-    if is_broken(path):
-        raise damaged(path, "what HDF5 keeps of its own does not have its checksum")
+    require_whole(path)
     try:
         file = h5py.File(path, "r")
     except (OSError, RuntimeError, ValueError, KeyError) as error:
@@ -214,6 +211,14 @@ def opened(path, kind: str, version: int | None = None):
             what = newer if number > version else older
             raise InputError(f"{path}: found version {number} of the format '{kind}', expected {version}; {what}")
         yield file
+
+
+def require_whole(path):
+    """Refuse a file that is not there, or on which HDF5 may crash. Raises InputError; on this rank."""
+    if not os.path.isfile(path):
+        raise InputError(f"{path}: no such file")
+    if is_broken(path):
+        raise damaged(path, "what HDF5 keeps of its own does not have its checksum")
 
 
 def kind_of_file(path) -> str | None:

@@ -6,13 +6,13 @@ import h5py
 import numpy as np
 
 from ..analysis.summary import inspect
-from ..formats import abaqus_input, checked, node_table
+from ..formats import abaqus_input, node_table
 from ..formats.entries import LabelledEntries
+from ..formats.hdf5 import require_whole
 from ..formats.matrix_formats import format_of, read_entries
 from ..formats.model_file import FORMAT as MODEL
 from ..formats.model_file import read_model
 from ..formats.model_source import export_of, read_export
-from ..formats.seal import is_broken
 from ..formats.sid import begins as begins_sid
 from ..formats.text import first_bytes, first_line
 from ..parallel import startup
@@ -102,8 +102,7 @@ def _kind_of(path) -> str | None:
     """The format that an HDF5 file of hpcred names, or None."""
     if not first_bytes(path).startswith(HDF5):
         return None
-    if is_broken(path):
-        raise checked.damaged(path, "what HDF5 keeps of its own does not have its checksum")
+    require_whole(path)
     try:
         with h5py.File(path, "r") as file:
             return str(file.attrs.get("format", "")) or None

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from os.path import isfile
-
 from ..formats import model_file, response_file, result_file, simulation_file
-from ..formats.checked import damaged
-from ..formats.hdf5 import kind_of_file, reading
-from ..formats.seal import is_broken
+from ..formats.hdf5 import kind_of_file, reading, require_whole
 from ..model.second_order_model import row_range
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
@@ -22,10 +18,7 @@ def verify_file(path, *, comm=None) -> dict:
     """
     comm = comm or startup.start_mpi()
     with agreed(comm):
-        if not isfile(path):
-            raise InputError(f"{path}: no such file")
-        if is_broken(path):
-            raise damaged(path, "what HDF5 keeps of its own has changed")
+        require_whole(path)
         kind = kind_of_file(path)
         if kind not in FORMATS:
             raise InputError(f"{path}: found no HDF5 file of hpcred that has checksums, expected such as model.h5")
