@@ -38,6 +38,7 @@ PURE := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["proj
 	.venv/bin/python -c '$(PURE)' > .venv/requirements.txt
 	.venv/bin/python -m pip install -q -c .venv/constraints.txt -r .venv/requirements.txt
 	.venv/bin/python -m pip install -q --no-deps -e .
+	.venv/bin/python -m compileall -q hpcred
 	@touch $@
 
 demo: install

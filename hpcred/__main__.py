@@ -1,5 +1,6 @@
 """`python -m hpcred` and the console script."""
 
+import os
 import sys
 
 from .parallel import signals
@@ -7,6 +8,8 @@ from .parallel import signals
 
 def main():
     signals.hear()
+    # a process that no mpiexec started: Open MPI need not start a daemon, by which others could join it
+    os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
     try:
         from .cli import run
 
