@@ -3,11 +3,11 @@
 In: items marked `mpi`, or `mpi(ranks=(1, 2))` where not all numbers of ranks make sense. Out: the same items with the
 suffixes [1-rank] (run here), [2-ranks], [3-ranks] and, where there are two builds, [1-rank-complex], [2-ranks-complex].
 
-The items of one suffix run together in one `mpiexec ... pytest`, the inner session, which starts with the first of
-them. Its ranks append what happens, a line of JSON each time, to a file; the session outside reads its reports there
-while the inner one goes on. A failure on one rank ends the inner session, as does an item that takes longer than
-HPCRED_TEST_TIMEOUT seconds, or a crash; the items after it go to a new one. `mpiexec -n 4 python -m pytest -m mpi` runs
-the items on the ranks that it was given.
+The items of one suffix run together in one `mpiexec ... pytest`, the inner session. Its ranks append what happens, a
+line of JSON each time, to a file; the session outside reads its reports there when it comes to the items. Until then
+it runs its own items, and the inner sessions go on beside it, one at a time. A failure on one rank ends the inner
+session, as does an item that takes longer than HPCRED_TEST_TIMEOUT seconds, or a crash; the items after it go to a new
+one. `mpiexec -n 4 python -m pytest -m mpi` runs the items on the ranks that it was given.
 """
 
 import json
@@ -28,6 +28,9 @@ from launch import TWO_BUILDS, mpi_environment
 TIMEOUT = float(os.environ.get("HPCRED_TEST_TIMEOUT", "300"))
 INNER = os.environ.get("HPCRED_TEST_SESSION")  # in an inner session: its folder
 
+SHARED_CORES = {  # with the session outside: no rank keeps a core to itself, nor holds it while it waits
+    "OMPI_MCA_hwloc_base_binding_policy": "none", "OMPI_MCA_mpi_yield_when_idle": "1",
+}  # fmt: skip
 HERE = "1-rank"
 LAUNCHED = {"2-ranks": (2, ""), "3-ranks": (3, "")}  # suffix: ranks, build
 if TWO_BUILDS or INNER:
@@ -133,7 +136,7 @@ class Session:
         ranks, build = LAUNCHED[suffix]
         options = ["-q", "--color=no", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={TIMEOUT:g}"]
         files = dict.fromkeys(str(item.path) for item in items)
-        more = {"HPCRED_TEST_SESSION": str(self._folder), **({"HPCRED_SCALAR": build} if build else {})}
+        more = {**SHARED_CORES, "HPCRED_TEST_SESSION": str(self._folder), **({"HPCRED_SCALAR": build} if build else {})}
         with open(self._folder / "output", "w") as output:
             self.process = subprocess.Popen(
                 ["mpiexec", "-n", str(ranks), sys.executable, "-m", "pytest", *options, *files],
@@ -162,7 +165,7 @@ class Session:
         """Returns "finished", or "ended" or "hangs" where that will not come."""
         since = time.monotonic()
         while nodeid not in self.finished:
-            ended = self.process.poll() is not None
+            ended = self.ended()
             if self._listen():
                 since = time.monotonic()
             elif ended:
@@ -182,6 +185,9 @@ class Session:
                 with suppress(subprocess.TimeoutExpired):
                     self.process.wait(10)
 
+    def ended(self):
+        return self.process.poll() is not None
+
     def output(self):
         return (self._folder / "output").read_text(errors="replace")[-8000:]
 
@@ -193,23 +199,34 @@ class Session:
         shutil.rmtree(self._folder)
 
 
-session = None  # the inner session that runs; one at a time
+sessions = {}  # suffix: its latest inner session
 broken = {}  # suffix: what a session told that ended before its first item
+
+
+def start_next(items):
+    """Start the inner session of the next suffix, unless one runs."""
+    if all(session.ended() for session in sessions.values()):
+        suffix = next((name for name in map(suffix_of, items) if name is not None and name not in sessions), None)
+        if suffix is not None:
+            start_session(suffix, items)
+
+
+def start_session(suffix, items):
+    sessions[suffix] = Session(suffix, [item for item in items if suffix_of(item) == suffix])
+    return sessions[suffix]
 
 
 def reports_of(item, suffix):
     """The reports of one item, from an inner session that is started where needed."""
-    global session
-    how = None
-    if session is not None and session.suffix == suffix:
+    items = item.session.items
+    session = sessions.get(suffix) or start_session(suffix, items)
+    how = session.wait_for(item.nodeid)
+    if how != "finished" and item.nodeid not in session.started and session.started:
+        session.close()
+        session = start_session(suffix, items[items.index(item) :])
         how = session.wait_for(item.nodeid)
-    if how is None or (how != "finished" and item.nodeid not in session.started):
-        close_session()
-        if suffix in broken:
-            return [failure(item, broken[suffix])]
-        items = item.session.items
-        session = Session(suffix, [other for other in items[items.index(item) :] if suffix_of(other) == suffix])
-        how = session.wait_for(item.nodeid)
+    if suffix in broken:
+        return [failure(item, broken[suffix])]
     told = session.reports.get(item.nodeid, [])
     if how != "finished":
         told = [event for event in told if event["report"]["outcome"] == "failed"][:1]
@@ -236,7 +253,10 @@ def failure(item, text):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item):
-    if INNER or (suffix := suffix_of(item)) is None:
+    if INNER:
+        return None
+    start_next(item.session.items)
+    if (suffix := suffix_of(item)) is None:
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     for report in reports_of(item, suffix):
@@ -245,12 +265,7 @@ def pytest_runtest_protocol(item):
     return True
 
 
-def close_session():
-    global session
-    if session is not None:
-        session.close()
-    session = None
-
-
 def pytest_sessionfinish():
-    close_session()
+    for session in sessions.values():
+        session.close()
+    sessions.clear()
