@@ -45,7 +45,7 @@ demo: install
 	mpiexec -n 2 $(PYTHON) -m hpcred
 
 test: install
-	$(PYTHON) -m pytest -m "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs"
+	$(PYTHON) -m pytest --beside -m "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs"
 
 test-slow: install
 	$(PYTHON) -m pytest -m slow

@@ -3,11 +3,14 @@
 In: items marked `mpi`, or `mpi(ranks=(1, 2))` where not all numbers of ranks make sense. Out: the same items with the
 suffixes [1-rank] (run here), [2-ranks], [3-ranks] and, where there are two builds, [1-rank-complex], [2-ranks-complex].
 
-The items of one suffix run together in one `mpiexec ... pytest`, the inner session. Its ranks append what happens, a
-line of JSON each time, to a file; the session outside reads its reports there when it comes to the items. Until then
-it runs its own items, and the inner sessions go on beside it, one at a time. A failure on one rank ends the inner
-session, as does an item that takes longer than HPCRED_TEST_TIMEOUT seconds, or a crash; the items after it go to a new
-one. `mpiexec -n 4 python -m pytest -m mpi` runs the items on the ranks that it was given.
+The items of one suffix run together in one `mpiexec ... pytest`, the inner session, which starts with the first of
+them. Its ranks append what happens, a line of JSON each time, to a file; the session outside reads its reports there
+while the inner one goes on. A failure on one rank ends the inner session, as does an item that takes longer than
+HPCRED_TEST_TIMEOUT seconds, or a crash; the items after it go to a new one. `mpiexec -n 4 python -m pytest -m mpi` runs
+the items on the ranks that it was given.
+
+With `--beside` inner sessions go on beside the other items where the machine has cores for all their ranks, and the
+items of one rank are in an inner session too. What is shown, and in which order, does not change.
 """
 
 import json
@@ -28,19 +31,21 @@ from launch import TWO_BUILDS, mpi_environment
 TIMEOUT = float(os.environ.get("HPCRED_TEST_TIMEOUT", "300"))
 INNER = os.environ.get("HPCRED_TEST_SESSION")  # in an inner session: its folder
 
-SHARED_CORES = {  # with the session outside: no rank keeps a core to itself, nor holds it while it waits
-    "OMPI_MCA_hwloc_base_binding_policy": "none", "OMPI_MCA_mpi_yield_when_idle": "1",
-}  # fmt: skip
 HERE = "1-rank"
-LAUNCHED = {"2-ranks": (2, ""), "3-ranks": (3, "")}  # suffix: ranks, build
-if TWO_BUILDS or INNER:
-    LAUNCHED |= {"1-rank-complex": (1, "complex"), "2-ranks-complex": (2, "complex")}
+LAUNCHED = {HERE: (1, ""), "1-rank-complex": (1, "complex"), "2-ranks": (2, ""), "3-ranks": (3, ""),
+            "2-ranks-complex": (2, "complex")}  # fmt: skip  # suffix: ranks, build
+if not (TWO_BUILDS or INNER):
+    LAUNCHED = {suffix: job for suffix, job in LAUNCHED.items() if not job[1]}
 
 
 def world():
     from mpi4py import MPI
 
     return MPI.COMM_WORLD
+
+
+def pytest_addoption(parser):
+    parser.addoption("--beside", action="store_true", help="run items on several ranks beside those on one")
 
 
 def pytest_configure():
@@ -59,7 +64,7 @@ def pytest_generate_tests(metafunc):
         suffixes = [f"{world().size}-ranks"]
     else:
         ranks = mark.kwargs.get("ranks", (1, 2, 3))
-        suffixes = [HERE] * (1 in ranks) + [name for name, (count, _) in LAUNCHED.items() if count in ranks]
+        suffixes = [name for name, (count, _) in LAUNCHED.items() if count in ranks]
     metafunc.fixturenames.append("job")
     metafunc.parametrize("job", suffixes)
 
@@ -67,7 +72,8 @@ def pytest_generate_tests(metafunc):
 def suffix_of(item):
     """The suffix of an item that is to run in an inner session, else None."""
     suffix = item.callspec.params.get("job") if hasattr(item, "callspec") else None
-    return suffix if suffix in LAUNCHED and world().size == 1 else None
+    here = world().size > 1 or (suffix == HERE and not item.config.getoption("beside"))
+    return None if here else suffix
 
 
 @pytest.hookimpl(trylast=True)
@@ -79,6 +85,7 @@ def pytest_collection_modifyitems(items):
     else:
         order = [None, *LAUNCHED]
         items.sort(key=lambda item: order.index(suffix_of(item)))
+        waiting.extend(dict.fromkeys(filter(None, map(suffix_of, items))))
 
 
 # inside: every rank tells what happens
@@ -127,19 +134,20 @@ class Session:
     """One inner session for the items of one suffix: its process, and what it has told so far."""
 
     def __init__(self, suffix, items):
-        self.suffix, self.last = suffix, items[-1].nodeid
+        self.last = items[-1].nodeid
         self.started, self.finished, self.reports = set(), set(), {}
         self._read = 0
         self._folder = Path(tempfile.mkdtemp(prefix="hpcred-tests-"))
         (self._folder / "items.json").write_text(json.dumps([item.nodeid for item in items]))
         (self._folder / "events").touch()
-        ranks, build = LAUNCHED[suffix]
+        self.ranks, build = LAUNCHED[suffix]
         options = ["-q", "--color=no", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={TIMEOUT:g}"]
         files = dict.fromkeys(str(item.path) for item in items)
-        more = {**SHARED_CORES, "HPCRED_TEST_SESSION": str(self._folder), **({"HPCRED_SCALAR": build} if build else {})}
+        more = {"HPCRED_TEST_SESSION": str(self._folder), **({"HPCRED_SCALAR": build} if build else {})}
+        more["OMPI_MCA_hwloc_base_binding_policy"] = "none"  # several sessions would take the same cores
         with open(self._folder / "output", "w") as output:
             self.process = subprocess.Popen(
-                ["mpiexec", "-n", str(ranks), sys.executable, "-m", "pytest", *options, *files],
+                ["mpiexec", "-n", str(self.ranks), sys.executable, "-m", "pytest", *options, *files],
                 cwd=items[0].config.rootpath,
                 stdin=subprocess.DEVNULL,
                 stdout=output,
@@ -199,21 +207,25 @@ class Session:
         shutil.rmtree(self._folder)
 
 
+waiting = []  # suffixes of items whose inner session has not started
 sessions = {}  # suffix: its latest inner session
 broken = {}  # suffix: what a session told that ended before its first item
 
 
-def start_next(items):
-    """Start the inner session of the next suffix, unless one runs."""
-    if all(session.ended() for session in sessions.values()):
-        suffix = next((name for name in map(suffix_of, items) if name is not None and name not in sessions), None)
-        if suffix is not None:
-            start_session(suffix, items)
-
-
 def start_session(suffix, items):
+    """The inner session for those of the items that have the suffix, started."""
+    if suffix in waiting:
+        waiting.remove(suffix)
     sessions[suffix] = Session(suffix, [item for item in items if suffix_of(item) == suffix])
     return sessions[suffix]
+
+
+def start_beside(item):
+    """Start the inner sessions for which there are cores beside this item and what runs."""
+    busy = sum(session.ranks for session in sessions.values() if not session.ended()) + (suffix_of(item) is None)
+    for suffix in list(waiting):
+        if busy + LAUNCHED[suffix][0] <= len(os.sched_getaffinity(0)):
+            busy += start_session(suffix, item.session.items).ranks
 
 
 def reports_of(item, suffix):
@@ -255,7 +267,8 @@ def failure(item, text):
 def pytest_runtest_protocol(item):
     if INNER:
         return None
-    start_next(item.session.items)
+    if item.config.getoption("beside"):
+        start_beside(item)
     if (suffix := suffix_of(item)) is None:
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
