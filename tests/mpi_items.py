@@ -1,6 +1,7 @@
 """Tests marked mpi, once for each number of ranks and each PETSc build: items of their own, with a line each.
 
-In: items marked `mpi`, or `mpi(ranks=(1, 2))` where not all numbers of ranks make sense. Out: the same items with the
+In: items marked `mpi`, or `mpi(ranks=(1, 3))` where not all numbers of ranks make sense, `mpi(build="real")` where the
+build of PETSc makes no difference, as to readers of text. Out: the same items with the
 suffixes [1-rank] (run here), [2-ranks], [3-ranks] and, where there are two builds, [1-rank-complex], [2-ranks-complex].
 
 The items of one suffix run together in one `mpiexec ... pytest`, the inner session, which starts with the first of
@@ -64,7 +65,8 @@ def pytest_generate_tests(metafunc):
         suffixes = [f"{world().size}-ranks"]
     else:
         ranks = mark.kwargs.get("ranks", (1, 2, 3))
-        suffixes = [name for name, (count, _) in LAUNCHED.items() if count in ranks]
+        builds = ("",) if mark.kwargs.get("build") == "real" else ("", "complex")
+        suffixes = [name for name, (count, build) in LAUNCHED.items() if count in ranks and build in builds]
     metafunc.fixturenames.append("job")
     metafunc.parametrize("job", suffixes)
 

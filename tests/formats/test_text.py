@@ -10,7 +10,7 @@ from hpcred import InputError
 from hpcred.formats import text
 from hpcred.formats.text import Piece, line_number, numbers, pieces, places, triples
 
-pytestmark = pytest.mark.mpi
+pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
 
 
 def test_every_line_is_read_once_wherever_the_pieces_are_cut(folder, comm, monkeypatch):
