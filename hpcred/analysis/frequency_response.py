@@ -131,7 +131,8 @@ def _by_full_matrices(solvers, frequencies, response) -> np.ndarray:
             continue
         residual = np.linalg.norm(A @ X - B, axis=1)
         response[part] = C @ X
-        left[part] = (frequencies[part] == 0) | (residual > REFINE_ABOVE * np.linalg.norm(B, axis=0)).any(axis=1)
+        small = (residual <= REFINE_ABOVE * np.linalg.norm(B, axis=0)).all(axis=1)  # NaN is not
+        left[part] = (frequencies[part] == 0) | ~small
     return np.flatnonzero(left)
 
 
