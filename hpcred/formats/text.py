@@ -31,8 +31,8 @@ LARGEST_WHOLE = 2**53  # up to here a float is exact
 LARGEST_LABEL = 2**31 - 1
 # fast_matrix_market stops at the end of a number and leaves the rest of the line: 1.5+02 is 1.5 to it. So each line
 # gets NaN as an imaginary part, which is found again only where the value was read to its end: what is left of a text
-# without the letter n may be a number (1.5.7e-98), but not this. It also takes "2 1.0" for row 2, column 1 and the value
-# .0, so that fields are counted.
+# without the letter n may be a number (1.5.7e-98), but not this. It also takes "2 1.0" for row 2, column 1 and the
+# value .0, so that fields are counted.
 MARK = b" nan\n"
 MANY = 2**62  # more rows than there will be
 
