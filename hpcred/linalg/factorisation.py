@@ -19,6 +19,7 @@ from .options import temporary_options
 
 MORE_ROOM = (-8, -9, -14, -15, -17, -20)  # INFOG(1): a workspace was too small
 OUT_OF_MEMORY = (-7, -13, -19)
+SOLVE_WIDTH = 96  # columns that MUMPS solves for at a time; wider ones take memory (`hpcred bench` compares widths)
 CHOOSE_ABOVE = 10_000  # rows from which on an ordering is worth a second analysis
 ORDERINGS = {0: "AMD", 2: "AMF", 3: "SCOTCH", 4: "PORD", 5: "METIS", 6: "QAMD"}
 
@@ -154,7 +155,10 @@ class Factorisation:
         self.records: list[FactorRecord] = []
         self.analyses = 0  # symbolic ones so far
         self._kind, self._prefix, self._chosen = kind, prefix, False
-        self._settings = {"icntl_7": startup.ordering, "icntl_14": 40, **self.factoring.mumps(), **(settings or {})}
+        self._settings = {
+            "icntl_7": startup.ordering, "icntl_14": 40, "icntl_27": SOLVE_WIDTH, **self.factoring.mumps(),
+            **(settings or {}),
+        }  # fmt: skip
         # before the first factor takes its part
         self._limit = max(self.factoring.limit_mb(matrix.comm.tompi4py()) - int(reserved_mb), 1)
         PETSc.Log.begin()
@@ -289,6 +293,10 @@ class Factorisation:
         rows = self.matrix.getSize()[0]
         entries = min(rows * rows, 3 * self.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] * rows ** (1 / 3))
         return entries * np.dtype(PETSc.ScalarType).itemsize <= self._limit * MB
+
+    def set_solve_width(self, columns: int):
+        """How many columns MUMPS solves for at a time with the present factor, for measurements."""
+        self._ksp.getPC().getFactorMatrix().setMumpsIcntl(27, columns)
 
     def back_substitute(self, load: SLEPc.BV, solution: SLEPc.BV):
         """solution = A^-1 load, all active columns in one call of MUMPS, unchecked."""

@@ -100,6 +100,10 @@ class ShiftedSolver(Solver):
         self.matrix.stateIncrease()
         return self._factors.flops_by_ordering(orderings)
 
+    def set_solve_width(self, columns: int):
+        """How many columns MUMPS solves for at a time with the present factor, for measurements."""
+        self._factors.set_solve_width(columns)
+
     @property
     def negative_pivots(self) -> int:
         return self._factors.negative_pivots
@@ -146,8 +150,9 @@ class ShiftedSolver(Solver):
         Raises ComputationError when the residual stays large.
         """
         with Owned(self.model.comm) as owned:
-            load = owned.owns(copy_of(right, self.model.K))
+            load = right
             if self.rigid is not None:
+                load = owned.owns(copy_of(right, self.model.K))
                 self.rigid.equilibrate(load)
             self._back_substitute(load, solution)
             # with the true K where rows are held: the supports take no force
