@@ -182,14 +182,19 @@ class Factorisation:
         """Number of negative eigenvalues by Sylvester's law; on several ranks it needs icntl_13 = 1."""
         return self.records[-1].negative_pivots
 
-    def flops_by_ordering(self, orderings) -> dict[int, float]:
-        """Operations of a factor with each of the orderings (icntl_7), as MUMPS estimates, by analyses alone."""
+    def expected(self, orderings) -> dict[int, dict]:
+        """What a factor with each of the orderings (icntl_7) takes, as MUMPS estimates by analyses alone: `flops`,
+        `entries`, `mb` in all and `mb_max_rank`."""
         found = {}
         for ordering in orderings:
             with temporary_options(self._prefix + "mat_mumps_", self._settings, {"icntl_7": ordering, "icntl_23": 1}):
                 self._ksp.setOperators(self.matrix)
                 self._ksp.setUp()
-            found[ordering] = self._ksp.getPC().getFactorMatrix().getMumpsRinfog(1)
+            mumps = self._ksp.getPC().getFactorMatrix()
+            found[ordering] = {
+                "flops": mumps.getMumpsRinfog(1), "entries": _entries(mumps.getMumpsInfog(20)),
+                "mb": mumps.getMumpsInfog(17), "mb_max_rank": mumps.getMumpsInfog(16),
+            }  # fmt: skip
             self.release()
         return found
 
@@ -201,7 +206,8 @@ class Factorisation:
         theirs = PETSc.Options(self._prefix).hasName("mat_mumps_icntl_7")
         there = startup.orderings()
         if len(there) > 1 and not theirs and self.matrix.getSize()[0] >= CHOOSE_ABOVE:
-            flops = {key: value for key, value in self.flops_by_ordering(there).items() if value > 0}  # 0: it failed
+            found = self.expected(there)
+            flops = {key: item["flops"] for key, item in found.items() if item["flops"] > 0}  # 0: it failed
             self._settings["icntl_7"] = min(flops, key=flops.get, default=self._settings["icntl_7"])
 
     def estimate(self):
@@ -243,7 +249,6 @@ class Factorisation:
         after = self._event.getPerfInfo()
         analysis = after["time"] - before["time"]
         self.analyses += after["count"] - before["count"]
-        entries = mumps.getMumpsInfog(29)
         self.records.append(
             FactorRecord(
                 **labels,
@@ -251,7 +256,7 @@ class Factorisation:
                 analysis_seconds=round(analysis, 4),
                 factor_seconds=round(time.perf_counter() - start - analysis, 4),
                 ordering=ORDERINGS.get(mumps.getMumpsInfog(7), "other"),
-                factor_entries=entries if entries >= 0 else -entries * 10**6,
+                factor_entries=_entries(mumps.getMumpsInfog(29)),
                 flops=mumps.getMumpsRinfog(3),
                 memory_mb_estimated_total=mumps.getMumpsInfog(17),
                 memory_mb_estimated_max_rank=mumps.getMumpsInfog(16),
@@ -307,3 +312,8 @@ class Factorisation:
         record = self.records[-1]
         record.columns_solved += columns
         record.solve_seconds = round(record.solve_seconds + time.perf_counter() - start, 4)
+
+
+def _entries(count):
+    """A count of MUMPS, which is negative and in millions where it is too large."""
+    return count if count >= 0 else -count * 10**6

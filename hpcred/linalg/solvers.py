@@ -125,12 +125,12 @@ class ShiftedSolver(Solver):
         self.matrix.stateIncrease()
         return self._factors.estimate()
 
-    def flops_by_ordering(self, orderings) -> dict[int, float]:
-        """Operations of a factor of K with each of the orderings of MUMPS (icntl_7), estimated."""
+    def expected(self, orderings) -> dict[int, dict]:
+        """What a factor of K with each of the orderings of MUMPS (icntl_7) takes; see Factorisation.expected."""
         self.factored = None
         self.model.K.copy(self.matrix, structure=SAME)
         self.matrix.stateIncrease()
-        return self._factors.flops_by_ordering(orderings)
+        return self._factors.expected(orderings)
 
     def solve_below(self, mass, right, solution, basis, squares):
         """Solve with K + mass M by the factor that there is for a mass below; see IterativeSolver.solve_below."""

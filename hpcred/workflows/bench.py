@@ -80,8 +80,8 @@ def _measure(cells, folder, comm, progress):
             }
         solver.release()
         with progress.stage("orderings"):
-            flops = solver.flops_by_ordering((*startup.orderings(), PORD))
-        report["gflop_by_ordering"] = {ORDERINGS[number]: value / 1e9 for number, value in flops.items()}
+            expected = solver.expected((*startup.orderings(), PORD))
+        report["gflop_by_ordering"] = {ORDERINGS[number]: item["flops"] / 1e9 for number, item in expected.items()}
         solver.release()
         return report | _products(model, comm, progress) | _files(model, folder, comm, progress)
 
