@@ -413,7 +413,8 @@ def reduce(
     record, accuracy = found.record, found.record.accuracy
     stored = any(item.from_store for item in record.ingredients)
     if accuracy is not None:
-        print(f"{accuracy.sentence}, {accuracy.factorisations} factorisations, {found.size_in_words}")
+        plural = "" if accuracy.factorisations == 1 else "s"
+        print(f"{accuracy.sentence}, {accuracy.factorisations} factorisation{plural}, {found.size_in_words}")
     show_table(
         f"{found.output}: {found.size_in_words} for {record.size} dofs",
         [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
