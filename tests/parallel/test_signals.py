@@ -56,15 +56,22 @@ def ranks_of(job):
     return sorted(found, key=lambda item: item.pid)
 
 
-def end(job, victim, number, most=20):
+def gone(processes, seconds):
+    """Whether processes end in this time (s); zombies have."""
+    alive = psutil.wait_procs(processes, timeout=seconds)[1]
+    return all(item.status() == psutil.STATUS_ZOMBIE for item in alive if item.is_running())
+
+
+def end(job, victim, number, family=None, most=20):
     """Send a signal; what was said on stderr by hpcred, once all processes are gone, which takes at most 10 s, and 10
-    more where the machine is busy."""
-    family = psutil.Process(job.pid).children(recursive=True)
-    os.kill(victim, number)
+    more where the machine is busy. `family`: the processes that end, by default all of the job; the job itself has
+    `most` seconds."""
+    everyone = psutil.Process(job.pid).children(recursive=True)
     begin = time.monotonic()
+    os.kill(victim, number)
+    assert family is None or gone(family, 20)
     told = job.communicate(timeout=max(most, 60))[1]
-    alive = psutil.wait_procs(family, timeout=10)[1]
-    assert not [item for item in alive if item.status() != psutil.STATUS_ZOMBIE]
+    assert gone(everyone, 10)
     assert time.monotonic() - begin < most
     assert "Traceback" not in told
     return [line for line in told.splitlines() if line.startswith("hpcred: ") and "[" not in line]
@@ -122,9 +129,15 @@ def kill(folder, command, whom, number, delay):
     with suppress(psutil.NoSuchProcess, ProcessLookupError):
         if job.poll() is None:
             ranks = ranks_of(job)
-            if ranks or whom == "launcher":
-                goes_on = command == "sweep" and whom == "rank"  # with its other runs
-                end(job, job.pid if whom == "launcher" else random.choice(ranks).pid, number, 200 if goes_on else 20)
+            if whom == "launcher":
+                end(job, job.pid, number)
+                return True
+            if ranks:
+                victim, family, most = random.choice(ranks), None, 20
+                if command == "sweep":  # goes on with its other runs
+                    launcher = victim.parent()
+                    family, most = [launcher, *launcher.children(recursive=True)], 200
+                end(job, victim.pid, number, family, most)
                 return True
     job.communicate()
     return False
