@@ -152,15 +152,18 @@ def test_kills_at_random_moments(reduced_linkage, folder):
     with package.linkage() as model:
         for key in "KM":
             scipy.io.mmwrite(folder / f"{key}.mtx", scipy.sparse.coo_matrix(to_dense(getattr(model, key))))
+    lasts = {}
     for command in COMMANDS:
+        since = time.monotonic()
         assert begin(folder, command).wait(120) == 0
+        lasts[command] = time.monotonic() - since
     before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
     seed, tally = int(os.environ.get("HPCRED_SEED", time.time())), Counter()
     draw = random.Random(seed)
     print(f"seed {seed}")
     while tally.total() < int(os.environ.get("HPCRED_KILLS", "30")):
         command, whom = draw.choice(list(COMMANDS)), draw.choice(["launcher", "rank"])
-        number, delay = draw.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), draw.uniform(0.8, 4.0)
+        number, delay = draw.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), draw.uniform(0.8, lasts[command])
         print(command, whom, number, delay, flush=True)
         tally[command, whom, number.name] += kill(folder, command, whom, number, delay)
         after = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
