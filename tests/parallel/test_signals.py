@@ -23,7 +23,7 @@ NEW = ("c.h5", "c.json", "result.h5", "r.json", "e.h5", "result.SID_FEM", "simul
        "simulation.png")  # fmt: skip
 DEAF = """
 from hpcred.parallel import signals
-signals.PATIENCE = 0.5
+signals.PATIENCE = signals.ALONE = 0.5
 signals.hear()
 print("hears", flush=True)
 sum(range(10**12))
@@ -105,6 +105,18 @@ def test_a_process_that_does_not_hear_is_killed():
     job.send_signal(signal.SIGTERM)
     assert job.communicate(timeout=30)[1] == "hpcred: terminated in the middle of a computation\n"
     assert job.returncode == -signal.SIGKILL
+
+
+def test_a_rank_without_its_launcher_is_killed():
+    """A rank that is in no place where MPI would see that its launcher is gone."""
+    launch = [sys.executable, "-c", "import subprocess, sys; subprocess.run([sys.executable, '-c', sys.argv[1]])", DEAF]
+    job = subprocess.Popen(launch, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                           env={**os.environ, "PMIX_RANK": "0"})  # fmt: skip
+    assert job.stdout.readline() == "hears\n"
+    family = psutil.Process(job.pid).children(recursive=True)
+    job.kill()
+    assert gone(family, 10)
+    assert job.communicate()[1] == "hpcred: terminated in the middle of a computation\n"
 
 
 COMMANDS = {
