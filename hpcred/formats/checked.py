@@ -23,6 +23,7 @@ SUMS = "checksums"
 CHECKSUM = "checksum"  # the attribute
 KINDS = {"integer": "iu", "real": "f", "complex": "c", "text": "SO", "flag": "b"}
 DEEPEST = 8  # groups in groups
+SLAB = 2**21  # bytes that are read and summed while the processor has them at hand: summed later they come by once more
 PACKED = 1100  # times what is stored is the most that deflate makes of it: a file that says more is not to be believed
 
 
@@ -256,9 +257,24 @@ class CheckedDataset:
         begin, end = low // CHUNK * CHUNK, min(-(-high // CHUNK) * CHUNK, self.rows)
         place = (*leading, *[slice(None)] * (self.axis - len(leading)))
         chunks = (place[0] if place else slice(None), slice(begin // CHUNK, -(-end // CHUNK)))
-        found, wanted = self._guarded(lambda: (self._dataset[(*place, slice(begin, end))], self._sums[chunks]))
-        self._compare(sums_of(found, self.axis, begin, self._tag), wanted)
+        (found, sums), wanted = self._guarded(lambda: (self._summed(place, begin, end), self._sums[chunks]))
+        self._compare(sums, wanted)
         return found[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
+
+    def _summed(self, leading, begin, end):
+        """The rows begin .. end, from the beginning of a chunk, and their sums; see _between."""
+        place = [item.indices(size)[:2] for item, size in zip((*leading, slice(begin, end)), self.shape, strict=False)]
+        found = np.empty([*(high - low for low, high in place), *self.shape[self.axis + 1 :]], self.dtype)
+        (low, high), unit = place[0], 1 if self.axis else CHUNK
+        step = max(SLAB * len(found) // max(found.nbytes, 1) // unit, 1) * unit
+        sums = []
+        for start in range(low, max(high, low + 1), step):
+            stop = min(start + step, high)
+            part = found[start - low : stop - low]
+            if part.size:
+                self._dataset.read_direct(part, tuple(slice(*ends) for ends in [(start, stop), *place[1:]]))
+            sums.append(sums_of(part, self.axis, begin if self.axis else start, self._tag))
+        return found, np.concatenate(sums, axis=0 if self.axis else 1)
 
     def _compare(self, sums, wanted):
         if not np.array_equal(sums, wanted):
