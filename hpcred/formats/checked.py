@@ -23,7 +23,7 @@ SUMS = "checksums"
 CHECKSUM = "checksum"  # the attribute
 KINDS = {"integer": "iu", "real": "f", "complex": "c", "text": "SO", "flag": "b"}
 DEEPEST = 8  # groups in groups
-SLAB = 2**21  # bytes that are read and summed while the processor has them at hand: summed later they come by once more
+SLAB = 2**19  # bytes that are read and summed at a time, which a processor keeps at hand from the one to the other
 PACKED = 1100  # times what is stored is the most that deflate makes of it: a file that says more is not to be believed
 
 
@@ -264,15 +264,17 @@ class CheckedDataset:
     def _summed(self, leading, begin, end):
         """The rows begin .. end, from the beginning of a chunk, and their sums; see _between."""
         place = [item.indices(size)[:2] for item, size in zip((*leading, slice(begin, end)), self.shape, strict=False)]
-        found = np.empty([*(high - low for low, high in place), *self.shape[self.axis + 1 :]], self.dtype)
+        plain = np.dtype(self.dtype.str)  # as MPI knows it
+        found = np.empty([*(high - low for low, high in place), *self.shape[self.axis + 1 :]], plain)
         (low, high), unit = place[0], 1 if self.axis else CHUNK
         step = max(SLAB * len(found) // max(found.nbytes, 1) // unit, 1) * unit
-        sums = []
+        there, sums = self._dataset.id.get_space(), []
         for start in range(low, max(high, low + 1), step):
-            stop = min(start + step, high)
-            part = found[start - low : stop - low]
+            part = found[start - low : start - low + step]
             if part.size:
-                self._dataset.read_direct(part, tuple(slice(*ends) for ends in [(start, stop), *place[1:]]))
+                ahead = (start, *(first for first, _ in place[1:]), *[0] * (found.ndim - len(place)))
+                there.select_hyperslab(ahead, part.shape)
+                self._dataset.id.read(h5py.h5s.create_simple(part.shape), there, part)
             sums.append(sums_of(part, self.axis, begin if self.axis else start, self._tag))
         return found, np.concatenate(sums, axis=0 if self.axis else 1)
 
