@@ -31,7 +31,7 @@ def sums_of(array: np.ndarray, axis: int, first: int, tag: int) -> np.ndarray:
     words = np.ascontiguousarray(array).reshape(leading, -1).view(f"u{unit}")
     width = words.shape[1] // rows
     used = CHUNK if first % CHUNK + rows > CHUNK else first % CHUNK + rows  # a text may be one row of many words
-    weights = _weights(2 ** max(used * width - 1, 1).bit_length(), unit == 4)
+    weights = _weights(2 ** max(int(used * width - 1), 1).bit_length(), unit == 4)
     head = min(-first % CHUNK, rows)
     whole = (rows - head) // CHUNK
 
