@@ -23,7 +23,6 @@ SUMS = "checksums"
 CHECKSUM = "checksum"  # the attribute
 KINDS = {"integer": "iu", "real": "f", "complex": "c", "text": "SO", "flag": "b"}
 DEEPEST = 8  # groups in groups
-SLAB = 2**19  # bytes that are read and summed at a time, which a processor keeps at hand from the one to the other
 PACKED = 1100  # times what is stored is the most that deflate makes of it: a file that says more is not to be believed
 
 
@@ -257,26 +256,20 @@ class CheckedDataset:
         begin, end = low // CHUNK * CHUNK, min(-(-high // CHUNK) * CHUNK, self.rows)
         place = (*leading, *[slice(None)] * (self.axis - len(leading)))
         chunks = (place[0] if place else slice(None), slice(begin // CHUNK, -(-end // CHUNK)))
-        (found, sums), wanted = self._guarded(lambda: (self._summed(place, begin, end), self._sums[chunks]))
-        self._compare(sums, wanted)
+        found, wanted = self._guarded(lambda: (self._read((*place, slice(begin, end))), self._sums[chunks]))
+        self._compare(sums_of(found, self.axis, begin, self._tag), wanted)
         return found[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
 
-    def _summed(self, leading, begin, end):
-        """The rows begin .. end, from the beginning of a chunk, and their sums; see _between."""
-        place = [item.indices(size)[:2] for item, size in zip((*leading, slice(begin, end)), self.shape, strict=False)]
-        plain = np.dtype(self.dtype.str)  # as MPI knows it
-        found = np.empty([*(high - low for low, high in place), *self.shape[self.axis + 1 :]], plain)
-        (low, high), unit = place[0], 1 if self.axis else CHUNK
-        step = max(SLAB * len(found) // max(found.nbytes, 1) // unit, 1) * unit
-        there, sums = self._dataset.id.get_space(), []
-        for start in range(low, max(high, low + 1), step):
-            part = found[start - low : start - low + step]
-            if part.size:
-                ahead = (start, *(first for first, _ in place[1:]), *[0] * (found.ndim - len(place)))
-                there.select_hyperslab(ahead, part.shape)
-                self._dataset.id.read(h5py.h5s.create_simple(part.shape), there, part)
-            sums.append(sums_of(part, self.axis, begin if self.axis else start, self._tag))
-        return found, np.concatenate(sums, axis=0 if self.axis else 1)
+    def _read(self, place):
+        """What h5py reads there, but for the zeros that it first fills the memory with, which cost as much as sums."""
+        ends = [item.indices(size)[:2] for item, size in zip(place, self.shape, strict=False)]
+        shape = (*(high - low for low, high in ends), *self.shape[len(ends) :])
+        found = np.empty(shape, self.dtype.str)  # of the name of the type MPI knows the byte order
+        if found.size:
+            there = self._dataset.id.get_space()
+            there.select_hyperslab((*(low for low, _ in ends), *[0] * (self.ndim - len(ends))), shape)
+            self._dataset.id.read(h5py.h5s.create_simple(shape), there, found)
+        return found
 
     def _compare(self, sums, wanted):
         if not np.array_equal(sums, wanted):
