@@ -11,7 +11,7 @@ def main():
         from .cli import run
 
         status = run(sys.argv[1:])
-    except KeyboardInterrupt as error:  # while modules are loaded
+    except (KeyboardInterrupt, Exception) as error:  # while modules are loaded
         signals.no_more()
         failures = sys.modules.get("hpcred.parallel.failures")
         if hasattr(failures, "LOADED"):

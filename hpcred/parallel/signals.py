@@ -57,11 +57,15 @@ def no_longer():
         signal.signal(number, signal.SIG_DFL)
 
 
-def leave(error: KeyboardInterrupt):
+def leave(error: BaseException):
     """End the process with a line, where modules are half loaded and cannot be loaded again; does not return."""
-    name = "terminated" if isinstance(error, Terminated) else "interrupted"
-    os.write(2, f"hpcred: {name}\n".encode())
-    os._exit(getattr(error, "exit_status", 128 + signal.SIGINT))
+    if isinstance(error, KeyboardInterrupt):
+        text = "terminated" if isinstance(error, Terminated) else "interrupted"
+    else:
+        last = (str(error).strip() or type(error).__name__).splitlines()[-1]
+        text = f"error: hpcred cannot be loaded: {last}"
+    os.write(2, f"hpcred: {text}\n".encode())
+    os._exit(getattr(error, "exit_status", 128 + signal.SIGINT if isinstance(error, KeyboardInterrupt) else 1))
 
 
 def no_more():
