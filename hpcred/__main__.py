@@ -12,11 +12,7 @@ def main():
 
         status = run(sys.argv[1:])
     except (KeyboardInterrupt, Exception) as error:  # while modules are loaded
-        signals.no_more()
-        failures = sys.modules.get("hpcred.parallel.failures")
-        if hasattr(failures, "LOADED"):
-            failures.end_job(error)
-        signals.leave(error)
+        signals.end(error)
     signals.no_longer()
     sys.exit(status)
 

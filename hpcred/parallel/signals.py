@@ -8,6 +8,7 @@ also kills a rank that its launcher leaves alone, as a rank may that MPI is just
 import os
 import select
 import signal
+import sys
 from contextlib import contextmanager, suppress
 
 PATIENCE = 8.0  # seconds; more than those that a rank waits for the others
@@ -22,7 +23,11 @@ class Terminated(KeyboardInterrupt):
 
 
 def hear():
-    """Have signals raise KeyboardInterrupt (SIGINT) or Terminated (SIGTERM); before MPI is loaded."""
+    """Have signals raise KeyboardInterrupt (SIGINT) or Terminated (SIGTERM); before MPI is loaded.
+
+    While a module is loaded they end the job at once: modules in C print an exception that comes then, and raise
+    another.
+    """
     ear, mouth = os.pipe()
     process, launcher = os.getpid(), os.getppid() if any(name in os.environ for name in LAUNCHED) else None
     if os.fork() == 0:
@@ -34,8 +39,8 @@ def hear():
     os.close(ear)
     os.set_blocking(mouth, False)
     signal.set_wakeup_fd(mouth, warn_on_full_buffer=False)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGTERM, _terminate)
+    signal.signal(signal.SIGINT, _hear)
+    signal.signal(signal.SIGTERM, _hear)
 
 
 @contextmanager
@@ -57,6 +62,15 @@ def no_longer():
         signal.signal(number, signal.SIG_DFL)
 
 
+def end(error: BaseException):
+    """End the job for what happened while modules were loaded, as far as they are there; does not return."""
+    no_more()
+    failures = sys.modules.get("hpcred.parallel.failures")
+    if hasattr(failures, "LOADED"):
+        failures.end_job(error)
+    leave(error)
+
+
 def leave(error: BaseException):
     """End the process with a line, where modules are half loaded and cannot be loaded again; does not return."""
     if isinstance(error, KeyboardInterrupt):
@@ -74,8 +88,13 @@ def no_more():
         signal.signal(number, signal.SIG_IGN)
 
 
-def _terminate(*_):
-    raise Terminated
+def _hear(number, frame):
+    error = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
+    while frame is not None:
+        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+            end(error)
+        frame = frame.f_back
+    raise error
 
 
 def _watch(process, ear, launcher):

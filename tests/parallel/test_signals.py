@@ -107,6 +107,18 @@ def test_a_process_that_does_not_hear_is_killed():
     assert job.returncode == -signal.SIGKILL
 
 
+@pytest.mark.parametrize("number, word", [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
+def test_a_signal_while_a_module_is_loaded_ends_with_a_line(tmp_path, number, word):
+    """As modules of Fortran do, the one here makes an exception into another."""
+    (tmp_path / "late.py").write_text(
+        f"import os\ntry:\n    os.kill(os.getpid(), {int(number)})\n    sum(range(10**6))\n"
+        "except BaseException:\n    raise ImportError('failed to import')\n"
+    )
+    program = "from hpcred.parallel import failures, signals\nsignals.hear()\nimport late"
+    run = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=30)
+    assert (run.returncode, run.stderr) == (128 + number, f"hpcred: {word}\n")
+
+
 def test_a_rank_without_its_launcher_is_killed():
     """A rank that is in no place where MPI would see that its launcher is gone."""
     launch = [sys.executable, "-c", "import subprocess, sys; subprocess.run([sys.executable, '-c', sys.argv[1]])", DEAF]
