@@ -188,9 +188,9 @@ def test_kills_at_random_moments(reduced_linkage, folder):
     while tally.total() < int(os.environ.get("HPCRED_KILLS", "30")):
         command, whom = draw.choice(list(COMMANDS)), draw.choice(["launcher", "rank"])
         number, delay = draw.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), draw.uniform(0.8, lasts[command])
-        hit = kill(folder, command, whom, number, delay)
-        tally[command, whom, number.name] += hit
-        print(command, whom, number.name, f"{delay:.2f} s", "" if hit else "too late", tally.total(), flush=True)
+        print(command, whom, number.name, f"{delay:.2f} s", end=" ", flush=True)
+        tally[command, whom, number.name] += kill(folder, command, whom, number, delay)
+        print(tally.total(), flush=True)
         after = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
         assert set(before) <= set(after)
         for name in before:
