@@ -14,12 +14,8 @@ def main():
         from .cli import run
 
         status = run(sys.argv[1:])
-    except KeyboardInterrupt as error:  # while modules are loaded
-        signals.no_more()
-        failures = sys.modules.get("hpcred.parallel.failures")
-        if hasattr(failures, "LOADED"):
-            failures.end_job(error)
-        signals.leave(error)
+    except (KeyboardInterrupt, Exception) as error:  # while modules are loaded
+        signals.end(error)
     signals.no_longer()
     sys.exit(status)
 
