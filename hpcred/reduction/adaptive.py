@@ -152,6 +152,13 @@ class Point:
     from_store: bool = False
     factor_of: float | None = None
 
+    @property
+    def factor_in_words(self) -> str:
+        """Which factor it was solved with."""
+        if self.factors:
+            return f"{self.factor_seconds:.3g} s"
+        return "from the store" if self.from_store or self.factor_of is None else f"that of {self.factor_of:.6g} Hz"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Proof:
