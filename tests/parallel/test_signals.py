@@ -2,12 +2,14 @@
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
 import time
 from collections import Counter
 from contextlib import suppress
+from pathlib import Path
 
 import psutil
 import pytest
@@ -144,13 +146,23 @@ def begin(folder, command):
     return start(folder, 1 if command == "sweep" else 2, *COMMANDS[command].split())
 
 
+def wait_until_it_hears(process):
+    """Until hpcred is there to hear signals: before, Python answers SIGINT itself, with a traceback."""
+    hearing = 1 << (signal.SIGTERM - 1)
+    while process.is_running() and process.status() != psutil.STATUS_ZOMBIE:
+        caught = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{process.pid}/status").read_text())
+        if int(caught[1], 16) & hearing:
+            return
+        time.sleep(0.01)
+
+
 def kill(folder, command, whom, number, delay):
     """A command that is sent a signal after a while (s), if it is still there; whether it was."""
     for path in (folder / "sweep").glob("*.h5"):
         path.unlink()
     job = begin(folder, command)
     time.sleep(delay)
-    with suppress(psutil.NoSuchProcess, ProcessLookupError):
+    with suppress(psutil.NoSuchProcess, ProcessLookupError, FileNotFoundError):
         if job.poll() is None:
             ranks = ranks_of(job)
             if whom == "launcher":
@@ -158,6 +170,7 @@ def kill(folder, command, whom, number, delay):
                 return True
             if ranks:
                 victim, family, most = random.choice(ranks), None, 20
+                wait_until_it_hears(victim)
                 if command == "sweep":  # goes on with its other runs
                     launcher = victim.parent()
                     family, most = [launcher, *launcher.children(recursive=True)], 200
