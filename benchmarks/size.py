@@ -40,7 +40,7 @@ def reference(name):
 
     import hpcred
     from hpcred.model.frames import apply_frame
-    from hpcred.reduction.adaptive import law_of
+    from hpcred.reduction.accuracy import law_of
 
     hpcred.start("complex")
     row, frame = MODELS[name], frame_of(MODELS[name])

@@ -75,9 +75,9 @@ from .parallel.failures import ComputationError as ComputationError
 from .parallel.failures import InputError as InputError
 from .parallel.progress import Progress as Progress
 from .parallel.startup import start as start
-from .reduction.adaptive import Accuracy as Accuracy
-from .reduction.adaptive import Adaptive as Adaptive
-from .reduction.adaptive import Limits as Limits
+from .reduction.accuracy import Accuracy as Accuracy
+from .reduction.accuracy import Adaptive as Adaptive
+from .reduction.accuracy import Limits as Limits
 from .reduction.craig_bampton import ConstraintModes as ConstraintModes
 from .reduction.craig_bampton import CraigBampton as CraigBampton
 from .reduction.craig_bampton import FixedInterfaceModes as FixedInterfaceModes

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hpcred import GivenDamping, NoDamping, NoFrame, Rayleigh, SecondOrderModel
-from hpcred.reduction.adaptive import law_of
+from hpcred.reduction.accuracy import law_of
 from hpcred.reduction.pseudo_modal import coefficients
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ..linalg.factorisation import Factoring
 from ..model.damping import Structural
 from ..parallel.failures import InputError
-from ..reduction.adaptive import Accuracy
+from ..reduction.accuracy import Accuracy
 from ..reduction.reduced_model import ReducedModel
 from .error import relative_error
 from .frequency_response import frequency_response

@@ -20,7 +20,8 @@ from ..model.scales import scaled, scales_of, unscaled
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
-from ..reduction.adaptive import HELD_BACK, UNIFORM, Accuracy, Adaptive, Search
+from ..reduction.accuracy import Accuracy, Adaptive
+from ..reduction.adaptive import HELD_BACK, UNIFORM, Search
 from ..reduction.error_estimate import estimate, grid
 from ..reduction.pseudo_modal import Law, nested, relative, response
 from ..reduction.reduce import KEPT_BY_SEARCH, ROOM, check_model, warnings_of

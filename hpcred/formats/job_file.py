@@ -14,7 +14,7 @@ from ..model.frames import Frame, NoFrame
 from ..model.interfaces import Interface
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, FREQUENCY, LABEL, within
-from ..reduction.adaptive import Adaptive, Limits
+from ..reduction.accuracy import Adaptive, Limits
 from ..reduction.record import AnyIngredient
 from ..reduction.settings import Reduction
 from .source import Source
@@ -32,7 +32,7 @@ class Job:
     direction]; without them those of the model are taken, or all directions of all interfaces. `interface`: see
     model.interfaces.Interface; its name stands for a node in inputs, outputs and frames. `band`: Hz. `tolerance`:
     eps that points, orders and size are chosen for, over the band, within the limits `adaptive` (see
-    reduction.adaptive.Limits); `unreached`: where it is not reached the model is written under a name that says so
+    reduction.accuracy.Limits); `unreached`: where it is not reached the model is written under a name that says so
     ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result; `report`: whether
     an HTML report is written beside it. `body_origin` (m), `lumped_integrals`: see multibody.floating_frame.
     deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.

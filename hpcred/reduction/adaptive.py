@@ -16,34 +16,23 @@ point are made from residuals, and the first point lies in the middle of the ban
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from ..linalg.basis import Basis
-from ..linalg.blocks import (
-    add_product,
-    apply,
-    copy_of,
-    create_block,
-    from_dense,
-    inner,
-    local_rows,
-    multiply,
-    random_block,
-)
+from ..linalg.blocks import add_product, copy_of, create_block, random_block
 from ..linalg.conjugate_gradients import NegativeCurvature, NotSolved
 from ..linalg.factorisation import SingularMatrix
 from ..linalg.free_motions import free_motions_refused
 from ..linalg.multigrid_solver import not_definite
-from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
-from ..parallel.petsc import PETSc, is_complex
-from ..parallel.ranges import COUNT, FREQUENCY, within
+from ..parallel.petsc import is_complex
 from ..parallel.stopping import stop_if_asked
+from .accuracy import Accuracy, Adaptive, Point, Proof, law_of
 from .chain import Entry
-from .compression import columns, compressed
+from .compression import compressed
 from .error_estimate import (
     APART,
     estimate,
@@ -61,19 +50,10 @@ from .error_estimate import (
 from .groups import Group, bring
 from .krylov import PencilChain
 from .point_blocks import Part, PointBlocks
+from .ports import loads_and_ports
 from .projections import Projections
-from .pseudo_modal import (
-    Law,
-    coefficients,
-    difference,
-    nested,
-    norms,
-    relative,
-    response,
-    restricted,
-    solve,
-    worst_pair,
-)
+from .pseudo_modal import difference, nested, relative, response, restricted, worst_pair
+from .residual_blocks import residual_block
 from .run import Run
 
 MARGIN = 0.1  # of the tolerance that the big basis is made for; the rest is for the compression
@@ -82,175 +62,11 @@ HELD_BACK = 3  # columns at least that the estimate sees the model from
 UNIFORM = 200  # frequencies of the estimate, beside those around resonances
 CHAIN = 128  # columns of a point at most, and
 AHEAD = 32  # as many more when the estimate promises to arrive with them
-RESIDUALS = 40  # frequencies at which residuals are taken
 HIDDEN = 60  # random columns at most, to find modes that no load moves
 UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
 HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 PROOF = 1 / 8  # of the band: where models are proven first, whatever the law and the tolerance, so that a store serves
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
-
-
-@dataclass(frozen=True, kw_only=True)
-class Limits:
-    """What an automatic reduction may take.
-
-    At most `factorisations`, `columns` of the big basis, `size` coordinates of the result and `seconds`; where one of
-    them ends the search the tolerance is not reached. `points` (Hz) are taken first, before the search chooses. The
-    response of an undamped model is measured with the loss factor 2 `zeta0`.
-    """
-
-    factorisations: int = 14
-    columns: int = 600
-    size: int | None = None
-    seconds: float | None = None
-    zeta0: float = 1e-3
-    points: tuple[float, ...] = ()
-
-    def __post_init__(self):
-        for key in ("factorisations", "columns", "size", "seconds", "zeta0"):
-            if getattr(self, key) is not None and not 0 < getattr(self, key) < np.inf:
-                raise InputError(f"adaptive.{key}: found {getattr(self, key)}, expected more than 0")
-        if self.factorisations < 2:
-            raise InputError(f"adaptive.factorisations: found {self.factorisations}, expected at least 2")
-        if not 1e-12 <= self.zeta0 < 1:
-            raise InputError(f"adaptive.zeta0: found {self.zeta0:g}, expected a damping ratio below 1")
-        for key in ("factorisations", "columns", "size"):
-            within(f"adaptive.{key}", getattr(self, key), COUNT)
-        within("adaptive.seconds", self.seconds, (1e-6, 1e9, "s"))
-        within("adaptive.points", self.points, FREQUENCY)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Adaptive(Limits):
-    """Reduction to an accuracy: eps(f) = ||H - Hr||_F / ||H||_F <= `tolerance` over `band` (Hz), within Limits."""
-
-    tolerance: float
-    band: tuple[float, float]
-
-    def __post_init__(self):
-        super().__post_init__()
-        within("band", self.band, FREQUENCY)
-        if not 1e-15 <= self.tolerance < 1:
-            raise InputError(f"tolerance: found {self.tolerance:g}, expected a relative error such as 1e-4")
-        if not 0 <= self.band[0] < self.band[1] < np.inf:
-            raise InputError(f"band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Point:
-    """An expansion point (Hz) of the search: columns that it brought, the `factors` that were made for it and their
-    seconds, modes below it (by the negative pivots, None where there are none), and the estimate over the band after
-    it, None without one. `factor_of`: the point (Hz) whose factor it was solved with, if not its own. `from_store`: its
-    own would have served, but all was there."""
-
-    frequency: float
-    columns: int
-    factor_seconds: float
-    modes_below: int | None
-    estimate: float | None = None
-    factors: int = 0
-    from_store: bool = False
-    factor_of: float | None = None
-
-    @property
-    def factor_in_words(self) -> str:
-        """Which factor it was solved with."""
-        if self.factors:
-            return f"{self.factor_seconds:.3g} s"
-        return "from the store" if self.from_store or self.factor_of is None else f"that of {self.factor_of:.6g} Hz"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Proof:
-    """At a new point (Hz): the error that the estimate had `said` there of the model before, the `exact` one, and the
-    estimated rest (`own`) of the value that is called exact."""
-
-    frequency: float
-    said: float
-    exact: float
-    own: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Accuracy:
-    """How large the error of an automatic reduction is, and how that is known.
-
-    `largest`: the estimated eps over the band, at `worst` (Hz), `mean` its mean Q / (upper - lower), `noise` the
-    round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in
-    words; `unproven`: why no exact value stands behind the estimate, "" where one does. `measured`: with which damping,
-    in words; `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model,
-    else 0. `modes`: counted by inertia below the highest point, those of the big model, and how many were missing.
-    `worst_pair`: output, input and error of the pair whose response is worst by itself (see pseudo_modal.worst_pair),
-    which eps, the error of all together, may hide. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against
-    exact. `points`: in order. `multigrid`: whether there was no factor.
-    """
-
-    tolerance: float
-    band: tuple[float, float]
-    reached: bool
-    stopped: str
-    largest: float
-    worst: float
-    mean: float
-    noise: float
-    measured: str
-    big_size: int
-    highest: float
-    missing_modes: int
-    points: tuple[Point, ...]
-    proofs: tuple[Proof, ...]
-    frequencies: tuple[float, ...]
-    eps: tuple[float, ...]
-    loss_factor: float = 0.0
-    worst_pair: tuple[str, str, float] | None = None
-    unproven: str = ""
-    multigrid: bool = False
-
-    @property
-    def factorisations(self) -> int:
-        """Factors that were made."""
-        return 0 if self.multigrid else sum(point.factors for point in self.points)
-
-    @property
-    def sentence(self) -> str:
-        """What a user reads first."""
-        low, high = self.band
-        proven = max(self.proofs, key=lambda item: item.frequency, default=None)
-        if self.multigrid:  # whose first points in the band are no proofs yet
-            proven = max(self.proofs[1:] or self.proofs, key=lambda item: item.exact, default=None)
-        by = f", proven {proven.exact:.1e} at {proven.frequency:g} Hz of the big model" if proven else ""
-        claim = (
-            f"eps <= {self.tolerance:g} over {low:g} to {high:g} Hz" if self.reached
-            else f"NOT REACHED: eps <= {self.largest + self.noise:.1e} instead of {self.tolerance:g} over {low:g} to "
-            f"{high:g} Hz, {self.stopped}"
-        )  # fmt: skip
-        doubt = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
-        return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{doubt}"
-
-
-def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
-    """How the response of a model with a damping law is measured: its proportional part, whether a given D comes on
-    top, and that in words."""
-    if isinstance(damping, GivenDamping):
-        return Law(), True, "measured with the damping matrix of the model"
-    if isinstance(damping, Structural) and damping.loss_factor:
-        return Law(eta=damping.loss_factor), False, f"measured with the loss factor {damping.loss_factor:g}"
-    series = ()
-    if isinstance(damping, Rayleigh):
-        series = damping.alpha, damping.beta
-    elif isinstance(damping, Caughey):
-        series = damping.coefficients
-    if any(series) and not any(series[2:]):
-        return Law(*(*series, 0.0)[:2]), False, "measured with the damping of the model"
-    ratio = zeta0
-    if any(series):
-        omega = 2 * np.pi * np.linspace(max(band[0], 1e-3 * band[1]), band[1], UNIFORM)
-        ratio = max(float((sum(a * omega ** (2 * k - 1) for k, a in enumerate(series)) / 2).min()), 1e-6)
-    elif isinstance(damping, ModalDamping):
-        ratio = max(float(damping.at(np.linspace(*band, UNIFORM)).min()), 1e-6)
-    kind = "the smallest damping ratio of the series" if any(series) else "the smallest modal ratio"
-    why = "undamped" if ratio == zeta0 and not isinstance(damping, ModalDamping) else kind
-    return Law(eta=2 * ratio), False, f"measured with the loss factor {2 * ratio:g} ({why})"
 
 
 class SearchChain(PencilChain):
@@ -269,7 +85,7 @@ class Search:
     def __init__(self, basis: Basis, run: Run, adaptive: Adaptive, groups: int = 1):
         self.basis, self.run, self.settings = basis, run, adaptive
         self.law, self.damped, self.measured = law_of(run.framed.damping, adaptive.zeta0, adaptive.band)
-        self.loads, self.ports = _loads(run)
+        self.loads, self.ports = loads_and_ports(run)
         self.projections = Projections(run, basis, self.loads, self.law, self.damped)
         self.goal = MARGIN * adaptive.tolerance
         self.points: list[Point] = []
@@ -760,86 +576,9 @@ class Search:
         E = difference(old, model, nested(old, model), self.law, S, self.ports)
         return missing(model, counts), float(relative(E, response(model, self.law, S, self.ports)).max())
 
-    # blocks made from residuals
-
     def _residual_block(self, f):
-        """Leading directions of the residuals R(s_k) / |H|^(1/2) over the band (randomised, with one power step).
-
-        For many inputs, or a given D, whose chain at one point would be blind to the rest of the band.
-        """
-        run, comm = self.run, self.run.model.comm
-        matrices = [run.model.M, run.model.K, *([run.model.D] if self.damped else [])]
-        scale = _row_scale(run.model)
-        state = {}  # of rank 0: the coefficients of the residuals
-
-        def sample():
-            state["L"], state["parts"] = self._residual_coefficients(f)
-            omega = np.random.default_rng(self.basis.size).standard_normal((state["L"].shape[1], 2 * self._width))
-            return _times_all(state, omega)
-
-        def power(products):
-            return _times_all(state, _transposed_times(state, products))
-
-        def directions(products):
-            left = np.linalg.svd(_transposed_times(state, products).T, full_matrices=False)[0]
-            return left[:, : self._width]
-
-        def combine(factors):
-            """The rows of the residuals times a factor, scaled."""
-            block = create_block(run.model.K, factors[0].shape[1])
-            add_product(block, self.loads, factors[0], beta=0.0)
-            for mat, factor in zip(matrices, factors[1:], strict=True):
-                with Owned(comm) as owned:
-                    part, product = (owned.owns(create_block(mat, factor.shape[1])) for _ in range(2))
-                    add_product(part, self.basis.columns, factor, beta=0.0)
-                    apply(mat, part, product)
-                    add_product(block, product, np.eye(factor.shape[1]), alpha=-1.0)
-            if run.rigid is not None:
-                run.rigid.equilibrate(block)
-            with local_rows(block) as rows:
-                rows *= scale[:, None]
-            _orthonormalise(block, comm)
-            return block
-
-        def products_with(block):
-            """L^T S Y and V^T A^T S Y for M, K, D."""
-            with Owned(comm) as owned:
-                scaled = owned.owns(copy_of(block, run.model.K))
-                with local_rows(scaled) as rows:
-                    rows *= scale[:, None]
-                found = [inner(self.loads, scaled)]
-                for mat in matrices:
-                    product = owned.owns(create_block(mat, scaled.getActiveColumns()[1]))
-                    if mat is run.model.D and not run.model.symmetric:
-                        _apply_transposed(mat, scaled, product)
-                    else:
-                        apply(mat, scaled, product)
-                    found.append(inner(self.basis.columns, product))
-                return found
-
-        with run.progress.stage("residuals"):
-            first = combine(decided(comm, sample))
-            with Owned(comm) as owned:
-                owned.owns(first)
-                block = combine(decided(comm, power, products_with(first)))
-            turn = decided(comm, directions, products_with(block))
-            multiply(block, turn)
-            block.setActiveColumns(0, turn.shape[1])
-            with local_rows(block) as rows:
-                rows /= scale[:, None]
-        return block
-
-    def _residual_coefficients(self, f):
-        """Coefficients of w R = w L - M V c_M - K V c_K - D V c_D, Re beside Im: c_L (l, N); c_M, c_K, c_D (m, N)."""
-        model = self.projections.model()
-        S = np.unique(np.append(np.linspace(*self.settings.band, RESIDUALS), f))
-        H = norms(response(model, self.law, S, self.ports))
-        weights = (1 / np.sqrt(np.where(H > 0, H, H.max(initial=1.0) or 1.0)))[:, None, None]
-        states = solve(model, self.law, S, model.L) * weights
-        a, b, s = coefficients(self.law, S)
-        loads = columns(np.eye(model.L.shape[1], dtype=complex) * weights)
-        factors = (b, a, s) if self.damped else (b, a)
-        return loads, [model.vectors @ columns(factor[:, None, None] * states) for factor in factors]
+        with self.run.progress.stage("residuals"):
+            return residual_block(self.projections, self.run, self.ports, self.settings.band, f, self._width)
 
     # the end
 
@@ -925,88 +664,3 @@ def _columns_ahead(history, goal, width):
     if len(history) < 2 or history[-1] >= history[-2] or history[-1] <= 0:
         return np.inf
     return width * max(0.0, np.log(history[-1] / goal) / np.log(history[-2] / history[-1]))
-
-
-def _loads(run):
-    """L, the independent columns of [B, C^T] as a block, and (Lb (l, p), Lc (l, r)) with B = L Lb, C^T = L Lc."""
-    model = run.model
-    with Owned(model.comm) as owned:
-        both = [owned.owns(from_dense(mat)) for mat in (model.B, model.Ct) if mat is not None]
-        widths = [block.getActiveColumns()[1] for block in both]
-        L = create_block(model.K, sum(widths))
-        with local_rows(L) as target:
-            for place, block in zip(np.cumsum([0, *widths]), both, strict=False):
-                with local_rows(block) as source:
-                    target[:, place : place + source.shape[1]] = source
-    before = np.sqrt(np.diag(inner(L, L)))
-    if run.rigid is not None:
-        run.rigid.equilibrate(L)
-    kept, factor = decided(model.comm, _independent_columns, inner(L, L), before)
-    for columns_of, what in ((factor[:, : widths[0]], "input loads"), (factor[:, -widths[-1] :], "output measures")):
-        if not columns_of.any():
-            L.destroy()
-            raise InputError(f"{model.name}: no {what} the elastic dofs of the model; the response is zero")
-    multiply(L, np.eye(sum(widths))[:, kept])
-    L.setActiveColumns(0, len(kept))
-    Lb = factor[:, : widths[0]]
-    return L, (Lb, Lb if model.Ct is None else factor[:, widths[0] :])
-
-
-def _independent_columns(gram, before):
-    """Which columns are independent, by Cholesky with pivoting, and all columns in terms of them.
-
-    `before`: their norms before the rigid-body part was taken out, against which what is left may be round-off. Columns
-    may have any units.
-    """
-    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
-    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 1e-12 * before)
-    unit = gram * np.outer(scale, scale)
-    rest, kept = unit.copy(), []
-    while len(kept) < len(unit) and np.diag(rest).max() > 1e-13:
-        k = int(np.diag(rest).argmax())
-        kept.append(k)
-        rest = rest - np.outer(rest[:, k], rest[k]) / rest[k, k]
-        rest[k], rest[:, k] = 0.0, 0.0
-    kept = np.array(sorted(kept), dtype=int)
-    if not len(kept):
-        return kept, np.zeros((0, len(gram)))
-    factor = np.linalg.solve(unit[np.ix_(kept, kept)], unit[kept]) * np.outer(1 / size[kept], size)
-    factor[:, kept] = np.eye(len(kept))
-    return kept, factor
-
-
-def _row_scale(model):
-    """1 / sqrt(diag K) of the rows of this rank."""
-    diagonal = model.K.getDiagonal()
-    values = np.abs(diagonal.getArray().real)
-    diagonal.destroy()
-    typical = model.mean_diagonal_of_k
-    return 1 / np.sqrt(np.where(values > 1e-12 * typical, values, typical))
-
-
-def _orthonormalise(block, comm):
-    """block <- its orthonormal directions, the weakest of them to round-off left out."""
-    for _ in range(2):
-        values, vectors = decided(comm, np.linalg.eigh, inner(block, block))
-        kept = values > 1e-14 * values.max()
-        multiply(block, vectors[:, kept] / np.sqrt(values[kept]))
-        block.setActiveColumns(0, int(kept.sum()))
-
-
-def _apply_transposed(mat, block, result):
-    transposed = PETSc.Mat()
-    mat.transpose(transposed)
-    apply(transposed, block, result)
-    transposed.destroy()
-
-
-def _times_all(state, factor):
-    return [state["L"] @ factor, *(part @ factor for part in state["parts"])]
-
-
-def _transposed_times(state, products):
-    """R^T Y (N, k) from L^T Y and V^T A^T Y."""
-    found = state["L"].T @ products[0]
-    for part, product in zip(state["parts"], products[1:], strict=True):
-        found = found - part.T @ product
-    return found

@@ -20,7 +20,7 @@ class Projections:
     """
 
     def __init__(self, run: Run, basis: Basis, loads, law: Law, damped: bool):
-        self._run, self.basis, self._loads, self._law = run, basis, loads, law
+        self._run, self.basis, self.loads, self.law = run, basis, loads, law
         self.K = np.zeros((0, 0))
         self.L = np.zeros((0, loads.getActiveColumns()[1]))
         self.D = np.zeros((0, 0)) if damped else None
@@ -41,7 +41,7 @@ class Projections:
             return
         with self._run.progress.stage("project"), Owned(model.comm) as owned:
             new = owned.owns(copy_of(self.basis.columns_between(start, stop), model.K))
-            self.L = np.vstack([self.L, inner(new, self._loads)])
+            self.L = np.vstack([self.L, inner(new, self.loads)])
             right = project(model.K, new, self.basis.columns)
             self.K = np.block([[self.K, right[:start]], [right[:start].T, right[start:]]])
             if self.D is not None:
@@ -59,4 +59,4 @@ class Projections:
         """The model of the first so many `columns` of the basis, or of listed ones, by default of all; local."""
         k = np.arange(self.basis.size if columns is None else columns) if np.ndim(columns) == 0 else np.array(columns)
         D = None if self.D is None else self.D[np.ix_(k, k)]
-        return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self._law)
+        return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self.law)

@@ -18,7 +18,7 @@ from ..model.interfaces import Interface, InterfaceNode
 from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ..parallel.progress import Timing, counted
-from .adaptive import Accuracy
+from .accuracy import Accuracy
 from .craig_bampton import ConstraintModes, CraigBampton, FixedInterfaceModes, Guyan, ResidualAttachment
 from .krylov import Krylov, StaticCorrection
 from .modes import Modes

@@ -18,7 +18,8 @@ from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
-from .adaptive import Accuracy, Adaptive, Search
+from .accuracy import Accuracy, Adaptive
+from .adaptive import Search
 from .chain import Store
 from .craig_bampton import ConstraintModes
 from .groups import blocks_in_groups, number_of_groups

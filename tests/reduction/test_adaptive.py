@@ -12,7 +12,7 @@ from launch import TWO_BUILDS
 import hpcred
 from hpcred import Buckens, Caughey, InputError, Krylov, ModalDamping, Modes, NoDamping, Rayleigh, Structural
 from hpcred.parallel.petsc import is_complex
-from hpcred.reduction.adaptive import Adaptive, law_of
+from hpcred.reduction.accuracy import Adaptive, law_of
 from hpcred.reduction.pseudo_modal import Law
 
 BAND = (0.0, 30000.0)  # of the clamped block with 144 dofs: three modes

@@ -1,0 +1,136 @@
+"""What a basis leaves of the loads over a band enters; the block of loads that it misses most leaves.
+
+For many inputs, or a given D, whose chain at one point would be blind to the rest of the band. (Halko, Martinsson &
+Tropp, SIAM Review 53(2), 2011, for the random directions and the power step.)
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..linalg.blocks import add_product, apply, copy_of, create_block, inner, local_rows, multiply
+from ..parallel.decisions import decided
+from ..parallel.failures import Owned
+from ..parallel.petsc import PETSc
+from .compression import columns
+from .pseudo_modal import coefficients, norms, response, solve
+
+RESIDUALS = 40  # frequencies at which residuals are taken
+
+
+def residual_block(projections, run, ports, band, f, width):
+    """The `width` leading directions of the residuals R(s_k) / |H|^(1/2) over the band (Hz) and at f, as a block (n,
+    width) that the caller destroys: randomised, with one power step. Collective.
+
+    `projections`: of the basis that leaves the residuals; `ports`: see loads_and_ports.
+    """
+    comm, basis, loads = run.model.comm, projections.basis, projections.loads
+    matrices = [run.model.M, run.model.K, *([run.model.D] if projections.D is not None else [])]
+    scale = _row_scale(run.model)
+    state = {}  # of rank 0: the coefficients of the residuals
+
+    def sample():
+        state["L"], state["parts"] = _residual_coefficients(projections, ports, band, f)
+        omega = np.random.default_rng(basis.size).standard_normal((state["L"].shape[1], 2 * width))
+        return _times_all(state, omega)
+
+    def power(products):
+        return _times_all(state, _transposed_times(state, products))
+
+    def directions(products):
+        left = np.linalg.svd(_transposed_times(state, products).T, full_matrices=False)[0]
+        return left[:, :width]
+
+    def combine(factors):
+        """The rows of the residuals times a factor, scaled."""
+        block = create_block(run.model.K, factors[0].shape[1])
+        add_product(block, loads, factors[0], beta=0.0)
+        for mat, factor in zip(matrices, factors[1:], strict=True):
+            with Owned(comm) as owned:
+                part, product = (owned.owns(create_block(mat, factor.shape[1])) for _ in range(2))
+                add_product(part, basis.columns, factor, beta=0.0)
+                apply(mat, part, product)
+                add_product(block, product, np.eye(factor.shape[1]), alpha=-1.0)
+        if run.rigid is not None:
+            run.rigid.equilibrate(block)
+        with local_rows(block) as rows:
+            rows *= scale[:, None]
+        _orthonormalise(block, comm)
+        return block
+
+    def products_with(block):
+        """L^T S Y and V^T A^T S Y for M, K, D."""
+        with Owned(comm) as owned:
+            scaled = owned.owns(copy_of(block, run.model.K))
+            with local_rows(scaled) as rows:
+                rows *= scale[:, None]
+            found = [inner(loads, scaled)]
+            for mat in matrices:
+                product = owned.owns(create_block(mat, scaled.getActiveColumns()[1]))
+                if mat is run.model.D and not run.model.symmetric:
+                    _apply_transposed(mat, scaled, product)
+                else:
+                    apply(mat, scaled, product)
+                found.append(inner(basis.columns, product))
+            return found
+
+    first = combine(decided(comm, sample))
+    with Owned(comm) as owned:
+        owned.owns(first)
+        block = combine(decided(comm, power, products_with(first)))
+    turn = decided(comm, directions, products_with(block))
+    multiply(block, turn)
+    block.setActiveColumns(0, turn.shape[1])
+    with local_rows(block) as rows:
+        rows /= scale[:, None]
+    return block
+
+
+def _residual_coefficients(projections, ports, band, f):
+    """Coefficients of w R = w L - M V c_M - K V c_K - D V c_D, Re beside Im: c_L (l, N); c_M, c_K, c_D (m, N)."""
+    model, law = projections.model(), projections.law
+    S = np.unique(np.append(np.linspace(*band, RESIDUALS), f))
+    H = norms(response(model, law, S, ports))
+    weights = (1 / np.sqrt(np.where(H > 0, H, H.max(initial=1.0) or 1.0)))[:, None, None]
+    states = solve(model, law, S, model.L) * weights
+    a, b, s = coefficients(law, S)
+    loads = columns(np.eye(model.L.shape[1], dtype=complex) * weights)
+    factors = (b, a, s) if projections.D is not None else (b, a)
+    return loads, [model.vectors @ columns(factor[:, None, None] * states) for factor in factors]
+
+
+def _row_scale(model):
+    """1 / sqrt(diag K) of the rows of this rank."""
+    diagonal = model.K.getDiagonal()
+    values = np.abs(diagonal.getArray().real)
+    diagonal.destroy()
+    typical = model.mean_diagonal_of_k
+    return 1 / np.sqrt(np.where(values > 1e-12 * typical, values, typical))
+
+
+def _orthonormalise(block, comm):
+    """block <- its orthonormal directions, the weakest of them to round-off left out."""
+    for _ in range(2):
+        values, vectors = decided(comm, np.linalg.eigh, inner(block, block))
+        kept = values > 1e-14 * values.max()
+        multiply(block, vectors[:, kept] / np.sqrt(values[kept]))
+        block.setActiveColumns(0, int(kept.sum()))
+
+
+def _apply_transposed(mat, block, result):
+    transposed = PETSc.Mat()
+    mat.transpose(transposed)
+    apply(transposed, block, result)
+    transposed.destroy()
+
+
+def _times_all(state, factor):
+    return [state["L"] @ factor, *(part @ factor for part in state["parts"])]
+
+
+def _transposed_times(state, products):
+    """R^T Y (N, k) from L^T Y and V^T A^T Y."""
+    found = state["L"].T @ products[0]
+    for part, product in zip(state["parts"], products[1:], strict=True):
+        found = found - part.T @ product
+    return found
