@@ -299,7 +299,7 @@ class ComplexBasis(Basis):
 def _is_orthonormal(inside, gram):
     """Whether columns are orthonormal by themselves and to the basis."""
     parts = np.abs(inside).max(initial=0.0), np.abs(gram - np.eye(len(gram))).max(initial=0.0)
-    return bool(max(parts) <= ORTHONORMAL)
+    return all(bool(part <= ORTHONORMAL) for part in parts)  # NaN is not
 
 
 def _judge(inside, gram, weight, taken, tolerance):

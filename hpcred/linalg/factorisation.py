@@ -108,7 +108,8 @@ class DoesNotFit(ComputationError):
 class FactorRecord:
     """One factorisation: of K + damping D + mass M (texts of the two numbers), what it took, and what it was used for.
 
-    Seconds, MB, counts of MUMPS; `residual`: the largest relative residual of the solves. Of kind "multigrid" (or
+    Seconds, MB, counts of MUMPS; `residual`: the largest relative residual of the solves, `nearby_residual` of those at
+    other points, by conjugate gradients with this factor. Of kind "multigrid" (or
     "diagonal", for M) there is no factor: `levels` of the hierarchy, `factor_entries` in all of them, and `iterations`
     of conjugate gradients, the most that a column took.
     """
@@ -132,6 +133,7 @@ class FactorRecord:
     columns_solved: int = 0
     solve_seconds: float = 0.0
     residual: float = 0.0
+    nearby_residual: float = 0.0
     levels: int = 0
     iterations: int = 0
 

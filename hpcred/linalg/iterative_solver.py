@@ -8,6 +8,7 @@ from math import inf
 
 import numpy as np
 
+from ..parallel.decisions import decided
 from ..parallel.failures import Owned
 from ..parallel.petsc import PETSc
 from .blocks import column_norms, copy_of, local_rows
@@ -23,8 +24,8 @@ class IterativeSolver:
 
     `model`, `rigid`: as of a ShiftedSolver. `goal`: the relative residual that solutions are refined to, as far as
     round-off lets them; `accepted` and `backward`: it may end with this residual, or with this backward error
-    ||r|| / (||A|| ||x|| + ||b||). `most`: iterations. A subclass has `_norm`, an estimate of ||A||, and what it says
-    where solutions stay bad. All methods are collective.
+    ||r|| / (||A|| ||x|| + ||b||). `most`: iterations, from each restart. A subclass has `_norm`, an estimate of ||A||,
+    and what it says where solutions stay bad. All methods are collective.
     """
 
     def __init__(self, model, rigid, goal, accepted, backward, most):
@@ -54,7 +55,7 @@ class IterativeSolver:
         """
         small = squares + mass * np.eye(len(squares))
         terms = [(1.0, self.model.K), (mass, self.model.M)]
-        self._solve(right, solution, terms, (basis, np.linalg.inv((small + small.T) / 2)))
+        self._solve(right, solution, terms, (basis, decided(self.model.comm, _inverse, small)))
 
     def _solve(self, right, solution, terms, deflation=None):
         start = time.perf_counter()
@@ -140,6 +141,13 @@ class IterativeSolver:
                 q += factor * target.getDenseArray() if factor != 1 else target.getDenseArray()
 
         return multiply
+
+
+def _inverse(small):
+    try:
+        return np.linalg.inv((small + small.T) / 2)
+    except np.linalg.LinAlgError:
+        raise NotSolved("the basis has a mode at the point") from None
 
 
 def _residual(multiply, b, x, r):

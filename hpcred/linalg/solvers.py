@@ -31,7 +31,7 @@ from .refinement import refine
 NEAR_POLE = 1e-8  # relative distance in s^2 to an undamped eigenvalue below which A counts as singular
 NEARBY = 1e-9  # relative residual asked of solutions with the factor of another point, or
 BACKWARD = 1e-14  # their backward error
-MOST = 20  # iterations for them
+MOST = 20  # iterations for them, from each restart
 ROUND_OFF = 1e-13  # the same relative to the mean eigenvalue trace(K) / trace(M), for K alone
 
 
@@ -101,7 +101,7 @@ class NearbyFactor(IterativeSolver):
 
     def _note(self, columns, seconds, iterations, residual):
         self._record.iterations = max(self._record.iterations, iterations)
-        self._record.residual = max(self._record.residual, residual)
+        self._record.nearby_residual = max(self._record.nearby_residual, residual)
 
 
 class ShiftedSolver(Solver):
@@ -133,7 +133,7 @@ class ShiftedSolver(Solver):
         return self._factors.expected(orderings)
 
     def solve_below(self, mass, right, solution, basis, squares):
-        """Solve with K + mass M by the factor that there is for a mass below; see IterativeSolver.solve_below."""
+        """Solve with K + mass M by the factor that there is for another mass; see IterativeSolver.solve_below."""
         NearbyFactor(self, self._back_substitute).solve_below(mass, right, solution, basis, squares)
 
     def set_solve_width(self, columns: int):
@@ -180,7 +180,7 @@ class ShiftedSolver(Solver):
         self.factored = inf, 0.0
 
     def solve(self, right: SLEPc.BV, solution: SLEPc.BV, steps=0):
-        """solution = A^-1 right for all active columns at once, with the relative residual checked.
+        """solution = A^-1 right, another block, for all active columns at once, with the relative residual checked.
 
         `steps` of iterative refinement are made in any case, more while the residual is large.
         Raises ComputationError when the residual stays large.

@@ -29,7 +29,10 @@ def hear():
     another.
     """
     ear, mouth = os.pipe()
-    process, launcher = os.getpid(), os.getppid() if any(name in os.environ for name in LAUNCHED) else None
+    process, launcher = os.getpid(), None
+    # with nohup it shall live on when the shell that began it ends
+    if any(name in os.environ for name in LAUNCHED) and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        launcher = os.getppid()
     if os.fork() == 0:
         try:
             os.close(mouth)
@@ -106,7 +109,7 @@ def _watch(process, ear, launcher):
         os.dup2(nowhere, descriptor)
     patience, word = PATIENCE, None
     while word is None or word[0] not in (signal.SIGINT, signal.SIGTERM):
-        if select.select([ear], [], [], launcher and 1.0)[0]:
+        if select.select([ear], [], [], None if launcher is None else 1.0)[0]:
             word = os.read(ear, 1)
             if not word:
                 return  # the process has come to its end

@@ -72,14 +72,14 @@ class Point:
     factor_seconds: float
     modes_below: int | None
     estimate: float | None = None
-    factors: int = 0
+    factors: int | None = None
     from_store: bool = False
     factor_of: float | None = None
 
     @property
     def factor_in_words(self) -> str:
         """Which factor it was solved with."""
-        if self.factors:
+        if self.factors or (self.factors is None and not self.from_store):
             return f"{self.factor_seconds:.3g} s"
         return "from the store" if self.from_store or self.factor_of is None else f"that of {self.factor_of:.6g} Hz"
 
@@ -133,13 +133,14 @@ class Accuracy:
     @property
     def factorisations(self) -> int:
         """Factors that were made."""
-        return 0 if self.multigrid else sum(point.factors for point in self.points)
+        made = (not point.from_store if point.factors is None else point.factors for point in self.points)
+        return 0 if self.multigrid else sum(made)
 
     @property
     def sentence(self) -> str:
         """What a user reads first."""
         low, high = self.band
-        proven = max(self.proofs, key=lambda item: item.frequency, default=None)
+        proven = self.proofs[-1] if self.proofs else None
         if self.multigrid:  # whose first points in the band are no proofs yet
             proven = max(self.proofs[1:] or self.proofs, key=lambda item: item.exact, default=None)
         by = f", proven {proven.exact:.1e} at {proven.frequency:g} Hz of the big model" if proven else ""

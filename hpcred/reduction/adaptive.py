@@ -110,7 +110,9 @@ class Search:
         self._random = 0
         self._mass = 0.0  # -omega^2 of the point that solves are for
         self._near = 0.0 if self._static else None  # and that of the factor that they take, None where it is the same
+        self._near_at = 0.0  # the point (Hz) of that factor
         self._proves_by_factor = False  # since conjugate gradients did not come to an end
+        self._made: int | None = None  # factors before the point that is under way
         # blocks made from residuals need the whole basis, which a group does not have
         self.groups = groups if self._by_mass and not self._static else 1
         if self._static:
@@ -135,14 +137,15 @@ class Search:
                 points, self.waiting = self.waiting[: self.groups], self.waiting[self.groups :]
                 found = self._expand_in_groups(points)
             else:
+                f = self.waiting.pop(0)
                 try:
-                    found = self._expand(self.waiting.pop(0), self.closing)
+                    found = self._expand(f, self.closing)
                 except NotSolved as error:  # the basis may lack a mode below the point
                     if self._near is None or self._mass == self._near:
                         raise
                     if not self._static:
                         self._proves_by_factor = True
-                        self.waiting.insert(0, (-self._mass) ** 0.5 / (2 * np.pi))
+                        self.waiting.insert(0, f)
                         continue
                     if not isinstance(error, NegativeCurvature):
                         raise
@@ -155,12 +158,14 @@ class Search:
             fine = found["est"] <= 3 * self._floor()
             good = self.closing and fine and found["exact"] <= 3 * self._floor()
             # also before the first proof, which then takes no factor
-            hidden = self.lack > 0 and (good or (fine and not self.closing and self._may_prove_nearby()))
+            at_end = max(point.frequency for point in self.points) >= 0.9 * high
+            hidden = self.lack > 0 and (good or (fine and at_end and not self.closing and self._may_prove_nearby()))
             if hidden:
                 good = self._find_hidden() and good
                 self._check_free_motions()
             taken = [point.frequency for point in self.points]
-            again = good and not self._counts and not any(proof.frequency <= (low + high) / 2 for proof in self.proofs)
+            below = any(proof.frequency <= (low + high) / 2 for proof in self.proofs)
+            again = good and not self._counts and not (below and len(self.proofs) > 1)
             if good and not again:
                 return ""
             self.closing = bool(found["est"] <= 3 * self._floor())
@@ -203,8 +208,11 @@ class Search:
 
     def _exhausted(self) -> str:
         settings = self.settings
-        if len(self.points) >= settings.factorisations:
+        own = sum(self._static or point.factor_of is None for point in self.points)
+        if own >= settings.factorisations:
             return f"after {settings.factorisations} factorisations"
+        if len(self.points) >= 2 * settings.factorisations:
+            return f"after {len(self.points)} points"
         if self.basis.size >= settings.columns:
             return f"with {settings.columns} columns"
         elapsed = self.run.progress.elapsed()
@@ -229,14 +237,15 @@ class Search:
 
     def _expand(self, f, closing):
         """Add blocks of a point until the estimate over the band is small. Returns what was judged last."""
-        run, made = self.run, len(self.run.factorisations)
-        before = self.basis.size
+        run, before = self.run, self.basis.size
+        self._made = len(run.factorisations) if self._made is None else self._made
         run.progress.step("points", len(self.points))
         if not self._static:
             known = closing and self._may_prove_nearby() and self.lack <= 0
             last = self.points[-1] if self.points else None
             if known and f < max(point.frequency for point in self.points):
-                self._near = 0.0 - (2 * np.pi * (last.frequency if last.factor_of is None else last.factor_of)) ** 2
+                self._near_at = last.frequency if last.factor_of is None else last.factor_of
+                self._near = 0.0 - (2 * np.pi * self._near_at) ** 2
             else:
                 self._near = None
         with Owned(run.model.comm) as owned:
@@ -247,12 +256,12 @@ class Search:
             order, judged = self._extend_at(f, closing, chain)
             if chain is not None:
                 chain.keep()
-        records = run.factorisations[made:]
+        records, self._made = run.factorisations[self._made :], None
         stored = not records and self._near is None
         run.needs(str(self._mass if self._near is None else self._near), "0.0")
         name = f"adaptive {f:.6g} Hz, {order + 1} blocks"
         run.note(name, self.basis.size - before, self.basis.size - before, from_store=stored)
-        near = None if self._near is None else (-self._near) ** 0.5 / (2 * np.pi)
+        near = None if self._near is None else self._near_at
         self.points.append(Point(
             frequency=f, columns=self.basis.size - before, modes_below=count, factors=len(records),
             factor_seconds=float(sum(record.factor_seconds for record in records)),
@@ -275,7 +284,9 @@ class Search:
             if chain is not None:
                 vectors, block = chain.vectors, chain.advance()
                 new = self.projections.extend(vectors.columns_between(*block), vectors.images_between(*block))
-            elif start and (order or self.before is not None) and (order or not self._by_mass or not f):
+            elif start and (order or self.before is not None) and (
+                order or not self._by_mass or (self._static and not f)
+            ):
                 new = self._extend_by_solution(self._history(), lambda: self._residual_block(f))
             else:
                 new = self._extend_by_solution({}, lambda: copy_of(self.loads, run.model.K))
@@ -350,6 +361,8 @@ class Search:
         run = self.run
         nearby = self._near is not None and self._mass != self._near
         key = {"kind": "solution", "square": self._mass, **rule, **run.identity_of("M", "K", "inputs", "outputs")}
+        if nearby:  # whose residuals are not those of a factor
+            key["nearby"] = True
         with Owned(run.model.comm) as owned:
             entry = run.stored(key)
             if entry is not None:
@@ -562,7 +575,9 @@ class Search:
         self.lack, change = decided(run.model.comm, self._change, size, counts)
         run.note("modes that no load moves", used, self.basis.size - size)
         if count := len(run.factorisations) - made:
-            self.points[-1] = replace(self.points[-1], from_store=False, factors=self.points[-1].factors + count)
+            last, seconds = self.points[-1], sum(item.factor_seconds for item in run.factorisations[made:])
+            self.points[-1] = replace(last, from_store=False, factors=(last.factors or 0) + count,
+                                      factor_seconds=last.factor_seconds + float(seconds))  # fmt: skip
         return change <= 3 * self._floor()
 
     def _moving(self, before, top, counts):

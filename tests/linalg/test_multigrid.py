@@ -222,7 +222,6 @@ def test_a_tolerance_is_reached_by_the_chain_at_0_hz_and_proven_beside_the_basis
 
 
 @pytest.mark.mpi(ranks=(1, 3))
-@pytest.mark.mpi
 @pytest.mark.parametrize("direct", [False, True], ids=["levels of K", "a factor above"])
 def test_below_modes_that_a_basis_has_solves_are_as_with_a_factor(comm, direct):
     """Be it with the levels of K or with the factor of another point; a mode that the basis lacks is noticed."""

@@ -137,7 +137,7 @@ def test_complex_build_has_a_second_proof(hpcred):
         "print(a.reached, len(a.proofs), min(p.frequency for p in a.proofs) < 15000, a.points[0].modes_below)"
     )
     run = hpcred(program=("-c", script), HPCRED_SCALAR="complex")
-    assert run.stdout.split() == ["True", "1", "True", "None"], run.stderr
+    assert run.stdout.split() == ["True", "2", "True", "None"], run.stderr
 
 
 # the accuracy itself
