@@ -1,6 +1,7 @@
 """A case enters, is run in this process or in one of its own, and leaves with its verdict."""
 
 import contextlib
+import functools
 import os
 import subprocess
 import sys
@@ -104,8 +105,11 @@ def run_good(command):
 
 def _in_this_process(command):
     """Exit status and what was printed to stderr, by Python and by libraries."""
+    import typer
     from hpcred.cli import run
 
+    if not hasattr(typer.main.get_command, "cache_info"):  # the parser of all commands is made once, not in each case
+        typer.main.get_command = functools.cache(typer.main.get_command)
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         kept = os.dup(1), os.dup(2)
         os.dup2(out.fileno(), 1)
