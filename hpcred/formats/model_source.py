@@ -174,6 +174,9 @@ def _remove_supports(comm, parts):
     held = np.unique(np.concatenate(comm.allgather(np.unique(held))))  # few: those of the supports
     if not len(held):
         return
+    with agreed(comm):
+        for key, item in parts.matrices.items():
+            require_sane(item.values, f"{parts.files[key]}: found", "real")
     what = f"{parts.files['K']}: removed {len(held)} rows that are held by {HELD_BY:g} on the diagonal of K"
     if isinstance(K, LabelledEntries):
         for key, item in parts.matrices.items():

@@ -71,8 +71,9 @@ class Lines:
 def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     """The lines of cards whose name (upper case) `wanted` matches wholly. Raises InputError.
 
-    `strict`: for cards that a program wrote: refused are remarks behind them, what is behind the 80th column, lines
-    that continue a card and begin with other than a blank, + or *, and other cards between those of one first field.
+    A line that is no card continues one, and begins with a blank, +, * or a comma, or is refused. `strict`: for cards
+    that a program wrote: refused are also remarks behind them, what is behind the 80th column, and other cards between
+    those of one first field.
     """
     plain = REMARK.sub(b"", piece.text).upper().replace(b"\r", b" ")
     if b"\t" in plain:
@@ -94,7 +95,7 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     fits = np.array([wanted.fullmatch(name) is not None for name in distinct], bool)[back] if len(names) else []
     mine = (card >= 0) & np.asarray(fits, bool)[card] if len(names) else np.zeros(len(card), bool)
     stray = (card < 0) | (~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8)))
-    if strict and stray.any():
+    if stray.any():
         raise piece.refusal(int(number[stray][0]), "a card, or a line that continues one")
     card, start, stop, number, head, starts = (part[mine] for part in (card, start, stop, number, head, starts))
     if strict:

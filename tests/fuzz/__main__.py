@@ -146,7 +146,11 @@ def keep(folder, kind, seed, number, why):
 
     target = folder / f"{kind.replace(' ', '-').replace('/', '-')}-{seed}-{number}"
     target.mkdir(parents=True, exist_ok=True)
-    case = make(kind, seed, number)
+    try:
+        case = make(kind, seed, number)
+    except Exception as error:
+        (target / "case.txt").write_text(f"it cannot be made: {error!r}")
+        return
     write(case, target)
     (target / "case.txt").write_text(
         f"{case.note}\n{why}\nhere: hpcred {' '.join(case.command)}\n"

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from urllib.parse import unquote
 
 import h5py
 import numpy as np
@@ -31,6 +32,7 @@ def model_numbers(folder: Path) -> dict[str, np.ndarray]:
         for key in ("node", "direction", "position"):
             if "dofs" in file:
                 found[key] = file[f"dofs/{key}"][...]
+        found |= {f"set {unquote(name)}": part[...] for name, part in file.get("sets", {}).items()}
         found["named"] = np.array("dofs" in file)
     return found
 

@@ -222,15 +222,15 @@ def input_file(text: bytes) -> dict[int, tuple]:
     return dict(sorted(found.items()))
 
 
-def bulk_fields(line: bytes) -> tuple[bytes, list[bytes]]:
-    """What begins a line of bulk data, and its data fields."""
+def bulk_fields(line: bytes, strict=True) -> tuple[bytes, list[bytes]]:
+    """What begins a line of bulk data, and its data fields; `strict`: with nothing behind the 80th column."""
     if b"," in line:
         head, *fields = (field.strip() for field in line.split(b","))
         count = 4 if b"*" in head else 8
         require(not any(fields[count + 1 :]), "too many fields")
         return head.strip(b"*").strip(), (fields + [b""] * 8)[:count]
     line = line.expandtabs(8)
-    require(not line[80:].strip(), "more than 80 columns")
+    require(not strict or not line[80:].strip(), "more than 80 columns")
     head, width = line[:8], 16 if b"*" in line[:8] else 8
     fields = [line[8 + width * k : 8 + width * (k + 1)].strip() for k in range(64 // width)]
     return head.split(b"*")[0].strip(), fields
