@@ -117,7 +117,7 @@ def read(path, comm, calculix=False) -> Mesh:
     nodes = _nodes(path, comm, nodes, named)
     elements, keys = _elements(comm, elements, groups, named, calculix)
     _require_nodes(path, comm, nodes, elements)
-    return Mesh(nodes, elements, read_sets(comm, sets, groups, named, elements, keys), sections)
+    return Mesh(nodes, elements, read_sets(path, comm, sets, groups, named, elements, keys), sections)
 
 
 def _sections(path, comm, including):

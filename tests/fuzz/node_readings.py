@@ -317,10 +317,11 @@ def nodes_and_sets(blocks):
             if b"internal" not in given and not (keyword == b"nset" and b"elset" in given):
                 member(sets, keyword, given[keyword], prefix)
                 for item in members_of(lines, b"generate" in given):
-                    named = isinstance(item, bytes)
-                    member(sets, keyword, given[keyword], prefix, item if named or keyword == b"nset" else (of, item))
-                    if named and prefix:
-                        member(sets, keyword, given[keyword], prefix, prefix + item)
+                    if isinstance(item, bytes):
+                        item = item, prefix.lower() + item
+                    elif keyword == b"elset":
+                        item = of, item
+                    member(sets, keyword, given[keyword], prefix, item)
     require(all(node in found for nodes in elements.values() for node in nodes), "a node that is not there")
     places = placed(sorted(found.items()))
     return {**places, "sets": all_of(sets, elements)}
@@ -366,11 +367,14 @@ def all_of(sets, elements):
         numbers, open_, seen = set(), list(items), set()
         while open_:
             item = open_.pop()
-            if not isinstance(item, bytes):
+            if isinstance(item, int) or isinstance(item[1], int):
                 numbers.add(item)
-            elif (keyword, item) in sets and item not in seen:
-                seen.add(item)
-                open_ += sets[keyword, item][1]
+                continue
+            there = {word for word in item if (keyword, word) in sets}
+            require(there or keyword == b"elset", "a set that is not there")
+            for word in there - seen:
+                seen.add(word)
+                open_ += sets[keyword, word][1]
         if keyword == b"elset":
             numbers = {node for key in numbers for node in elements.get(key, [])}
             name = b"elements of " + name
