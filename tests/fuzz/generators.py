@@ -4,10 +4,10 @@ import zlib
 
 import numpy as np
 
-from . import arrays, containers, matrices, meshes, real_files, tables
+from . import arrays, bodies, containers, matrices, meshes, real_files, tables
 from .judge import Case
 
-KINDS = {**matrices.KINDS, **arrays.KINDS, **meshes.KINDS, **real_files.KINDS, **tables.KINDS, **containers.KINDS}
+KINDS = {**matrices.KINDS, **arrays.KINDS, **meshes.KINDS, **bodies.KINDS, **real_files.KINDS, **tables.KINDS, **containers.KINDS}
 
 
 def make(kind: str, seed: int, number: int) -> Case:
