@@ -139,7 +139,7 @@ def read_sid(path) -> Sid:
     mass = reader.value("mass")
     if reader.count("nelastq") != modes:
         raise reader.unexpected(f"nelastq = {modes} as in the first line")
-    coordinates = [reader.text(f"ielastq ({k:4d})") for k in range(1, modes + 1)]
+    coordinates = [reader.text(f"ielastq ({k})") for k in range(1, modes + 1)]
     reader.expect("end refmod")
     reader.expect("frame")
     found = []
@@ -211,7 +211,7 @@ class _Lines:
 
     def text(self, key):
         head, equals, value = self.next().partition("=")
-        if not equals or head.strip(BLANKS) != key:
+        if not equals or re.sub(r"\( *", "(", head.strip(BLANKS)) != key:
             raise self.unexpected(f"'{key} = ...'")
         return value.strip(BLANKS)
 

@@ -64,7 +64,7 @@ def sid(content: bytes):
     def value(key):
         require(lines, "the end")
         head, equals, rest = lines.pop(0).partition(b"=")
-        require(equals and head.strip() == key.encode(), f"no {key}")
+        require(equals and re.sub(rb"\( *", b"(", head.strip()) == key.encode(), f"no {key}")
         return rest.strip()
 
     def read_object(name, words, n):
@@ -92,7 +92,7 @@ def sid(content: bytes):
     marker("part"), marker("new modal"), marker("refmod")
     mass, n = real(value("mass")), digits(value("nelastq"))
     require(n == counts[1], "another number of modes")
-    names = [value(f"ielastq ({k:4d})").decode("latin-1") for k in range(1, n + 1)]
+    names = [value(f"ielastq ({k})").decode("latin-1") for k in range(1, n + 1)]
     marker("end refmod"), marker("frame")
     nodes = []
     while lines and lines[0].startswith(b"new node"):

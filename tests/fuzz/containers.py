@@ -105,7 +105,8 @@ def edited(good: bytes, rng) -> tuple[str, bytes]:
             if how in ("number", "nan") and values.size and values.dtype.kind in "fiu":
                 flat = values.reshape(-1)
                 at = int(rng.integers(flat.size))
-                flat[at] = np.nan if how == "nan" and values.dtype.kind == "f" else flat[at] * 2 + 1
+                with np.errstate(invalid="ignore"):
+                    flat[at] = np.nan if how == "nan" and values.dtype.kind == "f" else flat[at] * 2 + 1
                 item[...] = flat.reshape(values.shape)
                 return f"{how} in {name}", closed(file, memory)
             attributes = dict(item.attrs)

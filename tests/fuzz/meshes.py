@@ -13,6 +13,7 @@ from .matrices import case, chosen, matrix_market, number, places, text
 
 REAL = {
     "UFF": ["uff/heat_engine_housing.uff"], "ANSYS .cdb": ["ansys/HexBeam.cdb.gz"],
+    "ANSYS list": ["ansys/rotorAnsysNodalCoordinates.txt.gz"],
     "Nastran bulk": ["nastran/test_1/test_case.bdf"], "Abaqus assembly": ["blockC3D8.inp", "blockC3D10.inp"],
 }  # fmt: skip
 
@@ -85,6 +86,13 @@ def bulk(where, rng):
     return text([*lines, *["ENDDATA"] * ended], rng)
 
 
+def listed(where, rng):
+    """What Workbench exports, perhaps with decimal commas."""
+    comma = chosen(rng, ".", ",")
+    lines = ["\t".join((str(label), *(f"{x:.6f}".replace(".", comma) for x in place))) for label, place in where.items()]
+    return text(["Node Number\tX Location (m)\tY Location (m)\tZ Location (m)", *lines], rng)
+
+
 def assembly(where, rng):
     """Nodes in a part or in its instance, perhaps moved, with sets of both."""
     labels = list(where)
@@ -127,6 +135,6 @@ def meshed(rng, kind):
 
 GRAMMAR = {
     "UFF": (universal, node_readings.uff), "ANSYS .cdb": (archive, node_readings.cdb),
-    "Nastran bulk": (bulk, node_readings.bulk), "Abaqus assembly": (assembly, node_readings.assembly),
+    "ANSYS list": (listed, node_readings.listed), "Nastran bulk": (bulk, node_readings.bulk), "Abaqus assembly": (assembly, node_readings.assembly),
 }  # fmt: skip
 KINDS = dict.fromkeys(GRAMMAR, meshed)

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 
-from .readings import LARGEST_LABEL, bulk_fields, digits, lines_of, plain, real, require, whole, words_of
+from .readings import LARGEST_LABEL, bulk_fields, digits, lines_of, nodes, plain, real, require, whole, words_of
 
 UFF_NODES, UFF_ELEMENTS = {15: (7,), 781: (4, 3), 2411: (4, 3)}, (780, 2412)
 BEAMS = (11, 21, 22, 23, 24)
@@ -115,6 +115,22 @@ def cdb(text: bytes):
                 place = row[3:6] if len(row) == 9 else row[1:]
                 require(1 <= row[0] <= LARGEST_LABEL, "no node number")
                 found.append((int(row[0]), tuple(place)))
+    return placed(sorted(found))
+
+
+def listed(text: bytes):
+    """A list of nodes of Workbench: lines of node, x, y, z below a heading, perhaps with decimal commas."""
+    text = text.removeprefix(b"\xef\xbb\xbf")
+    if not re.match(rb"[^\d\s%#/*!,;][^\t\r\n]*\t", text):
+        return nodes(text)
+    lines, found = lines_of(text.partition(b"\n")[2]), []
+    require(b"," not in b"".join(lines) or b"." not in b"".join(lines), "commas and points")
+    for line in lines:
+        words = line.replace(b",", b".").split()
+        require(len(words) in (4, 7), "no node")
+        values = [real(word) for word in words[1:]]
+        require(not any(values[3:]), "axes of their own")
+        found.append((whole(words[0], 1, LARGEST_LABEL), tuple(values[:3])))
     return placed(sorted(found))
 
 
