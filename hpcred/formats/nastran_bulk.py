@@ -238,11 +238,10 @@ def _case(path, stop):
 
 def _grids(lines):
     """Label, CP, CD, whether PS is given, coordinates and PS of GRID cards; -2 where a system is left out."""
-    table, number = lines.table(16)
+    table, number = lines.table(7)
     piece = lines.piece
-    more = (table[:, 8:] != b"").any(axis=1)
-    if more.any():
-        raise piece.refusal(int(number[more][0]), "a grid point of at most eight fields, and no lines that continue it")
+    if (more := lines.beyond(8)).size:
+        raise piece.refusal(int(more[0]), "a grid point of at most eight fields")
     label = wholes(piece, table[:, 0], number, "the number of a grid point", 1)
     system, displacement = (_system(piece, table[:, k], number) for k in (1, 5))
     xyz = np.stack([reals(piece, table[:, k], number, "a coordinate") for k in (2, 3, 4)], axis=1)

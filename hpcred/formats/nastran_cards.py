@@ -45,13 +45,21 @@ class Lines:
     def table(self, width: int) -> tuple[np.ndarray, np.ndarray]:
         """The first `width` fields (cards, width) of each card, and the lines (cards,) where they begin."""
         first = np.flatnonzero(self.starts)
-        which = np.cumsum(self.starts) - 1
-        before = np.cumsum(self.count) - self.count
-        place = (before - before[first][which])[:, None] + np.arange(SMALL)
+        which, place = self._places()
         have = (np.arange(SMALL) < self.count[:, None]) & (place < width)
         table = np.full((len(first), width), b"", dtype=self.fields.dtype)
         table[np.broadcast_to(which[:, None], have.shape)[have], place[have]] = self.fields[have]
         return table, self.number[first]
+
+    def beyond(self, width: int) -> np.ndarray:
+        """The lines of the piece with a field, not empty, behind the first `width` of its card."""
+        return self.number[((self._places()[1] >= width) & (self.fields != b"")).any(axis=1)]
+
+    def _places(self):
+        """Which of the cards a line belongs to, and the places (lines, 8) of its fields in that card."""
+        which = np.cumsum(self.starts) - 1
+        before = np.cumsum(self.count) - self.count
+        return which, (before - before[np.flatnonzero(self.starts)][which])[:, None] + np.arange(SMALL)
 
     def listed(self) -> list[tuple[str, list[str], int]]:
         """Name, fields without the empty ones at the end, and line of each card; of cards that are few."""

@@ -211,7 +211,7 @@ class _Lines:
 
     def text(self, key):
         head, equals, value = self.next().partition("=")
-        if not equals or re.sub(r"\( *", "(", head.strip(BLANKS)) != key:
+        if not equals or re.sub(r"\( *", "(", head.strip(BLANKS)) != re.sub(r"\( *", "(", key):
             raise self.unexpected(f"'{key} = ...'")
         return value.strip(BLANKS)
 

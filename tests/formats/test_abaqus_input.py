@@ -219,6 +219,7 @@ def test_sets_of_nodes_and_elements(comm, folder, monkeypatch):
         ("*Nset, nset=a\n1.5\n", "line 4: found '1.5', expected a number as a whole number"),
         ("*Nset, nset=a, generate\n1, 2, 3, 4\n", "expected first, last and step"),
         ("*Nset, nset=a, generate\n5, 2\n", "the first not above the last"),
+        ("*Nset, nset=a\n1, b\n", "found the set 'b' in the set of nodes 'a', expected one of the sets"),
     ],
 )
 def test_sets_that_cannot_be_are_refused(comm, folder, lines, says):

@@ -277,7 +277,8 @@ def test_elements_of_archives(comm, folder):
             assert (nodes == corner.get(kind, kinds[kind][1])).all()
     count = text.replace(f"{40:10d}\n(19i9)", f"{41:10d}\n(19i9)")
     cut = text.replace(element(1, 5, range(1, 21)), SOLID)
-    for wrong in (count, cut):
+    point, word = text.replace(f"{40:9d}\n", f"{'40.':>9}\n", 1), text.replace(f",{40:10d}\n", ",many\n")
+    for wrong in (count, cut, point, word):
         assert wrong != text
         comm.Barrier()
         with pytest.raises(InputError):

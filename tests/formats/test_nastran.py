@@ -196,6 +196,17 @@ def test_an_index_that_is_wrong_shows_as_missing_symmetry(comm, folder):
         nastran.read_op4(write(path, bytes(content), comm), comm)
 
 
+def test_tables_that_contradict_each_other_are_refused(comm, folder):
+    unpack(folder, comm, "nastran/notall6")
+    path = next(folder.glob("*.op2"))
+    content = path.read_bytes()
+    old, new = (label.to_bytes(8, "little") + (61).to_bytes(8, "little") for label in (441, 440))  # in BGPDT
+    comm.Barrier()
+    write(path, content.replace(old, new), comm)
+    with pytest.raises(InputError, match="found numbers of points .* in the table"):
+        nastran.read_op4(path.with_suffix(".op4"), comm)
+
+
 @pytest.mark.parametrize("length", [100, 5000, 9000, 12000])
 def test_a_cut_op2_is_refused(comm, folder, length):
     unpack(folder, comm, "nastran/extseout")

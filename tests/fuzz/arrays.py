@@ -234,7 +234,7 @@ def matlab_hdf5(rng, kind):
             labels = readings.nodes(written(found["nodes"]))
             require_places(labels)
             rows = readings.row_labels(written(found["dofs"]))
-        return readings.model({key: found[key] for key in "KMD" if key in found}, rows, labels)
+        return readings.model({key: found[key] for key in "KMD" if key in found}, rows, labels, np.inf)
 
     return finished(note, {"a.mat": content}, ["convert", "a.mat", "m.h5"], second, note == "good")
 

@@ -415,10 +415,10 @@ def mapping(text: bytes) -> list[tuple[int, int]]:
     return [found[k] for k in sorted(found)]
 
 
-def model(matrices: dict, labels=None, places=None) -> dict[str, np.ndarray]:
+def model(matrices: dict, labels=None, places=None, held=HELD) -> dict[str, np.ndarray]:
     """What a model of these has: rows as numbered or in the order of labels, without those that Abaqus holds by 1e36.
 
-    `matrices`: arrays by K, M, D, or all of them entries by label; `labels`: of the rows; `places`: by node.
+    `held`: from which size on a number does that; `matrices`: arrays by K, M, D, or all of them entries by label; `labels`: of the rows; `places`: by node.
     """
     if isinstance(next(iter(matrices.values())), list):
         labels = sorted({label for entries in matrices.values() for i, j, _ in entries for label in (i, j)})
@@ -434,7 +434,7 @@ def model(matrices: dict, labels=None, places=None) -> dict[str, np.ndarray]:
         labels = [(node, direction) for node in places for direction in range(1, count + 1)]
     if labels is not None:
         require(len(labels) == size, "another number of rows")
-    order = np.flatnonzero(np.abs(np.diag(matrices["K"])) < HELD)
+    order = np.flatnonzero(np.abs(np.diag(matrices["K"])) < held)
     require(len(order), "no free row")
     found = {key: matrix[np.ix_(order, order)] for key, matrix in matrices.items() if key in "KMD"}
     require(all(np.abs(matrix).max() <= 1e60 for matrix in matrices.values()), "beyond all units")
