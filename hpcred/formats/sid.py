@@ -166,7 +166,7 @@ def _read_object(reader, name, modes):
     shape = tuple(int(word.replace("n", "") or 1) * (modes if "n" in word else 1) for word in SHAPES[name].split())
     if (rows, columns, nq) != (*shape, modes) or order > 1 or structure > 4:
         raise reader.unexpected(
-            f"{name} of order 0 or 1, {shape[0]} rows, {shape[1]} columns, {modes} coordinates, and a structure of 0 to 4"
+            f"{name} of order 0 or 1, {shape[0]} rows, {shape[1]} columns, {modes} coordinates, structure 0 to 4"
         )
     m0 = np.eye(rows, columns) if structure == 4 else np.zeros((rows, columns))
     m1 = np.zeros((rows, nq, columns)) if order else None

@@ -144,7 +144,8 @@ def test_what_cannot_be_told_is_said(comm, folder):
     assert "RSPLINE" in nastran_bulk.mark_sets(deck, comm, found)
     found, deck = points(comm, write(folder / "b.bdf", DECK.split("BULK\n")[1].format(""), comm))
     assert "more than one set of MPC" in nastran_bulk.mark_sets(deck, comm, found)  # of SPC there is one SPCADD
-    found, deck = points(comm, write(folder / "c.bdf", DECK.replace("SPC = 4", "SPC = 4\nSUBCASE 2\nSPC=5").format(""), comm))
+    subcases = DECK.replace("SPC = 4", "SPC = 4\nSUBCASE 2\nSPC=5").format("")
+    found, deck = points(comm, write(folder / "c.bdf", subcases, comm))
     assert "more than one set of SPC" in nastran_bulk.mark_sets(deck, comm, found)
 
 

@@ -70,8 +70,9 @@ def read_npz(content: bytes):
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
             form = file["format"][()]
             form = form.decode() if isinstance(form, bytes) else str(form)
-            require(form in COMPRESSED and file["shape"].dtype.kind in "iu" and file["shape"].shape == (2,), "no matrix")
-            shape = tuple(int(number) for number in file["shape"])
+            shape = file["shape"]
+            require(form in COMPRESSED and shape.dtype.kind in "iu" and shape.shape == (2,), "no matrix")
+            shape = tuple(int(number) for number in shape)
             return from_pieces(form, shape, {name: file[name] for name in (*COMPRESSED[form], "data")})
     except Nonsense:
         raise
@@ -102,8 +103,8 @@ def read_petsc(content: bytes):
 
 
 def one_wrong(arrays, rng):
-    """A copy of the arrays with one of them wrong: too short, too long, of two dimensions, of another type, missing,
-    or with one number changed. Returns a note too."""
+    """A note, and a copy of the arrays with one of them wrong: too short, too long, of two dimensions, of another type,
+    missing, or with one number changed."""
     name = chosen(rng, *arrays)
     array = np.array(arrays[name])
     how = chosen(rng, "short", "long", "2-d", "type", "missing", "number", "number", "number", "exchange", "empty")
@@ -135,9 +136,10 @@ def matlab(variables):
             group = file.create_group(name)
             group.attrs["MATLAB_class"] = np.array(b"double")
             group.attrs["MATLAB_sparse"] = np.uint64(shape[0])
-            for key, array in zip(("jc", "ir", "data"), (arrays[key] for key in ("indptr", "indices", "data")), strict=True):
-                if array is not None:
-                    group[key] = array.astype("u8") if array.dtype.kind == "i" and array.min(initial=0) >= 0 else array
+            for key, name_of_scipy in (("jc", "indptr"), ("ir", "indices"), ("data", "data")):
+                if (array := arrays[name_of_scipy]) is not None:
+                    whole = array.dtype.kind == "i" and array.min(initial=0) >= 0
+                    group[key] = array.astype("u8") if whole else array
     return MATLAB + memory.getvalue()[128:]
 
 
@@ -153,8 +155,9 @@ def read_matlab(content: bytes):
             arrays = {key: item[part][...] for key, part in (("indptr", "jc"), ("indices", "ir"), ("data", "data"))}
             shape = int(item.attrs["MATLAB_sparse"]), len(arrays["indptr"]) - 1
             for key in ("indices", "data"):  # MATLAB may keep room for more
-                require(arrays["indptr"].dtype.kind in "iu" and 0 <= arrays["indptr"][-1] <= len(arrays[key]), "too few")
-                arrays[key] = arrays[key][: arrays["indptr"][-1]]
+                count = arrays["indptr"][-1]
+                require(count.dtype.kind in "iu" and 0 <= count <= len(arrays[key]), "too few numbers")
+                arrays[key] = arrays[key][:count]
             if name != "D" or shape == found["K"].shape:  # any variable of another size may have that name: it is said
                 found[name] = from_pieces("csc", shape, arrays, ascending=True)
     return found
@@ -178,8 +181,12 @@ def single(rng, kind):
         if damage == "bytes":
             note, files[f"{key}.file"] = bytes_changed(files[f"{key}.file"], rng)
     command = ["convert", *(word for key in mats for word in (f"-{key}", f"{key}.file")), "-o", "m.h5"]
-    return finished(f"{role}: {note}", files, command,
-                    lambda: readings.model({key: read(files[f"{key}.file"]) for key in mats}), note == "good")  # fmt: skip
+
+
+    def second():
+        return readings.model({key: read(files[f"{key}.file"]) for key in mats})
+
+    return finished(f"{role}: {note}", files, command, second, note == "good")
 
 
 def finished(note, files, command, second, good):

@@ -1,4 +1,5 @@
-"""Damage to the HDF5 files of hpcred: cases of every command that reads them leave, right is what the good file gives."""
+"""Damage to the HDF5 files of hpcred: cases of every command that reads them leave, judged by what the good file gives.
+"""
 
 import functools
 import io

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import typer
 from launch import mpi_environment
 
 RIGHT, REFUSED, INTERNAL, WRONG = VERDICTS = "right", "refused", "internal error", "wrong"
@@ -105,7 +106,6 @@ def run_good(command):
 
 def _in_this_process(command):
     """Exit status and what was printed to stderr, by Python and by libraries."""
-    import typer
     from hpcred.cli import run
 
     if not hasattr(typer.main.get_command, "cache_info"):  # the parser of all commands is made once, not in each case

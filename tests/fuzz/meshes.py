@@ -74,22 +74,24 @@ def bulk(where, rng):
     for label, place in where.items():
         form, held = chosen(rng, "small", "large", "free"), chosen(rng, "", "", "456")
         if form == "small":
-            lines.append("".join(f"{item:<8}" for item in (
-                "GRID", label, chosen(rng, "", "0", system), *(f"{x:.4f}" for x in place), "", held)).rstrip())  # fmt: skip
+            fields = ("GRID", label, chosen(rng, "", "0", system), *(f"{x:.4f}" for x in place), "", held)
+            lines.append("".join(f"{item:<8}" for item in fields).rstrip())
         elif form == "large":
             x, y, z = (number(item, form="%.9E") for item in place)
-            lines += [f"{'GRID*':<8}{label:>16}{system:>16}{x:>16}{y:>16}", f"{'*':<8}{z:>16}{'':>16}{held:>16}".rstrip()]
+            lines.append(f"{'GRID*':<8}{label:>16}{system:>16}{x:>16}{y:>16}")
+            lines.append(f"{'*':<8}{z:>16}{'':>16}{held:>16}".rstrip())
         else:
-            lines.append(",".join(("GRID", str(label), str(system), *(number(x, form="%.10E") for x in place), "", held)))
-    labels = list(where)
-    lines += ["CTRIA3,1,1," + ",".join(map(str, labels[:3])), "PARAM,POST,-1", *(["SPOINT,7001"] * (rng.random() < 0.2))]
+            fields = ("GRID", label, system, *(number(x, form="%.10E") for x in place), "", held)
+            lines.append(",".join(map(str, fields)))
+    lines += ["CTRIA3,1,1," + ",".join(map(str, list(where)[:3])), "PARAM,POST,-1"]
+    lines += chosen(rng, [], ["SPOINT,7001"])
     return text([*lines, *["ENDDATA"] * ended], rng)
 
 
 def listed(where, rng):
     """What Workbench exports, perhaps with decimal commas."""
     comma = chosen(rng, ".", ",")
-    lines = ["\t".join((str(label), *(f"{x:.6f}".replace(".", comma) for x in place))) for label, place in where.items()]
+    lines = [f"{label}\t" + "\t".join(f"{x:.6f}".replace(".", comma) for x in place) for label, place in where.items()]
     return text(["Node Number\tX Location (m)\tY Location (m)\tZ Location (m)", *lines], rng)
 
 
@@ -98,7 +100,8 @@ def assembly(where, rng):
     labels = list(where)
     nodes = ["*Node", *(", ".join((str(label), *(f"{x:.6g}" for x in place))) for label, place in where.items()),
              "*Element, type=T3D2", *(f"{k + 1}, {labels[k]}, {labels[k + 1]}" for k in range(len(labels) - 1)),
-             "*Nset, nset=END", f" {labels[0]}, {labels[-1]}", "*Elset, elset=ALL, generate", f" 1, {len(labels) - 1}, 1"]
+             "*Nset, nset=END", f" {labels[0]}, {labels[-1]}", "*Elset, elset=ALL, generate",
+             f" 1, {len(labels) - 1}, 1"]  # fmt: skip
     move = chosen(rng, [], ["1., 2., -0.5"], ["0.5, 0., 0.", "0., 0., 0., 0., 0., 1., 90."])
     inside = rng.random() < 0.5
     sets = ["*Nset, nset=Some, instance=bar-1", f" {labels[1]},", "*Nset, nset=Both", " Some, bar-1.END"]
@@ -135,6 +138,7 @@ def meshed(rng, kind):
 
 GRAMMAR = {
     "UFF": (universal, node_readings.uff), "ANSYS .cdb": (archive, node_readings.cdb),
-    "ANSYS list": (listed, node_readings.listed), "Nastran bulk": (bulk, node_readings.bulk), "Abaqus assembly": (assembly, node_readings.assembly),
+    "ANSYS list": (listed, node_readings.listed), "Nastran bulk": (bulk, node_readings.bulk),
+    "Abaqus assembly": (assembly, node_readings.assembly),
 }  # fmt: skip
 KINDS = dict.fromkeys(GRAMMAR, meshed)

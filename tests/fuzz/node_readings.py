@@ -261,9 +261,10 @@ def assembly(text: bytes):
             scope = "assembly"
         elif keyword == b"instance":
             scope, own, place = "instance", given.get(b"name", b""), moved(lines)
-            require(given.get(b"part", b"").lower() in parts and not {b"instance", b"library"} & given.keys(), "no part")
+            part = given.get(b"part", b"").lower()
+            require(part in parts and not {b"instance", b"library"} & given.keys(), "no part")
             instances[own.lower()] = own
-            blocks += [(own, place, own + b".", block) for block in parts[given.get(b"part", b"").lower()]]
+            blocks += [(own, place, own + b".", block) for block in parts[part]]
         elif keyword in (b"endpart", b"endassembly", b"endinstance"):
             scope = "assembly" if keyword == b"endinstance" else "model"
         elif keyword in (b"node", b"element", b"nset", b"elset"):

@@ -366,7 +366,7 @@ def harwell_boeing(text: bytes) -> np.ndarray:
     kind, sizes = lines[2][:3].upper(), [digits(word) for word in lines[2][3:].split()]
     require(len(sizes) in (3, 4) and kind[:1] == b"R" and kind[1:2] in (b"U", b"S", b"Z", b"R") and kind[2:] == b"A",
             "another kind")  # fmt: skip
-    require(lines[2][3:4] == b" " and not right, "right-hand sides")
+    require(lines[2][3:4].isspace() and not right, "right-hand sides")
     formats = re.findall(rb"\(\s*(?:(\d+)P\s*,?\s*)?(\d*)\s*([IEDF])\s*(\d+)(?:\.\d+)?\s*\)", lines[3].upper())
     require(len(formats) >= 3 and formats[0][2] == formats[1][2] == b"I" and formats[2][2] in b"EDF", "no formats")
     rows, columns, entries = sizes[:3]
@@ -418,7 +418,8 @@ def mapping(text: bytes) -> list[tuple[int, int]]:
 def model(matrices: dict, labels=None, places=None, held=HELD) -> dict[str, np.ndarray]:
     """What a model of these has: rows as numbered or in the order of labels, without those that Abaqus holds by 1e36.
 
-    `held`: from which size on a number does that; `matrices`: arrays by K, M, D, or all of them entries by label; `labels`: of the rows; `places`: by node.
+    `matrices`: arrays by K, M, D, or all of them entries by label; `labels`: of the rows; `places`: by node; `held`:
+    from which size on a number does that.
     """
     if isinstance(next(iter(matrices.values())), list):
         labels = sorted({label for entries in matrices.values() for i, j, _ in entries for label in (i, j)})
