@@ -5,6 +5,7 @@ The second readings are those of numpy, h5py and struct, of all arrays as a whol
 
 import io
 import struct
+import warnings
 import zipfile
 
 import h5py
@@ -61,6 +62,16 @@ def npz(form, shape, arrays, rng):
     save = chosen(rng, np.savez, np.savez_compressed)
     save(file, **{name: array for name, array in arrays.items() if array is not None})
     return file.getvalue()
+
+
+def with_another(content, name, rng):
+    """A note, and the archive with a second array of a name, in reverse order, which zipfile takes for the first."""
+    file, array = io.BytesIO(content), io.BytesIO()
+    np.save(array, np.load(io.BytesIO(content))[name][::-1])
+    with zipfile.ZipFile(file, "a") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        archive.writestr(f"{name}.npy", array.getvalue())
+    return f"{name} twice", file.getvalue()
 
 
 def read_npz(content: bytes):
@@ -171,14 +182,16 @@ def single(rng, kind):
     for key, item in mats.items():
         form = chosen(rng, *COMPRESSED) if kind == ".npz" else "csr"
         shape, arrays = item.shape, pieces(item, form, rng)
-        damage = chosen(rng, "array", "array", "shape", "bytes", "bytes", "none") if key == role else "none"
+        damage = chosen(rng, "array", "array", "shape", "bytes", "bytes", "twice", "none") if key == role else "none"
         if damage == "array":
             note, arrays = one_wrong(arrays, rng)
         elif damage == "shape":
             shape = chosen(rng, (9, 8), (10, 9), (0, 9), (9, 2**31 - 1), (-9, 9), (9, 10))
             note = f"shape {shape}"
         files[f"{key}.file"] = write(form, shape, arrays, rng)
-        if damage == "bytes":
+        if damage == "twice" and kind == ".npz":
+            note, files[f"{key}.file"] = with_another(files[f"{key}.file"], chosen(rng, *arrays), rng)
+        elif damage == "bytes":
             note, files[f"{key}.file"] = bytes_changed(files[f"{key}.file"], rng)
     command = ["convert", *(word for key in mats for word in (f"-{key}", f"{key}.file")), "-o", "m.h5"]
 
