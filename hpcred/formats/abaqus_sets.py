@@ -122,11 +122,12 @@ def _with_their_parts(path, comm, found):
 def _named_in(path, key, table):
     """The keys of the sets that a set names. Elements of kinds that are not known have no sets, nodes always have."""
     kind, (name, parts) = key[0], table[key]
-    for words in parts:
+    for words in sorted(parts):
         there = [(kind, word) for word in words if (kind, word) in table]
         if kind == "nset" and not there:
+            found = shown(words[0].encode("latin-1"))
             raise InputError(
-                f"{path}: found the set '{shown(words[0].encode())}' in the set of nodes '{name}', expected one of the "
-                "sets of nodes of the file that has a name of its own"
+                f"{path}: found the set '{found}' in the set of nodes '{name}', expected one of the sets of nodes of the "
+                "file that has a name of its own"
             )
         yield from there

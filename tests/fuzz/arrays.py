@@ -195,7 +195,6 @@ def single(rng, kind):
             note, files[f"{key}.file"] = bytes_changed(files[f"{key}.file"], rng)
     command = ["convert", *(word for key in mats for word in (f"-{key}", f"{key}.file")), "-o", "m.h5"]
 
-
     def second():
         return readings.model({key: read(files[f"{key}.file"]) for key in mats})
 
