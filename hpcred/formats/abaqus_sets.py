@@ -127,7 +127,7 @@ def _named_in(path, key, table):
         if kind == "nset" and not there:
             found = shown(words[0].encode("latin-1"))
             raise InputError(
-                f"{path}: found the set '{found}' in the set of nodes '{name}', expected one of the sets of nodes of the "
-                "file that has a name of its own"
+                f"{path}: found the set '{found}' in the set of nodes '{name}', expected one of the sets of nodes of "
+                "the file that has a name of its own"
             )
         yield from there
