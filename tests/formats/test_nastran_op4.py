@@ -265,6 +265,7 @@ def test_a_text(comm, folder):
         ("       2       0       8", "       1       0       8", "a column behind the one before"),
         ("       2       0       8", "       2       x       8", "line 5: found '2       x       8', expected whole"),
         ("       3       1       1\n", "", "in the matrix KAA"),
+        ("       3       1       1\n", "       3       1       2\n", "as many numbers below as it says"),
         ("       2      -2       1       2", "       2      -2       1       7", "type (1 to 4)"),
         ("1P,5E16.9", "1P,5E99.9", "expected a format such as 1P,5E16.9"),
     ],
