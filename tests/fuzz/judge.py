@@ -16,7 +16,7 @@ import typer
 from launch import mpi_environment
 
 RIGHT, REFUSED, INTERNAL, WRONG = VERDICTS = "right", "refused", "internal error", "wrong"
-LIMIT = 60  # seconds of a process of its own
+LIMIT = 180  # seconds of a process of its own, of which a busy machine may take most for its start
 
 
 @dataclass
