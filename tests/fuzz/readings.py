@@ -404,7 +404,7 @@ def mapping(text: bytes) -> list[tuple[int, int]]:
     found = {}
     for line in rest:
         words = plain(line).split()
-        if not words:
+        if not words or words == first.split():  # a heading may stand on every page
             continue
         require(len(words) == 3 and words[2] in DOFS, "no row")
         equation = digits(words[0], 1)
