@@ -26,7 +26,7 @@ from ..model.second_order_model import SecondOrderModel, row_range
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
-from ..parallel.memory import give_back
+from ..parallel.memory import MB, give_back, node_mb
 from ..parallel.petsc import MPI
 from . import (
     abaqus_input,
@@ -434,6 +434,13 @@ def read_columns(comm, starts, size, path, transposed=False, variables=None):
     first, last = starts[comm.rank], np.append(starts[1:], size)[comm.rank]
     with agreed(comm):
         require_sane(v, f"{path}: found", "real")
+        needed, free = (last - first) * entries.shape[1] * 8 / MB, node_mb()
+        if needed > free:
+            what = "rows" if transposed else "columns"
+            raise InputError(
+                f"{path}: found {entries.shape[1]} {what}, which take {needed:.0f} MB, and {free:.0f} MB are free; the "
+                "file is damaged, or there are too many"
+            )
     local = np.zeros((last - first, entries.shape[1]))
     np.add.at(local, (i - first, j), v)
     return local

@@ -322,7 +322,8 @@ def calculix(rng, kind):
         mats = {key: readings.triangle(files[f"a.{suffix}"]) for key, suffix in (("K", "sti"), ("M", "mas"))}
         found, labels = readings.input_file(files["a.inp"]), readings.calculix_dofs(files["a.dof"])
         require_places(found)
-        if {node for node, _ in labels} - found.keys():  # nodes that CalculiX made: the rows have no names, it is said
+        # nodes that CalculiX made, or several rows of one name: the rows have no names, which is said
+        if {node for node, _ in labels} - found.keys() or len(set(labels)) < len(labels):
             return readings.model(mats, labels, held=np.inf) | {"named": np.array(False)}
         return readings.model(mats, labels, found, np.inf)
 

@@ -185,13 +185,14 @@ def triangle(text: bytes) -> np.ndarray:
 
 
 def calculix_dofs(text: bytes) -> list[tuple[int, int]]:
+    """Labels in ascending order, or such that occur again, where CalculiX made solids of beams and shells."""
     require(text.endswith(b"\n"), "a last line without end")
     found = []
     for line in text.removeprefix(b"\xef\xbb\xbf").split(b"\n")[:-1]:
         words = line.removesuffix(b"\r").split(b".")
         require(len(words) == 2 and len(words[1]) == 1, "no node.direction")
         found.append((digits(words[0], 1, LARGEST_LABEL), digits(words[1], 1, 6)))
-    require(found == sorted(set(found)), "another order")
+    require(len(set(found)) < len(found) or found == sorted(found), "another order")
     return found
 
 
