@@ -109,5 +109,5 @@ def test_more_columns_than_there_is_room_for(comm, folder):
     head = "%%MatrixMarket matrix coordinate real general\n"
     for key, columns in (("K", 3), ("B", 99999999999999999999)):
         write(folder / f"{key}.mtx", f"{head}3 {columns} 3\n1 1 1.0\n2 2 1.0\n3 3 1.0\n", comm)
-    with pytest.raises(InputError, match=r"B.mtx: found 99999999999999999999 columns, which take \d+ MB"):
+    with pytest.raises(hpcred.InputError, match=r"B.mtx: found 99999999999999999999 columns, which take \d+ MB"):
         load_source(Source(*[str(folder / "K.mtx")] * 2, B=str(folder / "B.mtx")), comm)
