@@ -381,10 +381,10 @@ def _decode_text(piece, matrix):
     refuse(column_lines[(number < 1) | (number > columns + 1) | (first < 0) | (words < 1)],
            "the number of a column, its first row and number of words")  # fmt: skip
     refuse(column_lines[1:][np.diff(number) <= 0], "a column behind the one before")
+    refuse(string_lines[size[string_lines] > 2 * WHOLE], "the header of a string of numbers")
     if matrix.big:
         length, row = (_whole(piece, text, start, size, string_lines, k, WHOLE) for k in range(2))
     else:
-        refuse(string_lines[size[string_lines] > 2 * WHOLE], "the header of a string of numbers")
         length, row = np.divmod(_whole(piece, text, start, size, string_lines, 0, 2 * WHOLE), SMALL)
     length = length - 1
     refuse(string_lines[(length < 1) | (row < 1)], "the header of a string of numbers")

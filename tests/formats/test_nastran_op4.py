@@ -259,6 +259,7 @@ def test_a_text(comm, folder):
         (" 1.500000000E+00", " 1.50000000,E+00", "expected numbers"),
         (" 1.500000000E+00", " 1.50000 000E+00", "expected numbers"),
         (" 1.500000000E+00", " 1.500000000E+00 1.500000000E+00", "as many numbers below as it says"),
+        ("       3       2\n", "       3       2 3333333333\n", "the header of a string of numbers"),
         ("       3       2\n", "       3       3\n", "rows up to 2"),
         ("       3       2\n", "       3       1\n", "rows that ascend in a column"),
         ("       3       2\n", "       3       0\n", "the header of a string of numbers"),

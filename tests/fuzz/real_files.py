@@ -52,9 +52,10 @@ def full_of_ansys(folder):
 
 def tables_of_full(path):
     words = np.frombuffer(path.read_bytes(), "<i4")
-    # those of the standard header say nothing of the model, and imposed displacements are not read
+    # those of the standard header say nothing of the model, imposed displacements are not read, and the dofs of nodes,
+    # which stand behind the header, may be others
     tables = np.arange(103, int(words[105 + 18]))
-    return np.setdiff1d(tables, np.flatnonzero(words == 0))
+    return np.setdiff1d(tables, [*np.flatnonzero(words == 0), *range(268, 268 + words[266])])
 
 
 def real_full(folder):
@@ -104,6 +105,9 @@ def matlab(folder, form, packed=False):
     stay = np.arange(len(words)) >= (0 if form == "4" else 31)  # text of the header
     if not packed:
         stay &= (np.abs(words) > 18) & (np.abs(words) < 10**4)
+        for start in range(len(words) if form == "5" else 0):  # where columns begin may be another place
+            if any(np.array_equal(words[start : start + 19], item.indptr) for item in (K, M)):
+                stay[start : start + 19] = False
     return path, np.flatnonzero(stay)
 
 
