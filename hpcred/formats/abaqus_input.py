@@ -401,6 +401,8 @@ def _element_lines(piece, width, surplus=False):
             raise piece.refusal(lines[np.argmax(counts < width)], f"at least {width} numbers an element")
         place = np.arange(len(values)) - np.repeat(np.cumsum(counts) - counts, counts)
         values, counts = values[place < width], np.full(len(counts), width)
+    if (counts > width).any():
+        raise piece.refusal(lines[np.argmax(counts > width)], f"{width} numbers an element")
     ends = np.cumsum(counts)
     line = np.searchsorted(ends, np.arange(width, values.size + 1, width))
     wrong = np.flatnonzero(ends[line] % width) if values.size else line
