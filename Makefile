@@ -38,13 +38,14 @@ PURE := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["proj
 	.venv/bin/python -c '$(PURE)' > .venv/requirements.txt
 	.venv/bin/python -m pip install -q -c .venv/constraints.txt -r .venv/requirements.txt
 	.venv/bin/python -m pip install -q --no-deps -e .
+	.venv/bin/python -m compileall -q hpcred
 	@touch $@
 
 demo: install
 	mpiexec -n 2 $(PYTHON) -m hpcred
 
 test: install
-	$(PYTHON) -m pytest -m "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs"
+	$(PYTHON) -m pytest --beside -m "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs"
 
 test-slow: install
 	$(PYTHON) -m pytest -m slow

@@ -17,7 +17,6 @@ from .formats.job_file import Job as Job
 from .formats.job_file import read_job as read_job
 from .formats.model_file import read_model as read_model
 from .formats.model_file import write_model as write_model
-from .formats.model_source import Source as Source
 from .formats.model_source import load_export as load_export
 from .formats.model_source import load_source as load_source
 from .formats.point_store import PointStore as PointStore
@@ -29,6 +28,7 @@ from .formats.result_file import read_result as read_result
 from .formats.result_file import write_result as write_result
 from .formats.sid import read_sid as read_sid
 from .formats.sid import write_sid as write_sid
+from .formats.source import Source as Source
 from .formats.state_space import state_space as state_space
 from .linalg.factorisation import Factoring as Factoring
 from .linalg.factorisation import LinearSolver as LinearSolver

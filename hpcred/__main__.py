@@ -1,5 +1,6 @@
 """`python -m hpcred` and the console script."""
 
+import os
 import sys
 
 from .parallel import signals
@@ -7,16 +8,14 @@ from .parallel import signals
 
 def main():
     signals.hear()
+    # a process that no mpiexec started: Open MPI need not start a daemon, by which others could join it
+    os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
     try:
         from .cli import run
 
         status = run(sys.argv[1:])
-    except KeyboardInterrupt as error:  # while modules are loaded
-        signals.no_more()
-        failures = sys.modules.get("hpcred.parallel.failures")
-        if hasattr(failures, "LOADED"):
-            failures.end_job(error)
-        signals.leave(error)
+    except (KeyboardInterrupt, Exception) as error:  # while modules are loaded
+        signals.end(error)
     signals.no_longer()
     sys.exit(status)
 

@@ -16,6 +16,7 @@ from .formats.locks import unlock_all
 from .formats.outputs import JSON, check_outputs, keep_files
 from .parallel import startup
 from .parallel.failures import InputError, fail
+from .parallel.progress import counted
 from .parallel.ranges import ANYTHING, FREQUENCY, within
 from .report.profile import show_profile, start_profile
 from .report.tables import as_json, in_words, show_table, show_timing, told_apart, write_json
@@ -413,7 +414,8 @@ def reduce(
     record, accuracy = found.record, found.record.accuracy
     stored = any(item.from_store for item in record.ingredients)
     if accuracy is not None:
-        print(f"{accuracy.sentence}, {accuracy.factorisations} factorisations, {found.size_in_words}")
+        made = counted(accuracy.factorisations, "factorisation")
+        print(f"{accuracy.sentence}, {made}, {found.size_in_words}")
     show_table(
         f"{found.output}: {found.size_in_words} for {record.size} dofs",
         [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
@@ -423,7 +425,7 @@ def reduce(
     if accuracy is not None:
         show_table("Expansion points", [
             {"f (Hz)": item.frequency, "columns": item.columns, "modes below": in_words(item.modes_below),
-             "estimate after it": in_words(item.estimate), "seconds": item.factor_seconds} for item in accuracy.points
+             "estimate after it": in_words(item.estimate), "factor": item.factor_in_words} for item in accuracy.points
         ])  # fmt: skip
         show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
         print(f"{accuracy.measured}; {accuracy.missing_modes} modes missing; round-off {accuracy.noise:.0e}; "
@@ -711,7 +713,8 @@ def response(
     show_table("Proofs: the model before a point, at the point", report["proofs"])
     if check:
         show_table("Fresh frequencies", report["check"]["rows"])
-    print(f"{len(report['frequencies_hz'])} frequencies from {report['factorisations']} factorisations and "
+    made = counted(report["factorisations"], "factorisation")
+    print(f"{len(report['frequencies_hz'])} frequencies from {made} and "
           f"{report['columns']} columns for {report['size']} dofs")  # fmt: skip
     for name in (output, figure):
         if name:

@@ -1,6 +1,7 @@
 """Tests marked mpi, once for each number of ranks and each PETSc build: items of their own, with a line each.
 
-In: items marked `mpi`, or `mpi(ranks=(1, 2))` where not all numbers of ranks make sense. Out: the same items with the
+In: items marked `mpi`, or `mpi(ranks=(1, 3))` where not all numbers of ranks make sense, `mpi(build="real")` where the
+build of PETSc makes no difference, as to readers of text. Out: the same items with the
 suffixes [1-rank] (run here), [2-ranks], [3-ranks] and, where there are two builds, [1-rank-complex], [2-ranks-complex].
 
 The items of one suffix run together in one `mpiexec ... pytest`, the inner session, which starts with the first of
@@ -8,6 +9,9 @@ them. Its ranks append what happens, a line of JSON each time, to a file; the se
 while the inner one goes on. A failure on one rank ends the inner session, as does an item that takes longer than
 HPCRED_TEST_TIMEOUT seconds, or a crash; the items after it go to a new one. `mpiexec -n 4 python -m pytest -m mpi` runs
 the items on the ranks that it was given.
+
+With `--beside` inner sessions go on beside the other items where the machine has cores for all their ranks, and the
+items of one rank are in an inner session too. What is shown, and in which order, does not change.
 """
 
 import json
@@ -29,15 +33,20 @@ TIMEOUT = float(os.environ.get("HPCRED_TEST_TIMEOUT", "300"))
 INNER = os.environ.get("HPCRED_TEST_SESSION")  # in an inner session: its folder
 
 HERE = "1-rank"
-LAUNCHED = {"2-ranks": (2, ""), "3-ranks": (3, "")}  # suffix: ranks, build
-if TWO_BUILDS or INNER:
-    LAUNCHED |= {"1-rank-complex": (1, "complex"), "2-ranks-complex": (2, "complex")}
+LAUNCHED = {HERE: (1, ""), "1-rank-complex": (1, "complex"), "2-ranks": (2, ""), "3-ranks": (3, ""),
+            "2-ranks-complex": (2, "complex")}  # fmt: skip  # suffix: ranks, build
+if not (TWO_BUILDS or INNER):
+    LAUNCHED = {suffix: job for suffix, job in LAUNCHED.items() if not job[1]}
 
 
 def world():
     from mpi4py import MPI
 
     return MPI.COMM_WORLD
+
+
+def pytest_addoption(parser):
+    parser.addoption("--beside", action="store_true", help="run items on several ranks beside those on one")
 
 
 def pytest_configure():
@@ -56,7 +65,8 @@ def pytest_generate_tests(metafunc):
         suffixes = [f"{world().size}-ranks"]
     else:
         ranks = mark.kwargs.get("ranks", (1, 2, 3))
-        suffixes = [HERE] * (1 in ranks) + [name for name, (count, _) in LAUNCHED.items() if count in ranks]
+        builds = ("",) if mark.kwargs.get("build") == "real" else ("", "complex")
+        suffixes = [name for name, (count, build) in LAUNCHED.items() if count in ranks and build in builds]
     metafunc.fixturenames.append("job")
     metafunc.parametrize("job", suffixes)
 
@@ -64,7 +74,8 @@ def pytest_generate_tests(metafunc):
 def suffix_of(item):
     """The suffix of an item that is to run in an inner session, else None."""
     suffix = item.callspec.params.get("job") if hasattr(item, "callspec") else None
-    return suffix if suffix in LAUNCHED and world().size == 1 else None
+    here = world().size > 1 or (suffix == HERE and not item.config.getoption("beside"))
+    return None if here else suffix
 
 
 @pytest.hookimpl(trylast=True)
@@ -76,6 +87,7 @@ def pytest_collection_modifyitems(items):
     else:
         order = [None, *LAUNCHED]
         items.sort(key=lambda item: order.index(suffix_of(item)))
+        waiting.extend(dict.fromkeys(filter(None, map(suffix_of, items))))
 
 
 # inside: every rank tells what happens
@@ -124,19 +136,20 @@ class Session:
     """One inner session for the items of one suffix: its process, and what it has told so far."""
 
     def __init__(self, suffix, items):
-        self.suffix, self.last = suffix, items[-1].nodeid
+        self.last = items[-1].nodeid
         self.started, self.finished, self.reports = set(), set(), {}
         self._read = 0
         self._folder = Path(tempfile.mkdtemp(prefix="hpcred-tests-"))
         (self._folder / "items.json").write_text(json.dumps([item.nodeid for item in items]))
         (self._folder / "events").touch()
-        ranks, build = LAUNCHED[suffix]
+        self.ranks, build = LAUNCHED[suffix]
         options = ["-q", "--color=no", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={TIMEOUT:g}"]
         files = dict.fromkeys(str(item.path) for item in items)
         more = {"HPCRED_TEST_SESSION": str(self._folder), **({"HPCRED_SCALAR": build} if build else {})}
+        more["OMPI_MCA_hwloc_base_binding_policy"] = "none"  # several sessions would take the same cores
         with open(self._folder / "output", "w") as output:
             self.process = subprocess.Popen(
-                ["mpiexec", "-n", str(ranks), sys.executable, "-m", "pytest", *options, *files],
+                ["mpiexec", "-n", str(self.ranks), sys.executable, "-m", "pytest", *options, *files],
                 cwd=items[0].config.rootpath,
                 stdin=subprocess.DEVNULL,
                 stdout=output,
@@ -162,7 +175,7 @@ class Session:
         """Returns "finished", or "ended" or "hangs" where that will not come."""
         since = time.monotonic()
         while nodeid not in self.finished:
-            ended = self.process.poll() is not None
+            ended = self.ended()
             if self._listen():
                 since = time.monotonic()
             elif ended:
@@ -182,6 +195,9 @@ class Session:
                 with suppress(subprocess.TimeoutExpired):
                     self.process.wait(10)
 
+    def ended(self):
+        return self.process.poll() is not None
+
     def output(self):
         return (self._folder / "output").read_text(errors="replace")[-8000:]
 
@@ -193,23 +209,38 @@ class Session:
         shutil.rmtree(self._folder)
 
 
-session = None  # the inner session that runs; one at a time
+waiting = []  # suffixes of items whose inner session has not started
+sessions = {}  # suffix: its latest inner session
 broken = {}  # suffix: what a session told that ended before its first item
+
+
+def start_session(suffix, items):
+    """The inner session for those of the items that have the suffix, started."""
+    if suffix in waiting:
+        waiting.remove(suffix)
+    sessions[suffix] = Session(suffix, [item for item in items if suffix_of(item) == suffix])
+    return sessions[suffix]
+
+
+def start_beside(item):
+    """Start the inner sessions for which there are cores beside this item and what runs."""
+    busy = sum(session.ranks for session in sessions.values() if not session.ended()) + (suffix_of(item) is None)
+    for suffix in list(waiting):
+        if busy + LAUNCHED[suffix][0] <= len(os.sched_getaffinity(0)):
+            busy += start_session(suffix, item.session.items).ranks
 
 
 def reports_of(item, suffix):
     """The reports of one item, from an inner session that is started where needed."""
-    global session
-    how = None
-    if session is not None and session.suffix == suffix:
+    items = item.session.items
+    session = sessions.get(suffix) or start_session(suffix, items)
+    how = session.wait_for(item.nodeid)
+    if how != "finished" and item.nodeid not in session.started and session.started:
+        session.close()
+        session = start_session(suffix, items[items.index(item) :])
         how = session.wait_for(item.nodeid)
-    if how is None or (how != "finished" and item.nodeid not in session.started):
-        close_session()
-        if suffix in broken:
-            return [failure(item, broken[suffix])]
-        items = item.session.items
-        session = Session(suffix, [other for other in items[items.index(item) :] if suffix_of(other) == suffix])
-        how = session.wait_for(item.nodeid)
+    if suffix in broken:
+        return [failure(item, broken[suffix])]
     told = session.reports.get(item.nodeid, [])
     if how != "finished":
         told = [event for event in told if event["report"]["outcome"] == "failed"][:1]
@@ -236,7 +267,11 @@ def failure(item, text):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item):
-    if INNER or (suffix := suffix_of(item)) is None:
+    if INNER:
+        return None
+    if item.config.getoption("beside"):
+        start_beside(item)
+    if (suffix := suffix_of(item)) is None:
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     for report in reports_of(item, suffix):
@@ -245,12 +280,7 @@ def pytest_runtest_protocol(item):
     return True
 
 
-def close_session():
-    global session
-    if session is not None:
-        session.close()
-    session = None
-
-
 def pytest_sessionfinish():
-    close_session()
+    for session in sessions.values():
+        session.close()
+    sessions.clear()

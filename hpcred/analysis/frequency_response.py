@@ -1,4 +1,4 @@
-"""Frequency responses H(i 2 pi f): of a reduced model densely, of a full model by one factorisation a frequency."""
+"""Frequency responses H(i 2 pi f): of reduced and tiny models densely, of others by one factorisation a frequency."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ import numpy as np
 from ..linalg.blocks import apply, as_pairs, create_block, from_dense, inner, multiply, unfold
 from ..linalg.factorisation import Factoring, SingularMatrix
 from ..linalg.free_motions import check_free_motions
+from ..linalg.refinement import REFINE_ABOVE
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
 from ..model.damping import ModalDamping, Structural, caughey_terms
 from ..model.frames import apply_frame
 from ..model.scales import scaled, scales_of, unscaled
 from ..parallel.failures import InputError, Owned, agreed
-from ..parallel.petsc import MPI
+from ..parallel.petsc import MPI, PETSc
 from ..reduction.groups import Group
 from ..reduction.reduced_model import ReducedModel
 
 SMALL = 10_000  # dofs up to which every rank takes its own share of the frequencies
+TINY = 150  # dofs up to which full matrices take less time than the calls of a sparse solver
+TOGETHER = 2**20  # bytes of the matrices that are solved in one call, which stay in the cache
 
 
 def frequency_response(
@@ -70,12 +73,19 @@ def _in_groups(framed, frequencies, factoring, progress, groups):
 
 def _reduced(reduced, frequencies, comm=MPI.COMM_WORLD):
     """Frequencies are dealt out to the ranks."""
-    mine = [reduced.transfer_function(2j * np.pi * f) for f in frequencies[comm.rank :: comm.size]]
+    mine = frequencies[comm.rank :: comm.size]
+    mine = [reduced.transfer_function(2j * np.pi * mine[part]) for part in _parts(len(mine), reduced.size)]
     response = np.zeros((len(frequencies), len(reduced.C), reduced.B.shape[1]), dtype=complex)
     for rank, part in enumerate(comm.allgather(mine)):
         if part:
-            response[rank :: comm.size] = part
+            response[rank :: comm.size] = np.concatenate(part)
     return response
+
+
+def _parts(count, size):
+    """Slices of so many frequencies, a part of which is solved in one call."""
+    step = max(TOGETHER // (16 * size * size), 1)
+    return [slice(first, first + step) for first in range(0, count, step)]
 
 
 def _full(framed, frequencies, factoring, progress):
@@ -87,7 +97,8 @@ def _full(framed, frequencies, factoring, progress):
         solvers = owned.owns(_Solvers(framed, factoring))
         if progress is not None:
             progress.step("frequencies of the full model", 0, len(frequencies))
-        for i, frequency in enumerate(frequencies):
+        left = _by_full_matrices(solvers, frequencies, response)
+        for i, frequency in zip(left, frequencies[left], strict=True):
             try:
                 response[i] = solvers.response(2 * np.pi * frequency, loads, sensors)
             except SingularMatrix as error:
@@ -98,6 +109,39 @@ def _full(framed, frequencies, factoring, progress):
             if progress is not None:
                 progress.step("frequencies of the full model", i + 1, len(frequencies))
     return response
+
+
+def _by_full_matrices(solvers, frequencies, response) -> np.ndarray:
+    """Fill in the response of a tiny damped model that one rank has; returns the numbers of the frequencies left.
+
+    What is left is for the sparse solvers to solve, or to refuse: 0 Hz, and where the residual is not small.
+    """
+    model, left = solvers.model, np.ones(len(frequencies), dtype=bool)
+    if model.size > TINY or model.comm.size > 1 or not solvers.damped or solvers.terms or solvers.rigid is not None:
+        return np.flatnonzero(left)
+    M, D, K, B = (0.0 if mat is None else _full_matrix(mat) for mat in (model.M, model.D, model.K, model.B))
+    C = B.T if model.Ct is None else _full_matrix(model.Ct).T
+    for part in _parts(len(frequencies), model.size):
+        omega = 2 * np.pi * frequencies[part][:, None, None]
+        A = np.empty((len(omega), *K.shape), dtype=complex)
+        A.real, A.imag = K - omega**2 * M, omega * D + solvers.loss * K
+        try:
+            X = np.linalg.solve(A, np.broadcast_to(B.astype(complex), (len(A), *B.shape)))
+        except np.linalg.LinAlgError:
+            continue
+        residual = np.linalg.norm(A @ X - B, axis=1)
+        response[part] = C @ X
+        small = (residual <= REFINE_ABOVE * np.linalg.norm(B, axis=0)).all(axis=1)  # NaN is not
+        left[part] = (frequencies[part] == 0) | ~small
+    return np.flatnonzero(left)
+
+
+def _full_matrix(mat):
+    """A matrix that one rank has as a numpy array; model matrices are real in both builds."""
+    full = mat.convert("dense", PETSc.Mat())
+    values = full.getDenseArray().real.copy()
+    full.destroy()
+    return values
 
 
 class _Solvers:

@@ -16,7 +16,7 @@ from .text import LARGEST_LABEL, first_bytes, first_line, numbers, pieces, shown
 
 ENDINGS = {"K": "STIF", "M": "MASS", "D": "DMPV"}
 STRUCTURAL_DAMPING = "DMPS"
-MATRIX_MARKET = re.compile(
+MATRIX_MARKET = (  # compiled when a file has a %
     rb"(?im)^[ \t]*%[^\n]*(?:matrixmarket|matrix +(?:coordinate|array)|(?:real|integer) +(?:general|symmetric|skew))"
 )
 
@@ -47,7 +47,7 @@ def read(path, comm) -> Entries | LabelledEntries:
 def _pieces(path, comm):
     """As text.pieces; refused is Matrix Market with a damaged header, whose sizes would be taken for an entry."""
     for piece in pieces(path, comm):
-        if b"%" in piece.text and (header := MATRIX_MARKET.search(piece.text)):
+        if b"%" in piece.text and (header := re.search(MATRIX_MARKET, piece.text)):
             raise piece.refusal(piece.text[: header.start()].count(b"\n"), "the header of a Matrix Market file as the "
                                 "first line, or no such line")  # fmt: skip
         yield piece

@@ -1,9 +1,9 @@
 """HDF5 files of hpcred for reading: what leaves was checked against its checksums, and shapes against a table.
 
 A file keeps, beside a dataset `a/b`, the sums of its chunks as `checksums/a/b` (leading, chunks), see
-formats.checksums, with the attribute `axis` of the rows, -1 for all in a line; and in the attribute `checksum` the
-CRC-32 of the other attributes and of the names of all datasets. Files of earlier versions have none of these, and are
-read all the same.
+formats.checksums, with the attributes `axis` of the rows, -1 for all in a line, and `folded`, if they are; and in the
+attribute `checksum` the CRC-32 of the other attributes and of the names of all datasets. Files of earlier versions have
+none of these, or no `folded`, and are read all the same.
 """
 
 from __future__ import annotations
@@ -191,6 +191,7 @@ class CheckedDataset:
             raise damaged(path, f"{self.name} is not whole")
         if sums is not None:
             self.axis = int(self._guarded(lambda: sums.attrs["axis"]))
+            self._folded = bool(self._guarded(lambda: sums.attrs.get("folded", False)))
             if not -1 <= self.axis < self.ndim:
                 raise damaged(path, f"{self.name} does not have its checksum")
             leading, chunks = prod(self.shape[: max(self.axis, 0)]), -(-self.rows // CHUNK)
@@ -251,14 +252,28 @@ class CheckedDataset:
         """Rows low .. high along the axis, with the chunks that they are in checked; `leading`: slices before it."""
         if self.axis < 0:
             found, wanted = self._guarded(lambda: (self._dataset[()], self._sums[()]))
-            self._compare(sums_of(np.asarray(found, self.dtype).reshape(-1), 0, 0, self._tag), wanted)
+            self._compare(self._sums_of(np.asarray(found, self.dtype).reshape(-1), 0, 0), wanted)
             return found
         begin, end = low // CHUNK * CHUNK, min(-(-high // CHUNK) * CHUNK, self.rows)
         place = (*leading, *[slice(None)] * (self.axis - len(leading)))
         chunks = (place[0] if place else slice(None), slice(begin // CHUNK, -(-end // CHUNK)))
-        found, wanted = self._guarded(lambda: (self._dataset[(*place, slice(begin, end))], self._sums[chunks]))
-        self._compare(sums_of(found, self.axis, begin, self._tag), wanted)
+        found, wanted = self._guarded(lambda: (self._read((*place, slice(begin, end))), self._sums[chunks]))
+        self._compare(self._sums_of(found, self.axis, begin), wanted)
         return found[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
+
+    def _read(self, place):
+        """What h5py reads there, but for the zeros that it first fills the memory with, which cost as much as sums."""
+        ends = [item.indices(size)[:2] for item, size in zip(place, self.shape, strict=False)]
+        shape = (*(high - low for low, high in ends), *self.shape[len(ends) :])
+        found = np.empty(shape, self.dtype.str)  # of the name of the type MPI knows the byte order
+        if found.size:
+            there = self._dataset.id.get_space()
+            there.select_hyperslab((*(low for low, _ in ends), *[0] * (self.ndim - len(ends))), shape)
+            self._dataset.id.read(h5py.h5s.create_simple(shape), there, found)
+        return found
+
+    def _sums_of(self, array, axis, first):
+        return sums_of(array, axis, first, self._tag, folded=self._folded)
 
     def _compare(self, sums, wanted):
         if not np.array_equal(sums, wanted):

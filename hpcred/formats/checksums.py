@@ -2,7 +2,10 @@
 
 The sum of a chunk is that of its 64-bit words (or shorter ones, where the type is shorter), each times an odd weight
 that belongs to its place, modulo 2^64. Ranks add up what they have of a chunk; a word that was changed always changes
-the sum, since an odd number has an inverse modulo 2^64, and other damage goes unseen once in about 2^64 times.
+the sum, since an odd number has an inverse modulo 2^64. Of a 64-bit word the upper half is first folded onto the lower
+one (exclusive or), as the highest bit times any odd weight is the same: all damage then changes bits below the 32nd,
+and that of several words goes unseen once in 2^32 times, or less often. Sums of earlier files, without the fold, do not
+see the signs of two numbers change.
 """
 
 from __future__ import annotations
@@ -15,12 +18,14 @@ from math import prod
 import numpy as np
 
 CHUNK = 1024  # rows under one sum; files keep such sums
+HAND = 2**18  # bytes that the processor keeps at hand while they are folded and summed
 
 
-def sums_of(array: np.ndarray, axis: int, first: int, tag: int) -> np.ndarray:
+def sums_of(array: np.ndarray, axis: int, first: int, tag: int, *, folded: bool = True) -> np.ndarray:
     """Sums (leading, chunks) of the rows that an array has along `axis`, the first of them being row `first` of all.
 
     `leading`: what the axes before `axis` make up; chunks: those that have any of the rows. `tag`: see tag_of.
+    `folded`: False for sums of earlier files.
     """
     leading, rows = prod(array.shape[:axis]), array.shape[axis]
     begin, end = first // CHUNK, -(-(first + rows) // CHUNK)
@@ -31,30 +36,41 @@ def sums_of(array: np.ndarray, axis: int, first: int, tag: int) -> np.ndarray:
     words = np.ascontiguousarray(array).reshape(leading, -1).view(f"u{unit}")
     width = words.shape[1] // rows
     used = CHUNK if first % CHUNK + rows > CHUNK else first % CHUNK + rows  # a text may be one row of many words
-    weights = _weights(used * width + (used * width) % 2, unit == 4)
+    weights = _weights(2 ** max(int(used * width - 1), 1).bit_length(), unit == 4 and not folded)
     head = min(-first % CHUNK, rows)
-    whole = (rows - head) // CHUNK
+    last = head + (rows - head) // CHUNK * CHUNK
+    step = max(HAND // max(leading * CHUNK * width * unit, 1), 1) * CHUNK
 
     def add(low, high):
-        place = (first + low) % CHUNK * width
-        part = words[:, low * width : high * width]
-        sums[:, (first + low) // CHUNK - begin] += np.einsum(
-            "lw,w->l", part, weights[place : place + part.shape[1]], dtype=np.uint64, casting="safe"
-        )
+        """Rows of one chunk, or some whole chunks."""
+        place, chunk = (first + low) % CHUNK * width, (first + low) // CHUNK - begin
+        part = words[:, low * width : high * width].reshape(leading, max((high - low) // CHUNK, 1), -1)
+        found = _weighed(part, weights[place : place + part.shape[2]], folded)
+        sums[:, chunk : chunk + found.shape[1]] += found
 
-    if head:
-        add(0, head)
-    if whole:
-        part = words[:, head * width : (head + whole * CHUNK) * width].reshape(leading, whole, CHUNK * width)
-        low, factors = (first + head) // CHUNK - begin, weights[: CHUNK * width]
-        if unit == 4 and sys.byteorder == "little" and part.flags.c_contiguous:
-            part, factors = part.view("u8"), factors[::2]
-        sums[:, low : low + whole] = np.einsum("lcw,w->lc", part, factors, dtype=np.uint64, casting="safe")
-    if head + whole * CHUNK < rows:
-        add(head + whole * CHUNK, rows)
+    for low, high in [(0, head), *((at, min(at + step, last)) for at in range(head, last, step)), (last, rows)]:
+        if low < high:
+            add(low, high)
     starts = np.arange(begin, end) * CHUNK
     sums[:, starts >= first] += np.uint64(tag)  # by the rank that has the first row
     return sums
+
+
+def _weighed(words, weights, folded):
+    """Sums (leading, chunks) of words (leading, chunks, count) times their weights."""
+    half = np.uint64(32)
+    if words.itemsize == 4 and words.shape[2] % 2 == 0 and sys.byteorder == "little":  # two at a time
+        pairs, low, high = words.view("u8"), weights[::2], weights[1::2]
+        found = _dot(pairs, low)
+        return found + _dot(pairs >> half, high - (low << half)) if folded else found
+    if words.itemsize == 8 and folded:
+        upper = words >> half
+        words = np.bitwise_xor(upper, words, out=upper)
+    return _dot(words, weights)
+
+
+def _dot(words, weights):
+    return np.einsum("lcw,w->lc", words, weights, dtype=np.uint64, casting="safe")
 
 
 def tag_of(dtype, shape, axis: int) -> int:
@@ -75,7 +91,7 @@ def whole_chunks(comm, sums: np.ndarray, first: int, rows: int) -> np.ndarray:
     return sums
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _weights(count, in_halves) -> np.ndarray:
     """Odd numbers without pattern: the generator splitmix64 (Steele, Lea & Flood, OOPSLA 2014) at 1, 2, ..., count.
 

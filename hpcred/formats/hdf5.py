@@ -85,7 +85,7 @@ class Writer:
                 dataset = file.create_dataset(place, array.shape, array.dtype, track_times=False)
                 if self._comm.rank == 0:
                     dataset[...] = array
-            dataset.attrs["axis"] = -1
+            dataset.attrs["axis"], dataset.attrs["folded"] = -1, True
 
     def rows(self, name, local, axis=0):
         """A dataset whose `axis` is distributed over the ranks in order; `local` is the part of this rank."""
@@ -95,7 +95,8 @@ class Writer:
         sums = sums_of(local, axis, start, tag_of(local.dtype, shape, axis))
         self._lay(f"{SUMS}/{name}", whole_chunks(self._comm, sums, start, local.shape[axis]), 1)
         for file in self._turns([0]):
-            file[f"{SUMS}/{name}"].attrs["axis"] = axis
+            attributes = file[f"{SUMS}/{name}"].attrs
+            attributes["axis"], attributes["folded"] = axis, True
 
     def _lay(self, name, local, axis):
         """Write the parts of all ranks; returns the shape of the whole, and where the part of this rank begins."""

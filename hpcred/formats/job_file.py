@@ -17,7 +17,7 @@ from ..parallel.ranges import COORDINATE, FREQUENCY, LABEL, within
 from ..reduction.adaptive import Adaptive, Limits
 from ..reduction.record import AnyIngredient
 from ..reduction.settings import Reduction
-from .model_source import Source
+from .source import Source
 from .toml_file import CONFIG, check_file_names, parse, read_table
 
 PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`

@@ -30,9 +30,10 @@ BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 LARGEST_WHOLE = 2**53  # up to here a float is exact
 LARGEST_LABEL = 2**31 - 1
 # fast_matrix_market stops at the end of a number and leaves the rest of the line: 1.5+02 is 1.5 to it. So each line
-# gets this as an imaginary part, which is found again only where the value was read to its end. It also takes "2 1.0"
-# for row 2, column 1 and the value .0, so that fields are counted.
-MARK, MARKED = b" 7e-99\n", 7e-99
+# gets NaN as an imaginary part, which is found again only where the value was read to its end: what is left of a text
+# without the letter n may be a number (1.5.7e-98), but not this. It also takes "2 1.0" for row 2, column 1 and the
+# value .0, so that fields are counted.
+MARK = b" nan\n"
 MANY = 2**62  # more rows than there will be
 
 
@@ -302,7 +303,9 @@ def triples(piece: Piece, commas=False) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def _plain_triples(text):
-    """Rows, columns and values, or None where there are comments, blank lines, D exponents or anything wrong."""
+    """Rows, columns and values, or None where there are comments, blank lines, D exponents, NaN or anything wrong."""
+    if b"n" in text or b"N" in text:
+        return None
     if not text.endswith(b"\n"):
         text += b"\n"
     bytes_ = np.frombuffer(text, np.uint8)
@@ -320,6 +323,6 @@ def _plain_triples(text):
         )
     except (ValueError, OverflowError):
         return None
-    if len(values) != lines or (values.imag != MARKED).any():
+    if len(values) != lines or not np.isnan(values.imag).all():
         return None
     return rows.astype(np.int64, copy=False), columns.astype(np.int64, copy=False), values.real.copy()

@@ -20,6 +20,7 @@ from .blocks import add_product, apply, copy_of, create_block, dense, fold, inne
 RESOLVED = 1e-4  # eigenvalues of a unit-diagonal Gram matrix above this are safe to divide by
 PASSES = 20  # of projection or separation; two or three are usual
 STALE = 10  # how far columns may be cancelled before their images are computed anew
+ORTHONORMAL = 1e-13  # what a block that is taken as it is may differ by from an orthonormal one
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,13 @@ class Imaged:
 
     def __init__(self, mass: PETSc.Mat, block: SLEPc.BV, images: SLEPc.BV | None = None, cancelled: float = 1.0):
         self._mass, self.cancelled = mass, cancelled
-        self.block, self.images = copy_of(block, mass), copy_of(block if images is None else images, mass)
-        if images is None:
+        self.block = copy_of(block, mass)
+        if images is not None:
+            self.images = copy_of(images, mass)
+        else:
+            count = self.block.getActiveColumns()[1]
+            self.images = create_block(mass, max(count, 1))
+            self.images.setActiveColumns(0, count)
             self.renew()
 
     def close(self):
@@ -151,23 +157,26 @@ class Basis:
         if first == last:
             return Extension()
         start, weight, smallest, largest = self.size, None, np.inf, 0.0
+        if images is not None and decided(self.comm, _is_orthonormal, *self._products(block, images)):
+            self._append(block, images)
+            return Extension(self.size - start, smallest_kept=1.0)
         with Owned(self.comm) as owned:
-            pending = owned.owns(Imaged(self.mass, block, images))
+            pending, taken = self._pending(owned, block, images)
             for _ in range(PASSES):
-                weight, gram, dropped = self._project_and_scale(pending, weight)
+                weight, gram, dropped = self._project_and_scale(pending, weight, taken)
                 largest = max(largest, dropped)
                 if not weight.size:
                     break
                 scaled, rest, weight, resolved, cancelled = decided(self.comm, _separate, gram, weight)
                 smallest = min(smallest, resolved)
                 with Owned(self.comm) as inner_owned:
-                    fresh = inner_owned.owns(pending.copy())
+                    fresh = inner_owned.owns(pending.copy()) if weight.size else pending
                     fresh.combine(self._factor(scaled), cancelled)
                     self._polish(fresh)
                     self._append(fresh.block, fresh.images)
-                pending.combine(self._factor(rest), np.inf)
                 if not weight.size:
                     break
+                pending.combine(self._factor(rest), np.inf)
             else:
                 raise ComputationError("a block of basis vectors could not be orthonormalised: is M positive definite?")
         return Extension(self.size - start, float(smallest), float(largest))
@@ -211,10 +220,28 @@ class Basis:
             multiply(block, self._factor(factor))
         self.size = factor.shape[1]
 
+    def _pending(self, owned, block, images):
+        """Columns to add, and what was taken out of them at once: V^H M X, or None.
+
+        The images of V serve for that, so that M is applied to columns that will not be cancelled much more.
+        """
+        if images is not None or self._images is None or not self._end:
+            return owned.owns(Imaged(self.mass, block, images)), None
+        rest = owned.owns(copy_of(block, self.mass))
+        for own in self._blocks():
+            own.setActiveColumns(0, self._end)
+        taken = self._gram(inner(self._images, rest))
+        add_product(rest, self._block, self._factor(taken), alpha=-1.0)
+        return owned.owns(Imaged(self.mass, rest)), taken
+
+    def _products(self, block, images):
+        """V^H M X and X^H M X of a block X with its images."""
+        self._block.setActiveColumns(0, self._end)
+        return tuple(map(self._gram, stacked_inner((self._block, block), images)))
+
     def _project(self, pending):
         """X <- X - V (V^H M X); returns the coefficients and X^H M X from before."""
-        self._block.setActiveColumns(0, self._end)
-        inside, gram = map(self._gram, stacked_inner((self._block, pending.block), pending.images))
+        inside, gram = self._products(pending.block, pending.images)
         add_product(pending.block, self._block, self._factor(inside), alpha=-1.0)
         if self._images is None:
             pending.renew()
@@ -223,15 +250,18 @@ class Basis:
             add_product(pending.images, self._images, self._factor(inside), alpha=-1.0)
         return inside, (gram + gram.conj().T) / 2
 
-    def _project_and_scale(self, pending, weight):
+    def _project_and_scale(self, pending, weight, taken):
         """Project until the projection takes nothing more, scale to M-norm 1, drop what has become too small.
 
-        Returns the weights of the columns left, their Gram matrix with unit diagonal, and the largest weight dropped.
+        `taken`: see _pending; counts where no column has a weight yet. Returns the weights of the columns left, their
+        Gram matrix with unit diagonal, and the largest weight dropped.
         """
         largest = 0.0
         for _ in range(PASSES):
             found = self._project(pending)
-            scale, weight, gram, done, dropped, cancelled = decided(self.comm, _judge, *found, weight, self.tolerance)
+            scale, weight, gram, done, dropped, cancelled = decided(
+                self.comm, _judge, *found, weight, taken, self.tolerance
+            )
             largest = max(largest, dropped)
             pending.combine(self._factor(scale), cancelled)
             if done:
@@ -266,8 +296,14 @@ class ComplexBasis(Basis):
     _factor = staticmethod(unfold)
 
 
-def _judge(inside, gram, weight, tolerance):
-    """What one projection left of some columns.
+def _is_orthonormal(inside, gram):
+    """Whether columns are orthonormal by themselves and to the basis."""
+    parts = np.abs(inside).max(initial=0.0), np.abs(gram - np.eye(len(gram))).max(initial=0.0)
+    return bool(max(parts) <= ORTHONORMAL)
+
+
+def _judge(inside, gram, weight, taken, tolerance):
+    """What one projection left of some columns, which have a weight, or of which something was `taken` before.
 
     Returns the factor that scales and drops columns, the weights and the Gram matrix of those kept, whether another
     projection would take next to nothing, the largest weight dropped, and how much smaller a column has become.
@@ -278,7 +314,10 @@ def _judge(inside, gram, weight, tolerance):
     if (squares < -1e-10 * np.abs(squares).max(initial=0.0)).any():
         raise ComputationError("a basis vector has a negative M-norm: the mass matrix is indefinite")
     norms = np.sqrt(np.maximum(squares, 0.0))
-    weight = np.ones(norms.size) if weight is None else weight * norms
+    if weight is None:
+        before = squares if taken is None else squares + _squares_taken(taken, inside)
+        weight = np.sqrt(np.divide(1.0, before, out=np.ones_like(before), where=before > 0))
+    weight = weight * norms
     kept = np.flatnonzero((norms > 0) & (weight > tolerance))
     dropped = np.delete(weight, kept)[np.delete(norms, kept) > 0].max(initial=0.0)
     scale = np.zeros((norms.size, kept.size))
@@ -291,6 +330,14 @@ def _judge(inside, gram, weight, tolerance):
         return scale, weight, gram, False, dropped, cancelled
     unit = 1.0 / np.sqrt(left)
     return scale * unit, weight / unit, gram * np.outer(unit, unit), True, dropped, 1.0
+
+
+def _squares_taken(taken, inside):
+    """By how much the squared M-norms of columns X have become smaller when V `taken` was taken out of them.
+
+    `inside`: V^H M X that round-off left in them.
+    """
+    return (np.abs(taken) ** 2 + 2 * (taken.conj() * inside).real).sum(axis=0)
 
 
 def _separate(gram, weight):

@@ -10,7 +10,11 @@ STALLED = 40  # iterations in which no residual came down to half of its best
 NOISE = 1e-6  # of the first residual: below, a product that is not positive may be round-off
 
 
-class NegativeCurvature(ComputationError):
+class NotSolved(ComputationError):
+    """Conjugate gradients did not come to a small residual."""
+
+
+class NegativeCurvature(NotSolved):
     """The matrix, or what stands for its inverse, is not positive definite."""
 
 

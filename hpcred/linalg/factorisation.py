@@ -19,6 +19,7 @@ from .options import temporary_options
 
 MORE_ROOM = (-8, -9, -14, -15, -17, -20)  # INFOG(1): a workspace was too small
 OUT_OF_MEMORY = (-7, -13, -19)
+SOLVE_WIDTH = 96  # columns that MUMPS solves for at a time; wider ones take memory (`hpcred bench` compares widths)
 CHOOSE_ABOVE = 10_000  # rows from which on an ordering is worth a second analysis
 ORDERINGS = {0: "AMD", 2: "AMF", 3: "SCOTCH", 4: "PORD", 5: "METIS", 6: "QAMD"}
 
@@ -154,7 +155,10 @@ class Factorisation:
         self.records: list[FactorRecord] = []
         self.analyses = 0  # symbolic ones so far
         self._kind, self._prefix, self._chosen = kind, prefix, False
-        self._settings = {"icntl_7": startup.ordering, "icntl_14": 40, **self.factoring.mumps(), **(settings or {})}
+        self._settings = {
+            "icntl_7": startup.ordering, "icntl_14": 40, "icntl_27": SOLVE_WIDTH, **self.factoring.mumps(),
+            **(settings or {}),
+        }  # fmt: skip
         # before the first factor takes its part
         self._limit = max(self.factoring.limit_mb(matrix.comm.tompi4py()) - int(reserved_mb), 1)
         PETSc.Log.begin()
@@ -178,14 +182,19 @@ class Factorisation:
         """Number of negative eigenvalues by Sylvester's law; on several ranks it needs icntl_13 = 1."""
         return self.records[-1].negative_pivots
 
-    def flops_by_ordering(self, orderings) -> dict[int, float]:
-        """Operations of a factor with each of the orderings (icntl_7), as MUMPS estimates, by analyses alone."""
+    def expected(self, orderings) -> dict[int, dict]:
+        """What a factor with each of the orderings (icntl_7) takes, as MUMPS estimates by analyses alone: `flops`,
+        `entries`, `mb` in all and `mb_max_rank`."""
         found = {}
         for ordering in orderings:
             with temporary_options(self._prefix + "mat_mumps_", self._settings, {"icntl_7": ordering, "icntl_23": 1}):
                 self._ksp.setOperators(self.matrix)
                 self._ksp.setUp()
-            found[ordering] = self._ksp.getPC().getFactorMatrix().getMumpsRinfog(1)
+            mumps = self._ksp.getPC().getFactorMatrix()
+            found[ordering] = {
+                "flops": mumps.getMumpsRinfog(1), "entries": _entries(mumps.getMumpsInfog(20)),
+                "mb": mumps.getMumpsInfog(17), "mb_max_rank": mumps.getMumpsInfog(16),
+            }  # fmt: skip
             self.release()
         return found
 
@@ -197,7 +206,8 @@ class Factorisation:
         theirs = PETSc.Options(self._prefix).hasName("mat_mumps_icntl_7")
         there = startup.orderings()
         if len(there) > 1 and not theirs and self.matrix.getSize()[0] >= CHOOSE_ABOVE:
-            flops = {key: value for key, value in self.flops_by_ordering(there).items() if value > 0}  # 0: it failed
+            found = self.expected(there)
+            flops = {key: item["flops"] for key, item in found.items() if item["flops"] > 0}  # 0: it failed
             self._settings["icntl_7"] = min(flops, key=flops.get, default=self._settings["icntl_7"])
 
     def estimate(self):
@@ -239,7 +249,6 @@ class Factorisation:
         after = self._event.getPerfInfo()
         analysis = after["time"] - before["time"]
         self.analyses += after["count"] - before["count"]
-        entries = mumps.getMumpsInfog(29)
         self.records.append(
             FactorRecord(
                 **labels,
@@ -247,7 +256,7 @@ class Factorisation:
                 analysis_seconds=round(analysis, 4),
                 factor_seconds=round(time.perf_counter() - start - analysis, 4),
                 ordering=ORDERINGS.get(mumps.getMumpsInfog(7), "other"),
-                factor_entries=entries if entries >= 0 else -entries * 10**6,
+                factor_entries=_entries(mumps.getMumpsInfog(29)),
                 flops=mumps.getMumpsRinfog(3),
                 memory_mb_estimated_total=mumps.getMumpsInfog(17),
                 memory_mb_estimated_max_rank=mumps.getMumpsInfog(16),
@@ -290,6 +299,10 @@ class Factorisation:
         entries = min(rows * rows, 3 * self.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] * rows ** (1 / 3))
         return entries * np.dtype(PETSc.ScalarType).itemsize <= self._limit * MB
 
+    def set_solve_width(self, columns: int):
+        """How many columns MUMPS solves for at a time with the present factor, for measurements."""
+        self._ksp.getPC().getFactorMatrix().setMumpsIcntl(27, columns)
+
     def back_substitute(self, load: SLEPc.BV, solution: SLEPc.BV):
         """solution = A^-1 load, all active columns in one call of MUMPS, unchecked."""
         start = time.perf_counter()
@@ -299,3 +312,8 @@ class Factorisation:
         record = self.records[-1]
         record.columns_solved += columns
         record.solve_seconds = round(record.solve_seconds + time.perf_counter() - start, 4)
+
+
+def _entries(count):
+    """A count of MUMPS, which is negative and in millions where it is too large."""
+    return count if count >= 0 else -count * 10**6

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..parallel.failures import ComputationError, Owned
 from ..parallel.petsc import PETSc
-from .blocks import add_product, apply, column_norms, copy_of, create_block
+from .blocks import add_product, apply, column_norms, create_block, local_rows
 
 REFINE_ABOVE = 1e-10  # relative residual above which a step is made
 STEPS = 2  # at most, with a full factor
@@ -22,20 +22,21 @@ def refine(matrix, back_substitute, load, solution, scale=None, steps=0, low_ran
     """
     scale = column_norms(load) if scale is None else scale
     most, before = STEPS if low_rank is None else LOW_RANK_STEPS, inf
+    first, last = load.getActiveColumns()
     for step in range(most + 1):
         with Owned(matrix.comm.tompi4py()) as owned:
-            residual = owned.owns(copy_of(load, matrix))
-            columns = residual.getSizes()[1]
-            product = owned.owns(create_block(matrix, columns))
-            apply(matrix, solution, product)
-            add_product(residual, product, np.eye(columns), alpha=-1.0)
+            residual = owned.owns(create_block(matrix, last - first))
+            apply(matrix, solution, residual)
+            with local_rows(load) as b, local_rows(residual) as rows:
+                np.subtract(b, rows, out=rows)
             r, x = column_norms(residual, solution)
             relative = _relative(r, x, scale)
             small_or_stuck = relative <= REFINE_ABOVE or relative > before / 2
             if step == most or not relative < inf or (step >= steps and small_or_stuck):
                 break
-            back_substitute(residual, product)
-            add_product(solution, product, np.eye(columns))
+            correction = owned.owns(create_block(matrix, last - first))
+            back_substitute(residual, correction)
+            add_product(solution, correction, np.eye(last - first))
             before = relative
     if relative <= REFINE_ABOVE or (low_rank is None and relative < 1e-6):
         return relative

@@ -25,9 +25,13 @@ from .blocks import (
 )
 from .complex_forms import NativeForm, RealForm
 from .factorisation import Factorisation, FactorRecord, SingularMatrix
+from .iterative_solver import IterativeSolver
 from .refinement import refine
 
 NEAR_POLE = 1e-8  # relative distance in s^2 to an undamped eigenvalue below which A counts as singular
+NEARBY = 1e-9  # relative residual asked of solutions with the factor of another point, or
+BACKWARD = 1e-14  # their backward error
+MOST = 20  # iterations for them
 ROUND_OFF = 1e-13  # the same relative to the mean eigenvalue trace(K) / trace(M), for K alone
 
 
@@ -72,6 +76,34 @@ class Solver:
         self.records[-1].residual = max(self.records[-1].residual, residual)
 
 
+class NearbyFactor(IterativeSolver):
+    """Conjugate gradients with the factor of another point, for few columns: beside a basis that has all modes below
+    both, A0^-1 A has its eigenvalues (lambda - omega^2) / (lambda - omega0^2) near 1."""
+
+    advice = " with the factor of another point"
+
+    def __init__(self, solver, back_substitute):
+        super().__init__(solver.model, solver.rigid, NEARBY, 10 * NEARBY, BACKWARD, MOST)
+        self._record, self._back_substitute = solver.records[-1], back_substitute
+        self._norm = solver.model.K.norm(PETSc.NormType.INFINITY)
+
+    def _preconditioner(self, room, columns):
+        load, made = (room.owns(create_block(self.model.K, columns)) for _ in range(2))
+
+        def precondition(r, z):
+            with local_rows(load) as rows:
+                rows[...] = r
+            self._back_substitute(load, made)
+            with local_rows(made) as rows:
+                z[...] = rows
+
+        return precondition
+
+    def _note(self, columns, seconds, iterations, residual):
+        self._record.iterations = max(self._record.iterations, iterations)
+        self._record.residual = max(self._record.residual, residual)
+
+
 class ShiftedSolver(Solver):
     """Solves with A = K + damping * D + mass * M for one pair of real coefficients at a time.
 
@@ -93,12 +125,20 @@ class ShiftedSolver(Solver):
         self.matrix.stateIncrease()
         return self._factors.estimate()
 
-    def flops_by_ordering(self, orderings) -> dict[int, float]:
-        """Operations of a factor of K with each of the orderings of MUMPS (icntl_7), estimated."""
+    def expected(self, orderings) -> dict[int, dict]:
+        """What a factor of K with each of the orderings of MUMPS (icntl_7) takes; see Factorisation.expected."""
         self.factored = None
         self.model.K.copy(self.matrix, structure=SAME)
         self.matrix.stateIncrease()
-        return self._factors.flops_by_ordering(orderings)
+        return self._factors.expected(orderings)
+
+    def solve_below(self, mass, right, solution, basis, squares):
+        """Solve with K + mass M by the factor that there is for a mass below; see IterativeSolver.solve_below."""
+        NearbyFactor(self, self._back_substitute).solve_below(mass, right, solution, basis, squares)
+
+    def set_solve_width(self, columns: int):
+        """How many columns MUMPS solves for at a time with the present factor, for measurements."""
+        self._factors.set_solve_width(columns)
 
     @property
     def negative_pivots(self) -> int:
@@ -146,8 +186,9 @@ class ShiftedSolver(Solver):
         Raises ComputationError when the residual stays large.
         """
         with Owned(self.model.comm) as owned:
-            load = owned.owns(copy_of(right, self.model.K))
+            load = right
             if self.rigid is not None:
+                load = owned.owns(copy_of(right, self.model.K))
                 self.rigid.equilibrate(load)
             self._back_substitute(load, solution)
             # with the true K where rows are held: the supports take no force

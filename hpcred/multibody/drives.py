@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.interpolate import CubicSpline
 
 from ..parallel.failures import InputError
 from .checks import (
@@ -140,6 +139,8 @@ class TableDrive(Drive):
 
     @cached_property
     def _spline(self):
+        from scipy.interpolate import CubicSpline  # slow to import
+
         return CubicSpline(self.times, self.values, bc_type="clamped")
 
     def __call__(self, t):

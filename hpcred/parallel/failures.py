@@ -235,6 +235,8 @@ def _say(error, where=""):
         text = f"{'terminated' if isinstance(error, Terminated) else 'interrupted'}{where}"
     elif isinstance(error, MemoryError):
         text = f"error{where}: out of memory; take more ranks on more nodes, or a smaller model"
+    elif isinstance(error, ImportError | OSError) and "shared object" in str(error):
+        text = f"error{where}: {error}; a library is missing, or more memory than this process may take (ulimit -v)"
     else:
         lines = str(error).strip().splitlines()
         text = f"internal error{where}: {type(error).__name__}: {lines[0] if lines else ''} (--traceback shows where)"

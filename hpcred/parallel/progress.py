@@ -174,3 +174,8 @@ class Bars:
         if self._display is not None:
             self._display.stop()
             self._display, self._tasks = None, {}
+
+
+def counted(count: int, one: str, more: str | None = None) -> str:
+    """So many of something, in words."""
+    return f"{count} {one if count == 1 else more or one + 's'}"

@@ -1,14 +1,17 @@
 """The automatic reduction: a tolerance and a band enter; points, orders and size are chosen, and the error is proven.
 
-One point carries a long chain of blocks. The error is seen from a basis that is some blocks richer: the difference of
-the two models, r^T A_Q^-1 r, is exact in the richer one (see pseudo_modal). Each new point first checks the model that
-was made before it, since its own blocks give the exact value there, and then extends the basis; the last lies at the
-end of the band, where the negative pivots of K - omega^2 M count the modes below it. Last, the basis is compressed to
-the few combinations that the tolerance asks for. (Panzer & Wolf, 2014; Bonin, Fassbender, Soppa & Zaeh, 2016; Lecomte
-et al., AIAA J. 41, 2003, for the count of modes.)
+One point carries a long chain of blocks. It lies at the end of the band, where the negative pivots of K - omega^2 M
+count the modes below it. The error is seen from a basis that is some blocks richer: the difference of the two models,
+r^T A_Q^-1 r, is exact in the richer one (see pseudo_modal). Each new point first checks the model that was made before
+it, since its own blocks give the exact value there, and then extends the basis. Where the model is good and has all
+modes of the band, that takes no factor: beside the basis the factor of the point above is close to the inverse, and
+conjugate gradients come to a small true residual in a few steps (see linalg.iterative_solver). Last, the basis is
+compressed to the few combinations that the tolerance asks for. (Panzer & Wolf, 2014; Bonin, Fassbender, Soppa & Zaeh,
+2016; Lecomte et al., AIAA J. 41, 2003, for the count of modes.)
 
 Without factors (see linalg.multigrid_solver) the first chain is at 0 Hz, until the basis has the modes of the band;
-beside such a basis points in the band are solved for as well.
+beside such a basis points in the band are solved for in the same way. With a given D, or many inputs, the blocks of a
+point are made from residuals, and the first point lies in the middle of the band.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ from ..linalg.blocks import (
     multiply,
     random_block,
 )
-from ..linalg.conjugate_gradients import NegativeCurvature
+from ..linalg.conjugate_gradients import NegativeCurvature, NotSolved
 from ..linalg.factorisation import SingularMatrix
 from ..linalg.free_motions import free_motions_refused
 from ..linalg.multigrid_solver import not_definite
@@ -42,6 +45,7 @@ from ..parallel.stopping import stop_if_asked
 from .chain import Entry
 from .compression import columns, compressed
 from .error_estimate import (
+    APART,
     estimate,
     finer,
     grid,
@@ -82,6 +86,7 @@ RESIDUALS = 40  # frequencies at which residuals are taken
 HIDDEN = 60  # random columns at most, to find modes that no load moves
 UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
 HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
+PROOF = 1 / 8  # of the band: where models are proven first, whatever the law and the tolerance, so that a store serves
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 
 
@@ -133,16 +138,26 @@ class Adaptive(Limits):
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
-    """An expansion point (Hz) of the search: columns that it brought, seconds of its factor, modes below it (by the
-    negative pivots, None where the factor has none), and the estimate over the band after it, None without one.
-    `from_store`: it took no factor."""
+    """An expansion point (Hz) of the search: columns that it brought, the `factors` that were made for it and their
+    seconds, modes below it (by the negative pivots, None where there are none), and the estimate over the band after
+    it, None without one. `factor_of`: the point (Hz) whose factor it was solved with, if not its own. `from_store`: its
+    own would have served, but all was there."""
 
     frequency: float
     columns: int
     factor_seconds: float
     modes_below: int | None
     estimate: float | None = None
+    factors: int = 0
     from_store: bool = False
+    factor_of: float | None = None
+
+    @property
+    def factor_in_words(self) -> str:
+        """Which factor it was solved with."""
+        if self.factors:
+            return f"{self.factor_seconds:.3g} s"
+        return "from the store" if self.from_store or self.factor_of is None else f"that of {self.factor_of:.6g} Hz"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,8 +208,8 @@ class Accuracy:
 
     @property
     def factorisations(self) -> int:
-        """Points that were factored, and not taken from a store or solved for by multigrid."""
-        return 0 if self.multigrid else sum(not point.from_store for point in self.points)
+        """Factors that were made."""
+        return 0 if self.multigrid else sum(point.factors for point in self.points)
 
     @property
     def sentence(self) -> str:
@@ -271,12 +286,15 @@ class Search:
         if not self._counts:
             self.measured += "; modes cannot be counted here, a second proof stands for that"
         low, high = adaptive.band
-        self.waiting = [*adaptive.points] or [float(np.sqrt((low**2 + high**2) / 2))]  # points to take before searching
         inputs = self.loads.getActiveColumns()[1]
         self._by_mass = not self.damped and inputs <= BLOCK
+        first = high if self._by_mass else float(np.sqrt((low**2 + high**2) / 2))
+        self.waiting = [*adaptive.points] or [first]  # points to take before searching
         self._width = min(4 * inputs if self.damped else inputs, BLOCK)
         self._random = 0
         self._mass = 0.0  # -omega^2 of the point that solves are for
+        self._near = 0.0 if self._static else None  # and that of the factor that they take, None where it is the same
+        self._proves_by_factor = False  # since conjugate gradients did not come to an end
         # blocks made from residuals need the whole basis, which a group does not have
         self.groups = groups if self._by_mass and not self._static else 1
         if self._static:
@@ -303,8 +321,14 @@ class Search:
             else:
                 try:
                     found = self._expand(self.waiting.pop(0), self.closing)
-                except NegativeCurvature:  # the basis lacks a mode below the point
-                    if not self._static or self._mass == 0:
+                except NotSolved as error:  # the basis may lack a mode below the point
+                    if self._near is None or self._mass == self._near:
+                        raise
+                    if not self._static:
+                        self._proves_by_factor = True
+                        self.waiting.insert(0, (-self._mass) ** 0.5 / (2 * np.pi))
+                        continue
+                    if not isinstance(error, NegativeCurvature):
                         raise
                     if self._enough < self.goal:
                         return "since modes of the band are missing"
@@ -312,10 +336,12 @@ class Search:
                     self.waiting, self.closing = [0.0], False
                     continue
             self._check_free_motions()
-            good = self.closing and found["exact"] <= 3 * self._floor() and found["est"] <= 3 * self._floor()
-            hidden = good and self.lack > 0
+            fine = found["est"] <= 3 * self._floor()
+            good = self.closing and fine and found["exact"] <= 3 * self._floor()
+            # also before the first proof, which then takes no factor
+            hidden = self.lack > 0 and (good or (fine and not self.closing and self._may_prove_nearby()))
             if hidden:
-                good = self._find_hidden()
+                good = self._find_hidden() and good
                 self._check_free_motions()
             taken = [point.frequency for point in self.points]
             again = good and not self._counts and not any(proof.frequency <= (low + high) / 2 for proof in self.proofs)
@@ -332,6 +358,8 @@ class Search:
                 self.waiting = second[:1] + self.waiting
             elif self.closing and max(taken) < 0.9 * high:
                 self.waiting.insert(0, high)
+            elif self.closing and not self.waiting and self._may_prove_nearby() and self._is_apart(PROOF, taken):
+                self.waiting = [_rounded(low + PROOF * (high - low))]
             elif not self.waiting:
                 self.waiting = decided(self.run.model.comm, self._next, taken)
             if hidden:  # the next point checks the model that has these modes
@@ -388,22 +416,32 @@ class Search:
         run, made = self.run, len(self.run.factorisations)
         before = self.basis.size
         run.progress.step("points", len(self.points))
+        if not self._static:
+            known = closing and self._may_prove_nearby() and self.lack <= 0
+            last = self.points[-1] if self.points else None
+            if known and f < max(point.frequency for point in self.points):
+                self._near = 0.0 - (2 * np.pi * (last.frequency if last.factor_of is None else last.factor_of)) ** 2
+            else:
+                self._near = None
         with Owned(run.model.comm) as owned:
             f, count = self._open(f)
             chain = None
-            if self._by_mass and not (self._static and (f or self.points)):
+            if self._by_mass and (self._near is None or not (f or self.points)):
                 chain = owned.owns(SearchChain(run, self._mass, f"{f:.6g} Hz", None, self.loads, ("inputs", "outputs")))
             order, judged = self._extend_at(f, closing, chain)
             if chain is not None:
                 chain.keep()
         records = run.factorisations[made:]
-        stored = not records and not self._static
-        run.needs(str(0.0 if self._static else self._mass), "0.0")
+        stored = not records and self._near is None
+        run.needs(str(self._mass if self._near is None else self._near), "0.0")
         name = f"adaptive {f:.6g} Hz, {order + 1} blocks"
         run.note(name, self.basis.size - before, self.basis.size - before, from_store=stored)
-        self.points.append(Point(frequency=f, columns=self.basis.size - before, modes_below=count,
-                                 factor_seconds=float(sum(record.factor_seconds for record in records)),
-                                 estimate=_finite(judged["est"]), from_store=stored))  # fmt: skip
+        near = None if self._near is None else (-self._near) ** 0.5 / (2 * np.pi)
+        self.points.append(Point(
+            frequency=f, columns=self.basis.size - before, modes_below=count, factors=len(records),
+            factor_seconds=float(sum(record.factor_seconds for record in records)),
+            estimate=_finite(judged["est"]), from_store=stored, factor_of=near,
+        ))  # fmt: skip
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), counts))
         if self.before is not None and not (self._static and not f):  # all models are exact at 0 Hz then
@@ -449,6 +487,9 @@ class Search:
         if self.basis.size:
             moved = decided(run.model.comm, lambda: off_poles(f, self.projections.model(), self.settings.band))
             f = f if moved in (None, f) else _rounded(moved)
+        if self._near:
+            self._mass = 0.0 - (2 * np.pi * f) ** 2
+            return float(f), None
         for trial in (f, f * (1 + POLE_GAP), f * (1 - POLE_GAP), f * (1 + 3 * POLE_GAP)):
             self._mass = 0.0 - (2 * np.pi * trial) ** 2
             key = {"kind": "count", "square": self._mass, **run.identity_of("M", "K")}
@@ -473,16 +514,25 @@ class Search:
         raise ComputationError(f"no point near {f:g} Hz could be factored: is it among many eigenfrequencies?")
 
     def _factor(self):
-        """The solver with the factor of K - omega^2 M at the point."""
-        if self._static:  # what is at 0 Hz serves other points as well
-            return self.run.factored(0.0, "0 Hz")
+        """The solver with the factor of K - omega^2 M at the point, or at the one near it."""
+        mass = self._mass if self._near is None else self._near
         # another search begins by multigrid where a factor does not fit
-        return self.run.factored(self._mass, f"{(-self._mass) ** 0.5 / (2 * np.pi):.6g} Hz", may_give_up=False)
+        return self.run.factored(mass, f"{(-mass) ** 0.5 / (2 * np.pi):.6g} Hz", may_give_up=self._static)
+
+    def _is_apart(self, share, taken):
+        """Whether a place in the band is not that of a point already."""
+        low, high = self.settings.band
+        return all(abs(f - low - share * (high - low)) >= APART * (high - low) for f in taken)
+
+    def _may_prove_nearby(self):
+        """Whether the factor of the last point may serve the next one."""
+        return self._by_mass and self.groups == 1 and not self._static and not self._proves_by_factor
 
     def _extend_by_solution(self, rule, make_load) -> int:
         """Add A^-1 times a load, at the point; returns how many columns are new. `rule`: what tells the load in the key
         of the store from others at the point; `make_load` gives a block that is destroyed here."""
         run = self.run
+        nearby = self._near is not None and self._mass != self._near
         key = {"kind": "solution", "square": self._mass, **rule, **run.identity_of("M", "K", "inputs", "outputs")}
         with Owned(run.model.comm) as owned:
             entry = run.stored(key)
@@ -492,7 +542,7 @@ class Search:
                 solver, load = self._factor(), owned.owns(make_load())
                 block = owned.owns(create_block(run.model.K, load.getActiveColumns()[1]))
                 with run.progress.stage("solve"):
-                    if self._static and self._mass:
+                    if nearby:
                         solver.solve_below(self._mass, load, block, self.basis.columns, self.projections.K)
                     else:
                         solver.solve(load, block)
@@ -695,8 +745,8 @@ class Search:
                 break
         self.lack, change = decided(run.model.comm, self._change, size, counts)
         run.note("modes that no load moves", used, self.basis.size - size)
-        if len(run.factorisations) > made:
-            self.points[-1] = replace(self.points[-1], from_store=False)
+        if count := len(run.factorisations) - made:
+            self.points[-1] = replace(self.points[-1], from_store=False, factors=self.points[-1].factors + count)
         return change <= 3 * self._floor()
 
     def _moving(self, before, top, counts):

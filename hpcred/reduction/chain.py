@@ -60,7 +60,7 @@ class Chain:
         self.run, self.ends, self.offered, self.complete = run, [], [], False
         self.labels = ("", "")  # of the factor, as FactorRecord has them
         self._place, self._residual, self._solver = 0, 0.0, None
-        room = (wanted or 4) * max(self._load_columns(), 1)
+        room = wanted * max(self._load_columns(), 1) if wanted else run.columns
         self.vectors = self.kind(run.mass, tolerance=run.tolerance, room=room, keeps=run.keeps_images)
         self._key = {"kind": "chain", "rule": self.rule, "tolerance": run.tolerance, **key}
         self._take_stored(wanted)

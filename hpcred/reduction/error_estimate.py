@@ -6,6 +6,7 @@ import numpy as np
 
 from .pseudo_modal import Law, PseudoModal, difference, norms, relative, response, solve
 
+APART = 0.02  # of the band between points
 CLUSTER = np.array([-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0])  # places around a resonance, in units of its damping ratio
 
 
@@ -104,8 +105,8 @@ def _merged(frequencies, curve, more, found):
 
 
 def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | None:
-    """The frequency of the largest estimate, 0.02 of the band from other points and 2e-3 f from pseudo-frequencies."""
-    apart = 0.02 * (band[1] - band[0])
+    """The frequency of the largest estimate, APART of the band from other points and 2e-3 f from pseudo-frequencies."""
+    apart = APART * (band[1] - band[0])
     free = np.ones(len(frequencies), dtype=bool)
     for f in taken:
         free &= np.abs(frequencies - f) >= apart

@@ -17,7 +17,7 @@ from ..model.frames import Frame
 from ..model.interfaces import Interface, InterfaceNode
 from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
-from ..parallel.progress import Timing
+from ..parallel.progress import Timing, counted
 from .adaptive import Accuracy
 from .craig_bampton import ConstraintModes, CraigBampton, FixedInterfaceModes, Guyan, ResidualAttachment
 from .krylov import Krylov, StaticCorrection
@@ -89,10 +89,11 @@ class Record:
     def effort(self) -> str:
         """How often was factored or coarsened, in words."""
         factors = [item for item in self.factorisations if item.direct]
-        found = f"{len(factors)} factorisations"
+        found = counted(len(factors), "factorisation")
         if self.factorisations_saved:
             found += f", {self.factorisations_saved} saved by the store"
-        found += f", {self.symbolic_analyses} analysis ({factors[-1].ordering if factors else 'none'})"
+        analyses = counted(self.symbolic_analyses, "analysis", "analyses")
+        found += f", {analyses} ({factors[-1].ordering if factors else 'none'})"
         if len(factors) < len(self.factorisations):
             most = max(item.iterations for item in self.factorisations)
             found += (

@@ -34,7 +34,7 @@ from .two_sided import biorthogonal
 
 ORTHONORMAL_TO = 1e-12
 KEPT_BY_SEARCH = 1e-13  # deflation tolerance of a search: what round-off brings is compressed away at its end
-ROOM = 64  # columns that a search is expected to need
+ROOM = 96  # columns that a search is expected to need
 
 
 def reduce(

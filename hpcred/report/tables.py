@@ -8,10 +8,6 @@ import shutil
 import sys
 import textwrap
 
-from rich import box
-from rich.console import Console
-from rich.table import Table
-
 from ..formats.hdf5 import atomic_output
 from ..parallel.failures import agreed
 from ..parallel.petsc import MPI
@@ -64,6 +60,10 @@ def _widest(column, rows) -> int:
 
 
 def _show(columns, rows, width):
+    from rich import box  # not at the start of a run, most of which comes before its tables
+    from rich.console import Console
+    from rich.table import Table
+
     table = Table(box=box.SIMPLE_HEAD, header_style="", collapse_padding=True)
     for column in columns:
         widest = _widest(column, rows)

@@ -9,7 +9,6 @@ from ..formats.contents import content_of
 from ..formats.job_file import Job, plain, read_job
 from ..formats.locks import locks_given_back
 from ..formats.model_file import read_model
-from ..formats.model_source import column_names, load_source, read_columns
 from ..formats.node_table import read_node_numbers
 from ..formats.outputs import check_outputs, check_room, hdf5_kind
 from ..formats.point_store import PointStore
@@ -118,8 +117,12 @@ def _bytes(job, model) -> int:
 
 def model_of_job(job: Job, comm):
     """The model of a job with its inputs and outputs. Collective. Raises InputError."""
-    model = read_model(job.model, comm) if isinstance(job.model, str) else load_source(
-        job.model, comm, Path(job.model.K).name)  # fmt: skip
+    if isinstance(job.model, str):
+        model = read_model(job.model, comm)
+    else:
+        from ..formats.model_source import load_source  # which loads the readers of all formats
+
+        model = load_source(job.model, comm, Path(job.model.K).name)
     model = with_interfaces(model, job.interface)
     for key in ("input", "output"):
         model = with_targets(model, key, getattr(job, key + "s"))
@@ -153,5 +156,7 @@ def with_targets(model, key, targets):
     with model:
         if not isinstance(targets, str):
             return getattr(model, f"with_{key}s")(targets)
+        from ..formats.model_source import column_names, read_columns  # which loads the readers of all formats
+
         local = read_columns(model.comm, model.row_starts, model.size, targets, key == "output")
         return getattr(model, f"with_{key}_columns")(local, column_names(targets, local))

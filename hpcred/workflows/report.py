@@ -321,7 +321,7 @@ def _shown(sheet):
         ],
         "points": [] if accuracy is None else [
             {"point": k + 1, "f (Hz)": item.frequency, "columns": item.columns, "modes below": item.modes_below,
-             "estimate after it": item.estimate, "seconds": item.factor_seconds}
+             "estimate after it": item.estimate, "factor": item.factor_in_words}
             for k, item in enumerate(accuracy.points)
         ],
         "stopped": f"{len(accuracy.points)} points, {accuracy.stopped}" if accuracy is not None else "",

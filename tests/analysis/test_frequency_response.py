@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from helpers import close, dense_model
+from helpers import close, damped, dense_model, with_columns
 
 import hpcred
 from hpcred import (
@@ -14,16 +14,19 @@ from hpcred import (
     SecondOrderKrylov,
     Structural,
 )
+from hpcred.analysis import frequency_response
 from hpcred.examples import linkage as example
 
 pytestmark = pytest.mark.mpi
 
 
-def with_columns(model, key, array):
-    mine = slice(model.first_row, model.first_row + model.local_rows)
-    return getattr(model, f"with_{key}_columns")(array[mine], [f"{key} {i}" for i in range(array.shape[1])])
+@pytest.fixture(params=["sparse", "full"])
+def matrices(request, monkeypatch):
+    """Tiny models by the sparse solvers, and by full matrices where one rank has the model."""
+    monkeypatch.setattr(frequency_response, "TINY", 150 if request.param == "full" else 0)
 
 
+@pytest.mark.usefixtures("matrices")
 def test_structural_damping(solid):
     K, M, B = dense_model(solid)
     omega = 2 * np.pi * 900.0
@@ -57,6 +60,30 @@ def test_elastic_response_of_a_free_body_with_a_damper_to_ground(comm):
             basis = [Modes(count=3), SecondOrderKrylov(60.0, order=1)]
             with hpcred.reduce(damped_body, basis, Buckens(), GivenDamping()) as rom:
                 assert close(expected, rom.transfer_function(s)) < 1e-8
+
+
+@pytest.mark.usefixtures("matrices")
+def test_dampers_and_several_inputs_and_outputs(solid):
+    """General D, C that is not B^T, more frequencies than go into one call."""
+    model, K, M, D, _ = damped(solid, unsymmetric=True)
+    random = np.random.default_rng(7)
+    B, C = random.normal(size=(len(K), 2)), random.normal(size=(3, len(K)))
+    frequencies = np.linspace(0.0, 3000.0, 17)
+    with with_columns(with_columns(model, "input", B), "output", C.T) as loaded:
+        found = hpcred.frequency_response(loaded, frequencies, damping=GivenDamping())
+    for s, response in zip(2j * np.pi * frequencies, found, strict=True):
+        assert close(C @ np.linalg.solve(s * s * M + s * D + K, B), response) < 1e-9
+
+
+@pytest.mark.usefixtures("matrices")
+def test_a_pole_that_no_damper_reaches_is_refused(comm):
+    omega = 2 * np.pi * 3.0
+    K, D = np.diag([omega**2, 500.0, 700.0, 900.0]), np.diag([0.0, 1.0, 1.0, 1.0])
+    with hpcred.SecondOrderModel.from_scipy(K, np.eye(4), D, comm) as model:
+        model = with_columns(model, "input", np.ones((4, 1)))
+        assert hpcred.frequency_response(model, [2.0, 4.0], damping=GivenDamping()).shape == (2, 1, 1)
+        with pytest.raises(hpcred.InputError, match="frequency 3 Hz is a pole"):
+            hpcred.frequency_response(model, [2.0, 3.0, 4.0], damping=GivenDamping())
 
 
 @pytest.mark.parametrize("frame", [None, Buckens()])

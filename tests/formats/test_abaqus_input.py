@@ -7,7 +7,7 @@ from foreign import gathered, write
 from hpcred import InputError
 from hpcred.formats.abaqus_input import read
 
-pytestmark = pytest.mark.mpi
+pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
 
 
 def nodes_of(path, comm):

@@ -10,7 +10,7 @@ from hpcred.formats.abaqus_matrices import files_beside
 from hpcred.formats.matrix_formats import read_entries
 from hpcred.formats.model_source import Source, load_source
 
-pytestmark = pytest.mark.mpi
+pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
 ROWS = [(2, 1), (2, 2), (5, 1), (5, 3), (30, 1)]  # node, dof in the order that the rows must have
 RNG = np.random.default_rng(3)

@@ -19,7 +19,7 @@ from hpcred.formats.ansys_records import RecordFile
 from hpcred.formats.entries import STRIDE, node_and_direction
 from hpcred.formats.model_source import assemble, load_export
 
-pytestmark = pytest.mark.mpi
+pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
 MASS = "ansys/rotorAnsysMassMatrixSparse.txt"
 

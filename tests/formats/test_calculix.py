@@ -15,7 +15,7 @@ from hpcred.formats.calculix import begins, files_of
 from hpcred.formats.model_source import Source, load_export, load_source
 from hpcred.parallel.petsc import is_complex
 
-pytestmark = pytest.mark.mpi
+pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
 RNG = np.random.default_rng(2)
 ROOT = RNG.standard_normal((7, 7))

@@ -217,6 +217,24 @@ def test_files_of_before_there_were_checksums_are_read(files, capsys):
             verify_file(files / name)
 
 
+def test_sums_of_earlier_files_are_verified(files):
+    """They were not folded: a file of then is read, and refused where it is damaged."""
+    for name in ("model.h5", "result.h5"):
+        with h5py.File(files / name, "a") as file:
+            for key, item in CheckedFile(file, name).datasets.items():
+                sums, array = file[f"checksums/{key}"], np.asarray(file[key][()], file[key].dtype)
+                tag = tag_of(item.dtype, item.shape, item.axis)
+                array = array if item.axis >= 0 else array.reshape(-1)
+                sums[...] = sums_of(array, max(item.axis, 0), 0, tag, folded=False)
+                del sums.attrs["folded"]
+        read(files / name)
+        assert verify_file(files / name)["verified_datasets"] >= 5
+        with h5py.File(files / name, "a") as file:
+            flip(file, "matrices/K" if name == "model.h5" else "reduced/K")
+        with pytest.raises(InputError, match="does not have its checksum"):
+            read(files / name)
+
+
 def test_shapes_of_files_without_checksums_are_checked(files):
     with h5py.File(files / "model.h5", "a") as file:
         del file.attrs["checksum"], file["checksums"], file["dofs/node"]
@@ -265,6 +283,46 @@ def test_a_changed_word_always_changes_the_sum():
     changed = values.copy()
     changed[[3, 4]] = changed[[4, 3]]
     assert sums_of(changed, 0, 0, 1) != before
+
+
+def test_damage_to_several_words_changes_the_sum():
+    """Two to five words of a chunk, each by one bit, the same bit for all, or to 0: none of 3,000 goes unseen."""
+    draw = np.random.default_rng(5)
+    values = draw.normal(size=CHUNK).view(np.uint64)
+    before, unseen = sums_of(values, 0, 0, 1), 0
+    for number in range(3000):
+        places = draw.choice(CHUNK, 2 + number % 4, replace=False)
+        changed = values.copy()
+        if number % 3 == 2:
+            changed[places] = 0
+        else:
+            changed[places] ^= np.uint64(1) << draw.integers(0, 64, len(places) if number % 3 else 1, np.uint64)
+        unseen += sums_of(changed, 0, 0, 1) == before
+    assert unseen == 0
+
+
+@pytest.mark.mpi
+def test_parts_along_any_axis_and_of_any_type_are_read_as_h5py_reads_them(comm, folder):
+    """The last axis, more than one of them before it, and numbers, texts and flags of several types."""
+    draw, rows = np.random.default_rng(6), CHUNK + 9
+    arrays = {
+        "points": (draw.normal(size=(rows, 3)), 0), "page": (draw.normal(size=(2, 4, rows)), 2),
+        "half": (draw.normal(size=rows).astype("f4"), 0), "flags": (draw.normal(size=rows) > 0, 0),
+        "names": (np.array([b"a", b"bcd"] * rows), 0), "complex": (draw.normal(size=(2, rows)) * 1j, 1),
+    }  # fmt: skip
+    with writing(folder / "a.h5", comm) as file:
+        file.attribute("format", "test")
+        for name, (array, axis) in arrays.items():
+            low, high = row_range(comm, array.shape[axis])
+            file.rows(name, np.take(array, np.arange(low, high), axis=axis), axis=axis)
+    with reading(folder / "a.h5", "test") as file:
+        for name, (array, axis) in arrays.items():
+            place = (*[slice(None)] * axis, slice(5, CHUNK + 3))
+            found = file[name][place]
+            assert found.dtype == array.dtype and (found == array[place]).all()
+            if array.dtype.kind in "fc":
+                comm.Bcast(np.ascontiguousarray(found), root=0)  # a type that MPI knows
+    comm.Barrier()
 
 
 @pytest.mark.mpi

@@ -13,7 +13,7 @@ from hpcred import InputError
 from hpcred.formats.matrix_formats import read_entries
 from hpcred.formats.model_source import Source, load_source
 
-pytestmark = pytest.mark.mpi
+pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
 RNG = np.random.default_rng(8)
 DENSE = np.where(RNG.random((9, 9)) < 0.4, RNG.standard_normal((9, 9)) * 10.0 ** RNG.integers(-9, 9, (9, 9)), 0.0)

@@ -16,7 +16,7 @@ from hpcred.formats.mat_matrices import contents, read, read_parts
 from hpcred.formats.model_source import Source, load_export, load_source
 from hpcred.parallel.petsc import is_complex
 
-pytestmark = pytest.mark.mpi
+pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
 SIZE = 12
 RNG = np.random.default_rng(8)

@@ -13,7 +13,7 @@ from hpcred import InputError
 from hpcred.formats.matrix_formats import FORMATS, read_entries
 from hpcred.parallel.petsc import PETSc, is_complex
 
-pytestmark = pytest.mark.mpi
+pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
 
 @pytest.fixture

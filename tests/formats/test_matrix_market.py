@@ -8,7 +8,7 @@ from foreign import assembled, write
 
 from hpcred import InputError
 
-pytestmark = pytest.mark.mpi
+pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
 
 HEAD = "%%MatrixMarket matrix coordinate real"
 

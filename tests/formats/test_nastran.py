@@ -13,7 +13,7 @@ from hpcred.formats.text import first_bytes
 from hpcred.model.dofs import DIRECTIONS
 from hpcred.model.rigid_body_modes import doubts_of_nodes
 
-pytestmark = pytest.mark.mpi
+pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
 # file, n, entries, lowest frequencies that the program itself gives, relative digits, rigid-body modes
 MODELS = {

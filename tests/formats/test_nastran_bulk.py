@@ -11,7 +11,7 @@ from hpcred.formats.nastran import read_nodes
 from hpcred.model.dofs import OWN
 from hpcred.model.second_order_model import row_range
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
 
 SMALL = """$ free, small and large fields say the same
 GRID    7               1.5     -2.5+3  4.-1            126

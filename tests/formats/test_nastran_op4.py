@@ -9,7 +9,7 @@ from foreign import gathered, unpack, write
 from hpcred import InputError
 from hpcred.formats import nastran_op4
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
 
 RNG = np.random.default_rng(4)
 FLAVOURS = [f"{style}_{way}" for style in ("dense", "bigmat", "nonbigmat")

@@ -26,7 +26,7 @@ from hpcred import (
     Tangent,
 )
 from hpcred.linalg.blocks import create_block
-from hpcred.linalg.conjugate_gradients import NegativeCurvature
+from hpcred.linalg.conjugate_gradients import NegativeCurvature, NotSolved
 from hpcred.linalg.factorisation import SingularMatrix
 from hpcred.linalg.multigrid_solver import MultigridSolver
 from hpcred.linalg.solvers import ShiftedSolver
@@ -222,21 +222,25 @@ def test_a_tolerance_is_reached_by_the_chain_at_0_hz_and_proven_beside_the_basis
 
 
 @pytest.mark.mpi(ranks=(1, 3))
-def test_below_modes_that_a_basis_has_solves_are_as_with_a_factor(comm):
-    """And one that it lacks is noticed."""
+@pytest.mark.mpi
+@pytest.mark.parametrize("direct", [False, True], ids=["levels of K", "a factor above"])
+def test_below_modes_that_a_basis_has_solves_are_as_with_a_factor(comm, direct):
+    """Be it with the levels of K or with the factor of another point; a mode that the basis lacks is noticed."""
     with hpcred.solid(CELLS, inputs=3, comm=comm) as model, closing(apply_frame(model, None)) as framed:
         K, M, B = dense_model(model)
         values, shapes = scipy.linalg.eigh(K, M)
         count = 3 + int(np.diff(np.log(values[2:8])).argmax())
-        mass, loads, solver = -(values[count - 1] + values[count]) / 2, loads_of(model), solver_of(framed)
-        solver.factor(0.0)
+        mass, loads = -(values[count - 1] + values[count]) / 2, loads_of(model)
+        solver = ShiftedSolver(model) if direct else solver_of(framed)
+        solver.factor(-(values[count] + values[count + 1]) / 2 if direct else 0.0)
         right, left = block_from(model.K, loads), create_block(model.K, 3)
         near = shapes[:, :8] + 1e-3 * shapes[:, 20:28]  # roughly the modes, as a basis has them
         near = near @ np.linalg.inv(np.linalg.cholesky(near.T @ M @ near)).T
         basis, lacking = block_from(model.K, near), block_from(model.K, shapes[:, 1:8])
         solver.solve_below(mass, right, left, basis, near.T @ K @ near)
         assert close(gather(left), np.linalg.solve(K + mass * M, loads)) < 1e-8
-        with pytest.raises(NegativeCurvature, match="negative curvature"):
+        assert 0 < solver.records[-1].iterations < (8 if direct else 60)
+        with pytest.raises(NotSolved, match="factor of another point|negative curvature"):
             solver.solve_below(mass, right, left, lacking, np.diag(values[1:8]))
         for block in (right, left, basis, lacking):
             block.destroy()

@@ -37,6 +37,24 @@ def test_an_error_of_all_ranks_is_told_once(hpcred):
     assert time.monotonic() - start < 20
 
 
+UNLOADED = """
+import os, sys
+if os.environ["OMPI_COMM_WORLD_RANK"] == "1":
+    sys.modules["h5py"] = None
+from hpcred.__main__ import main
+main()
+"""
+
+
+def test_a_module_that_one_rank_cannot_load_ends_the_job_on_all(hpcred, tmp_path):
+    """MPI is there by then, and waits at the end of a process for the others."""
+    (tmp_path / "program.py").write_text(UNLOADED)
+    run = hpcred("--version", program=("program.py",), ranks=2, timeout=30)
+    assert run.returncode == 1
+    said = [line for line in run.stderr.splitlines() if line.startswith("hpcred: ")]
+    assert "h5py" in said[0] and "Traceback" not in run.stderr
+
+
 FAULTS = {
     "in agreed, alone": """
 with agreed(comm):

@@ -23,7 +23,7 @@ NEW = ("c.h5", "c.json", "result.h5", "r.json", "e.h5", "result.SID_FEM", "simul
        "simulation.png")  # fmt: skip
 DEAF = """
 from hpcred.parallel import signals
-signals.PATIENCE = 0.5
+signals.PATIENCE = signals.ALONE = 0.5
 signals.hear()
 print("hears", flush=True)
 sum(range(10**12))
@@ -56,15 +56,22 @@ def ranks_of(job):
     return sorted(found, key=lambda item: item.pid)
 
 
-def end(job, victim, number, most=20):
+def gone(processes, seconds):
+    """Whether processes end in this time (s); zombies have."""
+    alive = psutil.wait_procs(processes, timeout=seconds)[1]
+    return all(item.status() == psutil.STATUS_ZOMBIE for item in alive if item.is_running())
+
+
+def end(job, victim, number, family=None, most=20):
     """Send a signal; what was said on stderr by hpcred, once all processes are gone, which takes at most 10 s, and 10
-    more where the machine is busy."""
-    family = psutil.Process(job.pid).children(recursive=True)
-    os.kill(victim, number)
+    more where the machine is busy. `family`: the processes that end, by default all of the job; the job itself has
+    `most` seconds."""
+    everyone = psutil.Process(job.pid).children(recursive=True)
     begin = time.monotonic()
+    os.kill(victim, number)
+    assert family is None or gone(family, 20)
     told = job.communicate(timeout=max(most, 60))[1]
-    alive = psutil.wait_procs(family, timeout=10)[1]
-    assert not [item for item in alive if item.status() != psutil.STATUS_ZOMBIE]
+    assert gone(everyone, 20)
     assert time.monotonic() - begin < most
     assert "Traceback" not in told
     return [line for line in told.splitlines() if line.startswith("hpcred: ") and "[" not in line]
@@ -100,6 +107,30 @@ def test_a_process_that_does_not_hear_is_killed():
     assert job.returncode == -signal.SIGKILL
 
 
+@pytest.mark.parametrize("number, word", [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
+def test_a_signal_while_a_module_is_loaded_ends_with_a_line(tmp_path, number, word):
+    """As modules of Fortran do, the one here makes an exception into another."""
+    (tmp_path / "late.py").write_text(
+        f"import os\ntry:\n    os.kill(os.getpid(), {int(number)})\n    sum(range(10**6))\n"
+        "except BaseException:\n    raise ImportError('failed to import')\n"
+    )
+    program = "from hpcred.parallel import failures, signals\nsignals.hear()\nimport late"
+    run = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=30)
+    assert (run.returncode, run.stderr) == (128 + number, f"hpcred: {word}\n")
+
+
+def test_a_rank_without_its_launcher_is_killed():
+    """A rank that is in no place where MPI would see that its launcher is gone."""
+    launch = [sys.executable, "-c", "import subprocess, sys; subprocess.run([sys.executable, '-c', sys.argv[1]])", DEAF]
+    job = subprocess.Popen(launch, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                           env={**os.environ, "PMIX_RANK": "0"})  # fmt: skip
+    assert job.stdout.readline() == "hears\n"
+    family = psutil.Process(job.pid).children(recursive=True)
+    job.kill()
+    assert gone(family, 10)
+    assert job.communicate()[1] == "hpcred: terminated in the middle of a computation\n"
+
+
 COMMANDS = {
     "convert": "convert -K K.mtx -M M.mtx --inputs 115 -o c.h5 --json c.json", "simulate": "simulate sim.toml",
     "reduce": "reduce job.toml --json r.json", "evaluate": "evaluate result.h5 --full model.h5 --points 5 -o e.h5",
@@ -122,9 +153,15 @@ def kill(folder, command, whom, number, delay):
     with suppress(psutil.NoSuchProcess, ProcessLookupError):
         if job.poll() is None:
             ranks = ranks_of(job)
-            if ranks or whom == "launcher":
-                goes_on = command == "sweep" and whom == "rank"  # with its other runs
-                end(job, job.pid if whom == "launcher" else random.choice(ranks).pid, number, 200 if goes_on else 20)
+            if whom == "launcher":
+                end(job, job.pid, number)
+                return True
+            if ranks:
+                victim, family, most = random.choice(ranks), None, 20
+                if command == "sweep":  # goes on with its other runs
+                    launcher = victim.parent()
+                    family, most = [launcher, *launcher.children(recursive=True)], 200
+                end(job, victim.pid, number, family, most)
                 return True
     job.communicate()
     return False
@@ -139,17 +176,21 @@ def test_kills_at_random_moments(reduced_linkage, folder):
     with package.linkage() as model:
         for key in "KM":
             scipy.io.mmwrite(folder / f"{key}.mtx", scipy.sparse.coo_matrix(to_dense(getattr(model, key))))
+    lasts = {}
     for command in COMMANDS:
+        since = time.monotonic()
         assert begin(folder, command).wait(120) == 0
+        lasts[command] = time.monotonic() - since
     before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
     seed, tally = int(os.environ.get("HPCRED_SEED", time.time())), Counter()
     draw = random.Random(seed)
     print(f"seed {seed}")
     while tally.total() < int(os.environ.get("HPCRED_KILLS", "30")):
         command, whom = draw.choice(list(COMMANDS)), draw.choice(["launcher", "rank"])
-        number, delay = draw.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), draw.uniform(0.8, 4.0)
-        print(command, whom, number, delay, flush=True)
+        number, delay = draw.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), draw.uniform(0.8, lasts[command])
+        print(command, whom, number.name, f"{delay:.2f} s", end=" ", flush=True)
         tally[command, whom, number.name] += kill(folder, command, whom, number, delay)
+        print(tally.total(), flush=True)
         after = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
         assert set(before) <= set(after)
         for name in before:

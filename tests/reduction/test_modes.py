@@ -60,6 +60,7 @@ def test_dominant_modes_are_those_that_the_loads_excite(comm):
             assert abs(rom.frequencies[0] / longitudinal - 1) < 0.02
 
 
+@pytest.mark.mpi(ranks=(1, 3))
 @pytest.mark.parametrize("cells", [(10, 2, 2), (4, 4, 4)])
 def test_no_mode_of_a_repeated_pair_is_left_out(comm, cells):
     """Free square bars, whose bending modes are pairs, against dense numpy, for each number of modes."""

@@ -141,15 +141,16 @@ def test_a_run_that_is_killed_goes_on_on_other_ranks(comm, folder):
     package.start()  # PETSc, on all ranks together
     if comm.rank == 0:
         with package.linkage(MPI.COMM_SELF) as model, contextlib.suppress(Killed):
-            store = Mortal(folder, MPI.COMM_SELF)
-            store.left = 2
+            reduced(model, PointStore(folder / "whole", MPI.COMM_SELF), **job)
+            store = Mortal(folder / "killed", MPI.COMM_SELF)
+            store.left = len(list((folder / "whole").iterdir()))
             reduced(model, store, **job)
     comm.Barrier()
     with package.linkage(comm) as model:
-        found, record = reduced(model, PointStore(folder, comm), **job)
+        found, record = reduced(model, PointStore(folder / "killed", comm), **job)
         alone, expected = reduced(model, None, **job)
-    assert record.factorisations_saved == 1 and len(record.factorisations) == len(expected.factorisations) - 1
-    assert [point.from_store for point in record.accuracy.points[:2]] == [True, False]
+    assert record.factorisations_saved == len(expected.factorisations) == 1 and not record.factorisations
+    assert record.accuracy.points[0].from_store and record.accuracy.points[1].factor_of
     assert same(alone, found, 1e-10)
 
 
@@ -210,12 +211,12 @@ def test_a_search_serves_others(comm, folder):
         for tolerance, law in ((1e-5, None), (1e-3, None), (1e-5, Rayleigh(10.0, 1e-7)), (1e-8, None), (1e-8, None)):
             found, record = reduced(model, damping=law, tolerance=tolerance, **given)
             alone, expected = reduced(model, damping=law, tolerance=tolerance, **(given | {"store": None}))
-            assert same(alone, found)
+            assert same(alone, found, 1e-10)  # a proof is solved for beside the basis of the run that made it
             assert record.accuracy.reached == expected.accuracy.reached
             assert len(record.factorisations) + record.factorisations_saved == len(expected.factorisations)
             assert record.accuracy.factorisations == len(record.factorisations)
             counts.append(len(record.factorisations))
-    assert counts[0] == 2 and counts[1] == counts[2] == counts[4] == 0, counts
+    assert counts[0] == 1 and counts[1] == counts[2] == counts[4] == 0, counts
 
 
 @pytest.mark.parametrize("name", ["25 masses, 40 dashpots", "tied"])

@@ -15,6 +15,9 @@ def test_bench_and_profile(hpcred, tmp_path):
     assert all(report[key] > 0 for key in ("factor_gflops", "solve_gflops_of_32", "multiply_gflops",
                                            "write_mb_per_second", "read_mb_per_second"))  # fmt: skip
     assert report["gflop_by_ordering"]["PORD"] > 0
+    widths = report["solve_ms_per_column_of_128_by_width"]
+    assert list(widths) == ["16", "32", "64", "96", "128"] and min(widths.values()) > 0
+    assert ("icntl_27" in run.stdout) == (min(widths.values()) < 0.9 * widths["96"])
     assert ("hint: MUMPS ordered by" in run.stdout) == (report["ordering"] not in ("METIS", "SCOTCH"))
     assert hpcred("bench", "--folder", "nowhere").returncode == 2
     assert hpcred("example", "solid", "--cells", 10, 5, 5).returncode == 0

@@ -52,7 +52,7 @@ def test_against_dense_solves(solid, law, terms):
         error = np.linalg.norm(exact - H) / np.linalg.norm(exact)
         assert error <= 1e-5 and error <= 3 * eps + 1e-9
     assert found.reached and found.accuracy.tolerance == 1e-5
-    assert len(found.factorisations) == len(found.accuracy.points) <= 4
+    assert len(found.factorisations) == found.accuracy.factorisations <= 4
 
 
 @pytest.mark.mpi(ranks=(1, 2))

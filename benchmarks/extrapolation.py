@@ -1,0 +1,54 @@
+"""Factors of cubes by MUMPS' analyses alone, a power law through them, and what it says for 10^7 dofs.
+
+usage: python benchmarks/extrapolation.py [edge ...]
+
+An analysis gives entries, operations and memory of a factor without making it. The power law through all sizes but the
+largest is set against the largest, and that through all is extended to 10^7 dofs.
+"""
+
+import json
+import sys
+
+import numpy as np
+from common import finish, job, workspace
+
+EDGES = (16, 23, 33, 47, 69)  # cells an edge: 14,739 to 1,014,300 dofs
+TARGET = 1e7
+QUANTITIES = ("entries", "flops", "mb", "mb_max_rank")
+
+
+def analyse(edge):
+    """Entries, operations and memory of the factor of a cube, estimated; in a job of its own."""
+    import hpcred
+    from hpcred.linalg.solvers import ShiftedSolver
+    from hpcred.parallel import startup
+
+    hpcred.start()
+    with hpcred.solid((edge,) * 3) as model:
+        solver = ShiftedSolver(model)
+        found = solver.expected(startup.orderings()[:1])
+        solver.close()
+        if model.comm.rank == 0:
+            print(json.dumps({"dofs": model.size, **next(iter(found.values()))}))
+
+
+def main(edges):
+    with workspace() as folder:
+        found = [job(2, folder, "--analyse", edge) for edge in edges]
+    dofs = np.log([item["dofs"] for item in found])
+    rows = [dict(item) for item in found]
+    power, checked, expected = {}, {}, {}
+    for key in QUANTITIES:
+        values = np.log([item[key] for item in found])
+        slope, offset = np.polyfit(dofs[:-1], values[:-1], 1)
+        checked[key] = float(np.exp(slope * dofs[-1] + offset - values[-1]))
+        slope, offset = np.polyfit(dofs, values, 1)
+        power[key], expected[key] = float(slope), float(np.exp(slope * np.log(TARGET) + offset))
+    rows += [{"dofs": "exponent", **power}, {"dofs": "law / largest", **checked}, {"dofs": TARGET, **expected}]
+    finish("extrapolation", rows)
+
+
+if sys.argv[1:2] == ["--analyse"]:
+    analyse(int(sys.argv[2]))
+else:
+    main(tuple(map(int, sys.argv[1:])) or EDGES)

@@ -1,0 +1,33 @@
+"""Which files a model is in; nothing is read here, so that a job which names a model.h5 loads no reader of others."""
+
+from dataclasses import dataclass
+
+from .toml_file import check_file_names
+
+
+@dataclass(frozen=True)
+class Source:
+    """The files of a model: K and M, perhaps D, B (n, p), C (r, n), `nodes` and `dofs`.
+
+    `nodes`: an Abaqus or Nastran input file, a universal file, or text lines of node, x, y, z in the order of the
+    rows. `dofs`: text lines of node, direction (1 to 6), one a row of the matrices; without it every node has the same
+    number of dofs (1 to 3 displacements, or 6), unless the matrices name their rows themselves. `variables`: names by
+    K, M, D, B, C of matrices in files that hold several.
+    """
+
+    K: str
+    M: str
+    D: str | None = None
+    B: str | None = None
+    C: str | None = None
+    nodes: str | None = None
+    dofs: str | None = None
+    variables: dict[str, str] | None = None
+
+    def __post_init__(self):
+        check_file_names(**{key: getattr(self, key) for key in ("K", "M", "D", "B", "C", "nodes", "dofs")})
+
+    @property
+    def files(self) -> list[str]:
+        """All that are given."""
+        return [name for name in (self.K, self.M, self.D, self.B, self.C, self.nodes, self.dofs) if name is not None]

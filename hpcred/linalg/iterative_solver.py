@@ -1,0 +1,156 @@
+"""Conjugate gradients with something close to the inverse: loads enter, solutions with small true residuals leave."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from math import inf
+
+import numpy as np
+
+from ..parallel.failures import Owned
+from ..parallel.petsc import PETSc
+from .blocks import column_norms, copy_of, local_rows
+from .conjugate_gradients import NotSolved, conjugate_gradients
+
+WIDTH = 16  # columns solved for at once
+RESTARTS = 3  # from the true residual
+ROUND_OFF = 1e-16  # backward error below which no residual can be asked for
+
+
+class IterativeSolver:
+    """Solves with sums of K, M and D that are positive definite, or are so beside a basis.
+
+    `model`, `rigid`: as of a ShiftedSolver. `goal`: the relative residual that solutions are refined to, as far as
+    round-off lets them; `accepted` and `backward`: it may end with this residual, or with this backward error
+    ||r|| / (||A|| ||x|| + ||b||). `most`: iterations. A subclass has `_norm`, an estimate of ||A||, and what it says
+    where solutions stay bad. All methods are collective.
+    """
+
+    def __init__(self, model, rigid, goal, accepted, backward, most):
+        self.model, self.rigid, self._norm = model, rigid, 0.0
+        self._goal, self._accepted, self._backward, self._most = goal, accepted, backward, most
+
+    # what a subclass has
+
+    def _preconditioner(self, room, columns):
+        """A function r, z -> z = P r for rows of this rank (rows, columns); what it needs is owned by the room."""
+        raise NotImplementedError
+
+    def _note(self, columns, seconds, iterations, residual):
+        """Record solves."""
+        raise NotImplementedError
+
+    advice = ""  # follows on the sentence that a solution is bad
+
+    # the solves
+
+    def solve_below(self, mass, right, solution, basis, squares):
+        """solution = (K + mass M)^-1 right for a mass < 0, with what there is for another mass, where a basis V (a
+        block, V^T M V = I) has all modes below: what is left of the matrix beside V is positive definite.
+
+        `squares`: V^T K V (m, m). Deflated conjugate gradients (Nicolaides, SIAM J. Numer. Anal. 24(2), 1987). Raises
+        NegativeCurvature where V lacks a mode that the loads move, or NotSolved.
+        """
+        small = squares + mass * np.eye(len(squares))
+        terms = [(1.0, self.model.K), (mass, self.model.M)]
+        self._solve(right, solution, terms, (basis, np.linalg.inv((small + small.T) / 2)))
+
+    def _solve(self, right, solution, terms, deflation=None):
+        start = time.perf_counter()
+        iterations, residual = 0, 0.0
+        with Owned(self.model.comm) as owned:
+            load = owned.owns(copy_of(right, self.model.K))
+            if self.rigid is not None:
+                self.rigid.equilibrate(load)
+            scale = column_norms(right)
+            with ExitStack() as views:
+                b, x = (views.enter_context(local_rows(block)) for block in (load, solution))
+                if deflation is not None:
+                    deflation = views.enter_context(local_rows(deflation[0])), deflation[1]
+                for low in range(0, b.shape[1], WIDTH):
+                    part = slice(low, low + WIDTH)
+                    found = self._solve_columns(b[:, part], x[:, part], scale[part], terms, deflation)
+                    iterations, residual = max(iterations, found[0]), max(residual, found[1])
+        if self.rigid is not None:
+            self.rigid.project(solution)
+        self._note(len(scale), time.perf_counter() - start, iterations, residual)
+
+    def _solve_columns(self, b, x, scale, terms, deflation):
+        """x = A^-1 b for the rows of this rank; returns the iterations, and the relative residual."""
+        comm = self.model.comm
+        x[...] = 0.0
+        r, before, loaded = b.copy(order="F"), inf, scale > 0
+        iterations = np.zeros(b.shape[1], dtype=int)
+        with Owned(comm) as room:
+            multiply = self._multiplication(room, b.shape[1], terms)
+            precondition = self._preconditioner(room, b.shape[1])
+            if deflation is not None:
+                V, inverse = deflation
+                momentum = self._multiplication(room, b.shape[1], [(1.0, self.model.M)])
+                precondition = self._beside(V, inverse, multiply, momentum, precondition)
+            for turn in range(RESTARTS + 2):
+                if deflation is not None:
+                    x += V @ (inverse @ comm.allreduce(V.T @ r))
+                    _residual(multiply, b, x, r)
+                size, far = self._norms(r), self._norms(x)
+                floor = np.maximum(self._goal * scale, ROUND_OFF * self._norm * far)
+                relative = float((size[loaded] / scale[loaded]).max(initial=0.0))
+                backward = float((size / np.maximum(self._norm * far + scale, 1e-300)).max(initial=0.0))
+                if (size <= floor).all() or not relative < before / 2 or turn > RESTARTS:
+                    break
+                before = relative
+                iterations += conjugate_gradients(comm, multiply, precondition, r, x, floor, self._most)
+                _residual(multiply, b, x, r)
+        if not (relative <= self._accepted or backward <= self._backward):
+            raise NotSolved(
+                f"the relative residual stays at {relative:.1e} (backward error {backward:.1e}) after "
+                f"{iterations.max()} iterations of conjugate gradients{self.advice}"
+            )
+        return int(iterations.max(initial=0)), relative
+
+    def _beside(self, V, inverse, multiply, momentum, precondition):
+        """The preconditioner whose results are A-orthogonal to V, for residuals orthogonal to V."""
+        comm = self.model.comm
+
+        def deflated(r, z):
+            # what round-off brings back of V, whose modes are soft, would soon be all that is seen
+            product = np.empty_like(r)
+            momentum(V @ comm.allreduce(V.T @ r), product)
+            r -= product
+            precondition(r, z)
+            multiply(z, product)
+            z -= V @ (inverse @ comm.allreduce(V.T @ product))
+
+        return deflated
+
+    def _norms(self, rows):
+        squares = np.array([np.vdot(column, column).real for column in rows.T])
+        return np.sqrt(self.model.comm.allreduce(squares))
+
+    def _multiplication(self, room, columns, terms):
+        """p, q -> q = A p for the rows of this rank."""
+        source, target = (room.owns(dense_matrix(self.model.K, columns)) for _ in range(2))
+
+        def multiply(p, q):
+            source.getDenseArray()[...] = p
+            q[...] = 0.0
+            for factor, mat in terms:
+                mat.matMult(source, target)
+                q += factor * target.getDenseArray() if factor != 1 else target.getDenseArray()
+
+        return multiply
+
+
+def _residual(multiply, b, x, r):
+    """r = b - A x."""
+    multiply(x, r)
+    np.subtract(b, r, out=r)
+
+
+def dense_matrix(like, columns):
+    """A dense matrix (n, columns) with the rows of another."""
+    mat = PETSc.Mat().createDense(((like.getLocalSize()[0], like.getSize()[0]), (None, columns)), comm=like.comm)
+    mat.setUp()
+    mat.assemble()
+    return mat
