@@ -117,7 +117,7 @@ def read(path, comm, calculix=False) -> Mesh:
     nodes = _nodes(path, comm, nodes, named)
     elements, keys = _elements(comm, elements, groups, named, calculix)
     _require_nodes(path, comm, nodes, elements)
-    return Mesh(nodes, elements, read_sets(comm, sets, groups, named, elements, keys), sections)
+    return Mesh(nodes, elements, read_sets(path, comm, sets, groups, named, elements, keys), sections)
 
 
 def _sections(path, comm, including):
@@ -401,6 +401,8 @@ def _element_lines(piece, width, surplus=False):
             raise piece.refusal(lines[np.argmax(counts < width)], f"at least {width} numbers an element")
         place = np.arange(len(values)) - np.repeat(np.cumsum(counts) - counts, counts)
         values, counts = values[place < width], np.full(len(counts), width)
+    if (counts > width).any():
+        raise piece.refusal(lines[np.argmax(counts > width)], f"{width} numbers an element")
     ends = np.cumsum(counts)
     line = np.searchsorted(ends, np.arange(width, values.size + 1, width))
     wrong = np.flatnonzero(ends[line] % width) if values.size else line

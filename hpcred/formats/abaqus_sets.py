@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..parallel.failures import agreed
+from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, sort_over_ranks
 from ..parallel.petsc import MPI
-from .text import LARGEST_LABEL, Piece, pieces, ragged, whole
+from .text import LARGEST_LABEL, Piece, pieces, ragged, shown, whole
 
 WORD = re.compile(rb'"[^"\n]*"|[^\s,][^,\n]*[A-Za-z_][^,\n]*|[A-Za-z_][^,\n]*')
 IN_INSTANCE = re.compile(r".+\.(\d+)")
@@ -22,14 +22,17 @@ NOTHING = np.zeros(0, np.int64)
 
 @dataclass
 class Members:
-    """What a rank found of one set: numbers of nodes, or keys of elements, and names of sets that belong to it."""
+    """What a rank found of one set: numbers of nodes, or keys of elements, and names of sets that belong to it.
+
+    `parts`: of each such name the ways to write it in full.
+    """
 
     name: str
     numbers: list[np.ndarray] = field(default_factory=list)
-    parts: set[str] = field(default_factory=set)
+    parts: set[tuple[str, ...]] = field(default_factory=set)
 
 
-def read_sets(comm, blocks, groups, named, elements, keys) -> dict[str, np.ndarray]:
+def read_sets(path, comm, blocks, groups, named, elements, keys) -> dict[str, np.ndarray]:
     """Node numbers by name of the set, each once over all ranks, ascending. Collective. Raises InputError.
 
     `blocks` of *Nset and *Elset; `groups`: the instances, in the order of their numbers in keys. `named`: numbers of
@@ -43,7 +46,7 @@ def read_sets(comm, blocks, groups, named, elements, keys) -> dict[str, np.ndarr
         for (kind, name), numbers in named.items():
             _members(found, kind, name).numbers += numbers
     sets = {}
-    for (kind, _), (name, numbers) in _with_their_parts(comm, found).items():
+    for (kind, _), (name, numbers) in _with_their_parts(path, comm, found).items():
         numbers = np.unique(sort_over_ranks(comm, numbers)[0])
         if kind == "elset":
             name = f"elements of {name}"
@@ -80,7 +83,8 @@ def _read_block(comm, block, offset, found):
         numbers = whole(plain, values, np.repeat(lines, counts), "a number", 1, LARGEST_LABEL)
         inside = [int(match[1]) for match in map(IN_INSTANCE.fullmatch, words) if match]
         members.numbers.append(offset + np.concatenate([numbers, np.array(inside, np.int64)]))
-        members.parts |= {prefix + word.lower() for word in words for prefix in ("", block.prefix.lower())}
+        words = [word.lower() for word in words if not IN_INSTANCE.fullmatch(word)]
+        members.parts |= {(word, block.prefix.lower() + word) for word in words}
 
 
 def _ranges(piece):
@@ -98,18 +102,32 @@ def _ranges(piece):
     return np.concatenate(parts)
 
 
-def _with_their_parts(comm, found):
+def _with_their_parts(path, comm, found):
     """(name, numbers of this rank) of every set of any rank, with those of the sets that it names."""
     table = {}
     for part in comm.allgather({key: (members.name, members.parts) for key, members in found.items()}):
         for key, (name, parts) in part.items():
-            table.setdefault(key, (name, set()))[1].update((key[0], item) for item in parts)
+            table.setdefault(key, (name, set()))[1].update(parts)
     result = {}
     for key in sorted(table):
         reached, new = {key}, {key}
         while new:
-            new = {item for one in new for item in table[one][1] if item in table} - reached
+            new = {item for one in new for item in _named_in(path, one, table)} - reached
             reached |= new
         arrays = [array for item in sorted(reached) if item in found for array in found[item].numbers]
         result[key] = table[key][0], np.concatenate([NOTHING, *arrays])
     return result
+
+
+def _named_in(path, key, table):
+    """The keys of the sets that a set names. Elements of kinds that are not known have no sets, nodes always have."""
+    kind, (name, parts) = key[0], table[key]
+    for words in sorted(parts):
+        there = [(kind, word) for word in words if (kind, word) in table]
+        if kind == "nset" and not there:
+            found = shown(words[0].encode("latin-1"))
+            raise InputError(
+                f"{path}: found the set '{found}' in the set of nodes '{name}', expected one of the sets of nodes of "
+                "the file that has a name of its own"
+            )
+        yield from there

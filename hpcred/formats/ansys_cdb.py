@@ -14,7 +14,7 @@ from ..model.elements import NODES
 from ..parallel.failures import InputError, agreed
 from .fixed_width import Field, fields_of_format, separated
 from .node_table import finite
-from .text import LARGEST_LABEL, Piece, line_number, numbers, pieces, ragged, require_file, whole
+from .text import LARGEST_LABEL, Piece, line_number, numbers, pieces, ragged, require_file, shown, whole
 
 COMMAND = re.compile(
     rb"(?im)^[ \t]*(?:(?P<block>[NE]BLOCK)\b|(?P<type>ET[ \t]*,)|(?P<node>N,R5\.\d,LOC[ \t]*,(?![ \t]*-1))"
@@ -117,8 +117,12 @@ def _blocks(path, found):
                     f"{path}, line {number}: found an EBLOCK of {len(fields)} fields, expected 19 integers"
                 )
             counts = [word for word in words[3:] if word]
-            announced = int(counts[-1]) if len(counts) == (1 if name == "NBLOCK" and words[1] == "3" else 2) and (
-                counts[-1].isdigit()) else None  # fmt: skip
+            if not all(word.isdigit() and word.isascii() for word in counts):
+                raise InputError(
+                    f"{path}, line {number}: found '{shown(line.encode())}', expected whole numbers behind SOLID"
+                )
+            full = len(counts) == (1 if name == "NBLOCK" and words[1] == "3" else 2)
+            announced = int(counts[-1]) if full else None
             blocks.append(Block(name, number, announced, fields, file.tell(), end[0]))
     if not any(block.name == "NBLOCK" for block in blocks):
         raise InputError(f"{path}: found no nodes, expected an NBLOCK as CDWRITE,DB,file,cdb writes it")

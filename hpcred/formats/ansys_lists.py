@@ -18,6 +18,9 @@ from .text import LARGEST_LABEL, Piece, first_bytes, padded, pieces, places, rag
 DOFS = (b"UX", b"UY", b"UZ", b"ROTX", b"ROTY", b"ROTZ")
 MAPPING = re.compile(rb"^\s*Matrix Eqn\s+Node\s+DOF\s*$", re.MULTILINE)
 MAPPING_LINE = re.compile(rb"(?m)^[ \t]*Matrix Eqn[ \t]+Node[ \t]+DOF[ \t]*\r?$")
+NO_ROW = re.compile(
+    rb"(?m)^(?![ \t]*\d+[ \t]+\d+[ \t]+(?:" + rb"|".join(DOFS) + rb")[ \t]*\r?$)[^\n]*[^\s][^\n]*$"
+)
 NAME = re.compile(rb"\b(" + rb"|".join(DOFS) + rb")\b")
 CREATOR = b"% Creator: ANSYS"
 VECTOR = re.compile(rb"^%%matrixmarket[ ]+matrix[ ]+array[ ]+integer[ ]+general", re.IGNORECASE)
@@ -87,15 +90,11 @@ def read_mapping(path, comm) -> tuple[np.ndarray, np.ndarray]:
         labels, rows = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
         for piece in pieces(path, comm):
             text = MAPPING_LINE.sub(b"", piece.text)
-            text = NAME.sub(lambda match: b"%d" % (DOFS.index(match[0]) + 1), text)
-            other = re.search(rb"[^0-9\s]\w*", text)
-            if other:
+            if other := NO_ROW.search(text):
                 line = text[: other.start()].count(b"\n")
                 raise piece.refusal(line, "equation, node and one of UX, UY, UZ, ROTX, ROTY, ROTZ")
-            values, counts, lines = ragged(Piece(piece.path, text, piece.start), False, "equation, node, dof")
-            wrong = np.flatnonzero(counts != 3)
-            if wrong.size:
-                raise piece.refusal(int(lines[wrong[0]]), "equation, node, dof")
+            text = NAME.sub(lambda match: b"%d" % (DOFS.index(match[0]) + 1), text)
+            values, _, lines = ragged(Piece(piece.path, text, piece.start), False, "equation, node, dof")
             table = values.reshape(-1, 3)
             rows.append(whole(piece, table[:, 0], lines, "the equation", 1) - 1)
             node = whole(piece, table[:, 1], lines, "the node number", 1, LARGEST_LABEL)

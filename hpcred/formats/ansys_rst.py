@@ -34,7 +34,7 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         start = _wide(geometry, NODES_LOW, NODES_HIGH) or int(geometry[NODES_OLD])
         table = short_records(file, start, int(geometry[NODES]), ITEMS, comm.rank, comm.size)
         label = table[:, 0]
-        if len(label) and not ((label % 1 == 0) & (label >= 1) & (label <= LARGEST_LABEL)).all():
+        if len(label) and not ((label == np.floor(label)) & (label >= 1) & (label <= LARGEST_LABEL)).all():
             raise file.damaged(start, "a node number that is no whole number")
     return label.astype(np.int64), table[:, 1:4], table[:, 4:]
 

@@ -18,6 +18,8 @@ FORMAT = re.compile(
 NESTED = re.compile(rb"^(?P<before>[^()]*?)(?P<repeat>\d+)\s*\((?P<inner>[^()]*)\)\s*$")
 DIGITS = np.zeros(256, bool)
 DIGITS[list(b"0123456789+-.eEdD \r")] = True
+WHOLE = np.zeros(256, bool)
+WHOLE[list(b"0123456789+- ")] = True
 LONGEST = 1000  # characters a line
 BARE_EXPONENT = re.compile(rb"(?<=[0-9.])(?=[+-])")
 SPLIT_EXPONENT = re.compile(rb"([eEdD]) (?=[0-9])")
@@ -87,6 +89,8 @@ def separated(piece: Piece, fields: list[Field], fill=False) -> Piece:
         result[:, target : target + field.width] = part
         if not field.whole:
             _require_point(piece, field, part)
+        elif (odd := ~WHOLE[part].all(axis=1)).any():
+            raise piece.refusal(int(np.flatnonzero(odd)[0]), "whole numbers in the fields of such")
         if fill:
             result[(part == ord(" ")).all(axis=1), target + field.width - 1] = ord("0")
         source, target = source + field.width, target + field.width + 1

@@ -398,7 +398,7 @@ def check_ascending(path, variable, rows, starts):
 
 
 def _whole(path, variable, values, low, high):
-    if len(values) and not ((values >= low) & (values <= high) & (values % 1 == 0)).all():
+    if len(values) and not ((values >= low) & (values <= high) & (values == np.floor(values))).all():
         raise InputError(
             f"{path}: found rows or columns of '{variable.name}' beyond its {variable.in_words()}; the file is damaged"
         )

@@ -14,6 +14,8 @@ from ..parallel.failures import InputError
 from .mat_binary import DEPTH, MOST_ITEMS, check_ascending, check_starts, dense_entries
 from .mat_variables import Variable
 
+LISTS = {"jc": "iu", "ir": "iu", "data": "fiuV"}  # of a sparse matrix, with kinds of numpy; V: complex numbers
+
 
 def begins(start: bytes) -> bool:
     """Whether a file that starts so is of version 7.3."""
@@ -95,11 +97,14 @@ def _class_of(item):
 
 
 def _sparse(path, group, name):
-    lists = [group.get(key) for key in ("jc", "ir", "data")]
+    lists = [group.get(key) for key in LISTS]
     for item in lists:
         _require_own_numbers(path, item)
-    if lists[0] is None or any(isinstance(item, h5py.Group) or item.ndim != 1 for item in lists if item is not None):
-        raise InputError(f"{path}: found a sparse matrix '{name}' without its lists; the file is damaged")
+    if lists[0] is None or any(
+        isinstance(item, h5py.Group) or item.ndim != 1 or item.dtype.kind not in kinds
+        for item, kinds in zip(lists, LISTS.values(), strict=True) if item is not None
+    ):  # fmt: skip
+        raise InputError(f"{path}: found a sparse matrix '{name}' without its lists of numbers; the file is damaged")
     rows, columns = int(group.attrs["MATLAB_sparse"]), lists[0].shape[0] - 1
     nonzeros = int(lists[0][-1]) if columns >= 0 else -1
     if rows < 0 or not 0 <= nonzeros <= min(item.shape[0] if item is not None else 0 for item in lists[1:]):

@@ -15,7 +15,7 @@ from ..parallel.lookup import repeated_key
 from . import mat_binary, mat_hdf5
 from .entries import Entries, label_name, label_of
 from .mat_variables import Variable
-from .node_table import Nodes
+from .node_table import LARGEST_COORDINATE, Nodes
 from .parts import Parts
 from .text import LARGEST_LABEL, first_bytes
 
@@ -62,6 +62,10 @@ def read_parts(path, comm, variables=None) -> Parts:
         {key: _entries(path, comm, variable) for key, variable in chosen.items()},
         {key: f"{path}: {variable.name}" for key, variable in chosen.items()},
     )
+    if damping is not None and "D" not in chosen:
+        parts.warnings.append(
+            f"{path}: '{damping.name}' ({damping.in_words()}) is not of the size of K, and not read as a damping matrix"
+        )
     others = [item.name for item in found if item not in chosen.values() and item.shape == chosen["K"].shape]
     if others:
         taken = ", ".join(f"{key} = {item.name}" for key, item in chosen.items())
@@ -159,8 +163,8 @@ def _nodes(path, comm, variable):
     with agreed(comm):
         first, table = _share(path, comm, variable)
         number = _whole(path, variable, table[:, 0], LARGEST_LABEL)
-        if not np.isfinite(table).all():
-            raise InputError(f"{path}: found coordinates in '{variable.name}' that are NaN or Inf, expected numbers")
+        if not (np.abs(table[:, 1:]) <= LARGEST_COORDINATE).all():
+            raise InputError(f"{path}: found coordinates in '{variable.name}' that are NaN, Inf, or beyond all units")
     twice = repeated_key(comm, number)
     if twice is not None:
         raise InputError(f"{path}: found the node {twice} more than once in '{variable.name}', expected each once")
@@ -182,6 +186,6 @@ def _row_labels(path, comm, variable, size):
 
 
 def _whole(path, variable, values, high):
-    if not ((values >= 1) & (values <= high) & (values % 1 == 0)).all():
+    if not ((values >= 1) & (values <= high) & (values == np.floor(values))).all():
         raise InputError(f"{path}: found numbers in '{variable.name}' that are not whole and from 1 to {high}")
     return values.astype(np.int64)

@@ -26,7 +26,7 @@ from ..model.second_order_model import SecondOrderModel, row_range
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
-from ..parallel.memory import give_back
+from ..parallel.memory import MB, give_back, node_mb
 from ..parallel.petsc import MPI
 from . import (
     abaqus_input,
@@ -146,6 +146,9 @@ def _remove_supports(comm, parts):
     held = np.unique(np.concatenate(comm.allgather(np.unique(held))))  # few: those of the supports
     if not len(held):
         return
+    with agreed(comm):
+        for key, item in parts.matrices.items():
+            require_sane(item.values, f"{parts.files[key]}: found", "real")
     what = f"{parts.files['K']}: removed {len(held)} rows that are held by {HELD_BY:g} on the diagonal of K"
     if isinstance(K, LabelledEntries):
         for key, item in parts.matrices.items():
@@ -403,6 +406,13 @@ def read_columns(comm, starts, size, path, transposed=False, variables=None):
     first, last = starts[comm.rank], np.append(starts[1:], size)[comm.rank]
     with agreed(comm):
         require_sane(v, f"{path}: found", "real")
+        needed, free = (last - first) * entries.shape[1] * 8 / MB, node_mb()
+        if needed > free:
+            what = "rows" if transposed else "columns"
+            raise InputError(
+                f"{path}: found {entries.shape[1]} {what}, which take {needed:.0f} MB, and {free:.0f} MB are free; the "
+                "file is damaged, or there are too many"
+            )
     local = np.zeros((last - first, entries.shape[1]))
     np.add.at(local, (i - first, j), v)
     return local

@@ -166,8 +166,13 @@ def _rows_of(path, comm, candidates, insisted):
     Returns _Rows or None, the choice, and warnings. Raises InputError where companions contradict the matrices.
     """
     with agreed(comm):
-        op2 = next((file for file in sorted(path.parent.iterdir()) if file.stem.lower() == path.stem.lower()
-                    and file != path and file.is_file() and nastran_op2.begins(first_bytes(file))), None)  # fmt: skip
+        beside = [file for file in sorted(path.parent.iterdir())
+                  if file.stem.lower() == path.stem.lower() and file != path and file.is_file()]  # fmt: skip
+        op2 = next((file for file in beside if nastran_op2.begins(first_bytes(file))), None)
+        other = next((file for file in beside if op2 is None and file.suffix.lower() == ".op2"), None)
+        if other is not None:
+            begins = first_bytes(other)[:12]
+            raise InputError(f"{other}: found a file that begins with {begins!r}, expected one of OUTPUT2")
         files = nastran_bulk.companions(path)
     op2, files = comm.bcast((op2, files))
     if op2 is None and not files:

@@ -27,6 +27,7 @@ from .nastran_points import (
     Points,
     System,
 )
+from .node_table import LARGEST_COORDINATE
 from .text import first_bytes, first_line, is_packed, line_number, records, require_file
 
 START = re.compile(
@@ -239,6 +240,8 @@ def _grids(lines):
     """Label, CP, CD, whether PS is given, coordinates and PS of GRID cards; -2 where a system is left out."""
     table, number = lines.table(7)
     piece = lines.piece
+    if (more := lines.beyond(8)).size:
+        raise piece.refusal(int(more[0]), "a grid point of at most eight fields")
     label = wholes(piece, table[:, 0], number, "the number of a grid point", 1)
     system, displacement = (_system(piece, table[:, k], number) for k in (1, 5))
     xyz = np.stack([reals(piece, table[:, k], number, "a coordinate") for k in (2, 3, 4)], axis=1)
@@ -314,6 +317,10 @@ def points_of(deck: Deck, comm) -> Points:
         for number in np.unique(system):
             mine = (system == number) & ~scalar
             position[mine] = _known(deck, systems, number).to_basic(np.stack([x, y, z], axis=1)[mine])
+        far = ~(np.abs(position) <= LARGEST_COORDINATE).all(axis=1)
+        if far.any():
+            raise InputError(f"{deck.path}: found the point {label[far][0]} at {position[far][0].tolist()}, expected "
+                             "finite coordinates")  # fmt: skip
         turned = np.flatnonzero((displacement != 0) & ~scalar)
         axes = np.zeros((len(turned), 3, 3))
         for number in np.unique(displacement[turned]):

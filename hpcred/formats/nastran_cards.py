@@ -45,13 +45,21 @@ class Lines:
     def table(self, width: int) -> tuple[np.ndarray, np.ndarray]:
         """The first `width` fields (cards, width) of each card, and the lines (cards,) where they begin."""
         first = np.flatnonzero(self.starts)
-        which = np.cumsum(self.starts) - 1
-        before = np.cumsum(self.count) - self.count
-        place = (before - before[first][which])[:, None] + np.arange(SMALL)
+        which, place = self._places()
         have = (np.arange(SMALL) < self.count[:, None]) & (place < width)
         table = np.full((len(first), width), b"", dtype=self.fields.dtype)
         table[np.broadcast_to(which[:, None], have.shape)[have], place[have]] = self.fields[have]
         return table, self.number[first]
+
+    def beyond(self, width: int) -> np.ndarray:
+        """The lines of the piece with a field, not empty, behind the first `width` of its card."""
+        return self.number[((self._places()[1] >= width) & (self.fields != b"")).any(axis=1)]
+
+    def _places(self):
+        """Which of the cards a line belongs to, and the places (lines, 8) of its fields in that card."""
+        which = np.cumsum(self.starts) - 1
+        before = np.cumsum(self.count) - self.count
+        return which, (before - before[np.flatnonzero(self.starts)][which])[:, None] + np.arange(SMALL)
 
     def listed(self) -> list[tuple[str, list[str], int]]:
         """Name, fields without the empty ones at the end, and line of each card; of cards that are few."""
@@ -71,8 +79,9 @@ class Lines:
 def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     """The lines of cards whose name (upper case) `wanted` matches wholly. Raises InputError.
 
-    `strict`: for cards that a program wrote: refused are remarks behind them, what is behind the 80th column, lines
-    that continue a card and begin with other than a blank, + or *, and other cards between those of one first field.
+    A line that is no card continues one, and begins with a blank, +, * or a comma, or is refused. `strict`: for cards
+    that a program wrote: refused are also remarks behind them, what is behind the 80th column, and other cards between
+    those of one first field.
     """
     plain = REMARK.sub(b"", piece.text).upper().replace(b"\r", b" ")
     if b"\t" in plain:
@@ -94,7 +103,7 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     fits = np.array([wanted.fullmatch(name) is not None for name in distinct], bool)[back] if len(names) else []
     mine = (card >= 0) & np.asarray(fits, bool)[card] if len(names) else np.zeros(len(card), bool)
     stray = (card < 0) | (~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8)))
-    if strict and stray.any():
+    if stray.any():
         raise piece.refusal(int(number[stray][0]), "a card, or a line that continues one")
     card, start, stop, number, head, starts = (part[mine] for part in (card, start, stop, number, head, starts))
     if strict:

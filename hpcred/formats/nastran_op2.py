@@ -198,6 +198,11 @@ def _points(path, comm, group):
     else:
         with agreed(comm):
             system, dof, label, scalar, position = _places(data, table, damaged)
+        if "EQEXIN" in group:
+            numbered = _numbered(comm, group["EQEXIN"], first, len(label), damaged)
+            with agreed(comm):
+                if any((one != other).any() for one, other in zip((label, dof, scalar), numbered, strict=True)):
+                    raise damaged("numbers of points or dofs other than those of EQEXIN")
     with agreed(comm):
         if (dof < 1).any() or (label < 1).any() or (label > LARGEST_LABEL).any():
             raise damaged("numbers of points or dofs that are not positive")
@@ -266,6 +271,12 @@ def _old_places(comm, data, numbers, first, damaged):
     """The same from the short form, with EQEXIN: number and place in the order, number and 10 times dof plus kind."""
     kind = np.dtype([("system", f"{numbers.order}i{numbers.size}"), ("place", f"{numbers.order}f{numbers.size}", 3)])
     rows = data.view(kind)
+    label, dof, scalar = _numbered(comm, numbers, first, len(rows), damaged)
+    return rows["system"].astype(np.int64), dof, label, scalar, rows["place"].astype(float)
+
+
+def _numbered(comm, numbers, first, count_here, damaged):
+    """Number, first dof and whether scalar of the points `first` and so on, by EQEXIN. Collective."""
     with agreed(comm):
         count = numbers.length(0) // (2 * numbers.size)
         low, high = (count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
@@ -274,12 +285,12 @@ def _old_places(comm, data, numbers, first, damaged):
         if (pairs[:, 0] != codes[:, 0]).any() or (pairs < 1).any() or (codes < 1).any():
             raise damaged("numbers of points that do not agree")
     twice = repeated_key(comm, pairs[:, 1])
-    wanted = first + 1 + np.arange(len(rows))
+    wanted = first + 1 + np.arange(count_here)
     found, (label, code) = look_up(comm, pairs[:, 1], [pairs[:, 0], codes[:, 1]], wanted)
     with agreed(comm):
         if twice is not None or not found.all() or not np.isin(code % 10, (1, SCALAR_CODE)).all():
             raise damaged("numbers of points that do not agree")
-    return rows["system"].astype(np.int64), code // 10, label, code % 10 == SCALAR_CODE, rows["place"].astype(float)
+    return label, code // 10, code % 10 == SCALAR_CODE
 
 
 def _systems(table):

@@ -381,10 +381,10 @@ def _decode_text(piece, matrix):
     refuse(column_lines[(number < 1) | (number > columns + 1) | (first < 0) | (words < 1)],
            "the number of a column, its first row and number of words")  # fmt: skip
     refuse(column_lines[1:][np.diff(number) <= 0], "a column behind the one before")
+    refuse(string_lines[size[string_lines] > 2 * WHOLE], "the header of a string of numbers")
     if matrix.big:
         length, row = (_whole(piece, text, start, size, string_lines, k, WHOLE) for k in range(2))
     else:
-        refuse(string_lines[size[string_lines] > 2 * WHOLE], "the header of a string of numbers")
         length, row = np.divmod(_whole(piece, text, start, size, string_lines, 0, 2 * WHOLE), SMALL)
     length = length - 1
     refuse(string_lines[(length < 1) | (row < 1)], "the header of a string of numbers")
@@ -401,14 +401,14 @@ def _decode_text(piece, matrix):
     count = np.bincount(owner, weights=size[below] // width, minlength=len(heads)).astype(np.int64)
     # a dense column counts its numbers, a string words
     said = np.where(at == np.arange(len(at)), 1, 2 if matrix.kind in DOUBLE else 1) * count
-    refuse(heads[(said != words_of) & (column_of <= columns)], "as many numbers below as it says")
+    closing = column_of == columns + 1  # it may have a first row of 0, and then counts otherwise
+    refuse(heads[(said != words_of) & ~(closing & (row_of == 0))], "as many numbers below as it says")
     inside = np.zeros(len(heads), np.int64)
     np.add.at(inside, at, np.where(is_head, 0, words_of + (2 if matrix.big else 1)))
     said = np.zeros(len(heads), np.int64)
     said[is_head] = words
     refuse(heads[is_head & (row_of == 0) & (inside != said)], "as many words below as it says")
     width = 2 if matrix.kind in COMPLEX else 1
-    closing = column_of == columns + 1
     whole = row_of[is_head & ~closing] > 0
     refuse(heads[is_head & ~closing][whole != whole[:1]], "a column as the ones above")
     refuse(heads[1:][~is_head[1:] & (row_of[1:] < (row_of + count // width)[:-1])], "rows that ascend in a column")

@@ -40,6 +40,8 @@ def read(path, comm) -> Entries:
 
 def _read(path, archive, comm):
     names = set(archive.namelist())
+    if len(names) < len(archive.namelist()):
+        raise InputError(f"{path}: found an array twice in the archive, expected each name once; the file is damaged")
     if not {"format.npy", "shape.npy", "data.npy"} <= names:
         raise InputError(f"{path}: found the arrays {sorted(names)}, expected those of scipy.sparse.save_npz")
     kind = _whole_array(path, archive, "format", 1)

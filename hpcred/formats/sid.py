@@ -15,10 +15,20 @@ import numpy as np
 
 from ..multibody.body import Body, check_moving, inputs_without_node, maker, remarks
 from ..parallel.failures import InputError
+from .text import shown
 
 OBJECTS = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "ksigma", "Ke", "De")
 OF_NODE = ("origin", "phi", "psi", "AP")
 HEADER = ("order", "nrow", "ncol", "nq", "nqn", "structure")
+# rows and columns of the objects, n the number of elastic coordinates
+SHAPES = {
+    "mdCM": "3 1", "J": "6 1", "Ct": "n 3", "Cr": "n 3", "Me": "n n", "Gr": "3 3n", "Ge": "n 3n", "Oe": "n 6",
+    "ksigma": "n 1", "Ke": "n n", "De": "n n", "origin": "3 1", "phi": "3 n", "psi": "3 n", "AP": "3 3",
+}  # fmt: skip
+ENTRY = re.compile(r"(m[01])\(([ ]*\d+[ ]*(?:,[ ]*\d+[ ]*){1,2})\)")
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?")
+BLANKS = " \t\r"  # str.strip takes more away, which stands in letters of UTF-8
+CONTROL = re.compile(r"[^\t\r\n\x20-\x7e\x80-\xff]")
 
 
 @dataclass
@@ -112,35 +122,36 @@ def _object_lines(name, item, indent):
 def read_sid(path) -> Sid:
     """Read a file back. Raises InputError that names the line."""
     try:
-        with open(path, encoding="latin-1") as file:
-            text = file.read().splitlines()
+        with open(path, encoding="latin-1", newline="\n") as file:
+            text = file.read()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    reader = _Lines(path, text)
+    if CONTROL.search(text):
+        raise InputError(f"{path}: found a character that is no text; the file is damaged")
+    reader = _Lines(path, text.split("\n"))
     head, _, comment = reader.next().partition(":")
-    try:
-        nodes, modes = (int(word) for word in head.split())
-    except ValueError as error:
-        raise reader.unexpected("the numbers of nodes and of modes") from error
+    if not re.fullmatch(r"\s*\d{1,9}\s+\d{1,9}\s*", head):
+        raise reader.unexpected("the numbers of nodes and of modes")
+    nodes, modes = map(int, head.split())
     reader.expect("part")
     reader.expect("new modal")
     reader.expect("refmod")
     mass = reader.value("mass")
     if reader.count("nelastq") != modes:
         raise reader.unexpected(f"nelastq = {modes} as in the first line")
-    coordinates = [reader.text("ielastq") for _ in range(modes)]
+    coordinates = [reader.text(f"ielastq ({k})") for k in range(1, modes + 1)]
     reader.expect("end refmod")
     reader.expect("frame")
     found = []
     while reader.peek().startswith("new node"):
         node = SidNode(reader.count("new node"), rframe=reader.text("rframe"))
-        node.objects = {name: _read_object(reader, name) for name in OF_NODE}
+        node.objects = {name: _read_object(reader, name, modes) for name in OF_NODE}
         reader.expect("end node")
         found.append(node)
     if len(found) != nodes:
         raise reader.unexpected(f"{nodes} nodes as in the first line")
     reader.expect("end frame")
-    objects = {name: _read_object(reader, name) for name in OBJECTS}
+    objects = {name: _read_object(reader, name, modes) for name in OBJECTS}
     reader.expect("end modal")
     reader.expect("end part")
     if reader.peek():
@@ -149,20 +160,30 @@ def read_sid(path) -> Sid:
     return Sid(mass, coordinates, found, objects, comment)
 
 
-def _read_object(reader, name):
+def _read_object(reader, name, modes):
     reader.expect(name)
     order, rows, columns, nq, nqn, structure = (reader.count(key) for key in HEADER)
+    shape = tuple(int(word.replace("n", "") or 1) * (modes if "n" in word else 1) for word in SHAPES[name].split())
+    if (rows, columns, nq) != (*shape, modes) or order > 1 or structure > 4:
+        raise reader.unexpected(
+            f"{name} of order 0 or 1, {shape[0]} rows, {shape[1]} columns, {modes} coordinates, structure 0 to 4"
+        )
     m0 = np.eye(rows, columns) if structure == 4 else np.zeros((rows, columns))
     m1 = np.zeros((rows, nq, columns)) if order else None
+    seen = set()
     while not reader.peek().startswith("end"):
-        key, value = reader.item()
-        index = tuple(int(number) - 1 for number in re.findall(r"\d+", key[2:]))
-        target = {"m0": m0, "m1": m1}.get(key[:2])
-        if target is None or len(index) != target.ndim or any(i >= n for i, n in zip(index, target.shape, strict=True)):
-            raise reader.unexpected(f"an entry of {name} with {rows} rows and {columns} columns")
+        found = ENTRY.fullmatch(reader.key())
+        value = reader.value(reader.key())
+        index = tuple(int(number) - 1 for number in found[2].split(",")) if found else ()
+        target = {"m0": m0 if structure not in (0, 4) else None, "m1": m1}.get(found[1]) if found else None
+        if (target is None or len(index) != target.ndim or index in seen
+                or any(not 0 <= i < n for i, n in zip(index, target.shape, strict=True))):  # fmt: skip
+            raise reader.unexpected(f"an entry of {name} with {rows} rows and {columns} columns, each once")
         target[index] = value
-        if structure == 2 and key[:2] == "m0":
+        seen.add(index)
+        if structure == 2 and target is m0:
             target[index[::-1]] = value
+            seen.add(index[::-1])
     reader.expect(f"end {name}")
     return SidObject(m0, m1, nq, nqn, structure)
 
@@ -174,9 +195,9 @@ class _Lines:
         self._path, self._lines, self._at = path, lines, 0
 
     def peek(self):
-        while self._at < len(self._lines) and not self._lines[self._at].strip():
+        while self._at < len(self._lines) and not self._lines[self._at].strip(BLANKS):
             self._at += 1
-        return self._lines[self._at].strip() if self._at < len(self._lines) else ""
+        return self._lines[self._at].strip(BLANKS) if self._at < len(self._lines) else ""
 
     def next(self):
         line = self.peek()
@@ -184,36 +205,36 @@ class _Lines:
         return line
 
     def expect(self, words):
-        found = self.next().rstrip("= ").strip()
+        found = self.next().rstrip("=" + BLANKS).strip(BLANKS)
         if found != words:
             raise self.unexpected(f"'{words}'")
 
     def text(self, key):
         head, equals, value = self.next().partition("=")
-        if not equals or not head.strip().startswith(key):
+        if not equals or re.sub(r"\( *", "(", head.strip(BLANKS)) != re.sub(r"\( *", "(", key):
             raise self.unexpected(f"'{key} = ...'")
-        return value.strip()
+        return value.strip(BLANKS)
 
     def value(self, key):
         text = self.text(key)
-        try:
-            return float(text.replace("D", "E").replace("d", "e"))
-        except ValueError as error:
-            raise self.unexpected(f"a number behind '{key} ='") from error
+        value = float(text.upper().replace("D", "E")) if NUMBER.fullmatch(text) else np.inf
+        if not np.isfinite(value):
+            raise self.unexpected(f"a number behind '{key} ='")
+        return value
 
     def count(self, key):
         text = self.text(key)
-        if not text.isdigit():
+        if not (text.isdigit() and text.isascii() and len(text) < 10):
             raise self.unexpected(f"a whole number behind '{key} ='")
         return int(text)
 
-    def item(self):
-        key = self.peek().partition("=")[0].strip()
-        return key, self.value(key)
+    def key(self):
+        return self.peek().partition("=")[0].strip(BLANKS)
 
     def unexpected(self, expected):
-        line = self._lines[self._at - 1].strip() if 0 < self._at <= len(self._lines) else "the end"
-        return InputError(f"{self._path}, line {self._at}: found '{line[:60]}', expected {expected}")
+        line = self._lines[self._at - 1] if 0 < self._at <= len(self._lines) else "the end"
+        found = shown(line.encode("latin-1"), 60)
+        return InputError(f"{self._path}, line {self._at}: found '{found}', expected {expected}")
 
 
 def build_sid(body: Body) -> tuple[Sid, list[str]]:

@@ -30,7 +30,7 @@ from ..parallel.failures import InputError
 from .hdf5 import kind_of_file
 from .job_file import Job, job_from, plain
 from .result_file import FORMAT as RESULT
-from .toml_file import CONFIG, as_value, parse, put, read_table
+from .toml_file import CONFIG, as_value, check_file_names, parse, put, read_table
 
 NO_MATTER = ("output", "out_of_core", "memory_mb", "store")  # keys of a job that no number of its result depends on
 
@@ -137,6 +137,7 @@ class Evaluation:
     frequencies: tuple[float, ...] | None = None
 
     def __post_init__(self):
+        check_file_names(**{"evaluate.full": self.full})
         if self.band is not None and not 0 <= self.band[0] < self.band[1]:
             raise InputError(f"evaluate.band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
         if self.points < 2:
@@ -161,6 +162,7 @@ class _File:
     __pydantic_config__ = CONFIG
 
     def __post_init__(self):
+        check_file_names(job=self.job, output=self.output, store=self.store)
         if bool(self.vary) == bool(self.run):
             raise InputError("vary: expected at least one [[vary]], or at least one [[run]], and not both")
         counts = [len(axis.points) for axis in self.vary]

@@ -14,11 +14,11 @@ from ..model.elements import NODES
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import repeated_key
 from .node_table import Nodes, finite
-from .text import LARGEST_LABEL, Piece, is_packed, ragged, records, shown, whole
+from .text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, is_packed, ragged, records, shown, whole
 
 MARK = re.compile(rb"(?m)^ {0,4}-1[ \t]*\r?$")
 START = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{1,5}[ \tb]*\r?\n")
-NUMBER = re.compile(rb"[ \t]*(\d{1,5})\b")
+NUMBER = re.compile(rb"[ \t]*(\d{1,5})[ \t]*(?P<binary>b[^\n]*)?\r?\n?")
 # numbers in the lines of a node: label, two systems and a colour, and the coordinates
 NODE_LINES = {15: (7,), 781: (4, 3), 2411: (4, 3)}
 ELEMENTS = (780, 2412)
@@ -92,14 +92,24 @@ def _datasets(path, marks):
     with open(path, "rb") as file:
         if len(marks) % 2:
             raise InputError(f"{path}: found {len(marks)} lines of -1, expected two a dataset; the file is cut off")
+        for low, high in zip([0, *marks[1::2]], [*marks[::2], os.path.getsize(path)], strict=True):
+            file.seek(low)
+            if low:
+                file.readline()  # the end of a dataset
+            if between := file.read(high - file.tell()).removeprefix(BYTE_ORDER_MARK).strip():
+                line = shown(between.splitlines()[0])
+                raise InputError(
+                    f"{path}: found '{line}' outside of a dataset, expected two lines of -1 "
+                    "around each; the file is damaged"
+                )
         for low, high in zip(marks[::2], marks[1::2], strict=True):
             file.seek(low)
             file.readline()
             line = file.readline()
-            match = NUMBER.match(line)
-            if match is None or b"b" in line:
-                if match is not None and int(match[1]) not in (*NODE_LINES, *ELEMENTS):
-                    continue  # binary functions
+            match = NUMBER.fullmatch(line)
+            if match is not None and match["binary"] and int(match[1]) not in (*NODE_LINES, *ELEMENTS):
+                continue  # binary functions
+            if match is None or match["binary"]:
                 below = shown(line, 20)
                 raise InputError(f"{path}: found '{below}' below a line of -1, expected the number of a dataset")
             found.append((int(match[1]), file.tell(), high))
@@ -125,6 +135,7 @@ def _nodes(path, comm, number, start, stop):
             system = np.flatnonzero(table[:, 1] > 1)
             if system.size and number == 15:
                 raise piece.refusal(int(lines[system[0]]), "coordinates in the global system (0 or 1)")
+            whole(piece, table[:, 1:4].ravel(), np.repeat(lines, 3), "two systems and a colour", 0)
             labels.append(whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL))
             positions.append(table[:, 4:])
     label, position = np.concatenate(labels), np.concatenate(positions)
@@ -143,6 +154,7 @@ def _elements(path, sets):
         values, counts, lines = ragged(piece, commas=False)
         if not len(values):
             continue
+        whole(piece, values, np.repeat(lines, counts), "the numbers of an element", -LARGEST_LABEL, LARGEST_LABEL)
         at = np.cumsum(counts) - counts
         # what each line would say if it were the first of an element
         kind, nodes = (np.where(counts > 5, values[np.minimum(at + k, len(values) - 1)], 0) for k in (1, 5))

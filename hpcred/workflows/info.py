@@ -7,8 +7,9 @@ import numpy as np
 
 from ..analysis.summary import inspect
 from ..formats import abaqus_input, node_table
+from ..formats.checked import CHECKSUM, CheckedFile
 from ..formats.entries import LabelledEntries
-from ..formats.hdf5 import require_whole
+from ..formats.hdf5 import opened, require_whole
 from ..formats.matrix_formats import format_of, read_entries
 from ..formats.model_file import FORMAT as MODEL
 from ..formats.model_file import read_model
@@ -74,6 +75,9 @@ def describe_file(
         if written:
             return _on_one_rank(written, path, comm)
         if kind:
+            with agreed(comm), opened(path, kind) as file:
+                if CHECKSUM in file.attrs:  # hpcred wrote it, perhaps under another name of the format
+                    CheckedFile(file, path)
             return {"format": f"HDF5 file of format '{kind}'", "warnings": []}
         if export:
             return _export(path, export, comm, variables)

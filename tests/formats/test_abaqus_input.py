@@ -141,6 +141,7 @@ def test_cylindrical_nodes(comm, folder):
         (ASSEMBLY.replace("10., 0., 0.", "10., 0., 0., 0."), "found the data line '10., 0., 0., 0.', expected 3"),
         ("*Node\n1, 1.\n*Element, type=B31\n1, 1\n", "line 4: found '1, 1', expected 3 numbers an element"),
         ("*Node\n1, 1.\n*Element, type=B31\n1, 1, 2, 3\n2, 1\n", "expected 3 numbers an element"),
+        ("*Node\n1, 1.\n*Element, type=B31\n1, 1, 1, 2, 1, 1\n", "line 4: .* expected 3 numbers an element"),
         ("*Node\n1, 1.\n*Element, type=B31\n1, 1, -2\n", "line 4: .* expected the number of an element or node"),
     ],
 )
@@ -219,6 +220,7 @@ def test_sets_of_nodes_and_elements(comm, folder, monkeypatch):
         ("*Nset, nset=a\n1.5\n", "line 4: found '1.5', expected a number as a whole number"),
         ("*Nset, nset=a, generate\n1, 2, 3, 4\n", "expected first, last and step"),
         ("*Nset, nset=a, generate\n5, 2\n", "the first not above the last"),
+        ("*Nset, nset=a\n1, b\n", "found the set 'b' in the set of nodes 'a', expected one of the sets"),
     ],
 )
 def test_sets_that_cannot_be_are_refused(comm, folder, lines, says):

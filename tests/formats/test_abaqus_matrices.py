@@ -135,6 +135,13 @@ def test_supports_of_1e36_are_removed_and_named(comm, folder, named):
         assert np.array_equal(to_dense(model.K), expected[0]) and np.array_equal(to_dense(model.M), expected[1])
         assert "removed 2 rows that are held by 1e+36 on the diagonal of K" in model.remarks[0]
         assert model.remarks[0].endswith("2:y, 30:x" if named else "have new numbers: 2, 5")
+    comm.Barrier()
+    coupled = penalised + np.eye(5, k=1) * [0, 1e70, 0, 0, 0] + np.eye(5, k=-1) * [0, 1e70, 0, 0, 0]
+    entries = matrix_input(coupled, lambda i, j: i >= j) if named else "".join(
+        f"{i + 1} {j + 1} {float(coupled[i, j])!r}\n" for i in range(5) for j in range(5))
+    beyond = files | {"K": str(write(folder / "beyond.mtx", entries, comm))}
+    with pytest.raises(InputError, match="found the value 1e.70 in a real matrix"):
+        load_source(Source(**beyond), comm).close()
     lines = "".join(f"{n} {x} {y} {z}\n" for n, (x, y, z) in NODES.items() if n != 31)
     nodes = write(folder / "nodes.txt", lines, comm)
     dofs = write(folder / "dofs.txt", "".join(f"{n} {d}\n" for n, d in ROWS), comm)

@@ -123,7 +123,8 @@ def test_hbmat_by_options(comm, folder):
         (lambda t: t.replace("ROTY", "ROTX", 1), "found two rows of 3:rx"),
         (lambda t: t.replace("    14    ", "    15    "), "equations not numbered 1, 2, 3"),
         (lambda t: t[: t.rindex("\n", 0, -1) + 1], "found 13 rows, expected 14"),
-        (lambda t: t[:-12] + "\n", "expected equation, node, dof"),
+        (lambda t: t[:-12] + "\n", "expected equation, node and one of UX"),
+        (lambda t: t.replace("ROTY", "5", 1), "expected equation, node and one of UX"),
     ],
 )
 def test_damaged_mappings_are_refused(comm, folder, change, says):
@@ -277,7 +278,8 @@ def test_elements_of_archives(comm, folder):
             assert (nodes == corner.get(kind, kinds[kind][1])).all()
     count = text.replace(f"{40:10d}\n(19i9)", f"{41:10d}\n(19i9)")
     cut = text.replace(element(1, 5, range(1, 21)), SOLID)
-    for wrong in (count, cut):
+    point, word = text.replace(f"{40:9d}\n", f"{'40.':>9}\n", 1), text.replace(f",{40:10d}\n", ",many\n")
+    for wrong in (count, cut, point, word):
         assert wrong != text
         comm.Barrier()
         with pytest.raises(InputError):

@@ -144,7 +144,7 @@ GOOD = hb(SYMMETRIC, "RSA")
         (changed(GOOD, 4, "     1", "     2"), "pointers that do not ascend from 1"),
         (changed(GOOD, 4, "     1", "     0"), "as a whole number of at least 1"),
         (changed(GOOD, 5, "     1", "    99"), "the row 99 of 9"),
-        (changed(GOOD, 5, "     1", "   1.5"), "as a whole number"),
+        (changed(GOOD, 5, "     1", "   1.5"), "whole numbers in the fields of such"),
         (changed(GOOD, 5, "     1", "     x"), "fields of 6 characters"),
         (changed(GOOD, 5, "     2", "     1"), "entries on both sides of the diagonal"),
         (changed(hb(DENSE), 5, "     7", "     4"), "two entries of row 4, column 1"),

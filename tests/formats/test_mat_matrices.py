@@ -132,6 +132,21 @@ def test_empty_sparse_matrices(comm, folder):
         assert not to_dense(model.D).any()
 
 
+def test_lists_of_other_types_and_a_damping_of_another_size(comm, folder):
+    sparse = scipy.sparse.csc_matrix(K)
+    with load_export(saved(comm, folder, "v7.3", {"K": sparse, "M": M, "D": M[:3]}), comm) as model:
+        assert model.D is None and "not of the size of K, and not read as a damping matrix" in model.remarks[-1]
+    path = saved(comm, folder, "v7.3", {"K": sparse, "M": M})
+    if comm.rank == 0:
+        with h5py.File(path, "a") as file:
+            starts = file["K/jc"][...] + 0.5
+            del file["K/jc"]
+            file["K/jc"] = starts
+    comm.Barrier()
+    with pytest.raises(InputError, match="found a sparse matrix 'K' without its lists of numbers"):
+        load_export(path, comm)
+
+
 @pytest.mark.parametrize("kind", ["link", "storage"])
 def test_parts_in_other_files_are_not_followed(comm, folder, kind):
     path = saved(comm, folder, "v7.3", {"K": K, "M": M})
@@ -155,6 +170,8 @@ def test_parts_in_other_files_are_not_followed(comm, folder, kind):
         ({"a": {"K": K}, "b": {"K": K}, "M": M}, r"several matrices for K: a.K, b.K; choose by --variables"),
         ({"K": K + 1j, "M": M}, "found complex numbers in 'K' for K, expected real ones"),
         ({"K": K, "M": M[:3, :3]}, r"M: found 3 rows, but K .* has 12"),
+        ({"K": K, "M": M, "nodes": NODES * [1, 1e30, 1, 1]}, "coordinates in 'nodes' that are NaN, Inf, or beyond"),
+        ({"K": K, "M": M, "nodes": NODES, "dofs": DOFS * np.inf}, "found numbers in 'dofs' that are not whole"),
         ({"K": K, "M": M, "nodes": NODES[[0, 0]]}, "found the node 7 more than once"),
         ({"K": K, "M": M, "nodes": NODES, "dofs": DOFS[:3]}, "found 3 rows of 'dofs', expected one for each of the 12"),
         ({"K": K, "M": M, "nodes": NODES, "dofs": DOFS * 1.5}, "found numbers in 'dofs' that are not whole"),

@@ -144,7 +144,8 @@ def test_what_cannot_be_told_is_said(comm, folder):
     assert "RSPLINE" in nastran_bulk.mark_sets(deck, comm, found)
     found, deck = points(comm, write(folder / "b.bdf", DECK.split("BULK\n")[1].format(""), comm))
     assert "more than one set of MPC" in nastran_bulk.mark_sets(deck, comm, found)  # of SPC there is one SPCADD
-    found, deck = points(comm, write(folder / "c.bdf", DECK.replace("SPC = 4", "SPC = 4\nSUBCASE 2\nSPC=5"), comm))
+    subcases = DECK.replace("SPC = 4", "SPC = 4\nSUBCASE 2\nSPC=5").format("")
+    found, deck = points(comm, write(folder / "c.bdf", subcases, comm))
     assert "more than one set of SPC" in nastran_bulk.mark_sets(deck, comm, found)
 
 
@@ -200,6 +201,9 @@ def test_includes_are_followed(comm, folder):
         ("GRID,1,4\nCORD2R,4,,0.,0.,0.,0.,0.,1.\n,0.,0.,2.\n", "line 2: CORD2R: found three points on a line"),
         ("GRID,1,4\nCORD1R,4,1,2,3\n", "found the point 2, which no GRID card defines"),
         ("GRID,1\nCORD2R,0,,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\n", "found the coordinate system 0 a second time"),
+        ("GRID*,1,,1.,2.\n1,3.\n", "line 2: found '1,3.', expected a card, or a line that continues one"),
+        ("GRID,1,,1.,2.\n,,,,,,,,,\n,3.\n", "expected a grid point of at most eight fields"),
+        ("GRID,1,,1.,2.,1.+20\n", "expected finite coordinates"),
         ("", "found no points"),
         ("PARAM,POST,-1\n", "found no points, expected GRID cards"),
         ("BEGIN BULK\nGRID,1\n", "found BEGIN BULK but no ENDDATA"),

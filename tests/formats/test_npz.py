@@ -1,6 +1,7 @@
 """Files of scipy.sparse.save_npz: damaged ones are refused."""
 
 import io
+import zipfile
 
 import numpy as np
 import pytest
@@ -22,6 +23,16 @@ def archive(**changes):
     file = io.BytesIO()
     np.savez_compressed(file, **{key: value for key, value in arrays.items() if value is not None})
     return file.getvalue()
+
+
+def test_an_array_twice_is_refused(comm, folder):
+    path = write(folder / "K.npz", archive(), comm)
+    if comm.rank == 0:
+        with zipfile.ZipFile(path, "a") as file, pytest.warns(UserWarning, match="Duplicate name"):
+            file.writestr("data.npy", file.read("data.npy"))
+    comm.Barrier()
+    with pytest.raises(InputError, match="found an array twice in the archive"):
+        assembled(path, comm)
 
 
 def test_an_archive(comm, folder):

@@ -102,6 +102,13 @@ def test_what_a_sid_file_cannot_hold(tmp_path):
     [
         (r"end part", "end part\n more", "found 'more', expected nothing behind 'end part'"),
         (r"(nelastq +=).*", r"\1 1.5", "expected a whole number behind 'nelastq ='"),
+        (r"(mass +=).*", r"\1 nan", "expected a number behind 'mass ='"),
+        (r"mass ", "massive", "expected 'mass = ...'"),
+        (r"(J\n(.*\n)*?.*nrow +=).*", r"\1 5", "expected J of order 0 or 1, 6 rows"),
+        (r"m0\( 1, 1\)", "m0( 0, 1)", "expected an entry of origin"),
+        (r"m0\( 2, 1\)", "m0( 1, 1)", "expected an entry of origin .*, each once"),
+        (r"m0\( 2, 1\)", "m0( 2 1)", "expected an entry of origin"),
+        (r"origin", "origin\x00", "found a character that is no text"),
         (r"(mass +=).*", r"\1 one", "expected a number behind 'mass ='"),
         (r"end modal", "end", "expected 'end modal'"),
     ],

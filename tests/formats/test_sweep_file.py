@@ -74,6 +74,8 @@ def places(runs, number=0):
         ("job =", 'combine = "all"\njob =', "combine: found 'all', expected 'grid' or 'zip'"),
         ("job =", "evaluate = true\njob =", "evaluate.band: missing, and the job has none"),
         ("job =", "evaluate = {points = 1, band = [0.0, 1.0]}\njob =", "evaluate.points: found 1"),
+        ("job =", f'evaluate = {{full = "{300 * "y"}", points = 3}}\njob =', "evaluate.full: found a name of 300"),
+        ("job =", f'store = "{300 * "y"}"\njob =', "store: found a name of 300 letters"),
         ("job =", 'evaluate = {full = "x.h5", band = [0.0, 1.0]}\njob =', "evaluate.full: ./?x.h5: no such file"),
         ("job =", 'output = "here"\njob =', "here: is there and no result|cannot be created"),
         ('job = "job.toml"', "", "sweep.toml: job: missing; expected a text or a table"),

@@ -113,6 +113,9 @@ def test_nodes_of_dataset_15(comm, folder):
         ("    15\n", "    55\n", "found 0 datasets of nodes"),
         (" 2.00000E+00 -3", " nan -3", "expected finite node coordinates"),
         ("1.50000D+00", "1.5_000D+00", "expected numbers a line"),
+        ("         8  1.5", "       8.5  1.5", "expected two systems and a colour as a whole number"),
+        ("3.00000E+00\n    -1\n", "3.00000E+00\n    -1\nmore\n", "found 'more' outside of a dataset"),
+        ("    15\n", "    15 7\n", "expected the number of a dataset"),
     ],
 )
 def test_damaged_files_are_refused(comm, folder, old, new, says):
@@ -126,7 +129,8 @@ def test_damaged_files_are_refused(comm, folder, old, new, says):
 def test_damaged_elements_are_refused(comm, folder):
     content = FILE.read_text()
     for old, new in (("         1         3         6         7\n", "         1         3         6\n"),
+                     ("         1       111         5", "         1       111      1e99"),
                      ("         1         1         4\n", "         1         1         9\n")):  # fmt: skip
         assert old in content
-        with pytest.raises(InputError, match="expected (number, kind|as many nodes|a node)"):
+        with pytest.raises(InputError, match="expected (number, kind|as many nodes|the numbers)"):
             uff.read(write(folder / "a.uff", content.replace(old, new, 1), comm), comm)

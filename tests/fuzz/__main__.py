@@ -1,7 +1,8 @@
 """The fuzzer: seconds and a seed enter, a table of verdicts by kind of case leaves; exit status 1 where one is bad.
 
-Cases run in a child, one after the other, which is replaced where a case crashes or hangs it; every so-manieth runs as
-a command of its own, on one rank or two. A failing case is kept as a folder with the command that repeats it.
+Cases run in children, one a core and each one case after the other, which are replaced where a case crashes or hangs
+them; every so-manieth runs as a command of its own, on one rank or two. A failing case is kept as a folder with the
+command that repeats it.
 """
 
 import argparse
@@ -11,8 +12,10 @@ import resource
 import select
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
+from itertools import count
 from pathlib import Path
 
 from launch import mpi_environment
@@ -69,6 +72,37 @@ def work():
         print(json.dumps([verdict, why, case.note]), file=answers, flush=True)
 
 
+class Judging:
+    """What all children find, by kind; the cases are numbered through."""
+
+    def __init__(self, kinds, seed, end, folder):
+        self.kinds, self.seed, self.end, self.folder = kinds, seed, end, folder
+        self.counts, self.numbers, self.lock = {kind: Counter() for kind in kinds}, count(), threading.Lock()
+
+    def work(self):
+        """Ask a child for one case after the other until the end."""
+        worker = Worker()
+        try:
+            while time.monotonic() < self.end:
+                with self.lock:
+                    number = next(self.numbers)
+                kind, place = self.kinds[number % len(self.kinds)], number // len(self.kinds)
+                ranks = 1 + number // APART % 2 if number % APART == APART - 1 else 0
+                verdict, why, note = worker.ask(kind, self.seed, place, ranks)
+                with self.lock:
+                    self.take(kind, place, ranks, verdict, why, note)
+        finally:
+            worker.close()
+
+    def take(self, kind, place, ranks, verdict, why, note):
+        """Count a verdict; keep a case that is bad."""
+        self.counts[kind][verdict] += 1
+        if verdict in (INTERNAL, WRONG):
+            on = f", {ranks} ranks" if ranks else ""
+            print(f"{kind}, case {place}{on}: {verdict}: {note}\n    {why.strip()[:300]}", flush=True)
+            keep(self.folder, kind, self.seed, place, f"{verdict}{on}: {note}\n{why}")
+
+
 def main():
     parser = argparse.ArgumentParser(prog="python -m fuzz", description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=600)
@@ -87,34 +121,36 @@ def main():
     if given.case is not None:
         case = make(kinds[0], seed, given.case)
         print(case.note, *run_case(case), sep="\n")
-        keep(Path(given.keep), kinds[0], seed, given.case, case, "")
+        keep(Path(given.keep), kinds[0], seed, given.case, "")
         return 0
     print(f"seed {seed}, {given.seconds:g} s, {len(kinds)} kinds of cases", flush=True)
-    counts, worker, number, bad = {kind: Counter() for kind in kinds}, Worker(), 0, 0
-    end = time.monotonic() + given.seconds
+    judging = Judging(kinds, seed, time.monotonic() + given.seconds, Path(given.keep))
+    threads = [threading.Thread(target=judging.work) for _ in os.sched_getaffinity(0)]
+    for thread in threads:
+        thread.start()
     try:
-        while time.monotonic() < end:
-            kind, place = kinds[number % len(kinds)], number // len(kinds)
-            ranks = 1 + number // APART % 2 if number % APART == APART - 1 else 0
-            verdict, why, note = worker.ask(kind, seed, place, ranks)
-            counts[kind][verdict] += 1
-            number += 1
-            if verdict in (INTERNAL, WRONG):
-                bad += 1
-                on = f", {ranks} ranks" if ranks else ""
-                print(f"{kind}, case {place}{on}: {verdict}: {note}\n    {why.strip()[:300]}", flush=True)
-                keep(Path(given.keep), kind, seed, place, make(kind, seed, place), f"{verdict}{on}: {why}")
+        for thread in threads:
+            thread.join()
     finally:
-        worker.close()
-        show(counts)
-    print(f"{number} cases, seed {seed}; {bad} bad" + (f", kept in {given.keep}" if bad else ""))
+        judging.end = 0
+    total = sum(judging.counts.values(), Counter())
+    show({**judging.counts, "all": total})
+    bad = total[INTERNAL] + total[WRONG]
+    print(f"{total.total()} cases, seed {seed}; {bad} bad" + (f", kept in {given.keep}" if bad else ""))
     return int(bad > 0)
 
 
-def keep(folder, kind, seed, number, case, why):
+def keep(folder, kind, seed, number, why):
     """The files of a case, and how it is repeated."""
+    from .generators import make
+
     target = folder / f"{kind.replace(' ', '-').replace('/', '-')}-{seed}-{number}"
     target.mkdir(parents=True, exist_ok=True)
+    try:
+        case = make(kind, seed, number)
+    except Exception as error:
+        (target / "case.txt").write_text(f"it cannot be made: {error!r}")
+        return
     write(case, target)
     (target / "case.txt").write_text(
         f"{case.note}\n{why}\nhere: hpcred {' '.join(case.command)}\n"
@@ -125,8 +161,7 @@ def keep(folder, kind, seed, number, case, why):
 def show(counts):
     """The table."""
     print(f"{'':<24}" + "".join(f"{verdict:>16}" for verdict in VERDICTS))
-    total = sum(counts.values(), Counter())
-    for kind, found in [*counts.items(), ("all", total)]:
+    for kind, found in counts.items():
         print(f"{kind:<24}" + "".join(f"{found[verdict]:>16}" for verdict in VERDICTS))
 
 

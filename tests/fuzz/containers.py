@@ -1,4 +1,5 @@
-"""Damage to model.h5 and result.h5: cases of every command that reads them leave, right is what the good file gives."""
+"""Damage to the HDF5 files of hpcred: cases of every command that reads them leave, judged by what the good file gives.
+"""
 
 import functools
 import io
@@ -23,6 +24,7 @@ COMMANDS = {
     "result.h5": ["info result.h5 --json out.json", "export result.h5 --format npz -o out.npz",
                   "export result.h5 --format sid -o out.SID_FEM", "evaluate result.h5 --frequencies 10,20 -o out.csv",
                   "simulate motion.toml"],
+    "responses.h5": ["info responses.h5 --json out.json"], "motion.h5": ["info motion.h5 --json out.json"],
 }  # fmt: skip
 
 
@@ -64,7 +66,18 @@ def expected(command: str) -> dict[str, np.ndarray]:
 
 
 def files():
-    return {**good_files(), "beam.toml": BEAM.encode(), "motion.toml": MOTION.encode()}
+    return {**good_files(), "beam.toml": BEAM.encode(), "motion.toml": MOTION.encode(), **outputs()}
+
+
+@functools.cache
+def outputs() -> dict[str, bytes]:
+    """A file of responses and one of a motion."""
+    with tempfile.TemporaryDirectory() as name, inside(name):
+        write(Case("", {**good_files(), "motion.toml": MOTION.encode()}, [], None, outcome), Path(name))
+        run_good(["evaluate", "result.h5", "--frequencies", "10,20", "-o", "responses.h5"])
+        run_good(["simulate", "motion.toml"])
+        made = {"responses.h5": "responses.h5", "motion.h5": "simulation.h5"}
+        return {name: Path(path).read_bytes() for name, path in made.items()}
 
 
 def edited(good: bytes, rng) -> tuple[str, bytes]:
@@ -93,7 +106,8 @@ def edited(good: bytes, rng) -> tuple[str, bytes]:
             if how in ("number", "nan") and values.size and values.dtype.kind in "fiu":
                 flat = values.reshape(-1)
                 at = int(rng.integers(flat.size))
-                flat[at] = np.nan if how == "nan" and values.dtype.kind == "f" else flat[at] * 2 + 1
+                with np.errstate(invalid="ignore"):
+                    flat[at] = np.nan if how == "nan" and values.dtype.kind == "f" else flat[at] * 2 + 1
                 item[...] = flat.reshape(values.shape)
                 return f"{how} in {name}", closed(file, memory)
             attributes = dict(item.attrs)
@@ -120,4 +134,4 @@ def case(rng, kind):
     return Case(f"{kind}: {note}; {command}", content, command.split(), expected(command), outcome)
 
 
-KINDS = {"model.h5": case, "result.h5": case}
+KINDS = dict.fromkeys(COMMANDS, case)

@@ -4,10 +4,11 @@ import zlib
 
 import numpy as np
 
-from . import containers, matrices, real_files, tables
+from . import arrays, bodies, containers, matrices, meshes, real_files, tables
 from .judge import Case
 
-KINDS = {**matrices.KINDS, **real_files.KINDS, **tables.KINDS, **containers.KINDS}
+MODULES = (matrices, arrays, meshes, bodies, real_files, tables, containers)
+KINDS = {kind: case for module in MODULES for kind, case in module.KINDS.items()}
 
 
 def make(kind: str, seed: int, number: int) -> Case:

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from urllib.parse import unquote
 
 import h5py
 import numpy as np
@@ -31,6 +32,7 @@ def model_numbers(folder: Path) -> dict[str, np.ndarray]:
         for key in ("node", "direction", "position"):
             if "dofs" in file:
                 found[key] = file[f"dofs/{key}"][...]
+        found |= {f"set {unquote(name)}": part[...] for name, part in file.get("sets", {}).items()}
         found["named"] = np.array("dofs" in file)
     return found
 
@@ -320,9 +322,10 @@ def calculix(rng, kind):
         mats = {key: readings.triangle(files[f"a.{suffix}"]) for key, suffix in (("K", "sti"), ("M", "mas"))}
         found, labels = readings.input_file(files["a.inp"]), readings.calculix_dofs(files["a.dof"])
         require_places(found)
-        if {node for node, _ in labels} - found.keys():  # nodes that CalculiX made: the rows have no names, it is said
-            return readings.model(mats, labels) | {"named": np.array(False)}
-        return readings.model(mats, labels, found)
+        # nodes that CalculiX made, or several rows of one name: the rows have no names, which is said
+        if {node for node, _ in labels} - found.keys() or len(set(labels)) < len(labels):
+            return readings.model(mats, labels, held=np.inf) | {"named": np.array(False)}
+        return readings.model(mats, labels, found, np.inf)
 
     return case(rng, kind, files, f"a.{chosen(rng, 'sti', 'mas', 'dof', 'inp')}", ["convert", "a.sti", "m.h5"], second)
 
@@ -349,7 +352,7 @@ def ansys(rng, kind):
         mats = {key: read(files[f"{title}.txt"]) for key, title in titles.items()}
         if not hbmat:
             readings.require(b"% Creator: ANSYS" in files["Stiffness.txt"], "not of ANSYS")
-        unnamed = readings.model(mats) | {"named": np.array(False)}
+        unnamed = readings.model(mats, held=np.inf) | {"named": np.array(False)}
         head = files["rows.mapping"].removeprefix(b"\xef\xbb\xbf").split(b"\n")[0]
         if head.split() != MAPPING or not HEADING.search(files["nodes.lis"]):
             return unnamed  # what hpcred does not know it leaves alone, and says so
@@ -359,7 +362,7 @@ def ansys(rng, kind):
             require_places(found)
         except readings.Nonsense:
             return unnamed
-        return readings.model(mats, labels, found)
+        return readings.model(mats, labels, found, np.inf)
 
     which = chosen(rng, "rows.mapping", "nodes.lis", "Stiffness.txt", "Mass.txt")
     return case(rng, kind, files, which, ["convert", "Stiffness.txt", "m.h5"], second)

@@ -185,13 +185,14 @@ def triangle(text: bytes) -> np.ndarray:
 
 
 def calculix_dofs(text: bytes) -> list[tuple[int, int]]:
+    """Labels in ascending order, or such that occur again, where CalculiX made solids of beams and shells."""
     require(text.endswith(b"\n"), "a last line without end")
     found = []
     for line in text.removeprefix(b"\xef\xbb\xbf").split(b"\n")[:-1]:
         words = line.removesuffix(b"\r").split(b".")
         require(len(words) == 2 and len(words[1]) == 1, "no node.direction")
         found.append((digits(words[0], 1, LARGEST_LABEL), digits(words[1], 1, 6)))
-    require(found == sorted(set(found)), "another order")
+    require(len(set(found)) < len(found) or found == sorted(found), "another order")
     return found
 
 
@@ -222,15 +223,15 @@ def input_file(text: bytes) -> dict[int, tuple]:
     return dict(sorted(found.items()))
 
 
-def bulk_fields(line: bytes) -> tuple[bytes, list[bytes]]:
-    """What begins a line of bulk data, and its data fields."""
+def bulk_fields(line: bytes, strict=True) -> tuple[bytes, list[bytes]]:
+    """What begins a line of bulk data, and its data fields; `strict`: with nothing behind the 80th column."""
     if b"," in line:
         head, *fields = (field.strip() for field in line.split(b","))
         count = 4 if b"*" in head else 8
         require(not any(fields[count + 1 :]), "too many fields")
         return head.strip(b"*").strip(), (fields + [b""] * 8)[:count]
     line = line.expandtabs(8)
-    require(not line[80:].strip(), "more than 80 columns")
+    require(not strict or not line[80:].strip(), "more than 80 columns")
     head, width = line[:8], 16 if b"*" in line[:8] else 8
     fields = [line[8 + width * k : 8 + width * (k + 1)].strip() for k in range(64 // width)]
     return head.split(b"*")[0].strip(), fields
@@ -366,7 +367,7 @@ def harwell_boeing(text: bytes) -> np.ndarray:
     kind, sizes = lines[2][:3].upper(), [digits(word) for word in lines[2][3:].split()]
     require(len(sizes) in (3, 4) and kind[:1] == b"R" and kind[1:2] in (b"U", b"S", b"Z", b"R") and kind[2:] == b"A",
             "another kind")  # fmt: skip
-    require(lines[2][3:4] == b" " and not right, "right-hand sides")
+    require(lines[2][3:4].isspace() and not right, "right-hand sides")
     formats = re.findall(rb"\(\s*(?:(\d+)P\s*,?\s*)?(\d*)\s*([IEDF])\s*(\d+)(?:\.\d+)?\s*\)", lines[3].upper())
     require(len(formats) >= 3 and formats[0][2] == formats[1][2] == b"I" and formats[2][2] in b"EDF", "no formats")
     rows, columns, entries = sizes[:3]
@@ -404,7 +405,7 @@ def mapping(text: bytes) -> list[tuple[int, int]]:
     found = {}
     for line in rest:
         words = plain(line).split()
-        if not words:
+        if not words or words == first.split():  # a heading may stand on every page
             continue
         require(len(words) == 3 and words[2] in DOFS, "no row")
         equation = digits(words[0], 1)
@@ -415,10 +416,11 @@ def mapping(text: bytes) -> list[tuple[int, int]]:
     return [found[k] for k in sorted(found)]
 
 
-def model(matrices: dict, labels=None, places=None) -> dict[str, np.ndarray]:
+def model(matrices: dict, labels=None, places=None, held=HELD) -> dict[str, np.ndarray]:
     """What a model of these has: rows as numbered or in the order of labels, without those that Abaqus holds by 1e36.
 
-    `matrices`: arrays by K, M, D, or all of them entries by label; `labels`: of the rows; `places`: by node.
+    `matrices`: arrays by K, M, D, or all of them entries by label; `labels`: of the rows; `places`: by node; `held`:
+    from which size on a number does that.
     """
     if isinstance(next(iter(matrices.values())), list):
         labels = sorted({label for entries in matrices.values() for i, j, _ in entries for label in (i, j)})
@@ -434,7 +436,7 @@ def model(matrices: dict, labels=None, places=None) -> dict[str, np.ndarray]:
         labels = [(node, direction) for node in places for direction in range(1, count + 1)]
     if labels is not None:
         require(len(labels) == size, "another number of rows")
-    order = np.flatnonzero(np.abs(np.diag(matrices["K"])) < HELD)
+    order = np.flatnonzero(np.abs(np.diag(matrices["K"])) < held)
     require(len(order), "no free row")
     found = {key: matrix[np.ix_(order, order)] for key, matrix in matrices.items() if key in "KMD"}
     require(all(np.abs(matrix).max() <= 1e60 for matrix in matrices.values()), "beyond all units")

@@ -47,10 +47,40 @@ def full_of_ansys(folder):
     position = np.array([[number, *np.random.default_rng(number).random(3), 0, 0, 0] for number, _ in NODES])
     write_full(folder / "a.full", {"K": symmetric(), "M": symmetric(seed=2)}, NODES, held=[3, 4, 5, 9])
     write_rst(folder / "a.rst", position)
-    words = np.frombuffer((folder / "a.full").read_bytes(), "<i4")
-    # those of the standard header say nothing of the model, and imposed displacements are not read
+    return folder / "a.full", tables_of_full(folder / "a.full")
+
+
+def tables_of_full(path):
+    words = np.frombuffer(path.read_bytes(), "<i4")
+    # those of the standard header say nothing of the model, imposed displacements are not read, and the dofs of nodes,
+    # which stand behind the header, may be others
     tables = np.arange(103, int(words[105 + 18]))
-    return folder / "a.full", np.setdiff1d(tables, np.flatnonzero(words == 0))
+    return np.setdiff1d(tables, [*np.flatnonzero(words == 0), *range(268, 268 + words[266])])
+
+
+def real_full(folder):
+    """The .full of a rotor with its .rst."""
+    for suffix in ("rst", "full"):
+        path = folder / f"rotorAnsys.{suffix}"
+        path.write_bytes(gzip.decompress((DATA / "ansys" / f"{path.name}.gz").read_bytes()))
+    return path, tables_of_full(path)
+
+
+def rst(folder):
+    """The result file beside a .full, and all of its words but coordinates and angles."""
+    full_of_ansys(folder)
+    words = np.frombuffer((folder / "a.rst").read_bytes(), "<i4")
+    first = np.flatnonzero(words == 2 * 7)[0]  # the record of the first node: frame, numbers of two words, frame
+    within = (np.arange(len(words)) - first) % (2 * 7 + 3)
+    nodes = (np.arange(len(words)) >= first) & (np.arange(len(words)) < first + len(NODES) * (2 * 7 + 3))
+    return folder / "a.rst", np.flatnonzero((words != 0) & ~(nodes & (within >= 4) & (within < 16)))
+
+
+def op2(folder, name):
+    """The OP2 beside an OP4, and its words that are whole numbers; in the end the OP4 is converted."""
+    path, _ = op4(folder, name)
+    words = np.frombuffer(path.with_suffix(".op2").read_bytes(), "<i4")
+    return path.with_suffix(".op2"), np.flatnonzero((words != 0) & (np.abs(words.astype(np.int64)) < 10**6))
 
 
 def op4(folder, name):
@@ -75,6 +105,9 @@ def matlab(folder, form, packed=False):
     stay = np.arange(len(words)) >= (0 if form == "4" else 31)  # text of the header
     if not packed:
         stay &= (np.abs(words) > 18) & (np.abs(words) < 10**4)
+        for start in range(len(words) if form == "5" else 0):  # where columns begin may be another place
+            if any(np.array_equal(words[start : start + 19], item.indptr) for item in (K, M)):
+                stay[start : start + 19] = False
     return path, np.flatnonzero(stay)
 
 
@@ -97,6 +130,8 @@ BINARY = {
     "ANSYS .full": full_of_ansys,
     "OP4 of EXTSEOUT": functools.partial(op4, name="extseout/nas2cam.op4"),
     "OP4 and OP2": functools.partial(op4, name="notall6/nas2cam_notall6_msc2017.op4"),
+    "ANSYS .rst": rst, "ANSYS .full, real": real_full,
+    "OP2 beside OP4": functools.partial(op2, name="notall6/nas2cam_notall6_msc2017.op4"),
     "MATLAB 4": functools.partial(matlab, form="4"), "MATLAB 5": functools.partial(matlab, form="5"),
     "MATLAB 5 packed": functools.partial(matlab, form="5", packed=True),
     "CalculiX .sti, lines": functools.partial(_calculix, suffix="sti"),
@@ -112,7 +147,7 @@ def good(kind):
         files = {item.name: item.read_bytes() for item in Path(name).iterdir()}
     with tempfile.TemporaryDirectory() as name, inside(name):
         write(Case("", files, [], None, model_numbers), Path(name))
-        run_good(["convert", path.name, "m.h5"])
+        run_good(command_of(path.name))
         return files, path.name, words, model_numbers(Path(name))
 
 
@@ -120,7 +155,12 @@ def case(rng, kind):
     files, name, words, expected = good(kind)
     changes = lines_changed(files[name], rng, 50) if words is None else words_changed(files[name], words, rng, 50)
     note, changed = next((note, text) for note, text in changes if text != files[name])
-    return Case(f"{name}: {note}", {**files, name: changed}, ["convert", name, "m.h5"], expected, model_numbers)
+    return Case(f"{name}: {note}", {**files, name: changed}, command_of(name), expected, model_numbers)
+
+
+def command_of(name):
+    """The conversion of a file, or of the matrices beside it."""
+    return ["convert", name.replace(".rst", ".full").replace(".op2", ".op4"), "m.h5"]
 
 
 KINDS = dict.fromkeys(BINARY, case)

@@ -12,7 +12,7 @@ from hpcred.formats.job_file import Job
 from hpcred.formats.simulation_file import SimulationJob
 from hpcred.formats.sweep_file import _File
 
-from . import matrices, readings, tables
+from . import arrays, matrices, meshes, readings, tables
 from .generators import KINDS, make
 from .judge import INTERNAL, REFUSED, RIGHT, WRONG, Case, run_case
 from .mutations import damaged_text
@@ -34,7 +34,7 @@ def test_on_two_ranks():
 
 
 def test_a_case_is_the_same_each_time():
-    for kind in matrices.KINDS:
+    for kind in (*matrices.KINDS, *arrays.KINDS, *meshes.KINDS, "SID"):
         one, other = make(kind, 3, 4), make(kind, 3, 4)
         assert (one.note, one.files) == (other.note, other.files)
 
@@ -57,6 +57,32 @@ def test_the_second_readings_read_what_was_meant():
             number = {label: k for k, label in enumerate(labels, 1)}
             found = [(number[i], number[j], value) for i, j, value in entries]
             assert np.allclose(readings.dense(matrix.shape, found), matrix, rtol=1e-2, atol=1e-30)
+
+
+def test_the_second_readings_of_arrays_and_nodes_read_what_was_meant():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        matrix, where = matrices.matrix(rng, symmetric=False), matrices.places(rng)
+        form = matrices.chosen(rng, "csr", "csc", "coo")
+        assert np.array_equal(arrays.read_npz(arrays.npz(form, (9, 9), arrays.pieces(matrix, form, rng), rng)), matrix)
+        assert np.array_equal(arrays.read_petsc(arrays.petsc("", (9, 9), arrays.pieces(matrix, "csr"), rng)), matrix)
+        sparse = ("csc", (9, 9), arrays.pieces(matrix, "csc"))
+        found = arrays.read_matlab(arrays.matlab({"K": sparse, "M": matrix}))
+        assert all(np.array_equal(found[key], matrix) for key in "KM")
+        for kind, (write, read) in meshes.GRAMMAR.items():
+            content = write(where, rng)
+            found = read(content)
+            assert found.keys() - {"sets"} == where.keys()
+            if kind == "Abaqus assembly":  # sets of the part, and of the assembly
+                labels = sorted([list(where)[0], list(where)[-1]])
+                assert found["sets"]["set bar-1.END"].tolist() == labels
+                assert found["sets"]["set Both"].tolist() == sorted({*labels, list(where)[1]})
+            elif b"CORD2" not in content:
+                assert all(np.allclose(found[label], place, atol=6e-5) for label, place in where.items())
+    moved = meshes.node_readings.moved([b"0.5, 0., 0.", b"0., 0., 0., 0., 0., 1., 90."])
+    assert np.allclose(moved(np.array([1.0, 2.0, 3.0])), [-2.0, 1.5, 3.0])
+    cylinder = "CORD2C,5,0,1.,0.,0.,1.,0.,1.\n,2.,0.,0.\nGRID,3,5,2.,90.,4.\n"
+    assert np.allclose(meshes.node_readings.bulk(cylinder.encode())[3], [1.0, 2.0, 4.0])
 
 
 @pytest.mark.parametrize(
