@@ -352,8 +352,8 @@ class Search:
         return all(abs(f - low - share * (high - low)) >= APART * (high - low) for f in taken)
 
     def _may_prove_nearby(self):
-        """Whether the factor of the last point may serve the next one."""
-        return self._by_mass and self.groups == 1 and not self._static and not self._proves_by_factor
+        """Whether the factor of the last point may serve the next one: where it is known that no mode is missing."""
+        return self._counts and self._by_mass and self.groups == 1 and not self._proves_by_factor
 
     def _extend_by_solution(self, rule, make_load) -> int:
         """Add A^-1 times a load, at the point; returns how many columns are new. `rule`: what tells the load in the key

@@ -25,10 +25,12 @@ NEW = ("c.h5", "c.json", "result.h5", "r.json", "e.h5", "result.SID_FEM", "simul
        "simulation.png")  # fmt: skip
 DEAF = """
 from hpcred.parallel import signals
+import signal
 signals.PATIENCE = signals.ALONE = 0.5
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # which nohup leaves ignored, and then a rank lives on
 signals.hear()
 print("hears", flush=True)
-sum(range(10**12))
+sum(range(10**10))
 """
 
 

@@ -149,8 +149,8 @@ def test_a_run_that_is_killed_goes_on_on_other_ranks(comm, folder):
     with package.linkage(comm) as model:
         found, record = reduced(model, PointStore(folder / "killed", comm), **job)
         alone, expected = reduced(model, None, **job)
-    assert record.factorisations_saved == len(expected.factorisations) == 1 and not record.factorisations
-    assert record.accuracy.points[0].from_store and record.accuracy.points[1].factor_of
+    assert record.factorisations_saved == len(expected.factorisations) and not record.factorisations
+    assert record.accuracy.points[0].from_store and (is_complex() or record.accuracy.points[1].factor_of)
     assert same(alone, found, 1e-10)
 
 
