@@ -213,7 +213,8 @@ def wave_speed(model) -> float | None:
     The mean distance of a node to the nearest one that K couples it with times the median of (K_ii / M_ii)^(1/2), of
     the stiffest direction, by 3: about what elements of first and second order have, also thin ones.
     """
-    with closing(_Diagonal(model.K)) as K, closing(_Diagonal(model.M)) as M:
+    # quotients overflow of values that are refused elsewhere
+    with closing(_Diagonal(model.K)) as K, closing(_Diagonal(model.M)) as M, np.errstate(over="ignore"):
         ratio = np.divide(K.values, M.values, out=np.zeros(len(K.values)), where=M.values > 0)
     direction, medians = model.dofs.direction, []
     for k in range(3):

@@ -95,7 +95,8 @@ def _ranges(piece):
         raise piece.refusal(lines[wrong[0]], "first, last and step of numbers")
     values = whole(piece, values, np.repeat(lines, counts), "a number", 1, LARGEST_LABEL)
     parts = [NOTHING]
-    for line, row in zip(lines, np.split(values, np.cumsum(counts)[:-1]), strict=True):
+    rows = np.split(values, np.cumsum(counts)[:-1]) if len(lines) else []
+    for line, row in zip(lines, rows, strict=True):
         if row[0] > row[1]:
             raise piece.refusal(line, "first, last and step of numbers, the first not above the last")
         parts.append(np.arange(row[0], row[1] + 1, row[2] if len(row) == 3 else 1))

@@ -72,8 +72,9 @@ class Job:
 
     def __post_init__(self):
         check_file_names(
-            model=self.model, output=self.output, inputs=self.inputs, outputs=self.outputs, out_of_core=self.out_of_core
-        )
+            model=self.model, output=self.output, inputs=self.inputs, outputs=self.outputs,
+            out_of_core=self.out_of_core, store=self.store,
+        )  # fmt: skip
         for key in ("inputs", "outputs"):
             _check_targets(key, getattr(self, key))
         within("body_origin", self.body_origin, COORDINATE)
