@@ -12,6 +12,7 @@ from .text import LARGEST_LABEL, Piece, parse
 
 CARD = re.compile(rb"(?m)^[A-Za-z]")
 REMARK = re.compile(rb"\$[^\n]*")
+CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 # an exponent without its letter, 1.5-3, and Fortran's 1.5D-3
 EXPONENT = re.compile(rb"(?<=[0-9.])([+-])")
 WIDTH = 24  # of a field in free form, without blanks around
@@ -84,6 +85,8 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     those of one first field.
     """
     plain = REMARK.sub(b"", piece.text).upper().replace(b"\r", b" ")
+    if control := CONTROL.search(plain):
+        raise piece.refusal(plain.count(b"\n", 0, control.start()), "a card, without control characters")
     if b"\t" in plain:
         plain = plain.expandtabs(8)
     text = np.frombuffer(plain if plain.endswith(b"\n") else plain + b"\n", np.uint8)

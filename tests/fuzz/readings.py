@@ -293,6 +293,7 @@ def op4(text: bytes) -> np.ndarray:
     """The only real matrix of an OUTPUT4 text."""
     lines = [plain(line) for line in text.removeprefix(b"\xef\xbb\xbf").split(b"\n")]
     lines = [line for line in lines if line.strip()]
+    require(lines, "nothing")
     head, at = lines[0], 1
     columns, rows, form, kind = (int(head[8 * k : 8 * k + 8]) if re.fullmatch(rb" *-?\d+", head[8 * k : 8 * k + 8])
                                  else require(False, "no header") for k in range(4))  # fmt: skip
