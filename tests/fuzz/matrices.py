@@ -12,7 +12,7 @@ from .judge import Case
 from .mutations import damaged_text
 
 NODES = 3
-HEADING = re.compile(rb"LIST ALL SELECTED NODES|NODE +X +Y +Z\b")
+HEADING = re.compile(rb"(?m)^[ \t]*(?:LIST ALL SELECTED NODES|NODE[ \t]+X[ \t]+Y[ \t]+Z\b)")
 MAPPING = [b"Matrix", b"Eqn", b"Node", b"DOF"]
 SIZE = 3 * NODES
 

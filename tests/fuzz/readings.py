@@ -278,7 +278,7 @@ def dmig(text: bytes, name: bytes):
             require((row, column) not in places, "an entry twice")
             places.add((row, column))
             entries.append((row, column, real(value, bare=True)))
-    require(header is not None and header[0] in (1, 6) and header[1] in (1, 2), "no square real matrix")
+    require(header is not None and header[0] in (1, 6) and header[1] in (1, 2, 3, 4), "no square matrix")
     if header[0] == 6:
         require(not any((j, i) in places for i, j in places if i != j), "both halves")
         entries += [(j, i, value) for i, j, value in entries if i != j]
