@@ -13,7 +13,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import repeated_key
 from .entries import label_name, label_of
 from .node_table import finite
-from .text import LARGEST_LABEL, Piece, first_bytes, padded, pieces, places, ragged, whole
+from .text import LARGEST_LABEL, Piece, first_bytes, padded, pieces, places, ragged, shown, whole
 
 DOFS = (b"UX", b"UY", b"UZ", b"ROTX", b"ROTY", b"ROTZ")
 MAPPING = re.compile(rb"^\s*Matrix Eqn\s+Node\s+DOF\s*$", re.MULTILINE)
@@ -23,7 +23,7 @@ NO_ROW = re.compile(
 )
 NAME = re.compile(rb"\b(" + rb"|".join(DOFS) + rb")\b")
 CREATOR = b"% Creator: ANSYS"
-VECTOR = re.compile(rb"^%%matrixmarket[ ]+matrix[ ]+array[ ]+integer[ ]+general", re.IGNORECASE)
+VECTOR = re.compile(rb"^%%matrixmarket +matrix +array +integer +general[ \t]*\r?\n", re.IGNORECASE)
 # what stands between the lines of NLIST: headings of each page and of the output
 HEADING = re.compile(
     rb"(?m)^1[ \t]*\r?$|^[ \t]*(?:LIST ALL |SORT TABLE |NODE[ \t]+X[ \t]+Y[ \t]+Z\b|\*{3,}|/|VERSION|RELEASE|"
@@ -32,7 +32,10 @@ HEADING = re.compile(
 NLIST = re.compile(rb"(?m)^[ \t]*(?:LIST ALL SELECTED NODES|NODE[ \t]+X[ \t]+Y[ \t]+Z\b)")
 NUMBER = rb"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][+-]?\d+)?"
 WORKBENCH = re.compile(rb"^[^\d\s%#/*!,;][^\t\r\n]*\t[^\r\n]*\r?\n[ ]*\d+\t[ ]*" + NUMBER + rb"\t")
-NWRITE = re.compile(rb"^(?: *\d+(?: {2}[ -]?\d\.\d{12}\S* *| {4,}){0,6} *\r?\n){2}")
+# of NWRITE: Fortran's G20.13, 13 digits, perhaps with an exponent; a sign may touch what is in front
+GENERAL = rb"(?: +-?|-)(?=\d+\.)[\d.]{14,15}(?:[ED][+-]\d{2,3})?(?=[ \-\r\n])"
+NWRITE = re.compile(rb"^(?: *\d+(?:" + GENERAL + rb"){0,6} *\r?\n){2}")
+TOUCHING = re.compile(rb"(?<=[0-9])-")
 COMMA = re.compile(rb"(?<=[0-9]),")
 
 
@@ -55,7 +58,7 @@ def read_nodes(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Node numbers, coordinates (share, 3) and angles (share, 3) in degrees. Collective. Raises InputError."""
     with agreed(comm):
         start = first_bytes(path)
-        headed, listed = WORKBENCH.match(start), NLIST.search(start)
+        headed, listed, written = WORKBENCH.match(start), NLIST.search(start), NWRITE.match(start)
         labels, tables = [np.zeros(0, np.int64)], [np.zeros((0, 6))]
         for piece in pieces(path, comm):
             text = HEADING.sub(b"", piece.text) if listed else piece.text
@@ -65,13 +68,15 @@ def read_nodes(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                 if b"." in text:
                     raise InputError(f"{path}: found commas and points in its numbers, expected one of them")
                 text = COMMA.sub(b".", text)
+            if written:
+                text = TOUCHING.sub(b" -", text)
             plain = Piece(piece.path, text, piece.start)
             values, counts, lines = ragged(plain, commas=False, expected="node, x, y, z")
             wrong = np.flatnonzero(counts > 7)
             if wrong.size:
                 raise piece.refusal(int(lines[wrong[0]]), "a node, three coordinates and at most three angles")
             table = padded(values, counts, 7)
-            if not NWRITE.match(start):
+            if not written:
                 wrong = np.flatnonzero((counts != 4) & (counts != 7))
                 if wrong.size:
                     raise piece.refusal(int(lines[wrong[0]]), "node, x, y, z, and perhaps three angles")
@@ -119,7 +124,7 @@ def read_vector(path, comm, size: int) -> tuple[np.ndarray, np.ndarray]:
         head = next((k for k, line in enumerate(lines) if not line.startswith(b"%")), 0)
         words = lines[head].split()
         if len(words) != 2 or words[1] != b"1" or not words[0].isdigit():
-            raise InputError(f"{path}: found the size line '{lines[head].decode('latin-1')}', expected nodes and 1")
+            raise InputError(f"{path}: found the size line '{shown(lines[head])}', expected nodes and 1")
         announced = int(words[0])
         per_node = size // announced if announced and size % announced == 0 else 0
         if per_node not in (3, 6):

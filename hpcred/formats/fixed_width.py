@@ -37,7 +37,7 @@ def fields_of_format(text: bytes, where: str) -> list[Field]:
     refusal = InputError(f"{where}: found the format '{text.decode('latin-1').strip()}', expected one such as (16I5), "
                          "(1P,5D16.9) or (3i9,6e21.13e3)")  # fmt: skip
     inner = text.strip()
-    if not (inner.startswith(b"(") and inner.endswith(b")")):
+    if not (inner.startswith(b"(") and inner.endswith(b")")) or len(inner) > LONGEST:
         raise refusal
     inner = inner[1:-1]
     nested = NESTED.match(inner)
@@ -46,6 +46,8 @@ def fields_of_format(text: bytes, where: str) -> list[Field]:
         if nested["before"].strip(b" ,"):
             raise refusal
         times, inner = int(nested["repeat"]), nested["inner"]
+        if times > LONGEST:
+            raise refusal
     fields, at, scale = [], 0, 0
     while at < len(inner):
         match = FORMAT.match(inner, at)

@@ -191,9 +191,22 @@ def test_damaged_vectors_of_nodes_are_refused(comm, folder, old, new, says):
         load_export(path, comm)
 
 
-NWRITE = "".join(
-    f"{n:8d}" + "".join(f"  {x:.12f}    " for x in np.trim_zeros(xyz, "b")) + "\n" for n, xyz in PLACES.items()
-)
+
+
+def general(x):
+    """Fortran's G20.13."""
+    exponent = int(np.floor(np.log10(abs(x)))) + 1 if x else 1
+    if 0 <= exponent <= 13:
+        return f"{x:16.{13 - exponent}f}    "
+    return f"{x / 10.0**exponent:16.13f}E{exponent:+03d}"
+
+
+def nwrite(places):
+    lines = [f"{n:8d}" + "".join(general(x) for x in np.trim_zeros(xyz, "b")) for n, xyz in places.items()]
+    return "".join(line + "\n" for line in lines)
+
+
+NWRITE = nwrite(PLACES)
 WORKBENCH = "Node Number\tX Location (m)\tY Location (m)\tZ Location (m)\t\n" + "".join(
     f"{n}\t{x:.9g},\t{y:.9g}\t{z:.9g}\t\n".replace(",", "") for n, (x, y, z) in PLACES.items())  # fmt: skip
 
@@ -210,6 +223,16 @@ def test_lists_of_nodes(comm, folder, text, monkeypatch):
     assert label.tolist() == sorted(PLACES)
     assert np.allclose(position, [PLACES[n] for n in label], rtol=1e-6)
     assert not comm.allreduce(len(found.turned))
+
+
+def test_nwrite_of_all_sizes(comm, folder):
+    """Numbers beyond 10 and below 0.1 have other forms; a sign may touch the number in front."""
+    places = {1: (-12.5, 1234.56789, 0.05), 20: (-1.25e-7, 0.0, -3.5e4), 30: (0.0, 0.0, 0.0), 31: (1e-9, -2e-9, -0.5)}
+    text = nwrite(places)
+    assert "-12.50000000000 " in text and " 20-0.1250000000000E-06 " in text and "E-08-0.2000000000000E-08" in text
+    found = read_nodes(write(folder / "nodes", text, comm), comm)
+    label, position = gathered(comm, found.nodes.label, found.nodes.position)
+    assert dict(zip(label.tolist(), map(tuple, position.tolist()), strict=True)) == places
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,9 @@ from .mutations import damaged_text
 NODES = 3
 HEADING = re.compile(rb"(?m)^[ \t]*(?:LIST ALL SELECTED NODES|NODE[ \t]+X[ \t]+Y[ \t]+Z\b)")
 MAPPING = [b"Matrix", b"Eqn", b"Node", b"DOF"]
+CREATED = "% Creator: ANSYS Inc"
+# a line of NWRITE: a node, and numbers of 13 digits
+WRITTEN = re.compile(rb" *\d+(?:(?: +-?|-)(?=\d+\.)[\d.]{14,15}(?:[ED][+-]\d{2,3})?(?=[ \-\r]|$)){0,6} *\r?")
 SIZE = 3 * NODES
 
 
@@ -331,18 +334,20 @@ def calculix(rng, kind):
 
 
 def ansys(rng, kind):
-    """HBMAT or MMF with a mapping and a list of nodes beside it."""
+    """HBMAT or MMF with a mapping or a vector of nodes, and a list of nodes beside it."""
     where = places(rng)
     labels = labels_of(where, rng)
     hbmat = rng.random() < 0.6
     titles = {"K": "Stiffness", "M": "Mass"}
-    files = {"rows.mapping": mapping(labels, rng), "nodes.lis": nlist(where)}
+    rows = chosen(rng, "rows.mapping", "nodes.mmf")
+    files = {"nodes.lis": chosen(rng, nlist, nwrite)(where)}
+    files[rows] = mapping(labels, rng) if rows == "rows.mapping" else vector(where)
     for title in titles.values():
         if hbmat:
             about = f"{title} matrix from ANSYS FULL file dumped into Harwell-Boeing format"
             files[f"{title}.txt"] = harwell_boeing(matrix(rng), rng, about)
         else:
-            lines = text(["%%MatrixMarket matrix coordinate real symmetric", "% Creator: ANSYS Inc"])
+            lines = text(["%%MatrixMarket matrix coordinate real symmetric", CREATED])
             found = entries(matrix(rng), "lower")
             listed = [f"{i} {j} {value:.14e}" for i, j, value in found]
             files[f"{title}.txt"] = lines + text([f"{SIZE} {SIZE} {len(found)}", *listed])
@@ -351,21 +356,60 @@ def ansys(rng, kind):
     def second(files):
         mats = {key: read(files[f"{title}.txt"]) for key, title in titles.items()}
         if not hbmat:
-            readings.require(b"% Creator: ANSYS" in files["Stiffness.txt"], "not of ANSYS")
+            readings.require(CREATED[:16].encode() in files["Stiffness.txt"], "not of ANSYS")
         unnamed = readings.model(mats, held=np.inf) | {"named": np.array(False)}
-        head = files["rows.mapping"].removeprefix(b"\xef\xbb\xbf").split(b"\n")[0]
-        if head.split() != MAPPING or not HEADING.search(files["nodes.lis"]):
+        head = files[rows].removeprefix(b"\xef\xbb\xbf").split(b"\n")[0]
+        if rows == "nodes.mmf":
+            words = [word for word in head.lower().rstrip(b"\r\t ").split(b" ") if word]
+            known = words == VECTOR.lower().encode().split() and CREATED[:16].encode() in files[rows]
+        else:
+            known = head.split() == MAPPING
+        if not known or not begins_list(files["nodes.lis"]):
             return unnamed  # what hpcred does not know it leaves alone, and says so
-        labels = readings.mapping(files["rows.mapping"])
+        labels = (readings.mapping if rows == "rows.mapping" else read_vector)(files[rows])
         try:
-            found = list_of_nodes(files["nodes.lis"])
+            found, turned = list_of_nodes(files["nodes.lis"])
             require_places(found)
         except readings.Nonsense:
             return unnamed
+        if turned & {node for node, _ in labels}:
+            return {"named": np.array(True)}  # damage gave a node axes of its own; the rest is another test's
         return readings.model(mats, labels, found, np.inf)
 
-    which = chosen(rng, "rows.mapping", "nodes.lis", "Stiffness.txt", "Mass.txt")
+    which = chosen(rng, rows, "nodes.lis", "Stiffness.txt", "Mass.txt")
     return case(rng, kind, files, which, ["convert", "Stiffness.txt", "m.h5"], second)
+
+
+VECTOR = "%%MatrixMarket matrix array integer general"
+
+
+def vector(places):
+    """The numbers of nodes in the order of the rows."""
+    return text([VECTOR, CREATED, f"{len(places)} 1", *map(str, places)])
+
+
+def read_vector(content):
+    lines = readings.lines_of(content)
+    size = lines[0].split() if lines else []
+    readings.require(size == [b"%d" % NODES, b"1"] and len(lines) == NODES + 1, "another number of nodes")
+    found = [readings.whole(line.strip(), 1, readings.LARGEST_LABEL) for line in lines[1:]]
+    readings.require(len(set(found)) == len(found), "a node twice")
+    return [(node, direction) for node in found for direction in (1, 2, 3)]
+
+
+def nwrite(places):
+    """Node and coordinates, without the zeros at the end of a line."""
+    lines = []
+    for node, place in places.items():
+        kept = np.trim_zeros(place, "b")
+        lines.append(f"{node:8d}" + "".join(f"{x:16.12f}    " for x in kept))
+    return text(lines)
+
+
+def begins_list(content):
+    content = content.removeprefix(b"\xef\xbb\xbf")
+    lines = content.split(b"\n")
+    return bool(HEADING.search(content)) or (len(lines) > 2 and all(WRITTEN.fullmatch(line) for line in lines[:2]))
 
 
 def nlist(places):
@@ -375,8 +419,20 @@ def nlist(places):
 
 
 def list_of_nodes(content):
+    """Places by node number, and the nodes with angles."""
+    headed, found, turned = HEADING.search(content), {}, set()
     lines = [line for line in content.split(b"\n") if b"LIST ALL" not in line and b" X " not in line]
-    return readings.nodes(b"\n".join(lines))
+    for line in readings.lines_of(b"\n".join(lines)):
+        if headed and line.strip(b" \t") == b"1":  # a new page
+            continue
+        words = (line if headed else re.sub(rb"(?<=[0-9])-", b" -", line)).split()
+        readings.require(len(words) in (4, 7) if headed else 1 <= len(words) <= 7, "no node")
+        node, values = readings.whole(words[0], 1, readings.LARGEST_LABEL), [readings.real(word) for word in words[1:]]
+        readings.require(node not in found, "a node twice")
+        found[node] = tuple([*values[:3], 0.0, 0.0, 0.0][:3])
+        turned |= {node} if any(values[3:]) else set()
+    readings.require(found, "no nodes")
+    return found, turned
 
 
 KINDS = {
