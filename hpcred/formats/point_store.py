@@ -5,6 +5,7 @@ attributes: format, version; checksum: SHA-256 of `about`
 about: JSON of key, facts, model (name), date, hpcred (version), and digests of the arrays below (parallel.digest)
 blocks/0, blocks/1, ... (n, columns), contiguous, in the free dofs of the frame
 arrays/<name>: small arrays
+and a seal (formats.seal)
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ from ..parallel.failures import InputError, agreed, unfinished
 from ..parallel.petsc import MPI
 from ..reduction.chain import Entry
 from ..reduction.points import point_name
-from .hdf5 import opened
+from .hdf5 import opened, require_whole
+from .seal import seal
 
 FORMAT, VERSION = "hpcred-point", 1
 NAME = re.compile(r"(chain|modes|solution|count)-[0-9a-f]{32}\.h5(\.tmp-[0-9a-f]{16})?")
@@ -170,6 +172,7 @@ def describe_entry(path: Path, check: bool = False) -> dict | None:
     if ".tmp-" in path.name:
         return found | {"reason": "being written, or left by a run that was killed"}
     try:
+        require_whole(path)
         with h5py.File(path, "r") as file:
             kind = file.attrs.get("format")
             if kind != FORMAT:
@@ -256,6 +259,7 @@ def _create(path, size, widths, arrays, about):
         except OSError as error:
             if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):  # file systems that cannot take room ahead
                 raise
+    seal(path)  # the numbers of the blocks, which come later, are not under it
     return places
 
 

@@ -4,10 +4,10 @@ import zlib
 
 import numpy as np
 
-from . import arrays, bodies, containers, matrices, meshes, real_files, tables
+from . import arrays, beside, bodies, containers, matrices, meshes, real_files, tables
 from .judge import Case
 
-MODULES = (matrices, arrays, meshes, bodies, real_files, tables, containers)
+MODULES = (matrices, arrays, meshes, bodies, real_files, tables, containers, beside)
 KINDS = {kind: case for module in MODULES for kind, case in module.KINDS.items()}
 
 

@@ -25,7 +25,7 @@ def damaged_text(good: bytes, rng) -> tuple[str, bytes]:
 
 def _one_damage(text, rng):
     kind = str(rng.choice(["flip", "put", "insert", "drop", "word", "word", "word", "count", "count", "line", "line",
-                           "line", "cut", "cut", "blanks", "ends", "add", "add"]))  # fmt: skip
+                           "line", "cut", "cut", "blanks", "ends", "add", "add", "run"]))  # fmt: skip
     lines = text.splitlines(keepends=True)
     if not text:
         return "add", b"1 1 1.0\n"
@@ -36,6 +36,8 @@ def _one_damage(text, rng):
         return where, text[:at] + bytes([text[at] ^ 1 << int(rng.integers(8))]) + text[at + 1 :]
     if kind == "put":
         return where, text[:at] + bytes([letter]) + text[at + 1 :]
+    if kind == "run":  # patterns that go back and try again take for ever
+        return where, text[:at] + int(rng.integers(300, 4000)) * bytes([letter]) + text[at:]
     if kind == "insert":
         return where, text[:at] + bytes([letter]) + text[at:]
     if kind == "drop":

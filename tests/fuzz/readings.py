@@ -290,7 +290,7 @@ def label_of(node: bytes, direction: bytes):
 
 
 def op4(text: bytes) -> np.ndarray:
-    """The only real matrix of an OUTPUT4 text; the beginning of its first line alone is an entry: row, column, value."""
+    """The only real matrix of an OUTPUT4 text; three words alone are an entry: row, column, value."""
     if len(text.split()) == 3:
         return coordinates(text)
     lines = [plain(line) for line in text.removeprefix(b"\xef\xbb\xbf").split(b"\n")]
