@@ -11,7 +11,7 @@ from .containers import outcome
 from .judge import Case, inside, run_good, write
 from .matrices import chosen, text
 from .mutations import bytes_changed, damaged_text
-from .tables import BLOCK, good_files
+from .tables import BLOCK, CHORD, good_files
 
 FORMATS = {  # of each export the file that it is told by, of a body in interface coordinates
     "sid": "a.SID_FEM", "npz": "a.npz", "matlab": "a.mat", "exudyn": "a.npy", "mbdyn": "a.fem", "fmu": "a.fmu",
@@ -21,9 +21,11 @@ FORMATS = {  # of each export the file that it is told by, of a body in interfac
 HEAD = 'output = "new.h5"\n'
 JOINTED = HEAD + 'coordinates = "interface"\n' + BLOCK + '[[basis]]\nkind = "constraint_modes"\n' \
           '[[basis]]\nkind = "fixed_interface_modes"\ncount = 2\n'  # fmt: skip
-STORED = HEAD + 'model = "block.h5"\nstore = "points"\ninputs = [[10, "z"]]\nframe = {kind = "none"}\n' \
-         '[[basis]]\nkind = "krylov"\nfrequency = 1e3\norder = 2\n[[basis]]\nkind = "modes"\ncount = 2\n'  # fmt: skip
-NUMBERED = HEAD + 'model = "block.h5"\n[[interface]]\nname = "end"\nnodes = {}\n[[basis]]\nkind = "constraint_modes"\n'
+# of a body without double modes, whose shapes ranks could turn
+STORED = HEAD + 'model = "model.h5"\nstore = "points"\ninputs = [[20, "z"]]\n' + CHORD + \
+         '[[basis]]\nkind = "krylov"\nfrequency = 100.0\norder = 2\n[[basis]]\nkind = "modes"\ncount = 2\n'  # fmt: skip
+NUMBERED = HEAD + 'coordinates = "interface"\nmodel = "block.h5"\n[[interface]]\nname = "end"\nnodes = {}\n' \
+           '[[basis]]\nkind = "constraint_modes"\n'  # fmt: skip
 
 
 @functools.cache
