@@ -200,10 +200,11 @@ def _integrate(system, setup, y0, yp0, progress):
     system.split(tolerance)[4][:] *= max(1.0, np.abs(forces).max(initial=0.0))
     # a pulse must not be stepped over
     longest = min([setup.end / 20, *(item.longest_step() for item in (*setup.force, *setup.moment, *setup.drive))])
-    found = solve_dae(
-        residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
-        rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
-    )  # fmt: skip
+    with np.errstate(all="ignore"):  # a step in which numbers overflow is refused, and tried again shorter
+        found = solve_dae(
+            residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
+            rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
+        )  # fmt: skip
     if not found.success:
         raise ComputationError(
             f"the integrator stopped at t = {found.t[-1] if len(found.t) else 0:.4g} s: {found.message}; "
