@@ -171,12 +171,17 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     y0, yp0, change = system.start(r, p, q, z)
     if change > 1e-10 * max(1.0, np.abs(z).max()):
         notes.append(f"the initial velocities did not fit the constraints and were projected (change {change:.2g})")
-    t, states, rates, factorisations = _integrate(system, setup, y0, yp0, progress)
-    return Motion(
-        t=t, notes=notes, factorisations=factorisations, **_motion(system, t, states, rates),
-        **_nodes(body, undeformed, t, states, system), **_reactions(body, system, t, states, rates),
-        **_springs(body, setup, system, t, states),
-    )  # fmt: skip
+    with np.errstate(all="ignore"):  # a step in which numbers overflow is tried again, shorter; the motion is checked
+        t, states, rates, factorisations = _integrate(system, setup, y0, yp0, progress)
+        motion = Motion(
+            t=t, notes=notes, factorisations=factorisations, **_motion(system, t, states, rates),
+            **_nodes(body, undeformed, t, states, system), **_reactions(body, system, t, states, rates),
+            **_springs(body, setup, system, t, states),
+        )  # fmt: skip
+    numbers = [*motion.energies.values(), *(value for value in vars(motion).values() if isinstance(value, np.ndarray))]
+    if not all(np.isfinite(value).all() for value in numbers):
+        raise ComputationError("the motion has numbers that overflow; loads or drives are too large")
+    return motion
 
 
 def _integrate(system, setup, y0, yp0, progress):
@@ -200,11 +205,10 @@ def _integrate(system, setup, y0, yp0, progress):
     system.split(tolerance)[4][:] *= max(1.0, np.abs(forces).max(initial=0.0))
     # a pulse must not be stepped over
     longest = min([setup.end / 20, *(item.longest_step() for item in (*setup.force, *setup.moment, *setup.drive))])
-    with np.errstate(all="ignore"):  # a step in which numbers overflow is refused, and tried again shorter
-        found = solve_dae(
-            residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
-            rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
-        )  # fmt: skip
+    found = solve_dae(
+        residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
+        rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
+    )  # fmt: skip
     if not found.success:
         raise ComputationError(
             f"the integrator stopped at t = {found.t[-1] if len(found.t) else 0:.4g} s: {found.message}; "
