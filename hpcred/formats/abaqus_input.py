@@ -353,7 +353,9 @@ def _elements(comm, blocks, groups, named, calculix):
     found, keys = {}, {}
     with agreed(comm):
         for block in blocks:
-            kind = abaqus_kind(block.section.parameters.get("type", ""))
+            if "type" not in block.section.parameters:
+                raise block.section.refusal("found *Element without type=, expected the type of its elements")
+            kind = abaqus_kind(block.section.parameters["type"])
             if kind is None:
                 continue
             width = NODES[kind] + 1

@@ -139,6 +139,7 @@ def test_cylindrical_nodes(comm, folder):
         (ASSEMBLY.replace("1., 1., 0., 1., 1., 3., 90.", "1., 1., 0., 1., 1., 0., 90."), "about two equal points"),
         (ASSEMBLY.replace("10., 0., 0.", "10., x, 0."), "found the data line '10., x, 0.', expected 3 numbers"),
         (ASSEMBLY.replace("10., 0., 0.", "10., 0., 0., 0."), "found the data line '10., 0., 0., 0.', expected 3"),
+        ("*Node\n1, 1.\n*Element, elset=E\n1, 1, 1\n", r"line 3: found \*Element without type="),
         ("*Node\n1, 1.\n*Element, type=B31\n1, 1\n", "line 4: found '1, 1', expected 3 numbers an element"),
         ("*Node\n1, 1.\n*Element, type=B31\n1, 1, 2, 3\n2, 1\n", "expected 3 numbers an element"),
         ("*Node\n1, 1.\n*Element, type=B31\n1, 1, 1, 2, 1, 1\n", "line 4: .* expected 3 numbers an element"),

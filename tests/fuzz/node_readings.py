@@ -91,7 +91,8 @@ def cdb(text: bytes):
             require(not re.match(rb"[ \t]*N,R5\.\d,LOC[ \t]*,(?![ \t]*-1)", lines[at - 1].upper()), "nodes one by one")
             continue
         require(at < len(lines), "no format")
-        match = re.fullmatch(rb"\((\d*)[iI](\d+)(?:,(\d*)[eE](\d+)\.(\d+)(?:[eE]\d+)?)?\)", lines[at].strip())
+        form = lines[at].replace(b" ", b"").strip()
+        match = re.fullmatch(rb"\((\d*)[iI](\d+)(?:,(\d*)[eE](\d+)\.(\d+)(?:[eE]\d+)?)?\)", form)
         require(match, "no format")
         wholes, width, reals, wide = (int(item or 1) for item in match.group(1, 2, 3, 4))
         widths = [width] * wholes + [wide] * (reals if match[4] else 0)
