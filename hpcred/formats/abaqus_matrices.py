@@ -65,6 +65,11 @@ def _read_coordinates(path, comm):
             "value of both triangles; write one triangle as a symmetric Matrix Market file"
         )
     size = 1 + max(comm.allgather(int(max(i.max(initial=-1), j.max(initial=-1)))))
+    if comm.bcast((i[0], j[0], v[0]) if len(i) else None) == (size - 1, size - 1, comm.allreduce(len(i)) - 1):
+        raise InputError(
+            f"{path}: found a first line of the numbers of rows, columns and lines below it, as of a Matrix Market "
+            "file without its header; put %%MatrixMarket matrix coordinate real general (or symmetric) above it"
+        )
     return Entries((size, size), i, j, v)
 
 

@@ -8,7 +8,7 @@ import re
 import numpy as np
 
 from ..parallel.failures import InputError
-from .text import Piece
+from .text import Piece, shown
 
 FORMAT = re.compile(
     rb"\s*(?:(?P<scale>[+-]?\d+)\s*P\s*,?\s*)?(?P<repeat>\d*)\s*(?P<kind>[IEDFG])\s*(?P<width>\d+)"
@@ -34,7 +34,7 @@ class Field:
 
 def fields_of_format(text: bytes, where: str) -> list[Field]:
     """The fields of a line from a Fortran format such as (16I5), (1P,5D16.9) or (3i9,6e21.13e3). Raises InputError."""
-    refusal = InputError(f"{where}: found the format '{text.decode('latin-1').strip()}', expected one such as (16I5), "
+    refusal = InputError(f"{where}: found the format '{shown(text)}', expected one such as (16I5), "
                          "(1P,5D16.9) or (3i9,6e21.13e3)")  # fmt: skip
     inner = text.strip()
     if not (inner.startswith(b"(") and inner.endswith(b")")) or len(inner) > LONGEST:

@@ -86,7 +86,7 @@ def _check_order(path, pieces):
         before, first, behind, last = dmig
         if first == name and others + before:
             raise InputError(
-                f"{path}: found other cards between those of the matrix {name.decode('latin-1')}, expected none; the "
+                f"{path}: found other cards between those of the matrix {shown(name)}, expected none; the "
                 "file is damaged"
             )
         others, name = behind, last

@@ -18,6 +18,7 @@ from ..parallel.failures import InputError, agreed, unfinished
 from .locks import lock, lock_name, temporary_name
 from .room import free_bytes, no_room
 from .seal import is_broken
+from .text import shown
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 JSON, CSV_OF_RESPONSES, CSV_OF_MOTION = "JSON file", ".csv file of responses", ".csv file of a simulation"
@@ -77,7 +78,7 @@ def kind_of(path) -> str:
         return SID
     kind = next((kind for begins, kind in BEGINNINGS if start.startswith(begins)), None)
     if kind is None and TITLES.match(start):
-        return f".csv table of {start.split(b',')[0].decode()}"
+        return f".csv table of {shown(start.split(b',')[0])}"
     return kind or (OP4 if nastran_op4.begins(start) else OTHER)
 
 

@@ -6,10 +6,12 @@ Each function takes the name of a file, on one rank.
 from __future__ import annotations
 
 import csv
+import io
 import json
 import mmap
 import re
 import zipfile
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -17,6 +19,7 @@ from numpy.lib import format as npy
 
 from ..formats import outputs, uff
 from ..parallel.petsc import MPI
+from .info_of_output import damaged
 
 SHAPE = re.compile(rb"(?m)^ {4}-1\r?\n {4}55\r?\n(.*?)\r?$")  # the name of a dataset 55
 SUPERELEMENTS = {  # how they begin, and the name and number of each interface node in them
@@ -48,7 +51,10 @@ def vtk(path) -> dict:
         return {"format": "ParaView collection (.pvd)", "times": len(times), "end_s": times[-1] if times else None}
     from meshio import vtu  # slow to import
 
-    mesh = vtu.read(path)
+    with redirect_stdout(io.StringIO()) as said, redirect_stderr(said):
+        mesh = vtu.read(path)
+    if said.getvalue():  # of arrays that it leaves out
+        raise damaged(path, ValueError(" ".join(said.getvalue().split())))
     return {
         "format": "VTK file (.vtu)",
         "points": len(mesh.points),

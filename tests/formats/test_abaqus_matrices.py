@@ -78,6 +78,7 @@ def test_an_unsymmetric_matrix_stays_so(comm, folder):
         ("1 1\x1b[31m 2.0\n", "found '1 1 [31m 2.0'"),
         ("1 1 2.0\n-24 1 3.0\n", "line 2: found '-24 1 3.0', expected the row number"),
         ("1 1 2.0\n2 1 3.0\n", "found entries below the diagonal only"),
+        ("2 2 4\n1 1 2.0\n2 1 3.0\n1 2 3.0\n2 2 4.0\n", "of a Matrix Market file without its header"),
         ("1 1 2.0\n1.5 2 3.0\n", "expected the row number as a whole number"),
     ],
 )

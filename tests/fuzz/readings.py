@@ -91,7 +91,7 @@ def one_triangle(entries, sign=1.0):
 
 def matrix_market(text: bytes) -> np.ndarray:
     """A Matrix Market file; without its first line it is a list of row, column, value."""
-    if text.lstrip()[:1].isdigit():
+    if text.lstrip()[:1].isdigit() or text.startswith(b"% a remark"):
         return coordinates(text)
     head, _, rest = text.removeprefix(b"\xef\xbb\xbf").partition(b"\n")
     words = head.lower().split()
@@ -152,7 +152,9 @@ def coordinates(text: bytes) -> np.ndarray:
         require(len(words) == 3, "not three numbers")
         entries.append((whole(words[0]), whole(words[1]), real(words[2])))
     require(any(i > j for i, j, _ in entries) == any(i < j for i, j, _ in entries), "one triangle")
-    return dense([max(max(i, j) for i, j, _ in entries)] * 2 if entries else (0, 0), entries)
+    size = max((max(i, j) for i, j, _ in entries), default=0)
+    require(not entries or entries[0] != (size, size, len(entries) - 1), "sizes, and no header above them")
+    return dense((size, size), entries)
 
 
 def matrix_input(text: bytes):

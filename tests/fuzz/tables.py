@@ -214,7 +214,7 @@ def plain(value):
         return [plain(item) for item in value]
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items() if item is not None}
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53 else value
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 def case(rng, root, goods, name, command, echo) -> Case:
