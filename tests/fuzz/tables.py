@@ -214,7 +214,8 @@ def plain(value):
         return [plain(item) for item in value]
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items() if item is not None}
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+    whole = isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**308
+    return float(value) if whole else value
 
 
 def case(rng, root, goods, name, command, echo) -> Case:
