@@ -15,7 +15,7 @@ from ..model.elements import NODES, abaqus_kind, in_vtk_order
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, sort_over_ranks
 from .abaqus_sets import GROUP, read_sets
-from .node_table import Nodes, finite
+from .node_table import LARGEST_COORDINATE, Nodes, finite
 from .text import (
     COMMENT,
     LARGEST_LABEL,
@@ -201,8 +201,8 @@ def _numbers(section, fields, count):
         values = np.array([float(item or 0.0) for item in fields] + [0.0] * (count - len(fields)))
     except ValueError as error:
         raise section.refusal(f"found the data line '{', '.join(fields)}', expected {count} numbers") from error
-    if not np.isfinite(values).all():
-        raise section.refusal(f"found the data line '{', '.join(fields)}', expected finite numbers")
+    if not (np.abs(values) <= LARGEST_COORDINATE).all():
+        raise section.refusal(f"found the data line '{', '.join(fields)}', expected finite numbers, of a body's size")
     return values
 
 
