@@ -34,7 +34,7 @@ from .accuracy import Accuracy, Adaptive, Point, Proof, law_of
 from .chain import Entry
 from .compression import compressed
 from .error_estimate import (
-    APART,
+    apart,
     estimate,
     finer,
     grid,
@@ -109,8 +109,8 @@ class Search:
         self._width = min(4 * inputs if self.damped else inputs, BLOCK)
         self._random = 0
         self._mass = 0.0  # -omega^2 of the point that solves are for
-        self._near = 0.0 if self._static else None  # and that of the factor that they take, None where it is the same
-        self._near_at = 0.0  # the point (Hz) of that factor
+        # the point (Hz) whose factor they take, None where it is the same
+        self._near_at: float | None = 0.0 if self._static else None
         self._proves_by_factor = False  # since conjugate gradients did not come to an end
         self._made: int | None = None  # factors before the point that is under way
         # blocks made from residuals need the whole basis, which a group does not have
@@ -129,7 +129,8 @@ class Search:
 
     def search(self) -> str:
         """Extend the basis until the tolerance is proven; returns why it ended, "" if it is reached. Collective."""
-        low, high = self.settings.band
+        low, high = band = self.settings.band
+        first_proof = low + PROOF * (high - low)
         while True:
             if not self.waiting:
                 return "since no place for another point is left"
@@ -141,7 +142,7 @@ class Search:
                 try:
                     found = self._expand(f, self.closing)
                 except NotSolved as error:  # the basis may lack a mode below the point
-                    if self._near is None or self._mass == self._near:
+                    if self._mass == self._factored:
                         raise
                     if not self._static:
                         self._proves_by_factor = True
@@ -179,8 +180,8 @@ class Search:
                 self.waiting = second[:1] + self.waiting
             elif self.closing and max(taken) < 0.9 * high:
                 self.waiting.insert(0, high)
-            elif self.closing and not self.waiting and self._may_prove_nearby() and self._is_apart(PROOF, taken):
-                self.waiting = [_rounded(low + PROOF * (high - low))]
+            elif self.closing and not self.waiting and self._may_prove_nearby() and apart([first_proof], taken, band):
+                self.waiting = [_rounded(first_proof)]
             elif not self.waiting:
                 self.waiting = decided(self.run.model.comm, self._next, taken)
             if hidden:  # the next point checks the model that has these modes
@@ -242,30 +243,27 @@ class Search:
         run.progress.step("points", len(self.points))
         if not self._static:
             known = closing and self._may_prove_nearby() and self.lack <= 0
-            last = self.points[-1] if self.points else None
+            self._near_at = None
             if known and f < max(point.frequency for point in self.points):
+                last = self.points[-1]
                 self._near_at = last.frequency if last.factor_of is None else last.factor_of
-                self._near = 0.0 - (2 * np.pi * self._near_at) ** 2
-            else:
-                self._near = None
         with Owned(run.model.comm) as owned:
             f, count = self._open(f)
             chain = None
-            if self._by_mass and (self._near is None or not (f or self.points)):
+            if self._by_mass and (self._near_at is None or not (f or self.points)):
                 chain = owned.owns(SearchChain(run, self._mass, f"{f:.6g} Hz", None, self.loads, ("inputs", "outputs")))
             order, judged = self._extend_at(f, closing, chain)
             if chain is not None:
                 chain.keep()
         records, self._made = run.factorisations[self._made :], None
-        stored = not records and self._near is None
-        run.needs(str(self._mass if self._near is None else self._near), "0.0")
+        stored = not records and self._near_at is None
+        run.needs(str(self._factored), "0.0")
         name = f"adaptive {f:.6g} Hz, {order + 1} blocks"
         run.note(name, self.basis.size - before, self.basis.size - before, from_store=stored)
-        near = None if self._near is None else self._near_at
         self.points.append(Point(
             frequency=f, columns=self.basis.size - before, modes_below=count, factors=len(records),
             factor_seconds=float(sum(record.factor_seconds for record in records)),
-            estimate=_finite(judged["est"]), from_store=stored, factor_of=near,
+            estimate=_finite(judged["est"]), from_store=stored, factor_of=self._near_at,
         ))  # fmt: skip
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), counts))
@@ -314,11 +312,11 @@ class Search:
         if self.basis.size:
             moved = decided(run.model.comm, lambda: off_poles(f, self.projections.model(), self.settings.band))
             f = f if moved in (None, f) else _rounded(moved)
-        if self._near:
-            self._mass = 0.0 - (2 * np.pi * f) ** 2
+        if self._near_at:
+            self._mass = _mass_at(f)
             return float(f), None
         for trial in (f, f * (1 + POLE_GAP), f * (1 - POLE_GAP), f * (1 + 3 * POLE_GAP)):
-            self._mass = 0.0 - (2 * np.pi * trial) ** 2
+            self._mass = _mass_at(trial)
             key = {"kind": "count", "square": self._mass, **run.identity_of("M", "K")}
             known = run.stored(key)
             pivots = None if known is None else known.facts["negative_pivots"]
@@ -342,14 +340,14 @@ class Search:
 
     def _factor(self):
         """The solver with the factor of K - omega^2 M at the point, or at the one near it."""
-        mass = self._mass if self._near is None else self._near
+        mass = self._factored
         # another search begins by multigrid where a factor does not fit
         return self.run.factored(mass, f"{(-mass) ** 0.5 / (2 * np.pi):.6g} Hz", may_give_up=self._static)
 
-    def _is_apart(self, share, taken):
-        """Whether a place in the band is not that of a point already."""
-        low, high = self.settings.band
-        return all(abs(f - low - share * (high - low)) >= APART * (high - low) for f in taken)
+    @property
+    def _factored(self):
+        """-omega^2 of the factor that solves take."""
+        return self._mass if self._near_at is None else _mass_at(self._near_at)
 
     def _may_prove_nearby(self):
         """Whether the factor of the last point may serve the next one: where it is known that no mode is missing."""
@@ -359,7 +357,7 @@ class Search:
         """Add A^-1 times a load, at the point; returns how many columns are new. `rule`: what tells the load in the key
         of the store from others at the point; `make_load` gives a block that is destroyed here."""
         run = self.run
-        nearby = self._near is not None and self._mass != self._near
+        nearby = self._mass != self._factored
         key = {"kind": "solution", "square": self._mass, **rule, **run.identity_of("M", "K", "inputs", "outputs")}
         if nearby:  # whose residuals are not those of a factor
             key["nearby"] = True
@@ -555,7 +553,7 @@ class Search:
         top = max(f for f, _ in counts)
         moving = None
         if self.groups > 1:  # whose factors are gone
-            self._mass = 0.0 - (2 * np.pi * top) ** 2
+            self._mass = _mass_at(top)
             run.needed.append((str(self._mass), "0.0"))
         while used < HIDDEN:
             before = self.basis.size
@@ -658,6 +656,11 @@ class Search:
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
             loss_factor=law.eta, **self.without_factors(),
         )  # fmt: skip
+
+
+def _mass_at(f):
+    """-omega^2 of a point (Hz), without a negative zero."""
+    return 0.0 - (2 * np.pi * f) ** 2
 
 
 def _rounded(f):

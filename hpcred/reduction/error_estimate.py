@@ -104,12 +104,14 @@ def _merged(frequencies, curve, more, found):
     return frequencies[order], curve[order]
 
 
+def apart(frequencies, taken, band) -> np.ndarray:
+    """Which of the frequencies (S,) are APART of the band from all points that are taken."""
+    return (np.abs(np.subtract.outer(frequencies, taken)) >= APART * (band[1] - band[0])).all(axis=1)
+
+
 def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | None:
     """The frequency of the largest estimate, APART of the band from other points and 2e-3 f from pseudo-frequencies."""
-    apart = APART * (band[1] - band[0])
-    free = np.ones(len(frequencies), dtype=bool)
-    for f in taken:
-        free &= np.abs(frequencies - f) >= apart
+    free = apart(frequencies, taken, band)
     order = np.argsort(-np.where(free, curve, -np.inf))
     for k in order[: free.sum()]:
         if (f := off_poles(frequencies[k], model, band)) is not None:
