@@ -120,17 +120,18 @@ class ShiftedSolver(Solver):
 
     def estimate(self):
         """MB that a factor of A needs in all, and MB that the ranks have. Raises DoesNotFit."""
-        self.factored = None
-        self.model.K.copy(self.matrix, structure=SAME)
-        self.matrix.stateIncrease()
+        self._begin_with(self.model.K)
         return self._factors.estimate()
 
     def expected(self, orderings) -> dict[int, dict]:
         """What a factor of K with each of the orderings of MUMPS (icntl_7) takes; see Factorisation.expected."""
-        self.factored = None
-        self.model.K.copy(self.matrix, structure=SAME)
-        self.matrix.stateIncrease()
+        self._begin_with(self.model.K)
         return self._factors.expected(orderings)
+
+    def _begin_with(self, mat):
+        self.factored = None
+        mat.copy(self.matrix, structure=SAME)
+        self.matrix.stateIncrease()
 
     def solve_below(self, mass, right, solution, basis, squares):
         """Solve with K + mass M by the factor that there is for another mass; see IterativeSolver.solve_below."""
@@ -154,9 +155,8 @@ class ShiftedSolver(Solver):
         """
         if self.factored == (mass, damping):
             return
-        self.factored = None
         model, matrix = self.model, self.matrix
-        model.K.copy(matrix, structure=SAME)
+        self._begin_with(model.K)
         if damping and model.D is not None:
             matrix.axpy(damping, model.D, structure=SAME)
         if mass:
@@ -173,8 +173,7 @@ class ShiftedSolver(Solver):
         """Factor A = M, which is where s goes to infinity. Raises SingularMatrix or ComputationError."""
         if self.factored == (inf, 0.0):
             return
-        self.factored = None
-        self.model.M.copy(self.matrix, structure=SAME)
+        self._begin_with(self.model.M)
         self._relief = False
         self._factors.factor(mass="inf", damping="0", inertia_relief=False)
         self.factored = inf, 0.0
