@@ -14,8 +14,7 @@ from .factorisation import FactorRecord, LinearSolver, SingularMatrix
 from .iterative_solver import IterativeSolver, dense_matrix
 from .multigrid import Multigrid
 
-ACCEPTED = 1e-10  # relative residual of a solution, or
-BACKWARD = 1e-14  # its backward error, as of refined solutions
+ACCEPTED = 1e-10  # relative residual of a solution
 
 
 class MultigridSolver(IterativeSolver):
@@ -34,7 +33,7 @@ class MultigridSolver(IterativeSolver):
     )
 
     def __init__(self, model, rigid, blocks, settings: LinearSolver, prefix="multigrid_"):
-        super().__init__(model, rigid, settings.residual, ACCEPTED, BACKWARD, settings.iterations)
+        super().__init__(model, rigid, settings.residual, ACCEPTED, settings.iterations)
         self.settings, self._blocks, self._prefix = settings, blocks, prefix
         self.records: list[FactorRecord] = []
         self.factored, self._levels, self._matrix = None, None, None

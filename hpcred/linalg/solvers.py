@@ -29,8 +29,7 @@ from .iterative_solver import IterativeSolver
 from .refinement import refine
 
 NEAR_POLE = 1e-8  # relative distance in s^2 to an undamped eigenvalue below which A counts as singular
-NEARBY = 1e-9  # relative residual asked of solutions with the factor of another point, or
-BACKWARD = 1e-14  # their backward error
+NEARBY = 1e-9  # relative residual asked of solutions with the factor of another point
 MOST = 20  # iterations for them, from each restart
 ROUND_OFF = 1e-13  # the same relative to the mean eigenvalue trace(K) / trace(M), for K alone
 
@@ -83,7 +82,7 @@ class NearbyFactor(IterativeSolver):
     advice = " with the factor of another point"
 
     def __init__(self, solver, back_substitute):
-        super().__init__(solver.model, solver.rigid, NEARBY, 10 * NEARBY, BACKWARD, MOST)
+        super().__init__(solver.model, solver.rigid, NEARBY, 10 * NEARBY, MOST)
         self._record, self._back_substitute = solver.records[-1], back_substitute
         self._norm = solver.model.K.norm(PETSc.NormType.INFINITY)
 
