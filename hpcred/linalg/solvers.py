@@ -5,6 +5,7 @@ ShiftedSolver has real coefficients of M and D, ComplexSolver complex ones; both
 
 from __future__ import annotations
 
+from functools import cached_property
 from math import inf
 
 import numpy as np
@@ -83,7 +84,7 @@ class NearbyFactor(IterativeSolver):
 
     def __init__(self, solver, back_substitute):
         super().__init__(solver.model, solver.rigid, NEARBY, 10 * NEARBY, MOST)
-        self._record, self._back_substitute = solver.records[-1], back_substitute
+        self._records, self._back_substitute = solver.records, back_substitute
         self._norm = solver.model.K.norm(PETSc.NormType.INFINITY)
 
     def _preconditioner(self, room, columns):
@@ -99,8 +100,9 @@ class NearbyFactor(IterativeSolver):
         return precondition
 
     def _note(self, columns, seconds, iterations, residual):
-        self._record.iterations = max(self._record.iterations, iterations)
-        self._record.nearby_residual = max(self._record.nearby_residual, residual)
+        record = self._records[-1]
+        record.iterations = max(record.iterations, iterations)
+        record.nearby_residual = max(record.nearby_residual, residual)
 
 
 class ShiftedSolver(Solver):
@@ -134,7 +136,11 @@ class ShiftedSolver(Solver):
 
     def solve_below(self, mass, right, solution, basis, squares):
         """Solve with K + mass M by the factor that there is for another mass; see IterativeSolver.solve_below."""
-        NearbyFactor(self, self._back_substitute).solve_below(mass, right, solution, basis, squares)
+        self._nearby.solve_below(mass, right, solution, basis, squares)
+
+    @cached_property
+    def _nearby(self):  # which takes the norm of K
+        return NearbyFactor(self, self._back_substitute)
 
     def set_solve_width(self, columns: int):
         """How many columns MUMPS solves for at a time with the present factor, for measurements."""
