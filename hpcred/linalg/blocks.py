@@ -53,6 +53,14 @@ def copy_of(block: SLEPc.BV, mat: PETSc.Mat) -> SLEPc.BV:
     return new
 
 
+def create_dense(like: PETSc.Mat, columns: int) -> PETSc.Mat:
+    """A dense matrix of `columns` columns with the rows of another matrix. The caller destroys it."""
+    mat = PETSc.Mat().createDense(((like.getLocalSize()[0], like.getSize()[0]), (None, columns)), comm=like.comm)
+    mat.setUp()
+    mat.assemble()
+    return mat
+
+
 def from_dense(mat: PETSc.Mat) -> SLEPc.BV:
     """A new block with a copy of the columns of a dense matrix."""
     new = create_block(mat, mat.getSize()[1])

@@ -10,8 +10,7 @@ import numpy as np
 
 from ..parallel.decisions import decided
 from ..parallel.failures import Owned
-from ..parallel.petsc import PETSc
-from .blocks import column_norms, copy_of, local_rows
+from .blocks import column_norms, copy_of, create_dense, local_rows
 from .conjugate_gradients import NotSolved, conjugate_gradients
 
 WIDTH = 16  # columns solved for at once
@@ -132,7 +131,7 @@ class IterativeSolver:
 
     def _multiplication(self, room, columns, terms):
         """p, q -> q = A p for the rows of this rank."""
-        source, target = (room.owns(dense_matrix(self.model.K, columns)) for _ in range(2))
+        source, target = (room.owns(create_dense(self.model.K, columns)) for _ in range(2))
 
         def multiply(p, q):
             source.getDenseArray()[...] = p
@@ -155,11 +154,3 @@ def _residual(multiply, b, x, r):
     """r = b - A x."""
     multiply(x, r)
     np.subtract(b, r, out=r)
-
-
-def dense_matrix(like, columns):
-    """A dense matrix (n, columns) with the rows of another."""
-    mat = PETSc.Mat().createDense(((like.getLocalSize()[0], like.getSize()[0]), (None, columns)), comm=like.comm)
-    mat.setUp()
-    mat.assemble()
-    return mat

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc
-from .blocks import local_rows
+from .blocks import create_dense, local_rows
 from .options import temporary_options
 
 COARSEST = 2000  # rows that every rank can have the eigenvectors of
@@ -127,11 +127,7 @@ class _Level:
     def make_room(self, columns):
         for mat in self._room:
             mat.destroy()
-        rows, size = self.matrix.getLocalSize()[0], self.matrix.getSize()[0]
-        self._room = [PETSc.Mat().createDense(((rows, size), (None, columns)), comm=self.matrix.comm) for _ in range(5)]
-        for mat in self._room:
-            mat.setUp()
-            mat.assemble()
+        self._room = [create_dense(self.matrix, columns) for _ in range(5)]
         self.x, self.b, self.r, self.d, self.product = self._room
 
     def subtract_product(self):

@@ -9,9 +9,9 @@ import numpy as np
 
 from ..parallel.failures import InputError
 from ..parallel.petsc import SAME, PETSc
-from .blocks import local_rows
+from .blocks import create_dense, local_rows
 from .factorisation import FactorRecord, LinearSolver, SingularMatrix
-from .iterative_solver import IterativeSolver, dense_matrix
+from .iterative_solver import IterativeSolver
 from .multigrid import Multigrid
 
 ACCEPTED = 1e-10  # relative residual of a solution
@@ -131,7 +131,7 @@ class MultigridSolver(IterativeSolver):
             return lambda r, z: np.multiply(r, self._inverse, out=z)
         cycle, blocks = self._levels.apply, self._blocks
         if blocks.expansion is not None:
-            plain, wide, made = (room.owns(dense_matrix(mat, columns)) for mat in (self.model.K, *[self._matrix] * 2))
+            plain, wide, made = (room.owns(create_dense(mat, columns)) for mat in (self.model.K, *[self._matrix] * 2))
 
             def cycle(r, z):
                 plain.getDenseArray()[...] = r
