@@ -34,6 +34,7 @@ from .accuracy import Accuracy, Adaptive, Point, Proof, law_of
 from .chain import Entry
 from .compression import compressed
 from .error_estimate import (
+    UNIFORM,
     apart,
     estimate,
     finer,
@@ -59,7 +60,6 @@ from .run import Run
 MARGIN = 0.1  # of the tolerance that the big basis is made for; the rest is for the compression
 BLOCK = 16  # columns of a block that is made from residuals
 HELD_BACK = 3  # columns at least that the estimate sees the model from
-UNIFORM = 200  # frequencies of the estimate, beside those around resonances
 CHAIN = 128  # columns of a point at most, and
 AHEAD = 32  # as many more when the estimate promises to arrive with them
 HIDDEN = 60  # random columns at most, to find modes that no load moves
@@ -225,7 +225,7 @@ class Search:
         band = band or self.settings.band
         model = self.projections.model()
         inner_model = self.projections.model(self.before[0])
-        S = grid([model], self.law, band, UNIFORM)
+        S = grid([model], self.law, band)
         embedding = nested(inner_model, model, _places(self.before[0]))
         curve, _ = estimate(inner_model, model, embedding, self.law, S, self.ports)
         chosen = []
@@ -410,7 +410,7 @@ class Search:
             if rough > 10 * self._wanted(f) and added + new <= limit and new and m < self.settings.columns:
                 history.append(rough)
                 return result | {"est": rough}
-        S = grid([outer], law, band, UNIFORM)
+        S = grid([outer], law, band)
         curve, noise = estimate(inner_model, outer, U, law, S, ports)
         est, noise = float(curve.max()), float(noise.max())
         if noise > est and S[0] == 0 and is_free(outer, law, S, ports):
@@ -529,12 +529,12 @@ class Search:
     def _estimate_between(self, inner_columns, outer_columns) -> float:
         one, other = self.projections.model(inner_columns), self.projections.model(outer_columns)
         embedding = nested(one, other, np.searchsorted(_places(outer_columns), _places(inner_columns)))
-        S = grid([other], self.law, self.settings.band, UNIFORM)
+        S = grid([other], self.law, self.settings.band)
         return float(estimate(one, other, embedding, self.law, S, self.ports)[0].max())
 
     def _judge_round(self, checked, hold):
         outer, inner_model = self.projections.model(), self.projections.model(hold)
-        S = grid([outer], self.law, self.settings.band, UNIFORM)
+        S = grid([outer], self.law, self.settings.band)
         curve, noise = estimate(inner_model, outer, nested(inner_model, outer, hold), self.law, S, self.ports)
         proofs = []
         for f in checked:
@@ -585,7 +585,7 @@ class Search:
 
     def _change(self, size, counts):
         model, old = self.projections.model(), self.projections.model(size)
-        S = grid([model], self.law, self.settings.band, UNIFORM)
+        S = grid([model], self.law, self.settings.band)
         E = difference(old, model, nested(old, model), self.law, S, self.ports)
         return missing(model, counts), float(relative(E, response(model, self.law, S, self.ports)).max())
 
@@ -612,7 +612,7 @@ class Search:
         settings, law, ports, band = self.settings, self.law, self.ports, self.settings.band
         outer = self.projections.model()
         fixed = outer.vectors[kept].T
-        S = grid([outer], law, band, UNIFORM)
+        S = grid([outer], law, band)
         est, noise = self.rest, self.noise
         eps = settings.tolerance
         goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
@@ -622,7 +622,7 @@ class Search:
                 reason = reason or f"with {settings.size} coordinates"
                 U = compressed(outer, law, S, ports, 0.0, fixed, most=settings.size)
             inner_model, embedding = restricted(outer, U, law)
-            fine = finer(grid([outer, inner_model], law, band, UNIFORM), 4)
+            fine = finer(grid([outer, inner_model], law, band), 4)
             fine, curve = largest(inner_model, outer, embedding, law, fine, ports)
             if curve.max() <= 1.02 * goal:
                 fine, curve = resolved(inner_model, outer, embedding, law, fine, curve, ports, 3 * noise)

@@ -6,6 +6,7 @@ import numpy as np
 
 from .pseudo_modal import Law, PseudoModal, difference, norms, relative, response, solve
 
+UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points
 CLUSTER = np.array([-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0])  # places around a resonance, in units of its damping ratio
 
@@ -26,7 +27,7 @@ def ratios(model: PseudoModal, law: Law) -> np.ndarray:
     return (law.eta + (law.alpha + given) * inverse + law.beta * omega) / 2
 
 
-def grid(models, law: Law, band, uniform=200, around=CLUSTER) -> np.ndarray:
+def grid(models, law: Law, band, uniform=UNIFORM, around=CLUSTER) -> np.ndarray:
     """S: `uniform` points over the band (Hz) and 7 around every pseudo-frequency of the models, one set a cluster.
 
     `around`: where, in damping ratios.
