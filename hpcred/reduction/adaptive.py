@@ -142,14 +142,12 @@ class Search:
                 try:
                     found = self._expand(f, self.closing)
                 except NotSolved as error:  # the basis may lack a mode below the point
-                    if self._mass == self._factored:
+                    if self._mass == self._factored or not self._goes_on_without(error):
                         raise
                     if not self._static:
                         self._proves_by_factor = True
                         self.waiting.insert(0, f)
                         continue
-                    if not isinstance(error, NegativeCurvature):
-                        raise
                     if self._enough < self.goal:
                         return "since modes of the band are missing"
                     self._enough /= 100
@@ -353,6 +351,10 @@ class Search:
         """Whether the factor of the last point may serve the next one: where it is known that no mode is missing."""
         return self._counts and self._by_mass and self.groups == 1 and not self._proves_by_factor
 
+    def _goes_on_without(self, error):
+        """Whether the search goes on where a solve nearby failed: by a factor of its own, or with blocks at 0 Hz."""
+        return not self._static or isinstance(error, NegativeCurvature)
+
     def _extend_by_solution(self, rule, make_load) -> int:
         """Add A^-1 times a load, at the point; returns how many columns are new. `rule`: what tells the load in the key
         of the store from others at the point; `make_load` gives a block that is destroyed here."""
@@ -361,8 +363,11 @@ class Search:
         key = {"kind": "solution", "square": self._mass, **rule, **run.identity_of("M", "K", "inputs", "outputs")}
         if nearby:  # whose residuals are not those of a factor
             key["nearby"] = True
+        failed = key | {"failed": True} | self._history()  # for it is the basis that makes a solve nearby fail
         with Owned(run.model.comm) as owned:
             entry = run.stored(key)
+            if entry is None and nearby and run.stored(failed) is not None:
+                raise NegativeCurvature("as in an earlier run")
             if entry is not None:
                 block = owned.owns(entry).block
             else:
@@ -370,7 +375,12 @@ class Search:
                 block = owned.owns(create_block(run.model.K, load.getActiveColumns()[1]))
                 with run.progress.stage("solve"):
                     if nearby:
-                        solver.solve_below(self._mass, load, block, self.basis.columns, self.projections.K)
+                        try:
+                            solver.solve_below(self._mass, load, block, self.basis.columns, self.projections.K)
+                        except NotSolved as error:
+                            if self._goes_on_without(error):
+                                run.keep(failed, Entry({}))
+                            raise
                     else:
                         solver.solve(load, block)
                 run.keep(key, Entry({}, (block.getActiveColumns()[1],), block))
