@@ -97,6 +97,18 @@ def stacked_inner(lefts, right: SLEPc.BV) -> list[np.ndarray]:
     return np.split(total, np.cumsum([len(part) for part in parts])[:-1])
 
 
+def independent(gram: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """Orthogonal combinations (k, m) of columns from their Gram matrix (k, k), and the squares (m,) of their lengths.
+
+    Of columns scaled to length 1; combinations whose square is not above `least` are left out.
+    """
+    size = np.sqrt(np.diag(gram))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    squares, turn = np.linalg.eigh(gram * np.outer(scale, scale))
+    kept = squares > least
+    return scale[:, None] * turn[:, kept], squares[kept]
+
+
 def column_norms(*blocks: SLEPc.BV) -> np.ndarray:
     """2-norms of the active columns (blocks, columns), without the first axis for one block."""
     squares = []
