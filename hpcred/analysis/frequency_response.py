@@ -95,10 +95,15 @@ def _full(framed, frequencies, factoring, progress):
         sensors = owned.owns(from_dense(model.B if model.Ct is None else model.Ct))
         response = np.zeros((len(frequencies), sensors.getSizes()[1], loads.getSizes()[1]), dtype=complex)
         solvers = owned.owns(_Solvers(framed, factoring))
-        if progress is not None:
-            progress.step("frequencies of the full model", 0, len(frequencies))
-        left = _by_full_matrices(solvers, frequencies, response)
-        for i, frequency in zip(left, frequencies[left], strict=True):
+
+        def step(done):
+            if progress is not None:
+                progress.step("frequencies of the full model", done, len(frequencies))
+
+        step(0)
+        left = _by_full_matrices(solvers, frequencies, response, step)
+        for done, i in enumerate(left, len(frequencies) - len(left) + 1):
+            frequency = frequencies[i]
             try:
                 response[i] = solvers.response(2 * np.pi * frequency, loads, sensors)
             except SingularMatrix as error:
@@ -106,12 +111,11 @@ def _full(framed, frequencies, factoring, progress):
                     f"frequency {frequency:.10g} Hz is a pole of the full model (relative distance of its "
                     f"square {error.distance:.1e}); leave it out or add damping"
                 ) from error
-            if progress is not None:
-                progress.step("frequencies of the full model", i + 1, len(frequencies))
+            step(done)
     return response
 
 
-def _by_full_matrices(solvers, frequencies, response) -> np.ndarray:
+def _by_full_matrices(solvers, frequencies, response, step) -> np.ndarray:
     """Fill in the response of a tiny damped model that one rank has; returns the numbers of the frequencies left.
 
     What is left is for the sparse solvers to solve, or to refuse: 0 Hz, and where the residual is not small.
@@ -133,6 +137,7 @@ def _by_full_matrices(solvers, frequencies, response) -> np.ndarray:
         response[part] = C @ X
         small = (residual <= REFINE_ABOVE * np.linalg.norm(B, axis=0)).all(axis=1)  # NaN is not
         left[part] = (frequencies[part] == 0) | ~small
+        step(np.count_nonzero(~left))
     return np.flatnonzero(left)
 
 

@@ -21,8 +21,8 @@ from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
 from ..reduction.accuracy import Accuracy, Adaptive
-from ..reduction.adaptive import HELD_BACK, UNIFORM, Search
-from ..reduction.error_estimate import estimate, grid
+from ..reduction.adaptive import HELD_BACK, Search
+from ..reduction.error_estimate import UNIFORM, estimate, grid
 from ..reduction.pseudo_modal import Law, nested, relative, response
 from ..reduction.reduce import KEPT_BY_SEARCH, ROOM, check_model, warnings_of
 from ..reduction.run import Run

@@ -14,6 +14,7 @@ from ..model.dofs import Dofs
 from ..model.second_order_model import SecondOrderModel, row_range
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
+from .solid import elasticity
 
 LENGTH, THICKNESS = 0.2, 0.02  # m; between the centres of the eyes, along z
 EYES = {"BIG_EYE": (0.025, 0.04, 0.6), "SMALL_EYE": (0.012, 0.02, 0.7)}  # radii in m, half of the angle at the shank
@@ -108,10 +109,7 @@ def _hexahedra(quads, layers, cells):
 
 def _elements(corners, height, young, poisson, density):
     """K (quads, 24, 24) and the mass (quads, 8, 8) of one component, by 2 x 2 x 2 Gauss points."""
-    lame = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
-    shear = young / (2 * (1 + poisson))
-    elastic = np.diag([2 * shear] * 3 + [shear] * 3)
-    elastic[:3, :3] += lame
+    elastic = elasticity(young, poisson)
     stiffness, mass = np.zeros((len(corners), 24, 24)), np.zeros((len(corners), 8, 8))
     level = np.repeat([-1, 1], 4)
     plane = np.tile(CORNERS, (2, 1))

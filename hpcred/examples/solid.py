@@ -83,14 +83,20 @@ def _rows(place, nodes, grid, cells, clamped, skipped, elements):
     return np.concatenate([[0], np.cumsum(lengths)]), indices, values
 
 
-def hexahedron(edges, young, poisson, density):
-    """K (24, 24) and consistent M (24, 24) of a trilinear brick with the given edges, by 2 x 2 x 2 Gauss points."""
-    edges = np.asarray(edges, dtype=float)
-    corners = np.array(list(product((-1, 1), repeat=3)))
+def elasticity(young, poisson):
+    """Stresses (xx, yy, zz, xy, yz, xz) by strains (6, 6) of an isotropic material."""
     lame = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
     shear = young / (2 * (1 + poisson))
     elastic = np.diag([2 * shear] * 3 + [shear] * 3)
     elastic[:3, :3] += lame
+    return elastic
+
+
+def hexahedron(edges, young, poisson, density):
+    """K (24, 24) and consistent M (24, 24) of a trilinear brick with the given edges, by 2 x 2 x 2 Gauss points."""
+    edges = np.asarray(edges, dtype=float)
+    corners = np.array(list(product((-1, 1), repeat=3)))
+    elastic = elasticity(young, poisson)
     stiffness, scalar = np.zeros((24, 24)), np.zeros((8, 8))
     volume = np.prod(edges) / 8
     for point in corners / 3**0.5:

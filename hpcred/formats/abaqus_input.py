@@ -21,11 +21,11 @@ from .text import (
     LARGEST_LABEL,
     Piece,
     first_line,
-    is_packed,
     line_number,
     padded,
     pieces,
     ragged,
+    refuse_packed,
     require_file,
     shown,
     whole,
@@ -124,8 +124,7 @@ def _sections(path, comm, including):
     """All keywords of a file and of those it includes, in order. Collective."""
     with agreed(comm):
         require_file(path)
-        if is_packed(path):
-            raise InputError(f"{path}: found a gzip file; unpack it first")
+        refuse_packed(path)
         found = [piece.start + match.start() for piece in pieces(path, comm) for match in KEYWORD.finditer(piece.text)]
     positions = sum(comm.allgather(found), [])
     with agreed(comm):

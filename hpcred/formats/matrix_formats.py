@@ -35,7 +35,7 @@ from . import (
     petsc_binary,
 )
 from .entries import Entries, LabelledEntries
-from .text import first_bytes, first_line, is_packed, shown
+from .text import first_bytes, first_line, refuse_packed, shown
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,8 @@ def read_entries(path, comm, key="K", variables=None) -> Entries | LabelledEntri
                 f"{path}: found a file that begins with {start[:12]!r}, expected "
                 f"{', '.join(item.name for item in FORMATS[:-1])}, or {FORMATS[-1].name}"
             )
-        if is_packed(path) and not found.packed:
-            raise InputError(f"{path}: found a gzip file of {found.name}; unpack it first")
+        if not found.packed:
+            refuse_packed(path, found.name)
     if found.named:
         return found.module.read(path, comm, key, variables or {})
     return found.module.read(path, comm)

@@ -28,7 +28,7 @@ from .nastran_points import (
     System,
 )
 from .node_table import LARGEST_COORDINATE
-from .text import first_bytes, first_line, is_packed, line_number, records, require_file
+from .text import first_bytes, first_line, line_number, records, refuse_packed, require_file
 
 START = re.compile(
     rb"(?mi)^[ \t]*(?:SOL[ ,]|CEND\b|BEGIN[ \t]+(?:BULK|SUPER)|NASTRAN[ ,]|PARAM[ ,]|"
@@ -172,8 +172,7 @@ def _segments(path, comm, including=()):
     """Bytes of bulk data (file, start, stop), in order, and what the case control says. Collective."""
     with agreed(comm):
         require_file(path)
-        if is_packed(path):
-            raise InputError(f"{path}: found a gzip file; unpack it first")
+        refuse_packed(path)
         size = path.stat().st_size
         mine = [(piece.start + match.start(), piece.start + match.end(), match.groupdict())
                 for piece in records(path, comm, 0, size, re.compile(rb"(?m)^")) for match in MARK.finditer(piece.text)]

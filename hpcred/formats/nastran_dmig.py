@@ -17,7 +17,7 @@ from .abaqus_matrices import is_one_triangle
 from .entries import LabelledEntries, joined, label_name, label_of
 from .nastran_cards import CARD, lines_of, reals, wholes
 from .nastran_names import single
-from .text import first_bytes, first_line, is_packed, records, shown
+from .text import first_bytes, first_line, records, refuse_packed, shown
 
 NAME = re.compile(rb"DMIG")
 START = re.compile(rb"(?mi)^DMIG[ ,*]")
@@ -46,8 +46,7 @@ def contents(path, comm) -> list[Matrix]:
     """The matrices of a file, in order. Collective. Raises InputError."""
     with agreed(comm):
         first_bytes(path)
-        if is_packed(path):
-            raise InputError(f"{path}: found a gzip file of DMIG cards; unpack it first")
+        refuse_packed(path, "DMIG cards")
         mine, used, ends = [], set(), []
         for piece in _pieces(path, comm):
             lines = lines_of(piece, NAME, strict=True)

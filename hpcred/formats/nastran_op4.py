@@ -18,7 +18,7 @@ import numpy as np
 from ..parallel.failures import InputError, agreed
 from .entries import Entries, joined
 from .nastran_names import single
-from .text import first_bytes, is_packed, parse, pieces, records, shown
+from .text import first_bytes, parse, pieces, records, refuse_packed, shown
 
 SHARE = 2**22  # bytes of a binary file decoded at a time
 SMALL = 65536  # rows from which a string header needs two words
@@ -81,8 +81,7 @@ def contents(path, comm) -> list[Matrix]:
     """The matrices of a file, in order. Collective. Raises InputError."""
     with agreed(comm):
         start = first_bytes(path)
-        if is_packed(path):
-            raise InputError(f"{path}: found a gzip file of Nastran OP4; unpack it first")
+        refuse_packed(path, "Nastran OP4")
         layout = _binary_layout(start)
         if layout is None and not begins(start):
             raise InputError(f"{path}: found a file that begins with {start[:12]!r}, expected one of OUTPUT4")

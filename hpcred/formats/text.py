@@ -76,6 +76,12 @@ def is_packed(path) -> bool:
         return file.read(2) == b"\x1f\x8b"
 
 
+def refuse_packed(path, what=""):
+    """Raise InputError for a gzip file (of `what`), where only the text itself can be read."""
+    if is_packed(path):
+        raise InputError(f"{path}: found a gzip file{what and ' of '}{what}; unpack it first")
+
+
 def open_unpacked(path):
     """The file opened for reading bytes, those of the unpacked text where it is gzip."""
     return gzip.open(path, "rb") if is_packed(path) else open(path, "rb")
@@ -116,7 +122,7 @@ def pieces(path, comm, start=0, stop: int | None = None, continued=False):
     """
     if is_packed(path):
         if stop is not None:
-            raise InputError(f"{path}: found a gzip file; unpack it first")
+            refuse_packed(path)
         yield from _packed_pieces(path, comm, start)
         return
     with open(path, "rb") as file:

@@ -14,7 +14,7 @@ from ..model.elements import NODES
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import repeated_key
 from .node_table import Nodes, finite
-from .text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, is_packed, ragged, records, shown, whole
+from .text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, ragged, records, refuse_packed, shown, whole
 
 MARK = re.compile(rb"(?m)^ {0,4}-1[ \t]*\r?$")
 START = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{1,5}[ \tb]*\r?\n")
@@ -60,8 +60,7 @@ def read(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
     Collective. Raises InputError.
     """
     with agreed(comm):
-        if is_packed(path):
-            raise InputError(f"{path}: found a gzip file; unpack it first")
+        refuse_packed(path)
         size = os.path.getsize(path)
         mine = [piece.start + match.start() for piece in records(path, comm, 0, size, re.compile(rb"(?m)^"))
                 for match in MARK.finditer(piece.text)]  # fmt: skip

@@ -53,6 +53,14 @@ def copy_of(block: SLEPc.BV, mat: PETSc.Mat) -> SLEPc.BV:
     return new
 
 
+def create_dense(like: PETSc.Mat, columns: int) -> PETSc.Mat:
+    """A dense matrix of `columns` columns with the rows of another matrix. The caller destroys it."""
+    mat = PETSc.Mat().createDense(((like.getLocalSize()[0], like.getSize()[0]), (None, columns)), comm=like.comm)
+    mat.setUp()
+    mat.assemble()
+    return mat
+
+
 def from_dense(mat: PETSc.Mat) -> SLEPc.BV:
     """A new block with a copy of the columns of a dense matrix."""
     new = create_block(mat, mat.getSize()[1])
@@ -87,6 +95,18 @@ def stacked_inner(lefts, right: SLEPc.BV) -> list[np.ndarray]:
                 parts.append((x.T @ y).real)
     total = right.comm.tompi4py().allreduce(np.concatenate(parts))
     return np.split(total, np.cumsum([len(part) for part in parts])[:-1])
+
+
+def independent(gram: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """Orthogonal combinations (k, m) of columns from their Gram matrix (k, k), and the squares (m,) of their lengths.
+
+    Of columns scaled to length 1; combinations whose square is not above `least` are left out.
+    """
+    size = np.sqrt(np.diag(gram))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    squares, turn = np.linalg.eigh(gram * np.outer(scale, scale))
+    kept = squares > least
+    return scale[:, None] * turn[:, kept], squares[kept]
 
 
 def column_norms(*blocks: SLEPc.BV) -> np.ndarray:

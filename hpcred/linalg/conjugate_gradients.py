@@ -41,7 +41,7 @@ def conjugate_gradients(comm, multiply, precondition, residual, solution, target
             break
         precondition(residual, z)
         product = comm.allreduce(_dot(residual, z))
-        going &= _positive(product, going, size > NOISE * first, "the cycle of multigrid")
+        going &= _positive(product, going, size > NOISE * first, "the approximate inverse")
         for j in np.flatnonzero(going):
             p[:, j] *= product[j] / before[j]
             p[:, j] += z[:, j]
@@ -66,8 +66,8 @@ def _positive(products, going, large, what):
     positive = products > 0
     if (going & large & ~positive).any():
         raise NegativeCurvature(
-            f"solver.kind 'multigrid': {what} is not positive definite: conjugate gradients met a negative curvature; "
-            "K may be indefinite, or singular, so that the body can move freely: take frame kind 'buckens', 'chord' or "
-            "'tangent', or kind 'direct'"
+            f"{what} is not positive definite: conjugate gradients met a negative curvature; K may be indefinite, or "
+            "singular, so that the body can move freely: take frame kind 'buckens', 'chord' or 'tangent', or "
+            "solver.kind 'direct'; above 0 Hz, the basis may lack a mode below the point"
         )
     return positive

@@ -20,6 +20,7 @@ from .options import temporary_options
 MORE_ROOM = (-8, -9, -14, -15, -17, -20)  # INFOG(1): a workspace was too small
 OUT_OF_MEMORY = (-7, -13, -19)
 SOLVE_WIDTH = 96  # columns that MUMPS solves for at a time; wider ones take memory (`hpcred bench` compares widths)
+ANALYSIS = {"icntl_23": 1}  # a limit of 1 MB, at which all but tiny matrices are only analysed
 CHOOSE_ABOVE = 10_000  # rows from which on an ordering is worth a second analysis
 ORDERINGS = {0: "AMD", 2: "AMF", 3: "SCOTCH", 4: "PORD", 5: "METIS", 6: "QAMD"}
 
@@ -189,10 +190,7 @@ class Factorisation:
         `entries`, `mb` in all and `mb_max_rank`."""
         found = {}
         for ordering in orderings:
-            with temporary_options(self._prefix + "mat_mumps_", self._settings, {"icntl_7": ordering, "icntl_23": 1}):
-                self._ksp.setOperators(self.matrix)
-                self._ksp.setUp()
-            mumps = self._ksp.getPC().getFactorMatrix()
+            mumps = self._set_up(ANALYSIS | {"icntl_7": ordering})
             found[ordering] = {
                 "flops": mumps.getMumpsRinfog(1), "entries": _entries(mumps.getMumpsInfog(20)),
                 "mb": mumps.getMumpsInfog(17), "mb_max_rank": mumps.getMumpsInfog(16),
@@ -218,10 +216,7 @@ class Factorisation:
         Raises DoesNotFit.
         """
         self._choose_ordering()
-        with temporary_options(self._prefix + "mat_mumps_", self._settings, {"icntl_23": 1}):
-            self._ksp.setOperators(self.matrix)
-            self._ksp.setUp()
-        mumps = self._ksp.getPC().getFactorMatrix()
+        mumps = self._set_up(ANALYSIS)
         on_disk = self.factoring.out_of_core is not None
         total, largest = (mumps.getMumpsInfog(i) for i in ((27, 26) if on_disk else (17, 16)))
         message = self._does_not_fit(mumps)
@@ -270,18 +265,22 @@ class Factorisation:
             )
         )
 
+    def _set_up(self, forced, **more):
+        """What MUMPS makes by the settings and `more`, which users' options override, and by what is `forced`."""
+        with temporary_options(self._prefix + "mat_mumps_", self._settings | more, forced):
+            self._ksp.setOperators(self.matrix)
+            self._ksp.setUp()
+        return self._ksp.getPC().getFactorMatrix()
+
     def _factor_with_room(self):
         """The factor of MUMPS, and how often its workspace had to be enlarged."""
         self._choose_ordering()
         # MUMPS compares its estimate with this limit after the analysis; then it asks the system for all of it at once
-        settings = {**self._settings, "icntl_23": 0 if self._is_small() else self._limit}
+        limit = 0 if self._is_small() else self._limit
         room = PETSc.Options(self._prefix).getInt("mat_mumps_icntl_14", self._settings["icntl_14"])
         for retries in range(5):
             more = {"icntl_14": max(room, 25) * 2**retries} if retries else {}
-            with temporary_options(self._prefix + "mat_mumps_", settings, more):
-                self._ksp.setOperators(self.matrix)
-                self._ksp.setUp()
-            mumps = self._ksp.getPC().getFactorMatrix()
+            mumps = self._set_up(more, icntl_23=limit)
             code, detail = mumps.getMumpsInfog(1), mumps.getMumpsInfog(2)
             if code >= 0:
                 return mumps, retries

@@ -10,12 +10,12 @@ import numpy as np
 
 from ..parallel.decisions import decided
 from ..parallel.failures import Owned
-from ..parallel.petsc import PETSc
-from .blocks import column_norms, copy_of, local_rows
+from .blocks import column_norms, copy_of, create_dense, local_rows
 from .conjugate_gradients import NotSolved, conjugate_gradients
 
 WIDTH = 16  # columns solved for at once
 RESTARTS = 3  # from the true residual
+BACKWARD = 1e-14  # backward error that a solution may end with, as of refined ones
 ROUND_OFF = 1e-16  # backward error below which no residual can be asked for
 
 
@@ -23,14 +23,14 @@ class IterativeSolver:
     """Solves with sums of K, M and D that are positive definite, or are so beside a basis.
 
     `model`, `rigid`: as of a ShiftedSolver. `goal`: the relative residual that solutions are refined to, as far as
-    round-off lets them; `accepted` and `backward`: it may end with this residual, or with this backward error
-    ||r|| / (||A|| ||x|| + ||b||). `most`: iterations, from each restart. A subclass has `_norm`, an estimate of ||A||,
-    and what it says where solutions stay bad. All methods are collective.
+    round-off lets them; it may end with the residual `accepted`, or with the backward error ||r|| / (||A|| ||x|| +
+    ||b||) that is BACKWARD. `most`: iterations, from each restart. A subclass has `_norm`, an estimate of ||A||, and
+    what it says where solutions stay bad. All methods are collective.
     """
 
-    def __init__(self, model, rigid, goal, accepted, backward, most):
+    def __init__(self, model, rigid, goal, accepted, most):
         self.model, self.rigid, self._norm = model, rigid, 0.0
-        self._goal, self._accepted, self._backward, self._most = goal, accepted, backward, most
+        self._goal, self._accepted, self._most = goal, accepted, most
 
     # what a subclass has
 
@@ -103,7 +103,7 @@ class IterativeSolver:
                 before = relative
                 iterations += conjugate_gradients(comm, multiply, precondition, r, x, floor, self._most)
                 _residual(multiply, b, x, r)
-        if not (relative <= self._accepted or backward <= self._backward):
+        if not (relative <= self._accepted or backward <= BACKWARD):
             raise NotSolved(
                 f"the relative residual stays at {relative:.1e} (backward error {backward:.1e}) after "
                 f"{iterations.max()} iterations of conjugate gradients{self.advice}"
@@ -131,7 +131,7 @@ class IterativeSolver:
 
     def _multiplication(self, room, columns, terms):
         """p, q -> q = A p for the rows of this rank."""
-        source, target = (room.owns(dense_matrix(self.model.K, columns)) for _ in range(2))
+        source, target = (room.owns(create_dense(self.model.K, columns)) for _ in range(2))
 
         def multiply(p, q):
             source.getDenseArray()[...] = p
@@ -154,11 +154,3 @@ def _residual(multiply, b, x, r):
     """r = b - A x."""
     multiply(x, r)
     np.subtract(b, r, out=r)
-
-
-def dense_matrix(like, columns):
-    """A dense matrix (n, columns) with the rows of another."""
-    mat = PETSc.Mat().createDense(((like.getLocalSize()[0], like.getSize()[0]), (None, columns)), comm=like.comm)
-    mat.setUp()
-    mat.assemble()
-    return mat

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc
-from .blocks import local_rows
+from .blocks import create_dense, independent, local_rows
 from .options import temporary_options
 
 COARSEST = 2000  # rows that every rank can have the eigenvectors of
 LOW, HIGH = 0.1, 1.1  # what a smoother damps, of the largest eigenvalue estimated
 LANCZOS = 12  # steps of that estimate
+DEPENDENT = 1e-12  # square of a combination of unit near null vectors that is round-off
 SINGULAR = 1e-11  # of the largest eigenvalue of the coarsest matrix: a motion that meets no force
 
 
@@ -127,11 +129,7 @@ class _Level:
     def make_room(self, columns):
         for mat in self._room:
             mat.destroy()
-        rows, size = self.matrix.getLocalSize()[0], self.matrix.getSize()[0]
-        self._room = [PETSc.Mat().createDense(((rows, size), (None, columns)), comm=self.matrix.comm) for _ in range(5)]
-        for mat in self._room:
-            mat.setUp()
-            mat.assemble()
+        self._room = [create_dense(self.matrix, columns) for _ in range(5)]
         self.x, self.b, self.r, self.d, self.product = self._room
 
     def subtract_product(self):
@@ -195,12 +193,8 @@ def _set_near_null(matrix, near_null):
     with local_rows(near_null) as rows:
         basis = rows.real
         for _ in range(2):
-            gram = comm.allreduce(basis.T @ basis)
-            size = np.sqrt(np.diag(gram))
-            scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
-            squares, turn = np.linalg.eigh(gram * np.outer(scale, scale))
-            kept = squares > 1e-12
-            basis = basis @ comm.bcast(scale[:, None] * turn[:, kept] / np.sqrt(squares[kept]))
+            factor, squares = decided(comm, independent, comm.allreduce(basis.T @ basis), DEPENDENT)
+            basis = basis @ (factor / np.sqrt(squares))
         for column in basis.T:
             vectors.append(matrix.createVecRight())
             vectors[-1].setArray(column)

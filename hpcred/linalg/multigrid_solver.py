@@ -9,13 +9,12 @@ import numpy as np
 
 from ..parallel.failures import InputError
 from ..parallel.petsc import SAME, PETSc
-from .blocks import local_rows
+from .blocks import create_dense, local_rows
 from .factorisation import FactorRecord, LinearSolver, SingularMatrix
-from .iterative_solver import IterativeSolver, dense_matrix
+from .iterative_solver import IterativeSolver
 from .multigrid import Multigrid
 
-ACCEPTED = 1e-10  # relative residual of a solution, or
-BACKWARD = 1e-14  # its backward error, as of refined solutions
+ACCEPTED = 1e-10  # relative residual of a solution
 
 
 class MultigridSolver(IterativeSolver):
@@ -34,7 +33,7 @@ class MultigridSolver(IterativeSolver):
     )
 
     def __init__(self, model, rigid, blocks, settings: LinearSolver, prefix="multigrid_"):
-        super().__init__(model, rigid, settings.residual, ACCEPTED, BACKWARD, settings.iterations)
+        super().__init__(model, rigid, settings.residual, ACCEPTED, settings.iterations)
         self.settings, self._blocks, self._prefix = settings, blocks, prefix
         self.records: list[FactorRecord] = []
         self.factored, self._levels, self._matrix = None, None, None
@@ -132,7 +131,7 @@ class MultigridSolver(IterativeSolver):
             return lambda r, z: np.multiply(r, self._inverse, out=z)
         cycle, blocks = self._levels.apply, self._blocks
         if blocks.expansion is not None:
-            plain, wide, made = (room.owns(dense_matrix(mat, columns)) for mat in (self.model.K, *[self._matrix] * 2))
+            plain, wide, made = (room.owns(create_dense(mat, columns)) for mat in (self.model.K, *[self._matrix] * 2))
 
             def cycle(r, z):
                 plain.getDenseArray()[...] = r

@@ -5,6 +5,7 @@ ShiftedSolver has real coefficients of M and D, ComplexSolver complex ones; both
 
 from __future__ import annotations
 
+from functools import cached_property
 from math import inf
 
 import numpy as np
@@ -29,8 +30,7 @@ from .iterative_solver import IterativeSolver
 from .refinement import refine
 
 NEAR_POLE = 1e-8  # relative distance in s^2 to an undamped eigenvalue below which A counts as singular
-NEARBY = 1e-9  # relative residual asked of solutions with the factor of another point, or
-BACKWARD = 1e-14  # their backward error
+NEARBY = 1e-9  # relative residual asked of solutions with the factor of another point
 MOST = 20  # iterations for them, from each restart
 ROUND_OFF = 1e-13  # the same relative to the mean eigenvalue trace(K) / trace(M), for K alone
 
@@ -83,8 +83,8 @@ class NearbyFactor(IterativeSolver):
     advice = " with the factor of another point"
 
     def __init__(self, solver, back_substitute):
-        super().__init__(solver.model, solver.rigid, NEARBY, 10 * NEARBY, BACKWARD, MOST)
-        self._record, self._back_substitute = solver.records[-1], back_substitute
+        super().__init__(solver.model, solver.rigid, NEARBY, 10 * NEARBY, MOST)
+        self._records, self._back_substitute = solver.records, back_substitute
         self._norm = solver.model.K.norm(PETSc.NormType.INFINITY)
 
     def _preconditioner(self, room, columns):
@@ -100,8 +100,9 @@ class NearbyFactor(IterativeSolver):
         return precondition
 
     def _note(self, columns, seconds, iterations, residual):
-        self._record.iterations = max(self._record.iterations, iterations)
-        self._record.nearby_residual = max(self._record.nearby_residual, residual)
+        record = self._records[-1]
+        record.iterations = max(record.iterations, iterations)
+        record.nearby_residual = max(record.nearby_residual, residual)
 
 
 class ShiftedSolver(Solver):
@@ -120,21 +121,26 @@ class ShiftedSolver(Solver):
 
     def estimate(self):
         """MB that a factor of A needs in all, and MB that the ranks have. Raises DoesNotFit."""
-        self.factored = None
-        self.model.K.copy(self.matrix, structure=SAME)
-        self.matrix.stateIncrease()
+        self._begin_with(self.model.K)
         return self._factors.estimate()
 
     def expected(self, orderings) -> dict[int, dict]:
         """What a factor of K with each of the orderings of MUMPS (icntl_7) takes; see Factorisation.expected."""
-        self.factored = None
-        self.model.K.copy(self.matrix, structure=SAME)
-        self.matrix.stateIncrease()
+        self._begin_with(self.model.K)
         return self._factors.expected(orderings)
+
+    def _begin_with(self, mat):
+        self.factored = None
+        mat.copy(self.matrix, structure=SAME)
+        self.matrix.stateIncrease()
 
     def solve_below(self, mass, right, solution, basis, squares):
         """Solve with K + mass M by the factor that there is for another mass; see IterativeSolver.solve_below."""
-        NearbyFactor(self, self._back_substitute).solve_below(mass, right, solution, basis, squares)
+        self._nearby.solve_below(mass, right, solution, basis, squares)
+
+    @cached_property
+    def _nearby(self):  # which takes the norm of K
+        return NearbyFactor(self, self._back_substitute)
 
     def set_solve_width(self, columns: int):
         """How many columns MUMPS solves for at a time with the present factor, for measurements."""
@@ -154,9 +160,8 @@ class ShiftedSolver(Solver):
         """
         if self.factored == (mass, damping):
             return
-        self.factored = None
         model, matrix = self.model, self.matrix
-        model.K.copy(matrix, structure=SAME)
+        self._begin_with(model.K)
         if damping and model.D is not None:
             matrix.axpy(damping, model.D, structure=SAME)
         if mass:
@@ -173,8 +178,7 @@ class ShiftedSolver(Solver):
         """Factor A = M, which is where s goes to infinity. Raises SingularMatrix or ComputationError."""
         if self.factored == (inf, 0.0):
             return
-        self.factored = None
-        self.model.M.copy(self.matrix, structure=SAME)
+        self._begin_with(self.model.M)
         self._relief = False
         self._factors.factor(mass="inf", damping="0", inertia_relief=False)
         self.factored = inf, 0.0

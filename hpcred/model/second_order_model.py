@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..linalg.blocks import create_dense
 from ..linalg.csr import compress
 from ..parallel.digest import digest, digest_of_block
 from ..parallel.failures import InputError, Owned, agreed, settle, watched
@@ -380,9 +381,7 @@ def _real(values, what):
 
 def dense_matrix(like: PETSc.Mat, local: np.ndarray) -> PETSc.Mat:
     """A dense matrix with the row layout of `like` from the rows of this rank. Collective."""
-    rows, size = like.getLocalSize()[0], like.getSize()[0]
-    mat = PETSc.Mat().createDense(((rows, size), (None, local.shape[1])), comm=like.comm)
-    mat.setUp()
+    mat = create_dense(like, local.shape[1])
     mat.getDenseArray()[...] = local
     mat.assemble()
     return mat

@@ -9,9 +9,8 @@ import numpy as np
 from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
 from ..parallel.failures import InputError
 from ..parallel.ranges import COUNT, FREQUENCY, within
+from .error_estimate import UNIFORM
 from .pseudo_modal import Law
-
-MOST_OF_BAND = 200  # frequencies at which a damping law is looked through for its smallest ratio
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,10 +168,10 @@ def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
         return Law(*(*series, 0.0)[:2]), False, "measured with the damping of the model"
     ratio = zeta0
     if any(series):
-        omega = 2 * np.pi * np.linspace(max(band[0], 1e-3 * band[1]), band[1], MOST_OF_BAND)
+        omega = 2 * np.pi * np.linspace(max(band[0], 1e-3 * band[1]), band[1], UNIFORM)
         ratio = max(float((sum(a * omega ** (2 * k - 1) for k, a in enumerate(series)) / 2).min()), 1e-6)
     elif isinstance(damping, ModalDamping):
-        ratio = max(float(damping.at(np.linspace(*band, MOST_OF_BAND)).min()), 1e-6)
+        ratio = max(float(damping.at(np.linspace(*band, UNIFORM)).min()), 1e-6)
     kind = "the smallest damping ratio of the series" if any(series) else "the smallest modal ratio"
     why = "undamped" if ratio == zeta0 and not isinstance(damping, ModalDamping) else kind
     return Law(eta=2 * ratio), False, f"measured with the loss factor {2 * ratio:g} ({why})"

@@ -34,7 +34,8 @@ from .accuracy import Accuracy, Adaptive, Point, Proof, law_of
 from .chain import Entry
 from .compression import compressed
 from .error_estimate import (
-    APART,
+    UNIFORM,
+    apart,
     estimate,
     finer,
     grid,
@@ -59,7 +60,6 @@ from .run import Run
 MARGIN = 0.1  # of the tolerance that the big basis is made for; the rest is for the compression
 BLOCK = 16  # columns of a block that is made from residuals
 HELD_BACK = 3  # columns at least that the estimate sees the model from
-UNIFORM = 200  # frequencies of the estimate, beside those around resonances
 CHAIN = 128  # columns of a point at most, and
 AHEAD = 32  # as many more when the estimate promises to arrive with them
 HIDDEN = 60  # random columns at most, to find modes that no load moves
@@ -109,8 +109,8 @@ class Search:
         self._width = min(4 * inputs if self.damped else inputs, BLOCK)
         self._random = 0
         self._mass = 0.0  # -omega^2 of the point that solves are for
-        self._near = 0.0 if self._static else None  # and that of the factor that they take, None where it is the same
-        self._near_at = 0.0  # the point (Hz) of that factor
+        # the point (Hz) whose factor they take, None where it is the same
+        self._near_at: float | None = 0.0 if self._static else None
         self._proves_by_factor = False  # since conjugate gradients did not come to an end
         self._made: int | None = None  # factors before the point that is under way
         # blocks made from residuals need the whole basis, which a group does not have
@@ -129,7 +129,8 @@ class Search:
 
     def search(self) -> str:
         """Extend the basis until the tolerance is proven; returns why it ended, "" if it is reached. Collective."""
-        low, high = self.settings.band
+        low, high = band = self.settings.band
+        first_proof = low + PROOF * (high - low)
         while True:
             if not self.waiting:
                 return "since no place for another point is left"
@@ -141,14 +142,12 @@ class Search:
                 try:
                     found = self._expand(f, self.closing)
                 except NotSolved as error:  # the basis may lack a mode below the point
-                    if self._near is None or self._mass == self._near:
+                    if self._mass == self._factored or not self._goes_on_without(error):
                         raise
                     if not self._static:
                         self._proves_by_factor = True
                         self.waiting.insert(0, f)
                         continue
-                    if not isinstance(error, NegativeCurvature):
-                        raise
                     if self._enough < self.goal:
                         return "since modes of the band are missing"
                     self._enough /= 100
@@ -179,8 +178,8 @@ class Search:
                 self.waiting = second[:1] + self.waiting
             elif self.closing and max(taken) < 0.9 * high:
                 self.waiting.insert(0, high)
-            elif self.closing and not self.waiting and self._may_prove_nearby() and self._is_apart(PROOF, taken):
-                self.waiting = [_rounded(low + PROOF * (high - low))]
+            elif self.closing and not self.waiting and self._may_prove_nearby() and apart([first_proof], taken, band):
+                self.waiting = [_rounded(first_proof)]
             elif not self.waiting:
                 self.waiting = decided(self.run.model.comm, self._next, taken)
             if hidden:  # the next point checks the model that has these modes
@@ -224,7 +223,7 @@ class Search:
         band = band or self.settings.band
         model = self.projections.model()
         inner_model = self.projections.model(self.before[0])
-        S = grid([model], self.law, band, UNIFORM)
+        S = grid([model], self.law, band)
         embedding = nested(inner_model, model, _places(self.before[0]))
         curve, _ = estimate(inner_model, model, embedding, self.law, S, self.ports)
         chosen = []
@@ -242,30 +241,27 @@ class Search:
         run.progress.step("points", len(self.points))
         if not self._static:
             known = closing and self._may_prove_nearby() and self.lack <= 0
-            last = self.points[-1] if self.points else None
+            self._near_at = None
             if known and f < max(point.frequency for point in self.points):
+                last = self.points[-1]
                 self._near_at = last.frequency if last.factor_of is None else last.factor_of
-                self._near = 0.0 - (2 * np.pi * self._near_at) ** 2
-            else:
-                self._near = None
         with Owned(run.model.comm) as owned:
             f, count = self._open(f)
             chain = None
-            if self._by_mass and (self._near is None or not (f or self.points)):
+            if self._by_mass and (self._near_at is None or not (f or self.points)):
                 chain = owned.owns(SearchChain(run, self._mass, f"{f:.6g} Hz", None, self.loads, ("inputs", "outputs")))
             order, judged = self._extend_at(f, closing, chain)
             if chain is not None:
                 chain.keep()
         records, self._made = run.factorisations[self._made :], None
-        stored = not records and self._near is None
-        run.needs(str(self._mass if self._near is None else self._near), "0.0")
+        stored = not records and self._near_at is None
+        run.needs(str(self._factored), "0.0")
         name = f"adaptive {f:.6g} Hz, {order + 1} blocks"
         run.note(name, self.basis.size - before, self.basis.size - before, from_store=stored)
-        near = None if self._near is None else self._near_at
         self.points.append(Point(
             frequency=f, columns=self.basis.size - before, modes_below=count, factors=len(records),
             factor_seconds=float(sum(record.factor_seconds for record in records)),
-            estimate=_finite(judged["est"]), from_store=stored, factor_of=near,
+            estimate=_finite(judged["est"]), from_store=stored, factor_of=self._near_at,
         ))  # fmt: skip
         counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), counts))
@@ -314,11 +310,11 @@ class Search:
         if self.basis.size:
             moved = decided(run.model.comm, lambda: off_poles(f, self.projections.model(), self.settings.band))
             f = f if moved in (None, f) else _rounded(moved)
-        if self._near:
-            self._mass = 0.0 - (2 * np.pi * f) ** 2
+        if self._near_at:
+            self._mass = _mass_at(f)
             return float(f), None
         for trial in (f, f * (1 + POLE_GAP), f * (1 - POLE_GAP), f * (1 + 3 * POLE_GAP)):
-            self._mass = 0.0 - (2 * np.pi * trial) ** 2
+            self._mass = _mass_at(trial)
             key = {"kind": "count", "square": self._mass, **run.identity_of("M", "K")}
             known = run.stored(key)
             pivots = None if known is None else known.facts["negative_pivots"]
@@ -342,29 +338,36 @@ class Search:
 
     def _factor(self):
         """The solver with the factor of K - omega^2 M at the point, or at the one near it."""
-        mass = self._mass if self._near is None else self._near
+        mass = self._factored
         # another search begins by multigrid where a factor does not fit
         return self.run.factored(mass, f"{(-mass) ** 0.5 / (2 * np.pi):.6g} Hz", may_give_up=self._static)
 
-    def _is_apart(self, share, taken):
-        """Whether a place in the band is not that of a point already."""
-        low, high = self.settings.band
-        return all(abs(f - low - share * (high - low)) >= APART * (high - low) for f in taken)
+    @property
+    def _factored(self):
+        """-omega^2 of the factor that solves take."""
+        return self._mass if self._near_at is None else _mass_at(self._near_at)
 
     def _may_prove_nearby(self):
         """Whether the factor of the last point may serve the next one: where it is known that no mode is missing."""
         return self._counts and self._by_mass and self.groups == 1 and not self._proves_by_factor
 
+    def _goes_on_without(self, error):
+        """Whether the search goes on where a solve nearby failed: by a factor of its own, or with blocks at 0 Hz."""
+        return not self._static or isinstance(error, NegativeCurvature)
+
     def _extend_by_solution(self, rule, make_load) -> int:
         """Add A^-1 times a load, at the point; returns how many columns are new. `rule`: what tells the load in the key
         of the store from others at the point; `make_load` gives a block that is destroyed here."""
         run = self.run
-        nearby = self._near is not None and self._mass != self._near
+        nearby = self._mass != self._factored
         key = {"kind": "solution", "square": self._mass, **rule, **run.identity_of("M", "K", "inputs", "outputs")}
         if nearby:  # whose residuals are not those of a factor
             key["nearby"] = True
+        failed = key | {"failed": True} | self._history()  # for it is the basis that makes a solve nearby fail
         with Owned(run.model.comm) as owned:
             entry = run.stored(key)
+            if entry is None and nearby and run.stored(failed) is not None:
+                raise NegativeCurvature("as in an earlier run")
             if entry is not None:
                 block = owned.owns(entry).block
             else:
@@ -372,7 +375,12 @@ class Search:
                 block = owned.owns(create_block(run.model.K, load.getActiveColumns()[1]))
                 with run.progress.stage("solve"):
                     if nearby:
-                        solver.solve_below(self._mass, load, block, self.basis.columns, self.projections.K)
+                        try:
+                            solver.solve_below(self._mass, load, block, self.basis.columns, self.projections.K)
+                        except NotSolved as error:
+                            if self._goes_on_without(error):
+                                run.keep(failed, Entry({}))
+                            raise
                     else:
                         solver.solve(load, block)
                 run.keep(key, Entry({}, (block.getActiveColumns()[1],), block))
@@ -412,7 +420,7 @@ class Search:
             if rough > 10 * self._wanted(f) and added + new <= limit and new and m < self.settings.columns:
                 history.append(rough)
                 return result | {"est": rough}
-        S = grid([outer], law, band, UNIFORM)
+        S = grid([outer], law, band)
         curve, noise = estimate(inner_model, outer, U, law, S, ports)
         est, noise = float(curve.max()), float(noise.max())
         if noise > est and S[0] == 0 and is_free(outer, law, S, ports):
@@ -531,12 +539,12 @@ class Search:
     def _estimate_between(self, inner_columns, outer_columns) -> float:
         one, other = self.projections.model(inner_columns), self.projections.model(outer_columns)
         embedding = nested(one, other, np.searchsorted(_places(outer_columns), _places(inner_columns)))
-        S = grid([other], self.law, self.settings.band, UNIFORM)
+        S = grid([other], self.law, self.settings.band)
         return float(estimate(one, other, embedding, self.law, S, self.ports)[0].max())
 
     def _judge_round(self, checked, hold):
         outer, inner_model = self.projections.model(), self.projections.model(hold)
-        S = grid([outer], self.law, self.settings.band, UNIFORM)
+        S = grid([outer], self.law, self.settings.band)
         curve, noise = estimate(inner_model, outer, nested(inner_model, outer, hold), self.law, S, self.ports)
         proofs = []
         for f in checked:
@@ -555,7 +563,7 @@ class Search:
         top = max(f for f, _ in counts)
         moving = None
         if self.groups > 1:  # whose factors are gone
-            self._mass = 0.0 - (2 * np.pi * top) ** 2
+            self._mass = _mass_at(top)
             run.needed.append((str(self._mass), "0.0"))
         while used < HIDDEN:
             before = self.basis.size
@@ -587,7 +595,7 @@ class Search:
 
     def _change(self, size, counts):
         model, old = self.projections.model(), self.projections.model(size)
-        S = grid([model], self.law, self.settings.band, UNIFORM)
+        S = grid([model], self.law, self.settings.band)
         E = difference(old, model, nested(old, model), self.law, S, self.ports)
         return missing(model, counts), float(relative(E, response(model, self.law, S, self.ports)).max())
 
@@ -614,7 +622,7 @@ class Search:
         settings, law, ports, band = self.settings, self.law, self.ports, self.settings.band
         outer = self.projections.model()
         fixed = outer.vectors[kept].T
-        S = grid([outer], law, band, UNIFORM)
+        S = grid([outer], law, band)
         est, noise = self.rest, self.noise
         eps = settings.tolerance
         goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
@@ -624,7 +632,7 @@ class Search:
                 reason = reason or f"with {settings.size} coordinates"
                 U = compressed(outer, law, S, ports, 0.0, fixed, most=settings.size)
             inner_model, embedding = restricted(outer, U, law)
-            fine = finer(grid([outer, inner_model], law, band, UNIFORM), 4)
+            fine = finer(grid([outer, inner_model], law, band), 4)
             fine, curve = largest(inner_model, outer, embedding, law, fine, ports)
             if curve.max() <= 1.02 * goal:
                 fine, curve = resolved(inner_model, outer, embedding, law, fine, curve, ports, 3 * noise)
@@ -658,6 +666,11 @@ class Search:
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
             loss_factor=law.eta, **self.without_factors(),
         )  # fmt: skip
+
+
+def _mass_at(f):
+    """-omega^2 of a point (Hz), without a negative zero."""
+    return 0.0 - (2 * np.pi * f) ** 2
 
 
 def _rounded(f):

@@ -6,6 +6,7 @@ import numpy as np
 
 from .pseudo_modal import Law, PseudoModal, difference, norms, relative, response, solve
 
+UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points
 CLUSTER = np.array([-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0])  # places around a resonance, in units of its damping ratio
 
@@ -26,7 +27,7 @@ def ratios(model: PseudoModal, law: Law) -> np.ndarray:
     return (law.eta + (law.alpha + given) * inverse + law.beta * omega) / 2
 
 
-def grid(models, law: Law, band, uniform=200, around=CLUSTER) -> np.ndarray:
+def grid(models, law: Law, band, uniform=UNIFORM, around=CLUSTER) -> np.ndarray:
     """S: `uniform` points over the band (Hz) and 7 around every pseudo-frequency of the models, one set a cluster.
 
     `around`: where, in damping ratios.
@@ -104,12 +105,14 @@ def _merged(frequencies, curve, more, found):
     return frequencies[order], curve[order]
 
 
+def apart(frequencies, taken, band) -> np.ndarray:
+    """Which of the frequencies (S,) are APART of the band from all points that are taken."""
+    return (np.abs(np.subtract.outer(frequencies, taken)) >= APART * (band[1] - band[0])).all(axis=1)
+
+
 def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | None:
     """The frequency of the largest estimate, APART of the band from other points and 2e-3 f from pseudo-frequencies."""
-    apart = APART * (band[1] - band[0])
-    free = np.ones(len(frequencies), dtype=bool)
-    for f in taken:
-        free &= np.abs(frequencies - f) >= apart
+    free = apart(frequencies, taken, band)
     order = np.argsort(-np.where(free, curve, -np.inf))
     for k in order[: free.sum()]:
         if (f := off_poles(frequencies[k], model, band)) is not None:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..linalg.basis import Extension
-from ..linalg.blocks import apply, create_block, from_dense, inner, multiply
+from ..linalg.blocks import apply, create_block, from_dense, independent, inner, multiply
 from ..linalg.csr import without_zeros
 from ..linalg.factorisation import DoesNotFit, Factoring, FactorRecord
 from ..linalg.free_motions import check_free_motions
@@ -26,7 +26,7 @@ from ..parallel.progress import Progress
 
 NEAR_ZERO = 0.01  # of a frequency of interest, below which a pseudo-mode may be a motion without force
 FOR_IMAGES = 0.1  # of the memory of a rank may go to images of columns
-DEPENDENT = 1e-14  # eigenvalue of the Gram matrix of unit columns below which loads count as dependent
+DEPENDENT = 1e-14  # square of a combination of unit loads below which they count as dependent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,11 +208,12 @@ class Run:
             self._loads = from_dense(self.model.B)
             if self.rigid is not None:
                 self.rigid.equilibrate(self._loads)
-            factor, kept = decided(self.model.comm, _independent, inner(self._loads, self._loads))
-            if factor is not None:
+            factor, _ = decided(self.model.comm, independent, inner(self._loads, self._loads), DEPENDENT)
+            count, kept = factor.shape
+            if kept < count:
                 multiply(self._loads, factor)
                 self._loads.setActiveColumns(0, kept)
-                self.note("inputs", self.model.B.getSize()[1], kept)
+                self.note("inputs", count, kept)
         return self._loads
 
     @property
@@ -341,12 +342,3 @@ def identity_of_model(model, framed, **known) -> dict:
         found["nodes"] = [model.digest_of("dofs"), framed.model.digest_of("labels"), made_of]
     found["symmetric"] = bool(framed.model.symmetric)
     return found | {key: asdict(value) if is_dataclass(value) else value for key, value in known.items()}
-
-
-def _independent(gram):
-    """What makes independent columns of dependent ones, and how many; None where they are independent."""
-    size = np.sqrt(np.diag(gram))
-    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
-    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
-    kept = values > DEPENDENT
-    return (None, len(kept)) if kept.all() else (scale[:, None] * vectors[:, kept], int(kept.sum()))

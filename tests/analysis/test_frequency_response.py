@@ -16,6 +16,7 @@ from hpcred import (
 )
 from hpcred.analysis import frequency_response
 from hpcred.examples import linkage as example
+from hpcred.parallel.progress import Progress
 
 pytestmark = pytest.mark.mpi
 
@@ -38,6 +39,18 @@ def test_structural_damping(solid):
     with hpcred.reduce(solid, [Krylov(900.0, 3), Krylov(0.0, 1)], damping=law) as rom:
         assert rom.D.max() == 0.0
         assert hpcred.relative_error(full, hpcred.frequency_response(rom, [900.0, 0.0])).max() < 1e-5
+
+
+@pytest.mark.usefixtures("matrices")
+def test_progress_reaches_the_number_of_frequencies(solid):
+    """Also where some, such as 0 Hz, are left for the sparse solvers."""
+    done = []
+    progress = Progress(solid.comm, show=False)
+    progress.step = lambda what, count, total: done.append((count, total))
+    hpcred.frequency_response(solid, [900.0, 0.0, 50.0], damping=Structural(0.05), groups=1, progress=progress)
+    counts, totals = zip(*done, strict=True)
+    assert counts[0] == 0 and counts[-1] == 3 and set(totals) == {3}
+    assert list(counts) == sorted(counts)
 
 
 def test_elastic_response_of_a_free_body_with_a_damper_to_ground(comm):

@@ -243,6 +243,15 @@ def test_shapes_of_files_without_checksums_are_checked(files):
         read(files / "model.h5")
 
 
+def write_rows(path, comm, arrays):
+    """Arrays by name, each with the axis whose rows are shared out to the ranks."""
+    with writing(path, comm) as file:
+        file.attribute("format", "test")
+        for name, (array, axis) in arrays.items():
+            low, high = row_range(comm, array.shape[axis])
+            file.rows(name, np.take(array, np.arange(low, high), axis=axis), axis=axis)
+
+
 @pytest.mark.mpi
 def test_sums_do_not_depend_on_ranks(comm, folder):
     """Parts of rows on any ranks, numbers of one word and of several, and chunks with rows of several ranks."""
@@ -252,11 +261,7 @@ def test_sums_do_not_depend_on_ranks(comm, folder):
         "points": (draw.normal(size=(CHUNK + 7, 3)), 0), "small": (np.arange(2, dtype=np.int32), 0),
         "complex": (draw.normal(size=(40, 2)) + 1j, 0), "none": (np.zeros((0, 4)), 0),
     }  # fmt: skip
-    with writing(folder / "a.h5", comm) as file:
-        file.attribute("format", "test")
-        for name, (array, axis) in arrays.items():
-            low, high = row_range(comm, array.shape[axis])
-            file.rows(name, np.take(array, np.arange(low, high), axis=axis), axis=axis)
+    write_rows(folder / "a.h5", comm, arrays)
     with reading(folder / "a.h5", "test") as file:
         assert file.verify() == len(arrays)
         for name, (array, axis) in arrays.items():
@@ -310,11 +315,7 @@ def test_parts_along_any_axis_and_of_any_type_are_read_as_h5py_reads_them(comm, 
         "half": (draw.normal(size=rows).astype("f4"), 0), "flags": (draw.normal(size=rows) > 0, 0),
         "names": (np.array([b"a", b"bcd"] * rows), 0), "complex": (draw.normal(size=(2, rows)) * 1j, 1),
     }  # fmt: skip
-    with writing(folder / "a.h5", comm) as file:
-        file.attribute("format", "test")
-        for name, (array, axis) in arrays.items():
-            low, high = row_range(comm, array.shape[axis])
-            file.rows(name, np.take(array, np.arange(low, high), axis=axis), axis=axis)
+    write_rows(folder / "a.h5", comm, arrays)
     with reading(folder / "a.h5", "test") as file:
         for name, (array, axis) in arrays.items():
             place = (*[slice(None)] * axis, slice(5, CHUNK + 3))

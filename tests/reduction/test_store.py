@@ -17,7 +17,9 @@ from hpcred import (
     Buckens,
     Caughey,
     Chord,
+    Factoring,
     Krylov,
+    LinearSolver,
     Modes,
     PointStore,
     Rayleigh,
@@ -27,6 +29,9 @@ from hpcred import (
     Tangent,
 )
 from hpcred.formats import point_store
+from hpcred.linalg.conjugate_gradients import NegativeCurvature
+from hpcred.linalg.multigrid_solver import MultigridSolver
+from hpcred.linalg.solvers import ShiftedSolver
 from hpcred.parallel.failures import ComputationError
 from hpcred.parallel.petsc import MPI, is_complex
 
@@ -152,6 +157,36 @@ def test_a_run_that_is_killed_goes_on_on_other_ranks(comm, folder):
     assert record.factorisations_saved == len(expected.factorisations) and not record.factorisations
     assert record.accuracy.points[0].from_store and (is_complex() or record.accuracy.points[1].factor_of)
     assert same(alone, found, 1e-7 if is_complex() else 1e-10)  # far below the tolerance of 1e-4
+
+
+@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.parametrize("block", [1, 2])
+@pytest.mark.parametrize("kind", ["direct", "multigrid"])
+def test_a_search_that_failed_beside_its_basis_is_repeated_without_a_factor(comm, folder, monkeypatch, kind, block):
+    """It goes the same way again, by a factor in the band or more blocks at 0 Hz, and does not try once more."""
+    if kind == "direct" and is_complex():
+        pytest.skip("without counts of modes a search takes a factor at each point")
+    solver, calls = (ShiftedSolver if kind == "direct" else MultigridSolver), []
+    solve = solver.solve_below
+
+    def fails_at_a_block(self, *rest):
+        calls.append(rest)
+        if len(calls) == block:
+            raise NegativeCurvature("the basis lacks a mode")
+        solve(self, *rest)
+
+    monkeypatch.setattr(solver, "solve_below", fails_at_a_block)
+    given = {"tolerance": 1e-6, "band": (0.0, 30000.0), "factoring": Factoring(solver=LinearSolver(kind=kind))}
+    with package.solid((4, 2, 3), inputs=1, comm=comm) as model:
+        first, record = reduced(model, PointStore(folder, comm), **given)
+        made, solves = len(record.factorisations), len(calls)
+        assert solves >= block and record.accuracy.reached
+        second, again = reduced(model, PointStore(folder, comm), **given)
+    assert same(first, second) and len(calls) == solves
+    assert not again.factorisations and again.factorisations_saved == made
+    assert [point.factor_of for point in again.accuracy.points] == [
+        point.factor_of for point in record.accuracy.points
+    ]
 
 
 CHAINS = {
