@@ -1,15 +1,14 @@
 """HDF5 files of hpcred for reading: what leaves was checked against its checksums, and shapes against a table.
 
 A file keeps, beside a dataset `a/b`, the sums of its chunks as `checksums/a/b` (leading, chunks), see
-formats.checksums, with the attributes `axis` of the rows, -1 for all in a line, and `folded`, if they are; and in the
-attribute `checksum` the CRC-32 of the other attributes and of the names of all datasets. Files of earlier versions have
-none of these, or no `folded`, and are read all the same.
+formats.checksums, with the attribute `axis` of the rows, -1 for all in a line; and in the attribute `xxh3` that of the
+other attributes and of the names of all datasets. Files of earlier versions have no such attribute, and other sums or
+none: they are read without checks of values.
 """
 
 from __future__ import annotations
 
 import json
-import zlib
 from math import prod
 from typing import NamedTuple
 
@@ -17,10 +16,10 @@ import h5py
 import numpy as np
 
 from ..parallel.failures import InputError
-from .checksums import CHUNK, sums_of, tag_of
+from .checksums import CHUNK, hashed, sums_of, tag_of
 
 SUMS = "checksums"
-CHECKSUM = "checksum"  # the attribute
+CHECKSUM = "xxh3"  # the attribute
 KINDS = {"integer": "iu", "real": "f", "complex": "c", "text": "SO", "flag": "b"}
 DEEPEST = 8  # groups in groups
 PACKED = 1100  # times what is stored is the most that deflate makes of it: a file that says more is not to be believed
@@ -36,10 +35,10 @@ class Entry(NamedTuple):
 
 
 def header_checksum(attributes: dict, names) -> int:
-    """The CRC-32 of the attributes of a file, but for itself, and of the names of its datasets."""
+    """The XXH3 of the attributes of a file, but for itself, and of the names of its datasets."""
     kept = {key: value for key, value in attributes.items() if key != CHECKSUM}
     text = json.dumps([kept, sorted(names)], sort_keys=True, default=_plain)
-    return zlib.crc32(text.encode())
+    return hashed(text.encode())
 
 
 def _plain(value):
@@ -191,7 +190,6 @@ class CheckedDataset:
             raise damaged(path, f"{self.name} is not whole")
         if sums is not None:
             self.axis = int(self._guarded(lambda: sums.attrs["axis"]))
-            self._folded = bool(self._guarded(lambda: sums.attrs.get("folded", False)))
             if not -1 <= self.axis < self.ndim:
                 raise damaged(path, f"{self.name} does not have its checksum")
             leading, chunks = prod(self.shape[: max(self.axis, 0)]), -(-self.rows // CHUNK)
@@ -251,14 +249,14 @@ class CheckedDataset:
     def _between(self, low, high, leading=()):
         """Rows low .. high along the axis, with the chunks that they are in checked; `leading`: slices before it."""
         if self.axis < 0:
-            found, wanted = self._guarded(lambda: (self._dataset[()], self._sums[()]))
-            self._compare(self._sums_of(np.asarray(found, self.dtype).reshape(-1), 0, 0), wanted)
+            found = self._guarded(lambda: self._dataset[()])
+            self._compare(np.asarray(found, self.dtype).reshape(-1), 0, ())
             return found
         begin, end = low // CHUNK * CHUNK, min(-(-high // CHUNK) * CHUNK, self.rows)
         place = (*leading, *[slice(None)] * (self.axis - len(leading)))
         chunks = (place[0] if place else slice(None), slice(begin // CHUNK, -(-end // CHUNK)))
-        found, wanted = self._guarded(lambda: (self._read((*place, slice(begin, end))), self._sums[chunks]))
-        self._compare(self._sums_of(found, self.axis, begin), wanted)
+        found = self._guarded(lambda: self._read((*place, slice(begin, end))))
+        self._compare(found, self.axis, chunks)
         return found[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
 
     def _read(self, place):
@@ -272,10 +270,9 @@ class CheckedDataset:
             self._dataset.id.read(h5py.h5s.create_simple(shape), there, found)
         return found
 
-    def _sums_of(self, array, axis, first):
-        return sums_of(array, axis, first, self._tag, folded=self._folded)
-
-    def _compare(self, sums, wanted):
+    def _compare(self, array, axis, chunks):
+        """Compare the sums of whole chunks with those of the file."""
+        sums, wanted = self._guarded(lambda: (sums_of(array, axis, self._tag), self._sums[chunks]))
         if not np.array_equal(sums, wanted):
             raise damaged(self.path, f"{self.name} does not have its checksum")
 

@@ -1,105 +1,58 @@
 """Arrays enter; sums over chunks of their rows leave, which any part of the rows can be checked by, on any ranks.
 
-The sum of a chunk is that of its 64-bit words (or shorter ones, where the type is shorter), each times an odd weight
-that belongs to its place, modulo 2^64. Ranks add up what they have of a chunk; a word that was changed always changes
-the sum, since an odd number has an inverse modulo 2^64. Of a 64-bit word the upper half is first folded onto the lower
-one (exclusive or), as the highest bit times any odd weight is the same: all damage then changes bits below the 32nd,
-and that of several words goes unseen once in 2^32 times, or less often. Sums of earlier files, without the fold, do not
-see the signs of two numbers change.
+The sum of a chunk is the hash XXH3 (64 bits; Y. Collet's xxHash) of its bytes, exclusive or a number for the type and
+the shape of the whole. Damage goes unseen once in 2^64 times.
 """
 
 from __future__ import annotations
 
-import sys
-import zlib
-from functools import lru_cache
 from math import prod
 
 import numpy as np
+from xxhash import xxh3_64_intdigest as hashed
 
-CHUNK = 1024  # rows under one sum; files keep such sums
-HAND = 2**18  # bytes that the processor keeps at hand while they are folded and summed
+CHUNK = 8192  # rows under one sum; files keep such sums. Fewer cost more, a call each; more are read for a single row
+MESSAGE = 2**28  # bytes that ranks send of a chunk at a time
 
 
-def sums_of(array: np.ndarray, axis: int, first: int, tag: int, *, folded: bool = True) -> np.ndarray:
-    """Sums (leading, chunks) of the rows that an array has along `axis`, the first of them being row `first` of all.
+def sums_of(array: np.ndarray, axis: int, tag: int, low: int = 0, high: int | None = None) -> np.ndarray:
+    """Sums (leading, chunks) of the rows low..high of an array along `axis`, the first of them beginning a chunk.
 
-    `leading`: what the axes before `axis` make up; chunks: those that have any of the rows. `tag`: see tag_of.
-    `folded`: False for sums of earlier files.
+    `leading`: what the axes before `axis` make up. `tag`: see tag_of. Raises TypeError for an array of objects.
     """
     leading, rows = prod(array.shape[:axis]), array.shape[axis]
-    begin, end = first // CHUNK, -(-(first + rows) // CHUNK)
-    sums = np.zeros((leading, end - begin if rows else 0), np.uint64)
-    if not sums.size or not array.size:
-        return sums
-    unit = next(size for size in (8, 4, 1) if array.dtype.itemsize % size == 0)
-    words = np.ascontiguousarray(array).reshape(leading, -1).view(f"u{unit}")
-    width = words.shape[1] // rows
-    used = CHUNK if first % CHUNK + rows > CHUNK else first % CHUNK + rows  # a text may be one row of many words
-    weights = _weights(2 ** max(int(used * width - 1), 1).bit_length(), unit == 4 and not folded)
-    head = min(-first % CHUNK, rows)
-    last = head + (rows - head) // CHUNK * CHUNK
-    step = max(HAND // max(leading * CHUNK * width * unit, 1), 1) * CHUNK
-
-    def add(low, high):
-        """Rows of one chunk, or some whole chunks."""
-        place, chunk = (first + low) % CHUNK * width, (first + low) // CHUNK - begin
-        part = words[:, low * width : high * width].reshape(leading, max((high - low) // CHUNK, 1), -1)
-        found = _weighed(part, weights[place : place + part.shape[2]], folded)
-        sums[:, chunk : chunk + found.shape[1]] += found
-
-    for low, high in [(0, head), *((at, min(at + step, last)) for at in range(head, last, step)), (last, rows)]:
-        if low < high:
-            add(low, high)
-    starts = np.arange(begin, end) * CHUNK
-    sums[:, starts >= first] += np.uint64(tag)  # by the rank that has the first row
-    return sums
-
-
-def _weighed(words, weights, folded):
-    """Sums (leading, chunks) of words (leading, chunks, count) times their weights."""
-    half = np.uint64(32)
-    if words.itemsize == 4 and words.shape[2] % 2 == 0 and sys.byteorder == "little":  # two at a time
-        pairs, low, high = words.view("u8"), weights[::2], weights[1::2]
-        found = _dot(pairs, low)
-        return found + _dot(pairs >> half, high - (low << half)) if folded else found
-    if words.itemsize == 8 and folded:
-        upper = words >> half
-        words = np.bitwise_xor(upper, words, out=upper)
-    return _dot(words, weights)
-
-
-def _dot(words, weights):
-    return np.einsum("lcw,w->lc", words, weights, dtype=np.uint64, casting="safe")
+    content = memoryview(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
+    width = len(content) // max(leading * rows, 1)  # bytes of a row
+    high = rows if high is None else high
+    starts = range(low, high, CHUNK)
+    found = [
+        hashed(content[(line + start) * width : (line + min(start + CHUNK, high)) * width])
+        for line in range(0, leading * rows, max(rows, 1))
+        for start in starts
+    ]
+    return np.array(found, np.uint64).reshape(leading, len(starts)) ^ np.uint64(tag)
 
 
 def tag_of(dtype, shape, axis: int) -> int:
     """A number for the type and the shape of a whole array, and for the axis of its rows."""
-    return zlib.crc32(f"{np.dtype(dtype).str} {tuple(map(int, shape))} {axis}".encode())
+    return hashed(f"{np.dtype(dtype).str} {tuple(map(int, shape))} {axis}".encode())
 
 
-def whole_chunks(comm, sums: np.ndarray, first: int, rows: int) -> np.ndarray:
-    """The sums (leading, chunks) of the chunks that begin on this rank, from those of all ranks' rows. Collective."""
-    begun = rows > 0 and first % CHUNK != 0  # the first chunk begins on an earlier rank
-    heads = comm.allgather((first // CHUNK, sums[:, 0]) if begun else None)
-    begin = first // CHUNK
-    if begun:
-        sums, begin = sums[:, 1:], begin + 1
-    for head in heads:
-        if head is not None and begin <= head[0] < begin + sums.shape[1]:
-            sums[:, head[0] - begin] += head[1]
-    return sums
+def sums_of_parts(comm, local: np.ndarray, axis: int, first: int, tag: int) -> np.ndarray:
+    """Sums (leading, chunks) of the chunks that begin on this rank; `local`: its rows, `first` the number of the first.
 
-
-@lru_cache(maxsize=8)
-def _weights(count, in_halves) -> np.ndarray:
-    """Odd numbers without pattern: the generator splitmix64 (Steele, Lea & Flood, OOPSLA 2014) at 1, 2, ..., count.
-
-    `in_halves`: of words of 32 bits, two of which count as one of 64 (on machines with the lower half first).
+    Ranks with later rows of a chunk send them to the rank where it begins. Collective.
     """
-    if in_halves and sys.byteorder == "little":
-        return np.column_stack([_weights(count // 2, False), _weights(count // 2, False) << np.uint64(32)]).reshape(-1)
-    z = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return (z ^ (z >> np.uint64(31))) | np.uint64(1)
+    local, leading, rows = np.ascontiguousarray(local), prod(local.shape[:axis]), local.shape[axis]
+    head = min(-first % CHUNK, rows)  # rows of a chunk that begins on an earlier rank
+    last = head + (rows - head) // CHUNK * CHUNK
+    beginner = np.searchsorted(comm.allgather(first), first // CHUNK * CHUNK, side="right") - 1
+    lines = local.reshape(leading, rows, prod(local.shape[axis + 1 :]))
+    step = max(MESSAGE // max(CHUNK * lines.shape[2] * lines.itemsize, 1), 1)
+    tails = []
+    for low in range(0, max(leading, 1), step):
+        part = lines[low : low + step]
+        heads = comm.alltoall([part[:, :head] if head and rank == beginner else None for rank in range(comm.size)])
+        tail = np.concatenate([part[:, last:], *(item for item in heads if item is not None)], axis=1)
+        tails.append(sums_of(tail, 1, tag))
+    return np.hstack([sums_of(local, axis, tag, head, last), np.vstack(tails)])

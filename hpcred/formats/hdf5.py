@@ -11,7 +11,7 @@ import numpy as np
 
 from ..parallel.failures import ComputationError, InputError, Owned, agreed, common_to, settle, unfinished
 from .checked import CHECKSUM, SUMS, CheckedFile, damaged, header_checksum
-from .checksums import sums_of, tag_of, whole_chunks
+from .checksums import sums_of, sums_of_parts, tag_of
 from .locks import HOST, lock, lock_name, temporary_name, unlock
 from .outputs import check_kind, check_writable, kind_of
 from .room import Room, is_full, no_room
@@ -78,25 +78,24 @@ class Writer:
         value = np.asarray(value)
         self._check(name, value, gaps)
         self._names.append(name)
-        sums = sums_of(value.reshape(-1), 0, 0, tag_of(value.dtype, value.shape, -1))
+        sums = sums_of(value.reshape(-1), 0, tag_of(value.dtype, value.shape, -1))
         self._room.take(value.nbytes + sums.nbytes, datasets=2)
         for file in self._turns([0]):
             for place, array in ((name, value), (f"{SUMS}/{name}", sums)):
                 dataset = file.create_dataset(place, array.shape, array.dtype, track_times=False)
                 if self._comm.rank == 0:
                     dataset[...] = array
-            dataset.attrs["axis"], dataset.attrs["folded"] = -1, True
+            dataset.attrs["axis"] = -1
 
     def rows(self, name, local, axis=0):
         """A dataset whose `axis` is distributed over the ranks in order; `local` is the part of this rank."""
         self._check(name, local)
         self._names.append(name)
         shape, start = self._lay(name, local, axis)
-        sums = sums_of(local, axis, start, tag_of(local.dtype, shape, axis))
-        self._lay(f"{SUMS}/{name}", whole_chunks(self._comm, sums, start, local.shape[axis]), 1)
+        sums = sums_of_parts(self._comm, local, axis, start, tag_of(local.dtype, shape, axis))
+        self._lay(f"{SUMS}/{name}", sums, 1)
         for file in self._turns([0]):
-            attributes = file[f"{SUMS}/{name}"].attrs
-            attributes["axis"], attributes["folded"] = axis, True
+            file[f"{SUMS}/{name}"].attrs["axis"] = axis
 
     def _lay(self, name, local, axis):
         """Write the parts of all ranks; returns the shape of the whole, and where the part of this rank begins."""

@@ -105,7 +105,7 @@ class Result:
             ])  # fmt: skip
             parts = [dofs[key][rows] for key in LABELS] if len(rows) else [np.zeros((0, *dofs[key].shape[1:]))
                                                                            for key in LABELS]  # fmt: skip
-            basis = np.array([columns[:, row] for row in rows]).reshape(len(rows), columns.shape[0])
+            basis = columns[:, rows].T if len(rows) else np.zeros((0, columns.shape[0]))
             if "held" in file:
                 held = np.flatnonzero(np.isin(file["held/node"][...], nodes))
                 parts = [np.concatenate([part, file[f"held/{key}"][...][held]])

@@ -14,7 +14,8 @@ FORMATS = {item.FORMAT: item for item in (model_file, result_file, response_file
 def verify_file(path, *, comm=None) -> dict:
     """Read all of a model, result, file of responses or of a simulation, on all ranks; what was checked, in numbers.
 
-    Collective. Raises InputError at the first dataset that is damaged, and where there are no checksums.
+    Collective. Raises InputError at the first dataset that is damaged, and where there are no
+    checksums, or those of earlier versions.
     """
     comm = comm or startup.start_mpi()
     with agreed(comm):
@@ -25,6 +26,6 @@ def verify_file(path, *, comm=None) -> dict:
         room = FORMATS[kind]
         with reading(path, kind, room.VERSION, room.SCHEMA) as file:
             if not file.complete:
-                raise InputError(f"{path}: has no checksums, an older hpcred wrote it; make it again to have some")
+                raise InputError(f"{path}: has no checksums, or other ones, made by an older hpcred; make it again")
             count = file.verify(lambda rows: row_range(comm, rows))
     return {"format": kind, "verified_datasets": count, "warnings": []}

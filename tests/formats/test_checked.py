@@ -5,13 +5,14 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+import xxhash
 from helpers import MODES_JOB, SIMULATION, bar
 
 import hpcred
 from hpcred.cli import run
-from hpcred.formats import model_file, response_file, result_file, simulation_file
+from hpcred.formats import checksums, model_file, response_file, result_file, simulation_file
 from hpcred.formats.checked import CheckedFile
-from hpcred.formats.checksums import CHUNK, sums_of, tag_of
+from hpcred.formats.checksums import CHUNK, sums_of, sums_of_parts, tag_of
 from hpcred.formats.hdf5 import reading, writing
 from hpcred.formats.response_file import read_responses
 from hpcred.model.second_order_model import row_range
@@ -153,7 +154,7 @@ def test_damage_to_every_dataset_is_refused(files, name):
     assert not unseen
 
 
-@pytest.mark.parametrize("name", ["format", "version", "size", "rows_per_block", "loss_factor", "checksum"])
+@pytest.mark.parametrize("name", ["format", "version", "size", "rows_per_block", "loss_factor", "xxh3"])
 def test_damage_to_attributes_is_refused(files, name):
     for path in (files / "model.h5", files / "result.h5"):
         with h5py.File(path, "a") as file:
@@ -211,33 +212,27 @@ def test_bytes_anywhere_in_a_file_are_refused_or_of_no_account(small, tmp_path, 
 def test_files_of_before_there_were_checksums_are_read(files, capsys):
     for name in ("model.h5", "result.h5", "e.h5", "simulation.h5"):
         with h5py.File(files / name, "a") as file:
-            del file.attrs["checksum"], file["checksums"]
+            del file.attrs["xxh3"], file["checksums"]
         read(files / name)
-        with pytest.raises(InputError, match="has no checksums, an older hpcred wrote it"):
+        with pytest.raises(InputError, match="has no checksums, or other ones, made by an older hpcred"):
             verify_file(files / name)
 
 
-def test_sums_of_earlier_files_are_verified(files):
-    """They were not folded: a file of then is read, and refused where it is damaged."""
+def test_other_sums_of_earlier_files_are_not_looked_at(files):
     for name in ("model.h5", "result.h5"):
         with h5py.File(files / name, "a") as file:
-            for key, item in CheckedFile(file, name).datasets.items():
-                sums, array = file[f"checksums/{key}"], np.asarray(file[key][()], file[key].dtype)
-                tag = tag_of(item.dtype, item.shape, item.axis)
-                array = array if item.axis >= 0 else array.reshape(-1)
-                sums[...] = sums_of(array, max(item.axis, 0), 0, tag, folded=False)
-                del sums.attrs["folded"]
+            key = "matrices/K" if name == "model.h5" else "reduced/K"
+            file.attrs["checksum"] = 12345
+            del file.attrs["xxh3"]
+            file[f"checksums/{key}"][...] = 1
         read(files / name)
-        assert verify_file(files / name)["verified_datasets"] >= 5
-        with h5py.File(files / name, "a") as file:
-            flip(file, "matrices/K" if name == "model.h5" else "reduced/K")
-        with pytest.raises(InputError, match="does not have its checksum"):
-            read(files / name)
+        with pytest.raises(InputError, match="made by an older hpcred"):
+            verify_file(files / name)
 
 
 def test_shapes_of_files_without_checksums_are_checked(files):
     with h5py.File(files / "model.h5", "a") as file:
-        del file.attrs["checksum"], file["checksums"], file["dofs/node"]
+        del file.attrs["xxh3"], file["checksums"], file["dofs/node"]
         file["dofs/node"] = np.arange(7)
     with pytest.raises(InputError, match=r"/dofs/node is int64 of shape \(7,\), expected integer of shape \(120,\)"):
         read(files / "model.h5")
@@ -267,34 +262,63 @@ def test_sums_do_not_depend_on_ranks(comm, folder):
         for name, (array, axis) in arrays.items():
             with h5py.File(folder / "a.h5") as plain:
                 sums = plain[f"checksums/{name}"][...]
-            assert (sums == sums_of(array, axis, 0, tag_of(array.dtype, array.shape, axis))).all()
+            assert (sums == sums_of(array, axis, tag_of(array.dtype, array.shape, axis))).all()
             assert (file[name][...] == array).all()
-        line, wide = file["line"], file["wide"]
-        assert (line[1000:2000] == arrays["line"][0][1000:2000]).all() and line[5:5].size == 0
-        assert (line[np.array([3000, 2, 1500])] == arrays["line"][0][[3000, 2, 1500]]).all()
-        assert (wide[:, 7:1900] == arrays["wide"][0][:, 7:1900]).all()
-        assert (wide[2] == arrays["wide"][0][2]).all() and (wide[:, 2048] == arrays["wide"][0][:, 2048]).all()
+        line, wide, end = file["line"], file["wide"], 2 * CHUNK
+        assert (line[1000:end] == arrays["line"][0][1000:end]).all() and line[5:5].size == 0
+        assert (line[np.array([end + 9, 2, CHUNK])] == arrays["line"][0][[end + 9, 2, CHUNK]]).all()
+        assert (wide[:, 7 : end - 5] == arrays["wide"][0][:, 7 : end - 5]).all()
+        assert (wide[2] == arrays["wide"][0][2]).all() and (wide[:, end] == arrays["wide"][0][:, end]).all()
+        assert (wide[:, np.array([3, end])] == arrays["wide"][0][:, [3, end]]).all()
     comm.Barrier()
 
 
-def test_a_changed_word_always_changes_the_sum():
-    """Also the highest bit of a word alone, and two words that are exchanged."""
+@pytest.mark.mpi
+def test_chunks_with_rows_of_several_ranks_are_sent_in_parts(comm, monkeypatch):
+    """Also where ranks have no rows, one, or whole chunks only: the sums are those of one rank."""
+    monkeypatch.setattr(checksums, "MESSAGE", 1)  # line by line
+    whole = np.random.default_rng(7).normal(size=(5, 2 * CHUNK + 3, 2))
+    alone = sums_of(whole, 1, 9)
+    total = whole.shape[1]
+    for ends in ([0, 0, total], [1, 2, total], [CHUNK, CHUNK, total], [5, total - 1, total], [total] * 3):
+        bounds = [0, *ends[: comm.size - 1], total]
+        low, high = bounds[comm.rank], bounds[comm.rank + 1]
+        found = sums_of_parts(comm, whole[:, low:high], 1, low, 9)
+        assert (found == alone[:, -(-low // CHUNK) : -(-high // CHUNK)]).all()
+        assert found.shape == (5, -(-high // CHUNK) + -low // CHUNK)
+
+
+def test_sums_are_hashes_of_the_bytes_of_chunks():
+    """As another program would compute them; and the hash is XXH3, by the value that its authors give for no bytes."""
+    array = np.random.default_rng(8).normal(size=(2, CHUNK + 3, 3)).astype("f4")
+    found = sums_of(array, 1, 12345)
+    for line in range(2):
+        for chunk, content in enumerate((array[line, :CHUNK], array[line, CHUNK:])):
+            assert found[line, chunk] == xxhash.xxh3_64(content.tobytes()).intdigest() ^ 12345
+    assert sums_of(np.zeros((1, 0)), 0, 0).tolist() == [[0x2D06800538D394C2]]
+
+
+def test_a_changed_bit_changes_the_sum():
+    """Also the highest bit of a word alone, those of two words, and two words that are exchanged."""
     values = np.arange(CHUNK, dtype=np.uint64)
-    before = sums_of(values, 0, 0, 1)
+    before, highest = sums_of(values, 0, 1), np.uint64(1) << np.uint64(63)
     for bit in range(64):
         changed = values.copy()
         changed[77] ^= np.uint64(1) << np.uint64(bit)
-        assert sums_of(changed, 0, 0, 1) != before
+        assert sums_of(changed, 0, 1) != before
     changed = values.copy()
     changed[[3, 4]] = changed[[4, 3]]
-    assert sums_of(changed, 0, 0, 1) != before
+    assert sums_of(changed, 0, 1) != before
+    changed = values.copy()
+    changed[[5, 900]] ^= highest
+    assert sums_of(changed, 0, 1) != before
 
 
 def test_damage_to_several_words_changes_the_sum():
     """Two to five words of a chunk, each by one bit, the same bit for all, or to 0: none of 3,000 goes unseen."""
     draw = np.random.default_rng(5)
     values = draw.normal(size=CHUNK).view(np.uint64)
-    before, unseen = sums_of(values, 0, 0, 1), 0
+    before, unseen = sums_of(values, 0, 1), 0
     for number in range(3000):
         places = draw.choice(CHUNK, 2 + number % 4, replace=False)
         changed = values.copy()
@@ -302,7 +326,7 @@ def test_damage_to_several_words_changes_the_sum():
             changed[places] = 0
         else:
             changed[places] ^= np.uint64(1) << draw.integers(0, 64, len(places) if number % 3 else 1, np.uint64)
-        unseen += sums_of(changed, 0, 0, 1) == before
+        unseen += sums_of(changed, 0, 1) == before
     assert unseen == 0
 
 
