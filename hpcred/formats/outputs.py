@@ -18,7 +18,6 @@ from ..parallel.failures import InputError, agreed, unfinished
 from .locks import lock, lock_name, temporary_name
 from .room import free_bytes, no_room
 from .seal import is_broken
-from .text import shown
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 JSON, CSV_OF_RESPONSES, CSV_OF_MOTION = "JSON file", ".csv file of responses", ".csv file of a simulation"
@@ -73,6 +72,7 @@ def kind_of(path) -> str:
     if start.startswith((b"PK\x03\x04", b"MATLAB")):
         return _archive_kind(path, ZIP if start.startswith(b"PK") else MATLAB)
     from . import nastran_op4, sid  # here, since every command looks at its outputs when it starts
+    from .text import shown
 
     if sid.begins(start):
         return SID
