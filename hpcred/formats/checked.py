@@ -9,6 +9,7 @@ none: they are read without checks of values.
 from __future__ import annotations
 
 import json
+from functools import partial
 from math import prod
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ SUMS = "checksums"
 CHECKSUM = "xxh3"  # the attribute
 KINDS = {"integer": "iu", "real": "f", "complex": "c", "text": "SO", "flag": "b"}
 DEEPEST = 8  # groups in groups
+HAND = 2**19  # bytes that the processor keeps at hand
 PACKED = 1100  # times what is stored is the most that deflate makes of it: a file that says more is not to be believed
 
 
@@ -250,30 +252,36 @@ class CheckedDataset:
         """Rows low .. high along the axis, with the chunks that they are in checked; `leading`: slices before it."""
         if self.axis < 0:
             found = self._guarded(lambda: self._dataset[()])
-            self._compare(np.asarray(found, self.dtype).reshape(-1), 0, ())
+            sums = self._guarded(lambda: sums_of(np.asarray(found, self.dtype).reshape(-1), 0, self._tag))
+            self._compare(sums, ())
             return found
         begin, end = low // CHUNK * CHUNK, min(-(-high // CHUNK) * CHUNK, self.rows)
         place = (*leading, *[slice(None)] * (self.axis - len(leading)))
+        ends = [item.indices(size)[:2] for item, size in zip(place, self.shape, strict=False)]
         chunks = (place[0] if place else slice(None), slice(begin // CHUNK, -(-end // CHUNK)))
-        found = self._guarded(lambda: self._read((*place, slice(begin, end))))
-        self._compare(found, self.axis, chunks)
+        rest = self.shape[self.axis + 1 :]
+        found = np.empty((*(b - a for a, b in ends), end - begin, *rest), self.dtype.str)  # MPI knows this byte order
+        # rows in the order of the file are summed while the processor has them at hand
+        step = max(HAND // max(prod(rest) * self.dtype.itemsize * CHUNK, 1), 1) * CHUNK if self.axis == 0 else self.rows
+        sums = []
+        for start in range(begin, end, max(step, 1)) or [begin]:
+            stop = min(start + step, end)
+            part = found[start - begin : stop - begin] if self.axis == 0 else found
+            self._guarded(partial(self._read, part, [*ends, (start, stop)]))
+            sums.append(self._guarded(partial(sums_of, part, self.axis, self._tag)))
+        self._compare(np.concatenate(sums, axis=1), chunks)
         return found[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
 
-    def _read(self, place):
-        """What h5py reads there, but for the zeros that it first fills the memory with, which cost as much as sums."""
-        ends = [item.indices(size)[:2] for item, size in zip(place, self.shape, strict=False)]
-        shape = (*(high - low for low, high in ends), *self.shape[len(ends) :])
-        found = np.empty(shape, self.dtype.str)  # of the name of the type MPI knows the byte order
-        if found.size:
+    def _read(self, part, ends):
+        """Fill an array with what is between the `ends` of the first axes; h5py itself writes zeros there first."""
+        if part.size:
             there = self._dataset.id.get_space()
-            there.select_hyperslab((*(low for low, _ in ends), *[0] * (self.ndim - len(ends))), shape)
-            self._dataset.id.read(h5py.h5s.create_simple(shape), there, found)
-        return found
+            there.select_hyperslab((*(low for low, _ in ends), *[0] * (self.ndim - len(ends))), part.shape)
+            self._dataset.id.read(h5py.h5s.create_simple(part.shape), there, part)
 
-    def _compare(self, array, axis, chunks):
-        """Compare the sums of whole chunks with those of the file."""
-        sums, wanted = self._guarded(lambda: (sums_of(array, axis, self._tag), self._sums[chunks]))
-        if not np.array_equal(sums, wanted):
+    def _compare(self, sums, chunks):
+        """Compare sums with those of the file."""
+        if not np.array_equal(sums, self._guarded(lambda: self._sums[chunks])):
             raise damaged(self.path, f"{self.name} does not have its checksum")
 
     def _guarded(self, read):
