@@ -68,6 +68,8 @@ def main(folder="benchmark-results"):
             found = json.loads(path.read_text())
             machines.append(found["machine"])
             rows += [cells for row in found["rows"] for cells in make(row)]
+    if not rows:
+        sys.exit(f"{folder}: found no results for a table; README.md stays as it is")
     table = [" | ".join(cells) for cells in (HEAD, ["---"] * len(HEAD), *rows)]
     said = f"Measured on: {'; '.join(dict.fromkeys(machines))}."
     before, rest = README.read_text().split(BEGIN)
@@ -75,4 +77,5 @@ def main(folder="benchmark-results"):
     README.write_text("".join([before, BEGIN, "\n", *(f"| {row} |\n" for row in table), f"\n{said}\n", END, after]))
 
 
-main(*sys.argv[1:])
+if __name__ == "__main__":
+    main(*sys.argv[1:])
