@@ -738,7 +738,7 @@ def export(
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
-    chosen = [int(word) if word.strip().isdigit() else word.strip() for word in nodes.split(",")] if nodes else None
+    chosen = [int(word) if word.strip().isdecimal() else word.strip() for word in nodes.split(",")] if nodes else None
     shapes = [int(number) for number in _numbers(modes, "--modes")] if modes else None
     report = hpcred.export_result(
         result, kind, output, nodes=chosen, units=units, modes=shapes, progress=_progress()

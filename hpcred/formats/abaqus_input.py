@@ -185,8 +185,9 @@ def _data_lines(section):
     """The few data lines of a keyword, without comments and blank lines, as lists of fields."""
     with open(section.path, "rb") as file:
         file.seek(section.start)
-        text = COMMENT.sub(b"", file.read(section.stop - section.start)).decode("latin-1")
-    return [[item.strip() for item in line.split(",")] for line in text.splitlines() if line.strip()]
+        text = COMMENT.sub(b"", file.read(section.stop - section.start))
+    lines = ([item.strip().decode("latin-1") for item in line.split(b",")] for line in text.splitlines())
+    return [fields for fields in lines if fields != [""]]
 
 
 def _numbers(section, fields, count):
@@ -195,7 +196,7 @@ def _numbers(section, fields, count):
     while fields and not fields[-1]:
         fields.pop()
     try:
-        if len(fields) > count or any("_" in item for item in fields):
+        if len(fields) > count or not all(item.isascii() and "_" not in item for item in fields):
             raise ValueError
         values = np.array([float(item or 0.0) for item in fields] + [0.0] * (count - len(fields)))
     except ValueError as error:

@@ -15,7 +15,7 @@ from ..parallel.petsc import MPI
 from .text import LARGEST_LABEL, Piece, pieces, ragged, shown, whole
 
 WORD = re.compile(rb'"[^"\n]*"|[^\s,][^,\n]*[A-Za-z_][^,\n]*|[A-Za-z_][^,\n]*')
-IN_INSTANCE = re.compile(r".+\.(\d+)")
+IN_INSTANCE = re.compile(r".+\.(\d{1,18})")
 GROUP = 2**32  # keys of elements: GROUP times the number of their instance, plus their own
 NOTHING = np.zeros(0, np.int64)
 

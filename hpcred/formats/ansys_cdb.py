@@ -141,8 +141,8 @@ def _types(found):
     types = {}
     for _, kind, line in found:
         words = [word.strip() for word in line.split("!")[0].split(",")]
-        if kind == "type" and len(words) > 2 and words[1].isdigit():
-            digits = re.search(r"\d+$", words[2])
+        if kind == "type" and len(words) > 2 and words[1].isdecimal() and len(words[1]) < 12:
+            digits = re.search(r"\d{1,9}$", words[2])
             if digits:
                 types[int(words[1])] = int(digits[0])
     return types

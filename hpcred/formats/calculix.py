@@ -195,9 +195,9 @@ def rigid_bodies(sections) -> tuple[dict[int, int], list[int]]:
     for section in sections:
         if section.keyword == "rigidbody":
             turned, reference = (section.parameters.get(key, "") for key in ("rotnode", "refnode"))
-            if turned.isdigit() and reference.isdigit():
+            if turned.isdecimal() and reference.isdecimal():
                 found[int(turned)] = int(reference)
-            elif reference.isdigit():
+            elif reference.isdecimal():
                 without.append(int(reference))
     return found, without
 
@@ -253,7 +253,7 @@ def _supports(comm, section, sets):
         for name, rest in NAMED_LINE.findall(piece.text):
             name = name.decode("latin-1").strip().strip('"')
             fields = [item.strip() for item in rest.decode("latin-1").split(",")]
-            if name.lower() not in sets or not all(item.isdigit() for item in fields[:2] if item):
+            if name.lower() not in sets or not all(item.isdecimal() for item in fields[:2] if item):
                 raise section.refusal(
                     f"found *Boundary with '{name}, {', '.join(fields)}', expected a set of nodes, first and last "
                     "direction"

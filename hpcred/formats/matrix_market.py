@@ -80,7 +80,7 @@ def _header(path):
     """Format, symmetry, shape, number of entries in the file and the byte where they begin."""
     with open_unpacked(path) as file:
         line = file.readline().removeprefix(BYTE_ORDER_MARK)
-        words = line.decode("latin-1").lower().split()
+        words = [word.decode("latin-1") for word in line.lower().split()]
         if (
             len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"] or words[2] not in ("coordinate", "array")
             or words[3] not in ("real", "integer") or words[4] not in SYMMETRIES
@@ -92,7 +92,7 @@ def _header(path):
         number, text = 2, file.readline()
         while text.lstrip()[:1] == b"%" or (text and not text.strip()):
             number, text = number + 1, file.readline()
-        sizes = [int(word) for word in text.split() if word.isdigit()]
+        sizes = [int(word) for word in text.split() if word.isdigit() and len(word) < 19]
         expected = 3 if words[2] == "coordinate" else 2
         if len(sizes) != expected or len(text.split()) != expected:
             raise InputError(

@@ -517,7 +517,7 @@ def _dependent(card):
     def pairs(start):
         found = []
         k = start
-        while k + 1 < len(words) and words[k] and words[k].isdigit():
+        while k + 1 < len(words) and words[k] and words[k].isdecimal():
             found.append(([card.whole(k, "a point")] * 2, card.directions(k + 1), DEPENDENT))
             k += 2
         return found
@@ -535,7 +535,7 @@ def _dependent(card):
             raise card.error("found no UM, expected the dependent dofs behind it")
         found, k = [], words.index("UM") + 1
         while k < len(words):  # three pairs a line, the first field of a line further down is empty
-            if words[k] and words[k].isdigit() and k + 1 < len(words):
+            if words[k] and words[k].isdecimal() and k + 1 < len(words):
                 found.append(([card.whole(k, "a point")] * 2, card.directions(k + 1), DEPENDENT))
                 k += 1
             k += 1
@@ -558,7 +558,7 @@ def hold_rotations_of_solids(deck: Deck, comm, points: Points) -> bool:
     solid, other = ([part.ravel() for kind, part in deck.elements.items() if (kind in SOLID) == which]
                     for which in (True, False))  # fmt: skip
     rigid = [whole_of(word, card.error, "a point") for card in deck.cards if card.name.startswith("RB")
-             for word in card.fields[1:] if word.isdigit()] if comm.rank == 0 else []  # fmt: skip
+             for word in card.fields[1:] if word.isdecimal()] if comm.rank == 0 else []  # fmt: skip
     other += [deck.other, np.array(rigid, dtype=np.int64)]
     touched = []
     for part in (solid, other):

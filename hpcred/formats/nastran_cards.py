@@ -81,8 +81,8 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     """The lines of cards whose name (upper case) `wanted` matches wholly. Raises InputError.
 
     A line that is no card continues one, and begins with a blank, +, * or a comma, or is refused. `strict`: for cards
-    that a program wrote: refused are also remarks behind them, what is behind the 80th column, and other cards between
-    those of one first field.
+    that a program wrote: refused are also remarks that do not begin their line, what is behind the 80th column, and
+    other cards between those of one first field.
     """
     plain = REMARK.sub(b"", piece.text).upper().replace(b"\r", b" ")
     if control := CONTROL.search(plain):
@@ -108,15 +108,16 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     stray = (card < 0) | (~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8)))
     if stray.any():
         raise piece.refusal(int(number[stray][0]), "a card, or a line that continues one")
+    lines = piece.text.split(b"\n") if strict and b"$" in piece.text else ()
+    for k in [k for k, line in enumerate(lines) if b"$" in line and not line.startswith(b"$")]:
+        place = np.searchsorted(number, k, side="right") - 1  # of the line itself, or the last in front of a remark
+        if place >= 0 and mine[place]:
+            raise piece.refusal(k, "a card without a remark behind it")
     card, start, stop, number, head, starts = (part[mine] for part in (card, start, stop, number, head, starts))
     if strict:
         odd = visible[stop] > visible[np.minimum(start + 80, stop)]
         if odd.any():
             raise piece.refusal(int(number[odd][0]), "a card of at most 80 columns")
-        lines = piece.text.split(b"\n") if b"$" in piece.text else ()
-        for k in [k for k, line in enumerate(lines) if b"$" in line.lstrip()[1:]]:
-            if k in number:
-                raise piece.refusal(k, "a card without a remark behind it")
     count, fields = _fields(piece, text, start, stop, head, number)
     if strict and starts.any():
         first, label = card[starts], fields[starts, 0]

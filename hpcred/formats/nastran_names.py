@@ -55,7 +55,7 @@ def named(path, names: list[str], variables: dict[str, str]) -> dict[str, int]:
     for key, wanted in variables.items():
         name, _, which = wanted.upper().partition(":")
         places = [k for k, item in enumerate(names) if item == name]
-        if not places or not (which or "1").isdigit() or not 0 < int(which or 1) <= len(places):
+        if not places or not (which or "1").isdecimal() or not 0 < int(which or 1) <= len(places):
             raise InputError(f"{path}: found the matrices {', '.join(names)}, but none that is {key} = {wanted}")
         if not which and len(places) > 1:
             raise InputError(

@@ -103,8 +103,8 @@ def target_of(name: str):
     """The target that target_name named, or None for the name of something else."""
     head, colon, tail = name.rpartition(":")
     if colon and tail in DIRECTIONS:
-        return int(head) if head.isdigit() else head, tail
-    return int(name[4:]) if name.startswith("dof ") and name[4:].isdigit() else None
+        return int(head) if head.isdecimal() else head, tail
+    return int(name[4:]) if name.startswith("dof ") and name[4:].isdecimal() else None
 
 
 def target_name(target) -> str:
