@@ -15,7 +15,7 @@ import hpcred
 from .formats.locks import unlock_all
 from .formats.outputs import JSON, check_outputs, keep_files
 from .parallel import startup
-from .parallel.failures import InputError, fail
+from .parallel.failures import InputError, fail, printable
 from .parallel.progress import counted
 from .parallel.ranges import ANYTHING, FREQUENCY, within
 from .report.profile import show_profile, start_profile
@@ -177,7 +177,7 @@ def _progress():
 def _warn(sentences):
     if _Session.progress.comm.rank == 0:
         for sentence in sentences:
-            print(f"warning: {sentence}", file=sys.stderr if _Session.quiet else sys.stdout)
+            print(f"warning: {printable(sentence)}", file=sys.stderr if _Session.quiet else sys.stdout)
 
 
 def _numbers(text, option):

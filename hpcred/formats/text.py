@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..parallel.failures import InputError
+from ..parallel.failures import InputError, printable
 
 try:
     import fast_matrix_market
@@ -55,7 +55,7 @@ class Piece:
 def shown(line: bytes, most=80) -> str:
     """The beginning of a line of a file for a message, which nothing in it can break or colour."""
     text = line.decode("latin-1").strip()[:most]
-    return "".join(letter if letter.isprintable() else " " for letter in text)
+    return printable(text).replace("\n", " ")
 
 
 def require_file(path):

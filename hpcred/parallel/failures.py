@@ -224,6 +224,11 @@ def _others_say_it():
     return False
 
 
+def printable(text: str) -> str:
+    """A text with blanks for what a terminal would not show as a letter, but for ends of lines."""
+    return "".join(letter if letter.isprintable() or letter == "\n" else " " for letter in text)
+
+
 def _say(error, where=""):
     if os.environ.get("HPCRED_TRACEBACK"):
         import traceback
@@ -240,7 +245,7 @@ def _say(error, where=""):
     else:
         lines = str(error).strip().splitlines()
         text = f"internal error{where}: {type(error).__name__}: {lines[0] if lines else ''} (--traceback shows where)"
-    print(f"hpcred: {text}", file=sys.stderr, flush=True)
+    print(f"hpcred: {printable(text)}", file=sys.stderr, flush=True)
 
 
 def excepthook(kind, error, trace):
