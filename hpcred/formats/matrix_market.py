@@ -92,7 +92,7 @@ def _header(path):
         number, text = 2, file.readline()
         while text.lstrip()[:1] == b"%" or (text and not text.strip()):
             number, text = number + 1, file.readline()
-        sizes = [int(word) for word in text.split() if word.isdigit() and len(word) < 19]
+        sizes = [int(word) for word in text.split() if word.isdigit() and len(word) < 1000]
         expected = 3 if words[2] == "coordinate" else 2
         if len(sizes) != expected or len(text.split()) != expected:
             raise InputError(
