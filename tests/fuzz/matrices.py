@@ -409,7 +409,7 @@ def nwrite(places):
 def begins_list(content):
     content = content.removeprefix(b"\xef\xbb\xbf")
     lines = content.split(b"\n")
-    return bool(HEADING.search(content)) or (len(lines) > 2 and all(WRITTEN.fullmatch(line) for line in lines[:2]))
+    return bool(HEADING.search(content[:2000])) or (len(lines) > 2 and all(WRITTEN.fullmatch(line) for line in lines[:2]))
 
 
 def nlist(places):

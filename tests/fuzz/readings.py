@@ -42,8 +42,8 @@ def whole(word: bytes, low=1, high=2**53) -> int:
 
 
 def digits(word: bytes, low=0, high=2**53) -> int:
-    """A whole number written as such, or -0."""
-    word = b"0" if word == b"-0" else word
+    """A whole number written as such, perhaps with a +, or -0."""
+    word = b"0" if word == b"-0" else re.sub(rb"^\+(?=\d)", b"", word)
     require(word.isdigit() and low <= int(word) <= high, f"{word!r} is no whole number of {low} to {high}")
     return int(word)
 
