@@ -409,7 +409,8 @@ def nwrite(places):
 def begins_list(content):
     content = content.removeprefix(b"\xef\xbb\xbf")
     lines = content.split(b"\n")
-    return bool(HEADING.search(content[:2000])) or (len(lines) > 2 and all(WRITTEN.fullmatch(line) for line in lines[:2]))
+    known = len(lines) > 2 and all(WRITTEN.fullmatch(line) for line in lines[:2])
+    return known or bool(HEADING.search(content[:2000]))
 
 
 def nlist(places):
