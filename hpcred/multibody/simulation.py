@@ -17,6 +17,7 @@ from .loads import AnyForce, AnyMoment, Vector, load_of
 from .rotations import quaternion, rotation, vector_of
 from .springs import ZERO, AnySpring, element_of
 
+MOST_STEPS = 1e8  # that a simulation may need; they take weeks
 ENERGIES = ("kinetic", "elastic", "gravity", "springs")
 POWERS = ("work", "drives", "dissipated")
 MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
@@ -205,6 +206,11 @@ def _integrate(system, setup, y0, yp0, progress):
     system.split(tolerance)[4][:] *= max(1.0, np.abs(forces).max(initial=0.0))
     # a pulse must not be stepped over
     longest = min([setup.end / 20, *(item.longest_step() for item in (*setup.force, *setup.moment, *setup.drive))])
+    if setup.end > MOST_STEPS * longest:
+        raise InputError(
+            f"end = {setup.end:g} s takes {setup.end / longest:.1e} steps of the fastest load or drive, expected at "
+            f"most {MOST_STEPS:.0e}; end earlier, or leave out what is so fast"
+        )
     found = solve_dae(
         residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
         rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
