@@ -192,7 +192,6 @@ def test_damaged_vectors_of_nodes_are_refused(comm, folder, old, new, says):
 
 
 
-
 def general(x):
     """Fortran's G20.13."""
     exponent = int(np.floor(np.log10(abs(x)))) + 1 if x else 1

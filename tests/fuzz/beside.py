@@ -60,18 +60,13 @@ def stored(rng, kind):
     note, content = bytes_changed(files[which], rng)
     kept = {name: item for name, item in files.items() if name != "new.h5"}
     expected = _numbers(files["new.h5"])
-    return Case(f"{which}: {note}", {**kept, which: content}, ["reduce", "new.toml"], expected, sizes, True, which)
-
-
-def sizes(folder: Path) -> dict[str, np.ndarray]:
-    """The numbers of a result without signs: a shape whose extremes are equal takes its sign from round-off."""
-    return {name: np.abs(values) if values.dtype.kind == "f" else values for name, values in outcome(folder).items()}
+    return Case(f"{which}: {note}", {**kept, which: content}, ["reduce", "new.toml"], expected, outcome, True, which)
 
 
 def _numbers(result: bytes):
     with tempfile.TemporaryDirectory() as name:
         (Path(name) / "new.h5").write_bytes(result)
-        return sizes(Path(name))
+        return outcome(Path(name))
 
 
 def numbered(rng, kind):
@@ -88,7 +83,7 @@ def numbered(rng, kind):
     except (readings.Nonsense, AssertionError):
         expected = None
     files = {"block.h5": good_files()["block.h5"], "new.toml": NUMBERED.replace("{}", '"list.txt"').encode()}
-    return Case(f"list.txt: {note}", {**files, "list.txt": content}, ["reduce", "new.toml"], expected, sizes,
+    return Case(f"list.txt: {note}", {**files, "list.txt": content}, ["reduce", "new.toml"], expected, outcome,
                 note == "good" and expected is not None)  # fmt: skip
 
 

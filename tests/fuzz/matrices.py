@@ -14,7 +14,7 @@ from .mutations import damaged_text
 NODES = 3
 HEADING = re.compile(rb"(?m)^[ \t]*(?:LIST ALL SELECTED NODES|NODE[ \t]+X[ \t]+Y[ \t]+Z\b)")
 MAPPING = [b"Matrix", b"Eqn", b"Node", b"DOF"]
-CREATED = "% Creator: ANSYS Inc"
+CREATED, CREATOR = "% Creator: ANSYS Inc", b"% Creator: ANSYS"
 # a line of NWRITE: a node, and numbers of 13 digits
 WRITTEN = re.compile(rb" *\d+(?:(?: +-?|-)(?=\d+\.)[\d.]{14,15}(?:[ED][+-]\d{2,3})?(?=[ \-\r]|$)){0,6} *\r?")
 SIZE = 3 * NODES
@@ -356,12 +356,12 @@ def ansys(rng, kind):
     def second(files):
         mats = {key: read(files[f"{title}.txt"]) for key, title in titles.items()}
         if not hbmat:
-            readings.require(CREATED[:16].encode() in files["Stiffness.txt"], "not of ANSYS")
+            readings.require(CREATOR in files["Stiffness.txt"], "not of ANSYS")
         unnamed = readings.model(mats, held=np.inf) | {"named": np.array(False)}
         head = files[rows].removeprefix(b"\xef\xbb\xbf").split(b"\n")[0]
         if rows == "nodes.mmf":
             words = [word for word in head.lower().rstrip(b"\r\t ").split(b" ") if word]
-            known = words == VECTOR.lower().encode().split() and CREATED[:16].encode() in files[rows]
+            known = words == VECTOR.lower().encode().split() and CREATOR in files[rows]
         else:
             known = head.split() == MAPPING
         if not known or not begins_list(files["nodes.lis"]):
