@@ -10,8 +10,8 @@ import os
 import sys
 from pathlib import Path
 
-import hpcred
-from hpcred.cli import run
+import hpcred.__main__
+import hpcred.cli  # so that the fault is not while modules are loaded
 from hpcred.parallel import failures
 
 ROOT = str(Path(hpcred.__file__).parent) + os.sep
@@ -50,11 +50,13 @@ def main(task, arguments):
 
         sys.setprofile(watch)
     failures.GRACE = float(os.environ.get("FAULTS_GRACE", failures.GRACE))
-    status = run(arguments)
-    sys.setprofile(None)
-    if word == "record" and calls:
-        Path(rest).write_text("".join(f"{name} {count}\n" for name, count in calls.items()))
-    sys.exit(status)
+    sys.argv[1:] = arguments
+    try:
+        hpcred.__main__.main()
+    finally:
+        sys.setprofile(None)
+        if word == "record" and calls:
+            Path(rest).write_text("".join(f"{name} {count}\n" for name, count in calls.items()))
 
 
 if __name__ == "__main__":

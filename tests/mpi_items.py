@@ -73,7 +73,8 @@ def pytest_generate_tests(metafunc):
 
 def suffix_of(item):
     """The suffix of an item that is to run in an inner session, else None."""
-    suffix = item.callspec.params["job"] if item.get_closest_marker("mpi") else None  # others may have a job of their own
+    # a test on one rank may have a `job` of its own
+    suffix = item.callspec.params["job"] if item.get_closest_marker("mpi") else None
     here = world().size > 1 or (suffix == HERE and not item.config.getoption("beside"))
     return None if here else suffix
 

@@ -18,6 +18,7 @@ from helpers import MODES_JOB, SIMULATION, to_dense
 from launch import mpi_environment
 
 import hpcred as package
+from hpcred.formats.checked import CHECKSUM
 
 PROGRAM = Path(__file__).with_name("faults.py")
 JOB = MODES_JOB + '[[basis]]\nkind = "krylov"\nfrequency = 150.0\norder = 1\n'
@@ -81,7 +82,7 @@ def whole(path):
     """Whether an output that was replaced before the fault came is complete."""
     if path.suffix == ".h5":
         with h5py.File(path, "r") as file:
-            return "record" in file or "matrices/K" in file
+            return CHECKSUM in file.attrs  # the last that is written
     return path.stat().st_size > 0
 
 
