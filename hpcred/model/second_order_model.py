@@ -455,24 +455,27 @@ def _row_name(row, first, dofs):
 
 def _check_rows(indptr, indices, values, first, name, dofs):
     """Refuse rows that no mechanical model has."""
-    rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+
+    def row_of_entry(place):
+        return np.searchsorted(indptr, place, side="right") - 1
+
     for key, data in values.items():
         bad = np.flatnonzero(~np.isfinite(data))
         if bad.size:
             raise InputError(
                 f"{name}: matrix {key} has {bad.size} entries that are NaN or Inf, "
-                f"the first in the row of {_row_name(rows[bad[0]], first, dofs)}"
+                f"the first in the row of {_row_name(row_of_entry(bad[0]), first, dofs)}"
             )
-    diagonal = np.flatnonzero(indices == rows + first)
-    negative = diagonal[values["M"][diagonal] < 0]
+    below = np.flatnonzero(values["M"] < 0)
+    negative = below[indices[below] == row_of_entry(below) + first]
     if negative.size:
         raise InputError(
             f"{name}: the mass matrix has {negative.size} negative diagonal entries, the first at "
-            f"{_row_name(rows[negative[0]], first, dofs)}: {values['M'][negative[0]]:g}; expected none"
+            f"{_row_name(row_of_entry(negative[0]), first, dofs)}: {values['M'][negative[0]]:g}; expected none"
         )
-    touched = np.zeros(len(indptr) - 1, dtype=bool)
-    for key in ("K", "M"):
-        touched[rows[values[key] != 0]] = True
+    touched = np.diff(indptr) > 0
+    stored = (values["K"] != 0) | (values["M"] != 0)
+    touched[touched] = np.logical_or.reduceat(stored, indptr[:-1][touched]) if len(stored) else False
     empty = np.flatnonzero(~touched)
     if empty.size:
         raise InputError(
