@@ -20,6 +20,7 @@ from .ingredient import Ingredient
 from .projection import diagonalise, project, project_columns
 
 INDEPENDENT = 1e-6  # weight of a direction of modes found that is not round-off
+MIXED = 0.01  # share of rigid-body motions in a mode, and weight of what is left of it, that are not round-off
 AT_FIRST = 16  # modes that are looked for where nobody knows how many lie in a band
 
 
@@ -260,17 +261,29 @@ def choose(run, block, columns):
 
 
 def _without_rigid(run, values, block):
-    """Leave out the modes that are rigid-body motions."""
+    """What is M-orthogonal to the rigid-body motions in the span of the modes, with Rayleigh quotients for values.
+
+    Other motions without force share their eigenvalue, zero, with those: single modes are any mixture of both.
+    """
     if block is None or run.rigid is None:
         return values, block
-    product = run.times_mass(block)
-    share = (inner(run.rigid.R, product) ** 2).sum(axis=0) / np.diag(inner(block, product))
-    product.destroy()
-    elastic = np.flatnonzero(share < 0.5)
-    block = choose(run, block, elastic)
-    if block is not None:
-        run.rigid.project(block)
-    return values[elastic], block
+    with Owned(run.model.comm) as owned:
+        owned.owns(block)
+        product = owned.owns(run.times_mass(block))
+        share = (inner(run.rigid.R, product) ** 2).sum(axis=0) / np.diag(inner(block, product))
+        elastic, quotients = np.flatnonzero(share < MIXED), np.zeros(0)
+        vectors = owned.owns(Basis(run.mass, run.rigid.R, MIXED, len(values)))
+        mixed = choose(run, copy_of(block, run.model.K), np.flatnonzero(share >= MIXED))
+        if mixed is not None:
+            vectors.extend(owned.owns(mixed))
+            quotients = np.diag(project(run.model.K, vectors.columns)) if vectors.size else quotients
+        if not len(quotients) + len(elastic):
+            return np.zeros(0), None
+        found = create_block(run.model.K, len(quotients) + len(elastic))
+        with local_rows(vectors.columns) as first, local_rows(block) as others, local_rows(found) as rows:
+            rows[...] = np.hstack([first, others[:, elastic]])
+        run.rigid.project(found)
+        return np.concatenate([quotients, values[elastic]]), found
 
 
 def residuals(run, values, block) -> np.ndarray:

@@ -2,13 +2,19 @@
 
 import numpy as np
 import pytest
-from helpers import close, columns_of, dense_model
+import scipy.linalg
+from helpers import close, columns_of, dense_model, gather
 
 import hpcred
 from hpcred.examples.beam import Rod, beam_element
+from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.model.dofs import Dofs
+from hpcred.model.frames import apply_frame
 from hpcred.model.second_order_model import SecondOrderModel
-from hpcred.parallel.failures import ComputationError, InputError
+from hpcred.parallel.failures import ComputationError, InputError, Owned
+from hpcred.parallel.progress import Progress
+from hpcred.reduction.modes import _without_rigid
+from hpcred.reduction.run import Run
 
 BAND = (0.0, 300.0)
 WAYS = {
@@ -54,6 +60,29 @@ def test_a_body_with_more_free_motions_is_refused(comm, way):
             # where the run's own factor or its modes show them, they are not counted
             with pytest.raises(InputError, match=f"K lets ({count} )?more motions? happen without force than the 6"):
                 WAYS[way](model)
+
+
+@pytest.mark.mpi(build="real")
+def test_modes_that_share_zero_with_the_rigid_motions(comm):
+    """All seven modes at zero of a body with a hinge have six sevenths of rigid-body motions in them."""
+    with beams(comm, "hinge") as model, Owned(comm) as owned:
+        framed = owned.owns(apply_frame(model, hpcred.Buckens()))
+        run = owned.owns(Run(framed, Progress(comm, show=False), 1e-12))
+        K, M, _ = dense_model(model)
+        values, modes = scipy.linalg.eigh(K, M)
+        R = gather(framed.rigid.R)
+        hinge = modes[:, :7] @ scipy.linalg.null_space(R.T @ M @ modes[:, :7])
+        turned = scipy.linalg.qr(np.column_stack([np.ones(7), np.eye(7)[:, 1:]]))[0]
+        mixed = np.column_stack([hinge, R]) @ turned.T
+        mine = slice(model.first_row, model.first_row + model.local_rows)
+        block = create_block(model.K, 10)
+        with local_rows(block) as rows:
+            rows[...] = np.column_stack([mixed, modes[:, 7:10]])[mine]
+        found, vectors = _without_rigid(run, np.append(np.zeros(7), values[7:10]), block)
+        owned.owns(vectors)
+        assert len(found) == 4 and abs(found[0]) < 1e-9 * values[7] and (found[1:] == values[7:10]).all()
+        expected = np.column_stack([hinge, modes[:, 7:10]])
+        assert np.abs(np.abs(expected.T @ M @ gather(vectors)) - np.eye(4)).max() < 1e-8
 
 
 @pytest.mark.parametrize("way", WAYS)
