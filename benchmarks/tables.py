@@ -1,6 +1,6 @@
-"""Write the table of benchmarks in README.md from the results of a run: python benchmarks/tables.py [folder].
+"""Write the tables of benchmarks in README.md from the results of a run: python benchmarks/tables.py [folder].
 
-The table stands between two comments; rows whose results are not in the folder are left out.
+They stand between two comments; rows whose results are not in the folder are left out.
 """
 
 import json
@@ -20,8 +20,12 @@ def line(work, dofs, ours, theirs, agreement):
     return [work, f"{dofs:,}", number(ours, " s"), number(theirs, " s"), number(theirs / ours), number(agreement)]
 
 
+def points_of(row):
+    return f"{row['points']} point{'s' * (row['points'] > 1)} of order {row['order']}"
+
+
 def solids(row):
-    yield line("6 inputs, 4 points of order 1; peer: SciPy with MKL PARDISO", row["dofs"], row["hpcred, 2 ranks (s)"],
+    yield line(f"6 inputs, {points_of(row)}; peer: SciPy with MKL PARDISO", row["dofs"], row["hpcred, 2 ranks (s)"],
                row["PARDISO, 2 threads (s)"], row["agreement"])  # fmt: skip
 
 
@@ -60,21 +64,81 @@ def sweep(row):
                number(row["difference"])]  # fmt: skip
 
 
-def main(folder="benchmark-results"):
-    rows, machines = [], []
-    for make in (solids, accuracy, interpolation, modes, sweep):
-        path = Path(folder) / f"{make.__name__}.json"
+def readers(name, work, ours, theirs):
+    """Rows of a file read by hpcred and by peers; `ours` and `theirs` begin the names of the readers in their rows."""
+
+    def cells(rows):
+        own = next(row for row in rows if row[name].startswith(ours))
+        for row in rows:
+            if row[name].startswith(theirs):
+                count = next(own[key] for key in ("nonzeros", "stored nonzeros") if key in own)
+                yield [
+                    f"{work}, {count:,} entries; peer: {row[name].removeprefix('K.mtx by ')}",
+                    "",
+                    number(own["seconds"], " s"),
+                    number(row["seconds"], " s"),
+                    number(row["seconds"] / own["seconds"]),
+                    number(row["agreement"] if "agreement" in row else abs(row["sum"] / own["sum"] - 1)),
+                ]
+
+    return cells
+
+
+def parts_of_solids(rows):
+    for row in rows:
+        yield [f"{points_of(row)}, {row['dofs']:,} dofs: outside of MUMPS, with start and files; orthogonalisation",
+               f"{100 * row['outside MUMPS']:.0f} %; {100 * row['orthogonalisation']:.1f} %"]  # fmt: skip
+        yield [f"{points_of(row)}, {row['dofs']:,} dofs: memory of both ranks (of PARDISO), kB a dof",
+               f"{row['kB/dof']:.1f} ({row['PARDISO kB/dof']:.1f})"]  # fmt: skip
+
+
+def growth(rows):
+    sizes = [row["dofs"] for row in rows if row["varied"] == "dofs"]
+    named = {
+        "exponent of dofs": f"growth of the time from {min(sizes):,} to {max(sizes):,} dofs, 2 points: exponent",
+        "96 inputs / 6 inputs": "112,500 dofs: 96 inputs take so many times as long as 6",
+        "1 rank / 2 ranks": "112,500 dofs: two ranks are so many times as fast as one",
+        "1 group / 2 groups": "112,500 dofs: two groups of one rank, as many times as fast as one of two",
+    }
+    yield from ([named[row["varied"]], number(row["value"])] for row in rows if row["varied"] in named)
+
+
+def each(cells):
+    return lambda rows: [found for row in rows for found in cells(row)]
+
+
+COMPARED = {
+    "solids": each(solids), "accuracy": each(accuracy), "interpolation": each(interpolation), "modes": each(modes),
+    "reading": readers("file", "Matrix Market on two ranks", "K.mtx", "K.mtx by"),
+    "op4": readers("reader", "binary OP4 on one rank", "hpcred, 1", "pyYeti"),
+    "ansys_full": readers("reader", "ANSYS' .full on one rank", "hpcred, 1", "ansys"),
+    "sweep": each(sweep),
+}  # fmt: skip
+MORE = {"solids": parts_of_solids, "growth": growth}
+
+
+def table(folder, head, makers, machines):
+    """Lines of a table from the results that the folder has, in Markdown."""
+    rows = []
+    for name, make in makers.items():
+        path = Path(folder) / f"{name}.json"
         if path.exists():
             found = json.loads(path.read_text())
             machines.append(found["machine"])
-            rows += [cells for row in found["rows"] for cells in make(row)]
-    if not rows:
+            rows += make(found["rows"])
+    return [f"| {' | '.join(cells)} |\n" for cells in (head, ["---"] * len(head), *rows)] if rows else []
+
+
+def main(folder="benchmark-results"):
+    machines = []
+    tables = [table(folder, HEAD, COMPARED, machines), table(folder, ("more", "value"), MORE, machines)]
+    if not machines:
         sys.exit(f"{folder}: found no results for a table; README.md stays as it is")
-    table = [" | ".join(cells) for cells in (HEAD, ["---"] * len(HEAD), *rows)]
     said = f"Measured on: {'; '.join(dict.fromkeys(machines))}."
     before, rest = README.read_text().split(BEGIN)
     after = rest.split(END)[1]
-    README.write_text("".join([before, BEGIN, "\n", *(f"| {row} |\n" for row in table), f"\n{said}\n", END, after]))
+    text = "\n".join("".join(lines) for lines in tables if lines)
+    README.write_text("".join([before, BEGIN, "\n", text, f"\n{said}\n", END, after]))
 
 
 if __name__ == "__main__":
