@@ -66,6 +66,8 @@ HIDDEN = 60  # random columns at most, to find modes that no load moves
 UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
 HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 PROOF = 1 / 8  # of the band: where models are proven first, whatever the law and the tolerance, so that a store serves
+ZERO = np.finfo(float).eps  # squares of frequencies, relative to the largest, that are round-off, and
+NEARLY_ZERO = 1e-12  # that may be, where round-off shows in the estimate too
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 
 
@@ -423,7 +425,8 @@ class Search:
         S = grid([outer], law, band)
         curve, noise = estimate(inner_model, outer, U, law, S, ports)
         est, noise = float(curve.max()), float(noise.max())
-        if noise > est and S[0] == 0 and is_free(outer, law, S, ports):
+        zero = NEARLY_ZERO if noise > est else ZERO
+        if S[0] == 0 and is_free(outer, law, S, ports, zero):
             if self.run.rigid is not None:
                 raise free_motions_refused(self.run.model, self.run.rigid)
             raise InputError(

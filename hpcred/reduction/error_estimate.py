@@ -136,10 +136,13 @@ def missing(model: PseudoModal, counts) -> int:
     return max((count - int((poles < f).sum()) for f, count in counts), default=0)
 
 
-def is_free(model: PseudoModal, law: Law, frequencies, ports) -> bool:
-    """Whether the response at the first of the frequencies, 0 Hz, is infinite but for round-off."""
+def is_free(model: PseudoModal, law: Law, frequencies, ports, zero: float) -> bool:
+    """Whether the response at the first of the frequencies, 0 Hz, is infinite but for round-off.
+
+    `zero`: squares of pseudo-frequencies below it, relative to the largest, count as round-off.
+    """
     size = norms(response(model, law, np.array([0.0, frequencies[-1] / 200]), ports))
-    return bool(model.squares[0] < 1e-12 * model.squares[-1] and not size[0] < 1e6 * size[1])
+    return bool(model.squares[0] < zero * model.squares[-1] and not size[0] < 1e6 * size[1])
 
 
 def is_silent(model: PseudoModal, law: Law, frequencies, ports) -> bool:

@@ -94,6 +94,17 @@ def test_a_body_of_one_part_is_not_refused(comm, way):
 
 
 @pytest.mark.mpi
+@pytest.mark.parametrize("kind", ["whole", "hinge"])
+def test_a_free_body_without_frame(comm, kind):
+    """Its response is infinite at 0 Hz, and not above."""
+    with beams(comm, kind) as model:
+        with pytest.raises(InputError, match="the response at 0 Hz is infinite, for the body is free"):
+            hpcred.reduce(model, tolerance=1e-4, band=BAND)
+        with hpcred.reduce(model, tolerance=1e-4, band=(30.0, 300.0)) as reduced:
+            assert reduced.record.accuracy.reached
+
+
+@pytest.mark.mpi
 def test_inputs_that_only_push_the_body(comm):
     """A load of inertia forces: M times a translation."""
     with beams(comm, "whole") as model:
