@@ -11,4 +11,5 @@ for name in interpolation modes reading checksums op4 ansys_full solids accuracy
 done
 "$python" "$here/adaptive.py" linkage linkage-mimo solid free plate
 "$python" "$here/size.py" linkage
+"$python" "$here/growth.py" multigrid
 "$python" "$here/tables.py" .

@@ -103,6 +103,15 @@ def growth(rows):
     yield from ([named[row["varied"]], number(row["value"])] for row in rows if row["varied"] in named)
 
 
+def multigrid(rows):
+    cubes, exponents = [row for row in rows if row["varied"] == "cube"], {row["varied"]: row["value"] for row in rows}
+    last = cubes[-1]
+    yield [f"cube of {last['dofs']:,} dofs by multigrid, {last['size']} columns at 0 Hz",
+           f"{number(last['seconds'], ' s')}, {last['GB']:.1f} GB"]  # fmt: skip
+    yield [f"growth from {cubes[0]['dofs']:,} dofs to that: exponents of time and memory",
+           f"{number(exponents['exponent of seconds'])}; {number(exponents['exponent of memory'])}"]  # fmt: skip
+
+
 def each(cells):
     return lambda rows: [found for row in rows for found in cells(row)]
 
@@ -114,7 +123,7 @@ COMPARED = {
     "ansys_full": readers("reader", "ANSYS' .full on one rank", "hpcred, 1", "ansys"),
     "sweep": each(sweep),
 }  # fmt: skip
-MORE = {"solids": parts_of_solids, "growth": growth}
+MORE = {"solids": parts_of_solids, "growth": growth, "growth-multigrid": multigrid}
 
 
 def table(folder, head, makers, machines):
