@@ -7,10 +7,10 @@ from .parallel import signals
 
 
 def main():
-    signals.hear()
-    # a process that no mpiexec started: Open MPI need not start a daemon, by which others could join it
-    os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
     try:
+        signals.hear()
+        # a process that no mpiexec started: Open MPI need not start a daemon, by which others could join it
+        os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
         from .cli import run
 
         status = run(sys.argv[1:])

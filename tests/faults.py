@@ -26,12 +26,14 @@ ERRORS = {
 
 
 def name_of(code):
-    """Module and name of a function of hpcred, or None for other code."""
+    """Module and name of a function of hpcred; None for other code, and for the first, which no other stands above."""
     if not code.co_filename.startswith(ROOT) or code.co_name.startswith("<"):
         return None
     if not code.co_flags & inspect.CO_OPTIMIZED:  # the body of a class
         return None
     module = code.co_filename[len(ROOT) : -3].replace(os.sep, ".")
+    if module == "__main__":
+        return None
     return f"{module}.{getattr(code, 'co_qualname', code.co_name)}".replace(".<locals>", "")
 
 
