@@ -17,7 +17,8 @@ def number(value, unit=""):
 
 
 def line(work, dofs, ours, theirs, agreement):
-    return [work, f"{dofs:,}", number(ours, " s"), number(theirs, " s"), number(theirs / ours), number(agreement)]
+    size = f"{dofs:,}" if dofs else ""
+    return [work, size, number(ours, " s"), number(theirs, " s"), number(theirs / ours), number(agreement)]
 
 
 def points_of(row):
@@ -58,10 +59,9 @@ def accuracy(row):
 
 def sweep(row):
     if row["store"] == "with":
-        yield [f"sweep of 24 jobs, {row['factorisations']} factorisations with a store; peer: without, "
-               f"{row['factorisations'] + row['saved']}", "112,500", number(row["seconds"], " s"),
-               number(row["seconds"] * row["without / this"], " s"), number(row["without / this"]),
-               number(row["difference"])]  # fmt: skip
+        yield line(f"sweep of 24 jobs, {row['factorisations']} factorisations with a store; peer: without, "
+                   f"{row['factorisations'] + row['saved']}", 112_500, row["seconds"],
+                   row["seconds"] * row["without / this"], row["difference"])  # fmt: skip
 
 
 def readers(name, work, ours, theirs):
@@ -72,14 +72,9 @@ def readers(name, work, ours, theirs):
         for row in rows:
             if row[name].startswith(theirs):
                 count = next(own[key] for key in ("nonzeros", "stored nonzeros") if key in own)
-                yield [
-                    f"{work}, {count:,} entries; peer: {row[name].removeprefix('K.mtx by ')}",
-                    "",
-                    number(own["seconds"], " s"),
-                    number(row["seconds"], " s"),
-                    number(row["seconds"] / own["seconds"]),
-                    number(row["agreement"] if "agreement" in row else abs(row["sum"] / own["sum"] - 1)),
-                ]
+                agreement = row["agreement"] if "agreement" in row else abs(row["sum"] / own["sum"] - 1)
+                peer = row[name].removeprefix("K.mtx by ")
+                yield line(f"{work}, {count:,} entries; peer: {peer}", None, own["seconds"], row["seconds"], agreement)
 
     return cells
 
@@ -94,11 +89,12 @@ def parts_of_solids(rows):
 
 def growth(rows):
     sizes = [row["dofs"] for row in rows if row["varied"] == "dofs"]
+    fixed = next(f"{row['dofs']:,} dofs" for row in rows if row["varied"] == "inputs")
     named = {
         "exponent of dofs": f"growth of the time from {min(sizes):,} to {max(sizes):,} dofs, 2 points: exponent",
-        "96 inputs / 6 inputs": "112,500 dofs: 96 inputs take so many times as long as 6",
-        "1 rank / 2 ranks": "112,500 dofs: two ranks are so many times as fast as one",
-        "1 group / 2 groups": "112,500 dofs: two groups of one rank, as many times as fast as one of two",
+        "96 inputs / 6 inputs": f"{fixed}: 96 inputs take so many times as long as 6",
+        "1 rank / 2 ranks": f"{fixed}: two ranks are so many times as fast as one",
+        "1 group / 2 groups": f"{fixed}: two groups of one rank, as many times as fast as one of two",
     }
     yield from ([named[row["varied"]], number(row["value"])] for row in rows if row["varied"] in named)
 

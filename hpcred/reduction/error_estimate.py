@@ -141,8 +141,10 @@ def is_free(model: PseudoModal, law: Law, frequencies, ports, zero: float) -> bo
 
     `zero`: squares of pseudo-frequencies below it, relative to the largest, count as round-off.
     """
+    if not model.squares[0] < zero * model.squares[-1]:
+        return False
     size = norms(response(model, law, np.array([0.0, frequencies[-1] / 200]), ports))
-    return bool(model.squares[0] < zero * model.squares[-1] and not size[0] < 1e6 * size[1])
+    return not size[0] < 1e6 * size[1]
 
 
 def is_silent(model: PseudoModal, law: Law, frequencies, ports) -> bool:

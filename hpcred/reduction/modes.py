@@ -250,13 +250,18 @@ def _dominant(run, values, block, count):
 
 def choose(run, block, columns):
     """The chosen columns as a new block, None for none; the block is destroyed."""
+    chosen = _chosen(run, block, columns)
+    block.destroy()
+    return chosen
+
+
+def _chosen(run, block, columns):
+    """The same of a block that stays."""
     if not len(columns):
-        block.destroy()
         return None
     chosen = create_block(run.model.K, len(columns))
     with local_rows(block) as source, local_rows(chosen) as target:
         target[...] = source[:, columns]
-    block.destroy()
     return chosen
 
 
@@ -273,17 +278,18 @@ def _without_rigid(run, values, block):
         share = (inner(run.rigid.R, product) ** 2).sum(axis=0) / np.diag(inner(block, product))
         elastic, quotients = np.flatnonzero(share < MIXED), np.zeros(0)
         vectors = owned.owns(Basis(run.mass, run.rigid.R, MIXED, len(values)))
-        mixed = choose(run, copy_of(block, run.model.K), np.flatnonzero(share >= MIXED))
+        mixed = _chosen(run, block, np.flatnonzero(share >= MIXED))
         if mixed is not None:
             vectors.extend(owned.owns(mixed))
             quotients = np.diag(project(run.model.K, vectors.columns)) if vectors.size else quotients
-        if not len(quotients) + len(elastic):
-            return np.zeros(0), None
-        found = create_block(run.model.K, len(quotients) + len(elastic))
+        values = np.concatenate([quotients, values[elastic]])
+        if not len(values):
+            return values, None
+        found = create_block(run.model.K, len(values))
         with local_rows(vectors.columns) as first, local_rows(block) as others, local_rows(found) as rows:
-            rows[...] = np.hstack([first, others[:, elastic]])
+            rows[:, : vectors.size], rows[:, vectors.size :] = first, others[:, elastic]
         run.rigid.project(found)
-        return np.concatenate([quotients, values[elastic]]), found
+        return values, found
 
 
 def residuals(run, values, block) -> np.ndarray:
