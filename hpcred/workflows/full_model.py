@@ -18,7 +18,7 @@ from ..parallel.failures import InputError
 from ..reduction.modes import Modes
 from ..reduction.record import Record, signature_of
 from ..reduction.reduce import reduce
-from .reduce import with_interfaces, with_targets
+from .model_of_job import with_interfaces, with_targets
 
 SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
 

@@ -8,18 +8,17 @@ from pathlib import Path
 from ..formats.contents import content_of
 from ..formats.job_file import Job, plain, read_job
 from ..formats.locks import locks_given_back
-from ..formats.model_file import read_model
-from ..formats.node_table import read_node_numbers
 from ..formats.outputs import check_outputs, check_room, hdf5_kind
 from ..formats.point_store import PointStore
 from ..formats.result_file import FORMAT, write_result
 from ..formats.room import rescued
 from ..parallel import startup
-from ..parallel.failures import ComputationError, InputError, agreed
+from ..parallel.failures import ComputationError, agreed
 from ..parallel.progress import Progress
 from ..parallel.stopping import listening
 from ..reduction.record import Record
 from ..reduction.reduce import reduce
+from .model_of_job import model_of_job
 
 SIZE = 40  # coordinates that a reduction to a tolerance is expected to have
 
@@ -86,7 +85,7 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
                 output, record, reduced.size, reduced.size_in_words, tuple(reduced.frequencies.tolist())
             )
     if job.report:
-        from .report import report_file  # which reads models as jobs do
+        from .report import report_file  # which most jobs do without
 
         with progress.stage("report"):
             report_file([output], output=Path(output).with_suffix(".html"), comm=comm)
@@ -113,50 +112,3 @@ def _bytes(job, model) -> int:
     if job.search is not None:
         columns += job.adaptive.size or SIZE
     return 8 * model.size * min(columns, model.size)
-
-
-def model_of_job(job: Job, comm):
-    """The model of a job with its inputs and outputs. Collective. Raises InputError."""
-    if isinstance(job.model, str):
-        model = read_model(job.model, comm)
-    else:
-        from ..formats.model_source import load_source  # which loads the readers of all formats
-
-        model = load_source(job.model, comm, Path(job.model.K).name)
-    model = with_interfaces(model, job.interface)
-    for key in ("input", "output"):
-        model = with_targets(model, key, getattr(job, key + "s"))
-    if model.B is None and model.interfaces:
-        model = with_targets(model, "input", [(item.name, "all") for item in model.interfaces])
-    if model.B is None:
-        with model:
-            raise InputError(
-                f"inputs: neither the job nor {model.name} has any; give dof numbers or [node, direction] pairs, or "
-                "bearings by [[interface]]"
-            )
-    return model
-
-
-def with_interfaces(model, interfaces):
-    """The model with interface nodes, whose nodes may be in files; `model` is closed. Collective. Raises InputError."""
-    if not interfaces:
-        return model
-    with model:
-        with agreed(model.comm):
-            interfaces = [replace(item, nodes=read_node_numbers(item.nodes)) if isinstance(item.nodes, str) else item
-                          for item in interfaces]  # fmt: skip
-        return model.with_interfaces(interfaces)
-
-
-def with_targets(model, key, targets):
-    """The model with other inputs or outputs (`key`: "input" or "output"), from a matrix file or as dofs; `model` is
-    closed. None leaves them as they are. Collective. Raises InputError."""
-    if targets is None:
-        return model
-    with model:
-        if not isinstance(targets, str):
-            return getattr(model, f"with_{key}s")(targets)
-        from ..formats.model_source import column_names, read_columns  # which loads the readers of all formats
-
-        local = read_columns(model.comm, model.row_starts, model.size, targets, key == "output")
-        return getattr(model, f"with_{key}_columns")(local, column_names(targets, local))

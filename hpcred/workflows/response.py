@@ -22,8 +22,8 @@ from ..parallel.progress import Progress
 from ..reduction.record import versions
 from ..report.figures import MOST, check_figure_name, pyplot, response_figure
 from .evaluate import frequencies_over
+from .model_of_job import with_targets
 from .pair_figures import pairs_to_show
-from .reduce import with_targets
 
 
 @locks_given_back()

@@ -1,0 +1,58 @@
+"""A job or a record enters; the model of its files, with interface nodes, inputs and outputs, leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from ..formats.job_file import Job
+from ..formats.model_file import read_model
+from ..formats.node_table import read_node_numbers
+from ..parallel.failures import InputError, agreed
+
+
+def model_of_job(job: Job, comm):
+    """The model of a job with its inputs and outputs. Collective. Raises InputError."""
+    if isinstance(job.model, str):
+        model = read_model(job.model, comm)
+    else:
+        from ..formats.model_source import load_source  # which loads the readers of all formats
+
+        model = load_source(job.model, comm, Path(job.model.K).name)
+    model = with_interfaces(model, job.interface)
+    for key in ("input", "output"):
+        model = with_targets(model, key, getattr(job, key + "s"))
+    if model.B is None and model.interfaces:
+        model = with_targets(model, "input", [(item.name, "all") for item in model.interfaces])
+    if model.B is None:
+        with model:
+            raise InputError(
+                f"inputs: neither the job nor {model.name} has any; give dof numbers or [node, direction] pairs, or "
+                "bearings by [[interface]]"
+            )
+    return model
+
+
+def with_interfaces(model, interfaces):
+    """The model with interface nodes, whose nodes may be in files; `model` is closed. Collective. Raises InputError."""
+    if not interfaces:
+        return model
+    with model:
+        with agreed(model.comm):
+            interfaces = [replace(item, nodes=read_node_numbers(item.nodes)) if isinstance(item.nodes, str) else item
+                          for item in interfaces]  # fmt: skip
+        return model.with_interfaces(interfaces)
+
+
+def with_targets(model, key, targets):
+    """The model with other inputs or outputs (`key`: "input" or "output"), from a matrix file or as dofs; `model` is
+    closed. None leaves them as they are. Collective. Raises InputError."""
+    if targets is None:
+        return model
+    with model:
+        if not isinstance(targets, str):
+            return getattr(model, f"with_{key}s")(targets)
+        from ..formats.model_source import column_names, read_columns  # which loads the readers of all formats
+
+        local = read_columns(model.comm, model.row_starts, model.size, targets, key == "output")
+        return getattr(model, f"with_{key}_columns")(local, column_names(targets, local))
