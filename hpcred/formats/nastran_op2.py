@@ -5,7 +5,6 @@ the tables BGPDT (places), USET (sets), EQEXIN (numbers) and CSTM (coordinate sy
 """
 
 import mmap
-import os
 import struct
 from dataclasses import dataclass
 
@@ -17,8 +16,8 @@ from .nastran_points import DEPENDENT, HELD, OMITTED, SUPPORTED, TINY, Points, S
 from .text import LARGEST_LABEL, first_bytes
 
 NAMES = ("SLIST", "BGPDT", "USET", "EQEXIN", "CSTM")
-# bits of USET that the sets have: m; s, by cards and by points; o; r
 SCALAR_CODE = 2
+# bits of USET that the sets have: m; s, by cards and by points; o; r
 MEMBERS = {DEPENDENT: 1, HELD: 1 << 9 | 1 << 10, OMITTED: 1 << 2, SUPPORTED: 1 << 3}
 
 
@@ -98,84 +97,101 @@ def points_by_superelement(path, comm) -> list[tuple[int | None, Points]]:
     return [(number, points) for number, points in found if points is not None]
 
 
+class _Chain:
+    """The Fortran records of a file, one after the other; `at`: the byte that it has come to."""
+
+    def __init__(self, data, path, order, size):
+        self.data, self.path, self.order, self.size, self.at = data, path, order, size, 0
+        self._length = struct.Struct(order + "i").unpack_from
+        self._number = struct.Struct(order + ("i" if size == 4 else "q")).unpack_from
+
+    @property
+    def ended(self) -> bool:
+        return self.at >= len(self.data)
+
+    def damaged(self, expected) -> InputError:
+        return InputError(
+            f"{self.path}: found no {expected} at byte {self.at} of {len(self.data)}; the file is damaged or cut off"
+        )
+
+    def record(self) -> tuple[int, int]:
+        """The place of the next record and its bytes."""
+        data, at = self.data, self.at
+        if at + 8 > len(data):
+            raise self.damaged("record")
+        count = self._length(data, at)[0]
+        if count < 0 or at + count + 8 > len(data) or self._length(data, at + 4 + count)[0] != count:
+            raise self.damaged("whole record")
+        self.at += count + 8
+        return at + 4, count
+
+    def key(self) -> int:
+        place, count = self.record()
+        if count != self.size:
+            raise self.damaged("key of one word")
+        return self._number(self.data, place)[0]
+
+    def pass_key(self, expected, what):
+        if self.key() != expected:
+            raise self.damaged(what)
+
+    def pieces(self, words, kind=0) -> list[tuple[int, int]]:
+        """The parts of a record of so many words, each followed by the words of the next one."""
+        parts = []
+        while words > 0:
+            place, count = self.record()
+            if kind == 0 and count != words * self.size:  # of a matrix, numbers are counted
+                raise self.damaged(f"record of {words} words")
+            parts.append((place, count))
+            words = self.key()
+        return parts
+
+    def name(self, words) -> str:
+        """A record with a name of so many words."""
+        if words < 1:
+            raise self.damaged("name of a table")
+        place, count = self.pieces(words)[0]
+        letters = self.data[place : place + count]
+        if self.size == 8:  # four letters a word
+            letters = b"".join(letters[k : k + 4] for k in range(0, count, 8))
+        return letters.decode("latin-1").strip()
+
+    def next_record(self) -> tuple[int, int]:
+        """The kind of the next record (1: a column of a matrix) and its words; both 0 at the end of the table."""
+        self.pass_key(1, "start of a record")
+        kind = self.key()
+        if kind not in (0, 1):
+            raise self.damaged("kind of a record")
+        return kind, self.key()
+
+
 def _tables(path):
     """The wanted tables of a file, from one walk along its records on one rank."""
     start = first_bytes(path)
     if not begins(start):
         raise InputError(f"{path}: found a file that begins with {start[:12]!r}, expected one of OUTPUT2")
     order, size = _layout(start)
-    number = struct.Struct(order + ("i" if size == 4 else "q")).unpack_from
-    end, at, found = os.path.getsize(path), 0, []
-
-    def damaged(expected):
-        return InputError(f"{path}: found no {expected} at byte {at} of {end}; the file is damaged or cut off")
-
+    found = []
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-
-        def record():
-            nonlocal at
-            if at + 8 > end:
-                raise damaged("record")
-            count = struct.unpack_from(order + "i", data, at)[0]
-            if count < 0 or at + count + 8 > end or struct.unpack_from(order + "i", data, at + 4 + count)[0] != count:
-                raise damaged("whole record")
-            at += count + 8
-            return at - count - 4, count
-
-        def key():
-            place, count = record()
-            if count != size:
-                raise damaged("key of one word")
-            return number(data, place)[0]
-
-        def pieces(first, kind=0):
-            parts = []
-            while first > 0:
-                place, count = record()
-                if kind == 0 and count != first * size:  # of a matrix, numbers are counted
-                    raise damaged(f"record of {first} words")
-                parts.append((place, count))
-                first = key()
-            return parts
-
-        def text(place, count):
-            letters = data[place : place + count]
-            if size == 8:  # four letters a word
-                letters = b"".join(letters[k : k + 4] for k in range(0, count, 8))
-            return letters.decode("latin-1").strip()
-
-        while at < end:
-            first = key()
-            if first == 0:  # the end of what one run wrote
+        chain = _Chain(data, path, order, size)
+        while not chain.ended:
+            words = chain.key()
+            if words == 0:  # the end of what one run wrote
                 continue
-            if first == 3:  # date, title and label
-                pieces(3)
-                if key() != 0:
-                    raise damaged("end of the header")
+            if words == 3:  # date, title and label
+                chain.pieces(3)
+                chain.pass_key(0, "end of the header")
                 continue
-            name = text(*pieces(first)[0])
-            if key() != 7:
-                raise damaged("trailer of 7 words")
-            pieces(7)
-            wanted = any(name.startswith(start) for start in NAMES)
+            name = chain.name(words)
+            chain.pass_key(7, "trailer of 7 words")
+            chain.pieces(7)
             records = []
-            while (following := _next_record(key, damaged)) != (0, 0):
+            while (following := chain.next_record()) != (0, 0):
                 kind, count = following
-                parts = pieces(count, kind)  # none for an empty column of a matrix
-                records += [parts] if wanted else []
-            if wanted:
+                records.append(chain.pieces(count, kind))  # none for an empty column of a matrix
+            if name.startswith(NAMES):
                 found.append(Table(str(path), name, order, size, records[1:]))  # the first one is the name again
     return found
-
-
-def _next_record(key, damaged):
-    """The kind of the next record (1: a column of a matrix) and its number of words; both 0 at the end of the table."""
-    if key() != 1:
-        raise damaged("start of a record")
-    kind = key()
-    if kind not in (0, 1):
-        raise damaged("kind of a record")
-    return kind, key()
 
 
 def _points(path, comm, group):

@@ -220,6 +220,16 @@ def test_a_cut_op2_is_refused(comm, folder, length):
     assert "nas2cam.op2: found" in said
 
 
+def test_a_table_without_a_name_is_refused(comm, folder):
+    unpack(folder, comm, "nastran/extseout")
+    content = (folder / "nas2cam.op2").read_bytes()
+    comm.Barrier()
+    length, words = content[:4], (-5).to_bytes(content[0], "little", signed=True)
+    write(folder / "nas2cam.op2", content + length + words + length, comm)
+    with pytest.raises(InputError, match="nas2cam.op2: found no name of a table at byte .* damaged or cut off"):
+        nastran.read_op4(folder / "nas2cam.op4", comm)
+
+
 def test_companions_without_the_rows_are_refused(comm, folder):
     unpack(folder, comm, "nastran/notall6")
     unpack(folder, comm, "nastran/extseout")
