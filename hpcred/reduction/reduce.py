@@ -74,74 +74,77 @@ def reduce(
     frame, damping = frame or NoFrame(), damping or NoDamping()
     check_model(model)
     two_sided = settings.projection == "two_sided" and model.Ct is not None
-    if two_sided and adaptive is not None:
-        raise InputError("projection: a reduction to a tolerance is one-sided, which keeps stability; leave it out")
-    if two_sided and (settings.drop_above is not None or isinstance(damping, ModalDamping)):
-        raise InputError(
-            "projection: 'two_sided' leaves no diagonal model, which drop_above and modal damping need; "
-            "take 'one_sided'"
-        )
-    in_interface = settings.coordinates == "interface"
-    if in_interface:
+    if two_sided:
+        _check_two_sided(settings, damping, adaptive)
+    if settings.coordinates == "interface":
         check_interface_coordinates(model, frame)
-        if two_sided:
-            raise InputError("projection: interface coordinates belong to a one-sided projection; leave it out")
     warnings = warnings_of(model, frame)
     with Owned(model.comm) as owned:
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
             warnings += inputs_without_effect(framed)
-        tolerance = settings.deflation_tolerance if adaptive is None else KEPT_BY_SEARCH
+        deflation = settings.deflation_tolerance if adaptive is None else KEPT_BY_SEARCH
         columns = _check_size(framed, basis, adaptive)
-        run = Run(framed, progress, tolerance, factoring or Factoring(), inertia=adaptive is not None, columns=columns)
+        run = Run(framed, progress, deflation, factoring or Factoring(), inertia=adaptive is not None, columns=columns)
         runs = [owned.owns(run)]
         if store is not None:
             with progress.stage("store"):
                 asked = {"frame": frame, "damping": damping, "basis": [asdict(item) for item in basis]}
-                runs[0].store, runs[0].identity = store, identity_of_model(model, framed, **asked)
+                run.store, run.identity = store, identity_of_model(model, framed, **asked)
         if two_sided:
-            runs.append(owned.owns(runs[0].dual()))
+            runs.append(owned.owns(run.dual()))
         rigid = framed.rigid.R if framed.rigid is not None else None
-        bases = [owned.owns(Basis(run.mass, rigid, tolerance, columns, run.keeps_images)) for _ in runs]
+        bases = [owned.owns(Basis(run.mass, rigid, deflation, columns, run.keeps_images)) for _ in runs]
         points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
-        groups = number_of_groups(settings.groups, runs[0], points)
-        ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}
-        for i, ingredient in enumerate(basis):
-            progress.step("points and modes", i, len(basis), always=True)
-            for r, (vectors, run) in enumerate(zip(bases, runs, strict=True)):
-                if (i, r) in ready:
-                    ready[i, r].join(vectors, run)
-                else:
-                    ingredient.extend(vectors, run)
-            if i + 1 < len(basis) or adaptive is not None:
-                stop_if_asked(model.comm, f"part {i + 1} of the basis")
-        accuracy = None
-        if adaptive is not None:
-            kept = range(0)
-            if in_interface:  # what the responses may not need of the motion of the interfaces
-                start = bases[0].size
-                ConstraintModes().extend(bases[0], runs[0])
-                kept = range(start, bases[0].size)
-            accuracy = _to_tolerance(bases[0], runs[0], adaptive, groups, settings.drop_above, kept)
-        for run in runs:
-            run.release()
+        groups = number_of_groups(settings.groups, run, points)
+        _extend_by_all(basis, bases, runs, groups, last=adaptive is None)
+        accuracy = None if adaptive is None else _to_tolerance(bases[0], run, adaptive, groups, settings)
+        for each in runs:
+            each.release()
         if not all(vectors.size for vectors in bases):
             raise InputError("basis: no vector is left; no mode lies in the bands and no input loads the body")
         with progress.stage("project"):
             if two_sided:
-                reduced, defect = _project_two_sided(model, framed, *bases, runs[0], settings.allow_unstable)
+                reduced, defect = _project_two_sided(model, framed, *bases, run, settings.allow_unstable)
             else:
-                reduced, defect = _project(model, framed, bases[0], runs[0], settings)
+                reduced, defect = _project(model, framed, bases[0], run, settings)
         if framed.rigid is not None and adaptive is None:
-            runs[0].check_free_motions(float(reduced.frequencies.min()), _highest(basis, runs[0]))
+            run.check_free_motions(float(reduced.frequencies.min()), _highest(basis, run))
         reduced.record = make_record(
             model, framed, runs, progress, frame=frame, damping=damping, basis=tuple(basis), groups=groups,
-            projection="two_sided" if two_sided else "one_sided", deflation_tolerance=tolerance,
+            projection="two_sided" if two_sided else "one_sided", deflation_tolerance=deflation,
             drop_above=settings.drop_above, coordinates=settings.coordinates, orthonormality_defect=defect,
-            warnings=(*warnings, *dict.fromkeys(runs[0].remarks)), accuracy=accuracy,
+            warnings=(*warnings, *dict.fromkeys(run.remarks)), accuracy=accuracy,
             unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         )  # fmt: skip
         return reduced
+
+
+def _check_two_sided(settings, damping, adaptive):
+    """Refuse what a two-sided projection does not go with."""
+    if adaptive is not None:
+        raise InputError("projection: a reduction to a tolerance is one-sided, which keeps stability; leave it out")
+    if settings.drop_above is not None or isinstance(damping, ModalDamping):
+        raise InputError(
+            "projection: 'two_sided' leaves no diagonal model, which drop_above and modal damping need; "
+            "take 'one_sided'"
+        )
+    if settings.coordinates == "interface":
+        raise InputError("projection: interface coordinates belong to a one-sided projection; leave it out")
+
+
+def _extend_by_all(basis, bases, runs, groups, last):
+    """Extend each of the bases, with its run, by all ingredients; `last`: whether nothing comes after them."""
+    ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}
+    for i, ingredient in enumerate(basis):
+        runs[0].progress.step("points and modes", i, len(basis), always=True)
+        for r, (vectors, run) in enumerate(zip(bases, runs, strict=True)):
+            if (i, r) in ready:
+                ready[i, r].join(vectors, run)
+            else:
+                ingredient.extend(vectors, run)
+        if i + 1 < len(basis) or not last:
+            stop_if_asked(runs[0].model.comm, f"part {i + 1} of the basis")
 
 
 def _highest(basis, run) -> float:
@@ -176,21 +179,27 @@ def warnings_of(model, frame) -> tuple[str, ...]:
     return doubts
 
 
-def _to_tolerance(vectors, run, adaptive, groups, drop_above, kept) -> Accuracy:
-    """Extend the basis until the tolerance is proven, and compress it; the columns `kept` stay in its span."""
+def _to_tolerance(vectors, run, adaptive, groups, settings) -> Accuracy:
+    """Extend the basis until the tolerance is proven, and compress it."""
+    kept = range(0)
+    if settings.coordinates == "interface":  # what the responses may not need of the motion of the interfaces
+        start = vectors.size
+        ConstraintModes().extend(vectors, run)
+        kept = range(start, vectors.size)
     before = vectors.size
     try:
-        factor, accuracy = _search(vectors, run, adaptive, groups, drop_above, kept)
+        factor, accuracy = _search(vectors, run, adaptive, groups, settings.drop_above, kept)
     except DoesNotFit as error:
         if vectors.size > before or not run.give_up_factors(error):
             raise
-        factor, accuracy = _search(vectors, run, adaptive, groups, drop_above, kept)
+        factor, accuracy = _search(vectors, run, adaptive, groups, settings.drop_above, kept)
     run.note("compressed", vectors.size, factor.shape[1])
     vectors.multiply(factor)
     return accuracy
 
 
 def _search(vectors, run, adaptive, groups, drop_above, kept):
+    """The factor that compresses the basis, and what is known of it; the columns `kept` stay in its span."""
     with Owned(run.model.comm) as owned:
         search = owned.owns(Search(vectors, run, adaptive, groups))
         return search.compress(search.search(), drop_above, kept)
