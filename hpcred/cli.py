@@ -601,35 +601,47 @@ def evaluate(
         raise InputError("--seed: belongs to --check")
     limits = _band(band)
     factoring = _factoring(out_of_core, low_rank)
-    if len(results) > 1:
-        report = hpcred.compare_results(
-            results, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits, points=points,
-            output=output, groups=groups, factoring=factoring, progress=_progress(),
-        )  # fmt: skip
-        show_table(f"against {full}, {report['frequencies_hz'][0]:g} to {report['frequencies_hz'][-1]:g} Hz",
-                   report["rows"])  # fmt: skip
-        show_table("lowest modes of the model", report["modes"])
-        _write_json(json, report)
-        return None
+    chosen = {"frequencies": _numbers(frequencies, "--frequencies")}
     if estimate:
-        report = hpcred.estimate_of_result(result, frequencies=_numbers(frequencies, "--frequencies"), parts=points)
-        show_table(result, report["rows"])
-        print(f"{report['sentence']}\nQ = {report['Q']:.6g}; {report['measured']}")
-        _write_json(json, report)
-        return None
+        _write_json(json, _show_estimate(result, parts=points, **chosen))
+        return 0
+    solving = {"groups": groups, "factoring": factoring, "progress": _progress()}
     if check is not None:
-        report = hpcred.check_result(
-            result, full, check, seed=seed, groups=groups, factoring=factoring, progress=_progress()
-        )
-        show_table(result, report["rows"])
-        print(f"{report['claim']}\n{report['sentence']}; {report['measured']}")
-        _write_json(json, report)
-        return 0 if report["passed"] else 1
-    report = hpcred.evaluate_result(
-        result, full, frequencies=_numbers(frequencies, "--frequencies"), band=limits, points=points,
-        output=output, figure=figure, pairs=pairs.split(",") if pairs else (), groups=groups, factoring=factoring,
-        progress=_progress(),
-    )  # fmt: skip
+        report = _show_check(result, full, check, seed=seed, **solving)
+    elif len(results) > 1:
+        report = _show_comparison(results, full, band=limits, points=points, output=output, **chosen, **solving)
+    else:
+        pairs = pairs.split(",") if pairs else ()
+        report = _show_responses(result, full, band=limits, points=points, output=output, figure=figure, pairs=pairs,
+                                 **chosen, **solving)  # fmt: skip
+    _write_json(json, report)
+    return int(not report.get("passed", True))
+
+
+def _show_comparison(results, full, **keywords):
+    report = hpcred.compare_results(results, full, **keywords)
+    show_table(f"against {full}, {report['frequencies_hz'][0]:g} to {report['frequencies_hz'][-1]:g} Hz",
+               report["rows"])  # fmt: skip
+    show_table("lowest modes of the model", report["modes"])
+    return report
+
+
+def _show_estimate(result, **keywords):
+    report = hpcred.estimate_of_result(result, **keywords)
+    show_table(result, report["rows"])
+    print(f"{report['sentence']}\nQ = {report['Q']:.6g}; {report['measured']}")
+    return report
+
+
+def _show_check(result, full, count, **keywords):
+    report = hpcred.check_result(result, full, count, **keywords)
+    show_table(result, report["rows"])
+    print(f"{report['claim']}\n{report['sentence']}; {report['measured']}")
+    return report
+
+
+def _show_responses(result, full, **keywords):
+    report = hpcred.evaluate_result(result, full, **keywords)
     columns = {"f (Hz)": "frequencies_hz", "|H| reduced": "reduced_norm", "|H| full": "full_norm", "eps": "eps"}
     columns = {title: report[key] for title, key in columns.items() if key in report}
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
@@ -643,8 +655,7 @@ def evaluate(
     if len(drawn) < report.get("responses", 0):
         print(f"the {len(drawn)} largest of {report['responses']} responses are drawn; --pairs OUTPUT/INPUT,... "
               "draws others")  # fmt: skip
-    _write_json(json, report)
-    return None
+    return report
 
 
 @app.command()
