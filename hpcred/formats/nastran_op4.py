@@ -12,6 +12,7 @@ import os
 import re
 import struct
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -354,72 +355,128 @@ def _read_text(path, comm, matrix):
 
 def _decode_text(piece, matrix):
     """Rows and columns (from 0) and values of whole columns of a text, and the numbers of the columns."""
-    rows, columns = matrix.shape
+    lines = _Lines(piece, matrix)
     (width,) = matrix.layout
-    text = np.frombuffer(piece.text + (b"" if piece.text.endswith(b"\n") else b"\n"), np.uint8)
-    newline = np.flatnonzero(text == ord("\n"))
-    start = np.concatenate([[0], newline[:-1] + 1])
-    size = newline - start - ((newline > start) & (text[newline - 1] == ord("\r")))
-    points = np.concatenate([[0], np.cumsum(text == ord("."))])
-    is_number = points[newline] > points[start]
-    line = np.flatnonzero(size > 0)  # blank lines may stand at the end
-
-    def refuse(bad, expected):
-        if bad.size:
-            raise piece.refusal(int(bad[0]), f"{expected} in the matrix {matrix}")
-
-    below = line[is_number[line]]
-    refuse(below[size[below] % width > 0], f"numbers of {width} characters")
-    values = _fixed_numbers(piece, text, start[below], size[below] // width, width)
-    heads = line[~is_number[line]]
-    is_column = (size[heads] > 2 * WHOLE) & (size[heads] <= 3 * WHOLE)
-    column_lines, string_lines = heads[is_column], heads[~is_column]
-    if line.size and (not column_lines.size or line[0] != column_lines[0]):
-        refuse(line[:1], "a column: its number, first row and number of words")
-    number, first, words = (_whole(piece, text, start, size, column_lines, k, WHOLE) for k in range(3))
-    refuse(column_lines[(number < 1) | (number > columns + 1) | (first < 0) | (words < 1)],
-           "the number of a column, its first row and number of words")  # fmt: skip
-    refuse(column_lines[1:][np.diff(number) <= 0], "a column behind the one before")
-    refuse(string_lines[size[string_lines] > 2 * WHOLE], "the header of a string of numbers")
-    if matrix.big:
-        length, row = (_whole(piece, text, start, size, string_lines, k, WHOLE) for k in range(2))
-    else:
-        length, row = np.divmod(_whole(piece, text, start, size, string_lines, 0, 2 * WHOLE), SMALL)
-    length = length - 1
-    refuse(string_lines[(length < 1) | (row < 1)], "the header of a string of numbers")
-    # headers in the order of the lines: columns that are dense, and strings, have numbers below
-    order = np.argsort(np.concatenate([column_lines, string_lines]), kind="stable")
-    row_of = np.concatenate([first, row])[order]
-    words_of = np.concatenate([np.where(first > 0, words, 0), length])[order]
-    column_of = np.concatenate([number, np.zeros(len(row), np.int64)])[order]
-    at = np.maximum.accumulate(np.where(column_of > 0, np.arange(len(column_of)), 0))
-    column_of = column_of[at]
-    is_head = at == np.arange(len(at))
-    refuse(heads[~is_head & (row_of[at] > 0)], "numbers of a dense column")
-    owner = np.searchsorted(heads, below, side="right") - 1
-    count = np.bincount(owner, weights=size[below] // width, minlength=len(heads)).astype(np.int64)
-    # a dense column counts its numbers, a string words
-    said = np.where(at == np.arange(len(at)), 1, 2 if matrix.kind in DOUBLE else 1) * count
-    closing = column_of == columns + 1  # it may have a first row of 0, and then counts otherwise
-    refuse(heads[(said != words_of) & ~(closing & (row_of == 0))], "as many numbers below as it says")
-    inside = np.zeros(len(heads), np.int64)
-    np.add.at(inside, at, np.where(is_head, 0, words_of + (2 if matrix.big else 1)))
-    said = np.zeros(len(heads), np.int64)
-    said[is_head] = words
-    refuse(heads[is_head & (row_of == 0) & (inside != said)], "as many words below as it says")
-    width = 2 if matrix.kind in COMPLEX else 1
-    whole = row_of[is_head & ~closing] > 0
-    refuse(heads[is_head & ~closing][whole != whole[:1]], "a column as the ones above")
-    refuse(heads[1:][~is_head[1:] & (row_of[1:] < (row_of + count // width)[:-1])], "rows that ascend in a column")
-    refuse(heads[~closing & (count % width > 0)], "pairs of numbers below")
-    refuse(heads[closing][1:], "no lines behind the last column")
-    refuse(heads[~closing & (count > 0) & (row_of - 1 + count // width > rows)], f"rows up to {rows}")
+    lines.refuse(lines.numbers[lines.size[lines.numbers] % width > 0], f"numbers of {width} characters")
+    per_line = lines.size[lines.numbers] // width
+    values = _fixed_numbers(piece, lines.text, lines.start[lines.numbers], per_line, width)
+    heads, numbers = _heads(lines)
+    owner = np.searchsorted(lines.heads, lines.numbers, side="right") - 1
+    count = np.bincount(owner, weights=per_line, minlength=len(lines.heads)).astype(np.int64)
+    closing = heads.column == matrix.shape[1] + 1
+    _check_counts(lines, heads, count, closing)
     values = _real(piece.path, matrix, values[: len(values) - int(count[closing].sum())])
-    count, row_of, column_of = count[~closing] // width, row_of[~closing], column_of[~closing]
-    i = np.repeat(row_of - 1 - (np.cumsum(count) - count), count) + np.arange(len(values))
-    j = np.repeat(column_of - 1, count)
+    width = 2 if matrix.kind in COMPLEX else 1
+    count, row, column = count[~closing] // width, heads.row[~closing], heads.column[~closing]
+    i = np.repeat(row - 1 - (np.cumsum(count) - count), count) + np.arange(len(values))
+    j = np.repeat(column - 1, count)
     kept = values != 0
-    return i[kept], j[kept], values[kept], number
+    return i[kept], j[kept], values[kept], numbers
+
+
+class _Lines:
+    """The lines of a piece of a text: where they `start`, their `size` in characters without the end, and which are
+    `numbers` and which `heads`, those of columns and strings."""
+
+    def __init__(self, piece, matrix):
+        self.piece, self.matrix = piece, matrix
+        text = np.frombuffer(piece.text + (b"" if piece.text.endswith(b"\n") else b"\n"), np.uint8)
+        newline = np.flatnonzero(text == ord("\n"))
+        start = np.concatenate([[0], newline[:-1] + 1])
+        self.text, self.start = text, start
+        self.size = newline - start - ((newline > start) & (text[newline - 1] == ord("\r")))
+        points = np.concatenate([[0], np.cumsum(text == ord("."))])
+        is_number = points[newline] > points[start]
+        self.filled = np.flatnonzero(self.size > 0)  # blank lines may stand at the end
+        self.numbers, self.heads = self.filled[is_number[self.filled]], self.filled[~is_number[self.filled]]
+
+    def refuse(self, bad, expected):
+        """Refuse the first of some lines."""
+        if bad.size:
+            raise self.piece.refusal(int(bad[0]), f"{expected} in the matrix {self.matrix}")
+
+    def whole(self, lines, place, width):
+        """The whole numbers in a field of some lines."""
+        return _whole(self.piece, self.text, self.start, self.size, lines, place, width)
+
+
+class _Heads(NamedTuple):
+    """Of each head (H,), in the order of the lines: the first `row` of its numbers, 0 of a column of strings, how many
+    `words` it says that it has itself and, where it begins a column, `in_all`, the `column`, and the head `at` which
+    that begins."""
+
+    row: np.ndarray
+    words: np.ndarray
+    in_all: np.ndarray
+    column: np.ndarray
+    at: np.ndarray
+
+    @property
+    def begins(self) -> np.ndarray:
+        """Whether it is the head of a column, and not of a string."""
+        return self.at == np.arange(len(self.at))
+
+
+def _heads(lines):
+    """The heads of columns and strings, and the numbers of the columns."""
+    heads, size = lines.heads, lines.size
+    is_column = (size[heads] > 2 * WHOLE) & (size[heads] <= 3 * WHOLE)
+    columns, strings = heads[is_column], heads[~is_column]
+    if lines.filled.size and (not columns.size or lines.filled[0] != columns[0]):
+        lines.refuse(lines.filled[:1], "a column: its number, first row and number of words")
+    number, first, words = (lines.whole(columns, k, WHOLE) for k in range(3))
+    lines.refuse(columns[(number < 1) | (number > lines.matrix.shape[1] + 1) | (first < 0) | (words < 1)],
+                 "the number of a column, its first row and number of words")  # fmt: skip
+    lines.refuse(columns[1:][np.diff(number) <= 0], "a column behind the one before")
+    lines.refuse(strings[size[strings] > 2 * WHOLE], "the header of a string of numbers")
+    if lines.matrix.big:
+        length, row = (lines.whole(strings, k, WHOLE) for k in range(2))
+    else:
+        length, row = np.divmod(lines.whole(strings, 0, 2 * WHOLE), SMALL)
+    length = length - 1
+    lines.refuse(strings[(length < 1) | (row < 1)], "the header of a string of numbers")
+    order = np.argsort(np.concatenate([columns, strings]), kind="stable")
+    column = np.concatenate([number, np.zeros(len(row), np.int64)])[order]
+    at = np.maximum.accumulate(np.where(column > 0, np.arange(len(column)), 0))
+    found = _Heads(
+        row=np.concatenate([first, row])[order],
+        words=np.concatenate([np.where(first > 0, words, 0), length])[order],
+        in_all=np.concatenate([words, np.zeros(len(row), np.int64)])[order],
+        column=column[at],
+        at=at,
+    )
+    return found, number
+
+
+def _check_counts(lines, heads, count, closing):
+    """Refuse heads that contradict the `count` (H,) of numbers below them, or each other.
+
+    `closing` (H,): those of the last column, which does not exist; it may have a first row of 0, and then counts
+    otherwise.
+    """
+    matrix, begins, row = lines.matrix, heads.begins, heads.row
+    width = 2 if matrix.kind in COMPLEX else 1
+    string_words = 2 if matrix.big else 1  # of the header of a string
+
+    def refuse(which, expected):
+        lines.refuse(lines.heads[which], expected)
+
+    refuse(~begins & (row[heads.at] > 0), "numbers of a dense column")
+    # a dense column counts its numbers, a string words
+    said = np.where(begins, 1, 2 if matrix.kind in DOUBLE else 1) * count
+    refuse((said != heads.words) & ~(closing & (row == 0)), "as many numbers below as it says")
+    inside = np.zeros(len(count), np.int64)
+    np.add.at(inside, heads.at, np.where(begins, 0, heads.words + string_words))
+    refuse(begins & (row == 0) & (inside != heads.in_all), "as many words below as it says")
+    columns = begins & ~closing
+    whole = row[columns] > 0
+    lines.refuse(lines.heads[columns][whole != whole[:1]], "a column as the ones above")
+    follows = np.append(False, ~begins[1:] & (row[1:] < (row + count // width)[:-1]))
+    refuse(follows[: len(row)], "rows that ascend in a column")
+    refuse(~closing & (count % width > 0), "pairs of numbers below")
+    lines.refuse(lines.heads[closing][1:], "no lines behind the last column")
+    rows = matrix.shape[0]
+    refuse(~closing & (count > 0) & (row - 1 + count // width > rows), f"rows up to {rows}")
 
 
 def _fixed_numbers(piece, text, start, counts, width):
