@@ -8,8 +8,7 @@ from helpers import to_dense
 import hpcred
 from hpcred import Buckens, InputError, Modes
 from hpcred.formats import nastran, nastran_op4
-from hpcred.formats.model_source import EXPORTS, assemble, load_export
-from hpcred.formats.text import first_bytes
+from hpcred.formats.model_source import assemble, load_export
 from hpcred.model.dofs import DIRECTIONS
 from hpcred.model.rigid_body_modes import doubts_of_nodes
 
@@ -23,11 +22,6 @@ MODELS = {
     "test_1": ("test_case.pch1", 10, 46, [21.14057, 21.35569, 128.7332, 129.7476], 1e-6, 2),
     "maewing1": ("sol103_maewing1_femv5p1.pch1", 426, 3466, [7.949976, 12.54754, 15.91975, 18.67089], 3.5e-3, 6),
 }
-
-
-def parts_of(path, comm):
-    export = next(item for item in EXPORTS if item.begins(first_bytes(path)))
-    return export.read_parts(path, comm)
 
 
 @pytest.mark.parametrize("name", MODELS)

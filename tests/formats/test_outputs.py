@@ -21,8 +21,6 @@ from hpcred.parallel.failures import ComputationError, InputError
 RAYLEIGH = CHORD_JOB.replace("[[basis]]", '[damping]\nkind = "rayleigh"\nalpha = 2.0\n[[basis]]', 1)
 
 
-SEARCH = 'model = "model.h5"\nband = [0.0, 300.0]\ntolerance = 1e-3\n[frame]\nkind = "buckens"\n'
-
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
@@ -92,7 +90,7 @@ def folder(made, tmp_path, monkeypatch):
     return tmp_path
 
 
-READS, KIND, THERE = "which this run reads", "which is not replaced by", "this run writes too"
+READS, KIND = "which this run reads", "which is not replaced by"
 
 
 @pytest.mark.parametrize(
