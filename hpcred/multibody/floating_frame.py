@@ -153,40 +153,49 @@ def _heaviest(masses):
 
 def _integrals(model, columns, origin, mass, bases):
     """N (m, 3, 3) and S (3, 3, m, m), the mean of those by the mass matrices of the directions `bases`. Collective."""
-    first, last = columns.getActiveColumns()
-    count = last - first
+    count = int(np.diff(columns.getActiveColumns())[0])
     parts = [slice(low, min(low + WIDTH, count)) for low in range(0, count, WIDTH)]
     N, S = np.zeros((count, 3, 3)), np.zeros((3, 3, count, count))
     for base in bases:
         mine = np.flatnonzero(model.dofs.direction == base)
         points = (model.dofs.position - origin)[mine]
-        with Owned(model.comm) as outer:
+        with Owned(model.comm) as owned:
             places = (model.first_row + mine).astype(PETSc.IntType)
-            chosen = outer.owns(PETSc.IS().createGeneral(places, model.K.comm))
-            scalar = outer.owns(mass.createSubMatrix(chosen, chosen))  # of one direction: a ninth of the matrix
-            fields = []
-            for d in range(3):
-                with Owned(model.comm) as owned:
-                    transfer = owned.owns(_transfer(model, d, base, mine))
-                    field = owned.owns(create_block(scalar, count))
-                    apply(transfer, columns, field)
-                    with local_rows(field) as rows:
-                        fields.append(rows.real.copy())
+            chosen = owned.owns(PETSc.IS().createGeneral(places, model.K.comm))
+            scalar = owned.owns(mass.createSubMatrix(chosen, chosen))  # of one direction: a ninth of the matrix
+            fields = [_field(model, columns, scalar, d, base, mine) for d in range(3)]
             for b in range(3):
                 for part in parts:
-                    with Owned(model.comm) as owned:
-                        field, load = (owned.owns(create_block(scalar, part.stop - part.start)) for _ in range(2))
-                        with local_rows(field) as rows:
-                            rows[...] = fields[b][:, part]
-                        apply(scalar, field, load)
-                        with local_rows(load) as rows:
-                            N[part, :, b] += rows.real.T @ points / len(bases)
-                            for a in range(b + 1):
-                                S[a, b, :, part] += fields[a].T @ rows.real / len(bases)
+                    load = _product(model.comm, scalar, fields[b][:, part])
+                    N[part, :, b] += load.T @ points / len(bases)
+                    for a in range(b + 1):
+                        S[a, b, :, part] += fields[a].T @ load / len(bases)
     N, S = model.comm.allreduce(N), model.comm.allreduce(S)
     for a, b in ((0, 1), (0, 2), (1, 2)):
         S[b, a] = S[a, b].T
     return N, S
+
+
+def _field(model, columns, scalar, direction, base, mine):
+    """The displacements of the columns in a direction, at the rows `mine` of the direction `base`. Collective."""
+    with Owned(model.comm) as owned:
+        transfer = owned.owns(_transfer(model, direction, base, mine))
+        first, last = columns.getActiveColumns()
+        field = owned.owns(create_block(scalar, last - first))
+        apply(transfer, columns, field)
+        with local_rows(field) as rows:
+            return rows.real.copy()
+
+
+def _product(comm, scalar, values):
+    """The scalar mass matrix times columns (rows, k), the rows of this rank of both. Collective."""
+    with Owned(comm) as owned:
+        given, product = (owned.owns(create_block(scalar, values.shape[1])) for _ in range(2))
+        with local_rows(given) as rows:
+            rows[...] = values
+        apply(scalar, given, product)
+        with local_rows(product) as rows:
+            return rows.real.copy(order="F")
 
 
 def _transfer(model, source, target, mine):
