@@ -251,26 +251,33 @@ class CheckedDataset:
     def _between(self, low, high, leading=()):
         """Rows low .. high along the axis, with the chunks that they are in checked; `leading`: slices before it."""
         if self.axis < 0:
-            found = self._guarded(lambda: self._dataset[()])
-            sums = self._guarded(lambda: sums_of(np.asarray(found, self.dtype).reshape(-1), 0, self._tag))
-            self._compare(sums, ())
-            return found
+            return self._whole()
         begin, end = low // CHUNK * CHUNK, min(-(-high // CHUNK) * CHUNK, self.rows)
         place = (*leading, *[slice(None)] * (self.axis - len(leading)))
         ends = [item.indices(size)[:2] for item, size in zip(place, self.shape, strict=False)]
-        chunks = (place[0] if place else slice(None), slice(begin // CHUNK, -(-end // CHUNK)))
-        rest = self.shape[self.axis + 1 :]
-        found = np.empty((*(b - a for a, b in ends), end - begin, *rest), self.dtype.str)  # MPI knows this byte order
-        # rows in the order of the file are summed while the processor has them at hand
-        step = max(HAND // max(prod(rest) * self.dtype.itemsize * CHUNK, 1), 1) * CHUNK if self.axis == 0 else self.rows
-        sums = []
-        for start in range(begin, end, max(step, 1)) or [begin]:
-            stop = min(start + step, end)
+        sizes = (*(b - a for a, b in ends), end - begin, *self.shape[self.axis + 1 :])
+        found, sums = np.empty(sizes, self.dtype.str), []  # MPI knows this byte order
+        for start, stop in self._steps(begin, end):
             part = found[start - begin : stop - begin] if self.axis == 0 else found
             self._guarded(partial(self._read, part, [*ends, (start, stop)]))
             sums.append(self._guarded(partial(sums_of, part, self.axis, self._tag)))
+        chunks = (place[0] if place else slice(None), slice(begin // CHUNK, -(-end // CHUNK)))
         self._compare(np.concatenate(sums, axis=1), chunks)
         return found[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
+
+    def _whole(self):
+        """What has one sum for all of it."""
+        found = self._guarded(lambda: self._dataset[()])
+        self._compare(self._guarded(lambda: sums_of(np.asarray(found, self.dtype).reshape(-1), 0, self._tag)), ())
+        return found
+
+    def _steps(self, begin, end):
+        """The rows begin .. end in steps: in the order of the file, so few that the processor has them at hand when
+        they are summed."""
+        if self.axis > 0:
+            return [(begin, end)]
+        step = max(HAND // max(prod(self.shape[1:]) * self.dtype.itemsize * CHUNK, 1), 1) * CHUNK
+        return [(start, min(start + step, end)) for start in range(begin, end, step)] or [(begin, end)]
 
     def _read(self, part, ends):
         """Fill an array with what is between the `ends` of the first axes; h5py itself writes zeros there first."""
