@@ -27,7 +27,6 @@ FIRST = 8  # nodes in the first line of an element
 SOLIDS = {45, 46, 64, 65, 73, 92, 95, 148, 185, 186, 187, 190, 285}
 SHELLS = {28, 41, 42, 43, 63, 82, 91, 93, 99, 143, 150, 181, 182, 183, 281}
 BEAMS = {1, 3, 4, 8, 10, 23, 44, 180, 188, 189}
-ENDS_OF_BEAMS = {44, 188, 4}  # their third node only gives the direction of the section
 
 
 @dataclass(frozen=True)

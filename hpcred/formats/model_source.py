@@ -43,13 +43,12 @@ from . import (
     uff,
 )
 from .abaqus_matrices import files_beside
-from .entries import Entries, LabelledEntries, label_name, label_of, node_and_direction, require_sane
+from .entries import LARGEST_VALUE, Entries, LabelledEntries, label_name, label_of, node_and_direction, require_sane
 from .matrix_formats import format_of, read_entries
 from .parts import Parts
 from .source import Source
 from .text import first_bytes
 
-LARGEST_VALUE = 1e60
 HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports, and what counts as that
 
 

@@ -175,7 +175,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     with np.errstate(all="ignore"):  # a step in which numbers overflow is tried again, shorter; the motion is checked
         t, states, rates, factorisations = _integrate(system, setup, y0, yp0, progress)
         motion = Motion(
-            t=t, notes=notes, factorisations=factorisations, **_motion(system, t, states, rates),
+            t=t, notes=notes, factorisations=factorisations, **_motion(system, t, states),
             **_nodes(body, undeformed, t, states, system), **_reactions(body, system, t, states, rates),
             **_springs(body, setup, system, t, states),
         )  # fmt: skip
@@ -234,7 +234,7 @@ def _names(body) -> dict:
     return {shape.node: shape.label for shape in body.nodes}
 
 
-def _motion(system, t, states, rates):
+def _motion(system, t, states):
     """What a Motion says of the body frame, elastic coordinates, energies and errors."""
     r, p, q, z, _, powers = (part.T for part in system.split(states))
     p = p / np.linalg.norm(p, axis=1)[:, None]

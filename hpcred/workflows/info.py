@@ -14,6 +14,7 @@ from ..formats.matrix_formats import format_of, read_entries
 from ..formats.model_file import FORMAT as MODEL
 from ..formats.model_file import read_model
 from ..formats.model_source import export_of, read_export
+from ..formats.outputs import HDF5, hdf5_kind
 from ..formats.sid import begins as begins_sid
 from ..formats.text import first_bytes, first_line
 from ..parallel import startup
@@ -22,8 +23,6 @@ from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from .info_of_export import description_of
 from .info_of_output import OUTPUTS, damaged, read_whole, sid
-
-HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def inspect_file(
@@ -78,7 +77,7 @@ def describe_file(
             with agreed(comm), opened(path, kind) as file:
                 if CHECKSUM in file.attrs:  # hpcred wrote it, perhaps under another name of the format
                     CheckedFile(file, path)
-            return {"format": f"HDF5 file of format '{kind}'", "warnings": []}
+            return {"format": hdf5_kind(kind), "warnings": []}
         if export:
             return _export(path, export, comm, variables)
         if single:

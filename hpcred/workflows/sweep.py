@@ -98,7 +98,7 @@ def run_sweep(
             temporary.write_text(f"# hpcred sweep: one job of it\n{run.job_text()}")
     children = [_child(sweep, run.name, "reduce", str(run.beside(".toml").absolute()), log=run.beside(".log"))
                 for run in left]  # fmt: skip
-    run_all(children, at_once, sweep.launch.environment, **_told(progress, len(children), at_once))
+    run_all(children, at_once, sweep.launch.environment, **_told(progress, len(children)))
     after = states_of(sweep)
     ended = {child.name: child for child in children}
     if any(child.status == Stopped.exit_status for child in children):
@@ -149,7 +149,7 @@ def _child(sweep, name, *arguments, log):
     return Child(name, [*_launcher(sweep), sys.executable, "-m", "hpcred", *arguments], log)
 
 
-def _told(progress, total, at_once):
+def _told(progress, total):
     """What is said when a run has ended, and once a minute while they run."""
     begun, count, said = time.monotonic(), [0], [time.monotonic()]
 
@@ -249,5 +249,5 @@ def _full_responses(sweep, chosen, states, at_once, progress):
         full = os.path.abspath(asked.full or run.job.model)
         given = [str(result.absolute()), "--full", full, "-o", str(file.absolute()), *grid]
         children.append(_child(sweep, file.stem, "evaluate", *given, log=file.with_suffix(".log")))
-    run_all(children, at_once, sweep.launch.environment, **_told(progress, len(children), at_once))
+    run_all(children, at_once, sweep.launch.environment, **_told(progress, len(children)))
     return {child.name: child for child in children}
