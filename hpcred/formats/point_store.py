@@ -1,6 +1,7 @@
 """A folder of expansion points: the blocks of a chain or a set of modes enter a file each, and leave on any ranks.
 
-The name of an entry is its kind (chain, modes, solution, count) and a digest of its key; see reduction.chain.Entry.
+The name of an entry is its kind (chain, modes, attachment modes, solution, count) and a digest of its key; see
+reduction.chain.Entry.
 attributes: format, version; checksum: SHA-256 of `about`
 about: JSON of key, facts, model (name), date, hpcred (version), and digests of the arrays below (parallel.digest)
 blocks/0, blocks/1, ... (n, columns), contiguous, in the free dofs of the frame
@@ -34,7 +35,7 @@ from .hdf5 import opened, require_whole
 from .seal import seal
 
 FORMAT, VERSION = "hpcred-point", 1
-NAME = re.compile(r"(chain|modes|solution|count)-[0-9a-f]{32}\.h5(\.tmp-[0-9a-f]{16})?")
+NAME = re.compile(r"(chain|modes|attachment modes|solution|count)-[0-9a-f]{32}\.h5(\.tmp-[0-9a-f]{16})?")
 
 
 class PointStore:
@@ -202,6 +203,8 @@ def _point_of(key) -> str:
     """The expansion point of a key, or its modes, in words."""
     if key["kind"] == "modes":
         return "{:g} to {:g} Hz".format(*key["band"]) if key["band"] else "lowest"
+    if key["kind"] == "attachment modes":
+        return point_name(0j)
     if "s" in key:
         return point_name(complex(*key["s"]))
     square = complex(*np.atleast_1d(key["square"]))

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from adaptive_models import hard_cases, tied_chains, unit
-from helpers import gather
+from helpers import block_with_ends, gather
 
 import hpcred as package
 from hpcred import (
@@ -17,6 +17,7 @@ from hpcred import (
     Buckens,
     Caughey,
     Chord,
+    ConstraintModes,
     Factoring,
     Krylov,
     LinearSolver,
@@ -412,6 +413,19 @@ def test_a_search_in_groups_uses_the_store(comm, folder):
         second, again = reduced(model, PointStore(folder, comm), **given)
     assert same(first, second, 1e-10)
     assert len(record.factorisations) == again.factorisations_saved >= 3 and not again.factorisations
+
+
+@pytest.mark.mpi
+def test_attachment_modes_are_listed_and_pruned(comm, folder):
+    with block_with_ends(comm) as model:
+        first, record = reduced(model, PointStore(folder, comm), [ConstraintModes()], Buckens())
+        second, again = reduced(model, PointStore(folder, comm), [ConstraintModes()], Buckens())
+    assert same(first, second, tolerance_of(comm)) and record.factorisations and not again.factorisations
+    (row,) = package.list_store(folder, check=True, comm=comm)
+    assert row["kind"] == "attachment modes" and row["point"] == "0 Hz" and row["columns"] == 12 and row["valid"]
+    package.prune_store(folder, below=0.0, comm=comm)
+    comm.Barrier()
+    assert not list(folder.iterdir())
 
 
 @pytest.mark.mpi
