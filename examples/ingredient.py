@@ -32,10 +32,9 @@ class FurtherLoads(Ingredient):
             loaded = owned.owns(run.model.with_inputs(self.loads))
             load = owned.owns(from_dense(loaded.B))
             shapes = owned.owns(create_block(run.model.K, len(self.loads)))
-            with run.progress.stage("factor", "further loads"):
-                run.solver.factor(0.0)
+            solver = run.factored(0.0, "further loads")
             with run.progress.stage("solve"):
-                run.solver.solve(load, shapes)
+                solver.solve(load, shapes)
             with run.progress.stage("orthogonalise"):
                 found = basis.extend(shapes)
             run.note("further loads", len(self.loads), found)
