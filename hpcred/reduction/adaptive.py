@@ -81,8 +81,8 @@ class SearchChain(PencilChain):
 
 
 class Search:
-    """The state of one automatic reduction; see run(). Its methods are collective, and what depends on small arrays is
-    decided once for all ranks. Call close()."""
+    """The state of one automatic reduction; see search(). Its methods are collective, and what depends on small arrays
+    is decided once for all ranks. Call close()."""
 
     def __init__(self, basis: Basis, run: Run, adaptive: Adaptive, groups: int = 1):
         self.basis, self.run, self.settings = basis, run, adaptive
@@ -195,6 +195,10 @@ class Search:
             lowest = decided(run.model.comm, lambda: float(self.projections.model().frequencies[0]))
             run.check_free_motions(lowest, point or self.settings.band[1])
 
+    def _counted(self) -> list[tuple[float, int]]:
+        """The points whose factor has told how many modes lie below them, with these numbers."""
+        return [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
+
     def _hold(self):
         """Where the newest blocks begin that are held back."""
         return next((start for start in reversed(self.starts) if self.basis.size - start >= HELD_BACK), 0)
@@ -265,8 +269,7 @@ class Search:
             factor_seconds=float(sum(record.factor_seconds for record in records)),
             estimate=_finite(judged["est"]), from_store=stored, factor_of=self._near_at,
         ))  # fmt: skip
-        counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
-        self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), counts))
+        self.lack = decided(run.model.comm, lambda: missing(self.projections.model(), self._counted()))
         if self.before is not None and not (self._static and not f):  # all models are exact at 0 Hz then
             self.proofs.append(Proof(frequency=f, **{key: float(judged[key]) for key in ("said", "exact", "own")}))
         return judged
@@ -514,10 +517,9 @@ class Search:
             self.closing = bool(decided(comm, self._estimate_between, *self.before) <= 3 * self._floor())
         points = [point.frequency for point in found]  # some may have been moved off an eigenfrequency
         self.points += found
-        counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
         judged = decided(comm, self._judge_round, points[-1:] if proves else points, hold)
         self.noise, self.rest = judged["noise"], judged["est"]
-        self.lack = decided(comm, lambda: missing(self.projections.model(), counts))
+        self.lack = decided(comm, lambda: missing(self.projections.model(), self._counted()))
         self.points[-1] = replace(self.points[-1], estimate=judged["est"])
         self.proofs += judged.pop("proofs")
         where = ", ".join(f"{f:.6g}" for f in points)
@@ -562,8 +564,7 @@ class Search:
         """Add random columns and A^-1 M x of pseudo-modes x that still move until no mode is missing; whether the model
         stays what it was. Collective."""
         run, size, used, made = self.run, self.basis.size, 0, len(self.run.factorisations)
-        counts = [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
-        top = max(f for f, _ in counts)
+        top = max(f for f, _ in self._counted())
         moving = None
         if self.groups > 1:  # whose factors are gone
             self._mass = _mass_at(top)
@@ -580,10 +581,10 @@ class Search:
             if self.basis.size == before:
                 break
             self.starts.append(before)
-            moving, lack = decided(run.model.comm, self._moving, before, top, counts)
+            moving, lack = decided(run.model.comm, self._moving, before, top)
             if moving is None and lack <= 0:
                 break
-        self.lack, change = decided(run.model.comm, self._change, size, counts)
+        self.lack, change = decided(run.model.comm, self._change, size)
         run.note("modes that no load moves", used, self.basis.size - size)
         if count := len(run.factorisations) - made:
             last, seconds = self.points[-1], sum(item.factor_seconds for item in run.factorisations[made:])
@@ -591,16 +592,16 @@ class Search:
                                       factor_seconds=last.factor_seconds + float(seconds))  # fmt: skip
         return change <= 3 * self._floor()
 
-    def _moving(self, before, top, counts):
+    def _moving(self, before, top):
         model, old = self.projections.model(), self.projections.model(before)
         which = unsettled(model, old, top)
-        return model.vectors[:, which] if len(which) else None, missing(model, counts)
+        return model.vectors[:, which] if len(which) else None, missing(model, self._counted())
 
-    def _change(self, size, counts):
+    def _change(self, size):
         model, old = self.projections.model(), self.projections.model(size)
         S = grid([model], self.law, self.settings.band)
         E = difference(old, model, nested(old, model), self.law, S, self.ports)
-        return missing(model, counts), float(relative(E, response(model, self.law, S, self.ports)).max())
+        return missing(model, self._counted()), float(relative(E, response(model, self.law, S, self.ports)).max())
 
     def _residual_block(self, f):
         with self.run.progress.stage("residuals"):

@@ -8,6 +8,9 @@ from ..linalg.blocks import create_block, from_dense, inner, local_rows, multipl
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 
+GONE = 1e-12  # of the norm of a load: what is left without its rigid-body part is round-off
+DEPENDENT = 1e-13  # of the square of a load: what others leave of it, below which it is a combination of them
+
 
 def loads_and_ports(run):
     """L, the independent columns of [B, C^T] as a block that the caller destroys, and (Lb (l, p), Lc (l, r)) with
@@ -42,10 +45,10 @@ def _independent_columns(gram, before):
     may have any units.
     """
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))
-    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 1e-12 * before)
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > GONE * before)
     unit = gram * np.outer(scale, scale)
     rest, kept = unit.copy(), []
-    while len(kept) < len(unit) and np.diag(rest).max() > 1e-13:
+    while len(kept) < len(unit) and np.diag(rest).max() > DEPENDENT:
         k = int(np.diag(rest).argmax())
         kept.append(k)
         rest = rest - np.outer(rest[:, k], rest[k]) / rest[k, k]

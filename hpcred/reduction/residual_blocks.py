@@ -16,6 +16,7 @@ from .compression import columns
 from .pseudo_modal import coefficients, norms, response, solve
 
 RESIDUALS = 40  # frequencies at which residuals are taken
+WEAKEST = 1e-14  # of the strongest direction of a block, in squares: below it is round-off
 
 
 def residual_block(projections, run, ports, band, f, width):
@@ -112,7 +113,7 @@ def _orthonormalise(block, comm):
     """block <- its orthonormal directions, the weakest of them to round-off left out."""
     for _ in range(2):
         values, vectors = decided(comm, np.linalg.eigh, inner(block, block))
-        kept = values > 1e-14 * values.max()
+        kept = values > WEAKEST * values.max()
         multiply(block, vectors[:, kept] / np.sqrt(values[kept]))
         block.setActiveColumns(0, int(kept.sum()))
 
