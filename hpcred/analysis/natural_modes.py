@@ -9,9 +9,10 @@ import numpy as np
 
 from ..linalg.blocks import apply, create_block, inner
 from ..linalg.factorisation import Factoring, SingularMatrix
+from ..linalg.refinement import IllConditioned
 from ..model.frames import Buckens, NoFrame, apply_frame
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities, rigid_motions
-from ..parallel.failures import InputError, Owned
+from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
 from ..reduction.modes import lowest, residuals
 from ..reduction.reduce import check_symmetric, everywhere
@@ -76,6 +77,13 @@ def natural_modes(
                     values, block = lowest(run, count - rigid)
                 except SingularMatrix:
                     values, block = lowest(run, count - rigid, SHIFT * framed.model.mean_eigenvalue)
+                except IllConditioned as error:
+                    if frame is not None or not rigid:
+                        raise
+                    raise ComputationError(
+                        f"{error}; where its files have few digits, --frame none takes the rigid-body modes as K has "
+                        "them"
+                    ) from error
             owned.owns(block)
         still = values <= ZERO * framed.model.mean_eigenvalue
         residual = float(residuals(run, values, block)[~still].max(initial=0.0))

@@ -99,6 +99,10 @@ def _header(path):
                 f"{path}, line {number}: found the size line '{shown(text)}', expected "
                 f"{'rows, columns and entries' if expected == 3 else 'rows and columns'}"
             )
+        if words[4] != "general" and sizes[0] != sizes[1]:
+            raise InputError(
+                f"{path}, line {number}: found a {words[4]} matrix of {sizes[0]} x {sizes[1]}, expected a square one"
+            )
         if words[2] == "array" and words[4] != "general":
             raise InputError(f"{path}: found a {words[4]} dense matrix, expected a general one")
         return words[2], words[4], (sizes[0], sizes[1]), sizes[-1], file.tell()

@@ -280,6 +280,12 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
     for key in ("K", "M"):
         if not comm.allreduce(int(np.count_nonzero(parts.matrices[key].values))):
             raise InputError(f"{parts.files[key]}: found no number other than zero in {key}, expected a matrix")
+    entries = sum(comm.allreduce(len(item.values)) for item in parts.matrices.values())
+    if size > entries:  # before anything has its length: a damaged header may say any size
+        raise InputError(
+            f"{parts.files['K']}: found {size} rows and {entries} entries in all matrices, expected one in each row at "
+            "least; the file is damaged, or has rows that no element touches"
+        )
     mine = {}
     for key in list(parts.matrices):
         mine[key] = _owned(comm, starts, parts.matrices.pop(key))
@@ -333,6 +339,8 @@ def _common_size(parts):
                 f"{file}: found {item.shape[0]} rows, but K ({parts.files['K']}) has {size}; all matrices need the "
                 "same size"
             )
+    if not size:
+        raise InputError(f"{parts.files['K']}: found a matrix without rows, expected one of at least one row")
     return size
 
 

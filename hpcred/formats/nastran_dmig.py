@@ -20,7 +20,7 @@ from .nastran_names import single
 from .text import first_bytes, first_line, records, refuse_packed, shown
 
 NAME = re.compile(rb"DMIG")
-START = re.compile(rb"(?mi)^DMIG[ ,*]")
+START = re.compile(rb"(?mi)^DMIG[ ,*\t]")
 BELOW_END = re.compile(rb"(?mi)^ENDDATA[^\n]*\n(?:[ \t]*(?:\$[^\n]*)?\r?\n)*[ \t]*[^\s$]")
 SQUARE, SYMMETRIC = 1, 6
 FORMS = {SQUARE: "square", SYMMETRIC: "symmetric", 2: "rectangular", 9: "rectangular"}

@@ -1,20 +1,25 @@
-"""PETSc binary files, real AIJ with 32-bit indices: a file enters, entries leave, each rank its share of rows."""
+"""PETSc binary files, real AIJ, indices of 32 or 64 bits: a file enters, entries leave, each rank its share of rows."""
 
 import os
-import struct
 
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
 from .entries import Entries
+from .text import first_bytes
 
-CLASS_ID = struct.pack(">i", 1211216)  # of a matrix
-HEADER = 16
+CLASS_ID = 1211216  # of a matrix
+HEADER = 4  # whole numbers: that, rows, columns and entries
 
 
 def begins(start: bytes) -> bool:
     """Whether a file that starts so is a PETSc matrix."""
-    return start[:4] == CLASS_ID
+    return _whole(start) is not None
+
+
+def _whole(start):
+    """The type of the whole numbers of a file, that of PetscInt where PETSc wrote it, or None."""
+    return next((kind for kind in (">i4", ">i8") if start.startswith(np.array(CLASS_ID, kind).tobytes())), None)
 
 
 def row_share(rows: int, rank: int, ranks: int) -> tuple[int, int]:
@@ -26,9 +31,11 @@ def row_share(rows: int, rank: int, ranks: int) -> tuple[int, int]:
 def read(path, comm) -> Entries:
     """Read a real sparse matrix. Collective. Raises InputError."""
     with agreed(comm):
-        rows, columns, count = _header(path)
+        whole = _whole(first_bytes(path))
+        width = np.dtype(whole).itemsize
+        rows, columns, count = _header(path, whole, width)
         low, high = row_share(rows, comm.rank, comm.size)
-        lengths = np.fromfile(path, ">i4", high - low, offset=HEADER + 4 * low).astype(np.int64)
+        lengths = np.fromfile(path, whole, high - low, offset=width * (HEADER + low)).astype(np.int64)
         if (lengths < 0).any():
             raise InputError(f"{path}: found a row of {lengths.min()} entries; the file is damaged")
         mine = int(lengths.sum())
@@ -39,9 +46,9 @@ def read(path, comm) -> Entries:
         )
     before = sum(counts[: comm.rank])
     with agreed(comm):
-        start = HEADER + 4 * rows
-        j = np.fromfile(path, ">i4", mine, offset=start + 4 * before).astype(np.int64)
-        v = np.fromfile(path, ">f8", mine, offset=start + 4 * count + 8 * before).astype(float)
+        start = width * (HEADER + rows)
+        j = np.fromfile(path, whole, mine, offset=start + width * before).astype(np.int64)
+        v = np.fromfile(path, ">f8", mine, offset=start + width * count + 8 * before).astype(float)
         if mine and not 0 <= j.min() <= j.max() < columns:
             wrong = j.max() if j.min() >= 0 else j.min()
             raise InputError(
@@ -50,16 +57,16 @@ def read(path, comm) -> Entries:
     return Entries((rows, columns), np.repeat(np.arange(low, high), lengths), j, v)
 
 
-def _header(path):
+def _header(path, whole, width):
     size = os.path.getsize(path)
-    if size < HEADER:
+    if size < width * HEADER:
         raise InputError(f"{path}: found {size} bytes, expected a PETSc matrix; the file is cut off")
-    rows, columns, count = (int(number) for number in np.fromfile(path, ">i4", 4)[1:])
+    rows, columns, count = (int(number) for number in np.fromfile(path, whole, HEADER)[1:])
     if count == -1:
         raise InputError(f"{path}: found a dense PETSc matrix, expected a sparse one (AIJ)")
-    expected = HEADER + 4 * rows + 12 * count
+    expected = width * (HEADER + rows + count) + 8 * count
     if min(rows, columns, count) < 0 or size != expected:
-        hint = "a complex matrix" if size == expected + 8 * count else "a damaged file or 64-bit indices"
+        hint = "a complex matrix" if size == expected + 8 * count else "a damaged file, or one of more than a matrix"
         raise InputError(
             f"{path}: found {size} bytes, expected {expected} for a real sparse matrix of {rows} rows and "
             f"{count} entries; this looks like {hint}"

@@ -13,6 +13,10 @@ STEPS = 2  # at most, with a full factor
 LOW_RANK_STEPS = 12  # at most, when the factor is approximate
 
 
+class IllConditioned(ComputationError):
+    """Solutions with a factor stay inaccurate."""
+
+
 def refine(matrix, back_substitute, load, solution, scale=None, steps=0, low_rank=None) -> float:
     """Improve solution = matrix^-1 load while its residual is large; returns the relative residual. Collective.
 
@@ -50,7 +54,7 @@ def refine(matrix, back_substitute, load, solution, scale=None, steps=0, low_ran
             f"{low_rank:g}, or leave it out"
         )
     if backward >= 1e-12:
-        raise ComputationError(
+        raise IllConditioned(
             f"the solution has a relative residual of {relative:.1e} (backward error {backward:.1e}): "
             "the matrix is too ill-conditioned to be solved"
         )

@@ -21,7 +21,7 @@ from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
-from .info_of_export import description_of
+from .info_of_export import description_of, table
 from .info_of_output import OUTPUTS, damaged, read_whole, sid
 
 
@@ -59,6 +59,8 @@ def describe_file(
         kind, export = _kind_of(path), export_of(path)
         of_sid = begins_sid(first_bytes(path))
         written = None if kind or of_sid else description_of(path)
+        if export and written is table:  # an input file of Nastran may begin with words between commas
+            written = None
         single = None if export or of_sid else format_of(path)
         if kind != MODEL and (frequencies or band_top or modes):
             raise InputError(f"{path}: modes can be found in a model file only; convert it first")

@@ -53,6 +53,8 @@ def test_a_skew_symmetric_file(comm, folder):
         (f"{HEAD} general\n2 2 2\n1,1,1.0\n2 2 1.0\n", "line 3: found '1,1,1.0', expected 3 numbers a line"),
         (f"{HEAD} symmetric\n2 2 3\n1 1 1.0\n1 2 3.0\n2 1 3.0\n", "line 4: found '1 2 3.0', expected one triangle"),
         (f"{HEAD} skew-symmetric\n2 2 2\n1 1 1.0\n2 1 3.0\n", "line 3: found '1 1 1.0', expected no diagonal"),
+        (f"{HEAD} symmetric\n3 2 1\n3 1 1.0\n", "line 2: found a symmetric matrix of 3 x 2, expected a square one"),
+        (f"{HEAD} skew-symmetric\n2 3 1\n2 1 1.0\n", "line 2: found a skew-symmetric matrix of 2 x 3"),
         ("%%MatrixMarket matrix array real general\n2 2\n1 2\n3 4\n", "line 3: found '1 2', expected 1 number a line"),
         ("%%MatrixMarket matrix array real general\n2 2\n1\n2\n3\n", "found 3 entries, the header says 2 x 2"),
     ],

@@ -67,6 +67,17 @@ def test_an_export_is_told_by_its_first_bytes(comm, folder):
         load_export(write(folder / "a.inp", "1 2 3\n", comm), comm)
 
 
+@pytest.mark.parametrize(
+    "sizes, says", [("999999999999 999999999999 3", "found 999999999999 rows and 6 entries"), ("0 0 0", "without rows")]
+)
+def test_sizes_of_a_damaged_header_are_refused(comm, folder, sizes, says):
+    """Before anything is made of that length."""
+    lines = "".join(f"{k} {k} 1.0\n" for k in range(1, int(sizes[-1]) + 1))
+    K = write(folder / "K.mtx", f"%%MatrixMarket matrix coordinate real general\n{sizes}\n{lines}", comm)
+    with pytest.raises(hpcred.InputError, match=says):
+        load_source(Source(str(K), str(K)), comm)
+
+
 def test_rows_without_coordinates_are_refused(comm, folder):
     K = write(folder / "K.mtx", "".join(f"{k} {k} 1.0\n" for k in range(1, 7)), comm)
     nodes = write(folder / "nodes.txt", "1 0 0 0\n2 1 0 0\n", comm)

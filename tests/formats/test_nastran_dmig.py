@@ -58,7 +58,7 @@ DMIG    M2GG    9       0               9       0       3.
 """
 
 
-@pytest.mark.parametrize("text", [LARGE, FREE, SMALL, LARGE.replace("\n", "\r\n")])
+@pytest.mark.parametrize("text", [LARGE, FREE, SMALL, LARGE.replace("\n", "\r\n"), FREE.replace(",", "\t")])
 def test_forms_of_cards(comm, folder, monkeypatch, text):
     monkeypatch.setattr(text_module, "PIECE", 100)
     path = write(folder / "a.pch", text, comm)

@@ -10,13 +10,15 @@ from hpcred.formats.petsc_binary import row_share
 pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
 
-def binary(rows=3, columns=3, count=4, lengths=(1, 2, 1), indices=(0, 0, 1, 2)):
-    head = np.array([1211216, rows, columns, count, *lengths, *indices], ">i4")
+def binary(rows=3, columns=3, count=4, lengths=(1, 2, 1), indices=(0, 0, 1, 2), whole=">i4"):
+    head = np.array([1211216, rows, columns, count, *lengths, *indices], whole)
     return head.tobytes() + np.arange(1.0, 1 + len(indices)).astype(">f8").tobytes()
 
 
-def test_a_petsc_matrix(comm, folder):
-    path = write(folder / "K.bin", binary(), comm)
+@pytest.mark.parametrize("whole", [">i4", ">i8"])
+def test_a_petsc_matrix(comm, folder, whole):
+    """Of a PETSc with indices of 32 bits, and of one with 64."""
+    path = write(folder / "K.bin", binary(whole=whole), comm)
     assert np.array_equal(assembled(path, comm), [[1, 0, 0], [2, 3, 0], [0, 0, 4]])
 
 
@@ -31,6 +33,9 @@ def test_a_petsc_matrix(comm, folder):
         (binary()[:10], "found 10 bytes"),
         (binary(count=-1), "found a dense PETSc matrix"),
         (binary() + bytes(32), "this looks like a complex matrix"),
+        (binary() + binary(), "a damaged file, or one of more than a matrix"),
+        (binary(whole=">i8")[:-1], "found 119 bytes, expected 120"),
+        (binary(whole=">i8", indices=(0, 0, 1, 2**33)), "found the column 8589934592"),
     ],
 )
 def test_petsc_files_that_do_not_add_up_are_refused(comm, folder, content, says):

@@ -67,6 +67,13 @@ def test_info_says_what_any_file_is(capsys, name, expected):
     assert all(part in text for part in expected), text
 
 
+@pytest.mark.parametrize("first", ["ID WING,PLATE", "ASSIGN OUTPUT4='plate.op4',UNIT=102,DELETE"])
+def test_info_of_an_input_file_that_begins_with_words_and_commas(capsys, first):
+    """It is no table (.csv)."""
+    Path("plate.bdf").write_text(f"{first}\nSOL 103\nCEND\nBEGIN BULK\nGRID,1,,0.,0.,0.\nENDDATA\n")
+    assert "an input file of Nastran without matrices" in refused(capsys, "info", "plate.bdf")
+
+
 def test_info_of_an_input_file_without_matrices(capsys):
     shutil.copy(DATA / "blockC3D8.inp", "b.inp")
     text = said(capsys, "info", "b.inp")
