@@ -30,7 +30,7 @@ Vector = tuple[float, float, float]
 SIX = DIRECTIONS[:6]
 NAME = re.compile(r"[A-Za-z_][\w.\-]{0,62}")
 FAR = 20.0  # times the size of the body, beyond which a reference node is not meant
-FLAT = 1e-9  # of the radius of gyration of a set, below which a distance is round-off
+FLAT = 1e-9  # of the radius of gyration of a set, or of the size of the body, below which a distance is round-off
 DEPENDENT = 1e-10  # eigenvalue of sum w E^T E, scaled, below which a motion of the reference node is not defined
 
 
@@ -314,7 +314,9 @@ def _reference(model, item, members, own):
             "times as far from its set as any node of the body; coordinates are in m"
         )
     spread = comm.allreduce(share @ ((position - centre) ** 2).sum(axis=1))
-    length = np.sqrt(spread / total) if total and spread else 1.0
+    length = np.sqrt(spread / total) if total else 0.0
+    if length <= FLAT * max(reach, np.abs(centre).max()):
+        length = 1.0  # of a single point, whose centre has round-off
     arm = position - at
     arm[np.abs(arm) < FLAT * length] = 0.0  # of a flat set, whose centre has round-off
     engaged = np.any(comm.allgather((_rigid_rows(direction, arm) != 0).any(axis=0)), axis=0)

@@ -179,6 +179,16 @@ def test_a_single_node_with_rotations_is_its_own_rigid_interface(comm):
         assert np.abs(responses[0] - responses[1]).max() < 1e-9 * np.abs(responses[1]).max()
 
 
+def test_a_single_node_is_its_own_rigid_interface_wherever_it_lies(comm):
+    """Also where the centre of its three dofs is its place but for round-off, as (0.2 + 0.2 + 0.2) / 3 is."""
+    with bar(comm, 1.0, 5) as beam:
+        for number in range(1, 7):
+            marked = beam.with_interfaces([Interface(name="tip", nodes=(number,), kind="rigid")])
+            expected = np.zeros((36, 6))
+            expected[6 * number - 6 : 6 * number] = np.eye(6)
+            assert np.abs(to_dense(marked.Gt) - expected).max() < 1e-12
+
+
 def test_shapes_and_files_know_the_reference_nodes(comm, folder):
     """phi and psi by finite rotation of the set; the SID file has them, and a result is evaluated by its record."""
     with block_with_ends(comm, clamped=True) as model, hpcred.reduce(model, tolerance=1e-4, band=(0, 9000)) as rom:
