@@ -81,7 +81,7 @@ def sid(path, comm) -> dict:
         "mass_kg": found.mass,
         "coordinates": found.coordinates,
         "interface_nodes": [node.node for node in found.nodes],
-        "inertia_xx_yy_zz_xy_yz_xz": J,
+        "inertia_xx_yy_zz_xy_xz_yz": J,
         "damping": "none" if found.objects["De"].structure == 0 else "given",
         "comment": found.comment,
         "warnings": [],

@@ -117,7 +117,7 @@ def told(folder: Path):
     """What info says."""
     found = json.loads((folder / "out.json").read_text())
     return {"mass": found["mass_kg"], "names": found["coordinates"], "nodes": found["interface_nodes"],
-            "J": np.array(found["inertia_xx_yy_zz_xy_yz_xz"]), "damped": found["damping"] == "given",
+            "J": np.array(found["inertia_xx_yy_zz_xy_xz_yz"]), "damped": found["damping"] == "given",
             "comment": found["comment"].strip()}  # fmt: skip
 
 

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import block_with_ends, refused
+from helpers import block_with_ends, dense_model, gather, refused
 from mpi4py import MPI
 
 import hpcred as package
 from hpcred.cli import run
+from hpcred.model.rigid_body_modes import rigid_motions
 from hpcred.report import mode_pictures
 from hpcred.workflows.export import EXPORTS, export_result
 
@@ -89,6 +90,20 @@ def test_info_of_all_that_is_written_for_others(written, monkeypatch, capsys):
         text = said(capsys, "info", name)
         assert all(part in text for part in expected), text
         assert "convert it first" in refused(capsys, "info", name, "--below", "3")
+
+
+def test_products_of_inertia_of_a_sid_file_have_their_names(tmp_path):
+    """Three that differ, from the mass matrix."""
+    with package.solid((2, 1, 1), size=(0.4, 0.1, 0.15)) as model:
+        node = int(model.dofs.node[0])
+        with package.reduce(model.with_inputs([(node, "z")]), [package.Modes(count=2)]) as rom:
+            package.write_result(tmp_path / "r.h5", rom, model)
+        R, M = gather(rigid_motions(model)), dense_model(model)[1]
+    package.export_result(tmp_path / "r.h5", "sid", tmp_path / "r.SID_FEM")
+    J = (R.T @ M @ R)[3:, 3:]
+    found = package.describe_file(tmp_path / "r.SID_FEM")["inertia_xx_yy_zz_xy_xz_yz"]
+    assert found == pytest.approx([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]], rel=1e-9)
+    assert abs(J[0, 2]) > 1.1 * abs(J[0, 1]) > 1.1 * abs(J[1, 2])
 
 
 @pytest.mark.parametrize("name", ["body.fmu", "body.fem", "body.vtu", "body.uff", "body.npz", "body.png"])
