@@ -180,6 +180,12 @@ def _warn(sentences):
             print(f"warning: {printable(sentence)}", file=sys.stderr if _Session.quiet else sys.stdout)
 
 
+def _verdict(sentence, good):
+    """Say what the exit status says too: where it is bad, also with --quiet."""
+    if not (_Session.quiet and good) and _Session.progress.comm.rank == 0:
+        print(sentence, file=sys.stderr if _Session.quiet else sys.stdout)
+
+
 def _numbers(text, option):
     """Finite numbers separated by commas."""
     try:
@@ -415,7 +421,7 @@ def reduce(
     stored = any(item.from_store for item in record.ingredients)
     if accuracy is not None:
         made = counted(accuracy.factorisations, "factorisation")
-        print(f"{accuracy.sentence}, {made}, {found.size_in_words}")
+        _verdict(f"{accuracy.sentence}, {made}, {found.size_in_words}", accuracy.reached)
     show_table(
         f"{found.output}: {found.size_in_words} for {record.size} dofs",
         [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
@@ -517,7 +523,7 @@ def sweep(
     columns = [key for key in report["runs"][0] if key not in ("sentence", "output")] if report["runs"] else []
     show_table(report["folder"], _named_shortly([{key: row.get(key, "") for key in columns} for row in report["runs"]]))
     for row in report["failed"]:
-        print(f"FAILED {row['run']}: {row['sentence']}")
+        _verdict(f"FAILED {row['run']}: {row['sentence']}", False)
     if not dry_run:
         print(f"{report['finished']} finished, {report['skipped']} skipped, {len(report['failed'])} failed; "
               f"{report['factorisations']} factorisations made, {report['factorisations_saved']} saved")  # fmt: skip
@@ -551,8 +557,8 @@ def collect(
     for name in (*([output] if output else []), *report["figures"]):
         print(f"written to {name}")
     if report["missing"]:
-        print(f"{len(report['missing'])} of {len(report['rows'])} runs have no result of their job: "
-              f"{', '.join(report['missing'])}")  # fmt: skip
+        _verdict(f"{len(report['missing'])} of {len(report['rows'])} runs have no result of their job: "
+                 f"{', '.join(report['missing'])}", False)  # fmt: skip
     _write_json(json, report)
     return int(bool(report["missing"]))
 
@@ -636,7 +642,7 @@ def _show_estimate(result, **keywords):
 def _show_check(result, full, count, **keywords):
     report = hpcred.check_result(result, full, count, **keywords)
     show_table(result, report["rows"])
-    print(f"{report['claim']}\n{report['sentence']}; {report['measured']}")
+    _verdict(f"{report['claim']}\n{report['sentence']}; {report['measured']}", report["passed"])
     return report
 
 
@@ -717,10 +723,8 @@ def response(
         outputs=_targets(outputs, "--outputs"), check=check, seed=seed, groups=groups,
         factoring=_factoring(out_of_core, low_rank), output=output, polar=polar, figure=figure, progress=_progress(),
     )  # fmt: skip
-    if not report["reached"]:
-        print("NOT REACHED everywhere:")
-    for line in report["sentences"]:
-        print(line)
+    told = [*([] if report["reached"] else ["NOT REACHED everywhere:"]), *report["sentences"]]
+    _verdict("\n".join(told), report["reached"])
     show_table("Proofs: the model before a point, at the point", report["proofs"])
     if check:
         show_table("Fresh frequencies", report["check"]["rows"])

@@ -92,8 +92,8 @@ def _model_of_record(path, record, result, comm):
     key = difference_of(signature_of(model), record)
     if key is not None:
         with model:
-            what = {"B": "inputs", "C": "outputs"}.get(key, f"matrix {key}")
-            raise InputError(f"{path}: its {what} differ from what {result} was reduced from; take that model, or "
+            what = {"B": "inputs differ", "C": "outputs differ"}.get(key, f"matrix {key} differs")
+            raise InputError(f"{path}: its {what} from what {result} was reduced from; take that model, or "
                              "reduce this one again")  # fmt: skip
     return model
 

@@ -88,7 +88,7 @@ def test_another_model_or_other_inputs_are_noticed(linkage_folder, capsys):
         package.write_model("other.h5", model)
     capsys.readouterr()
     assert run(["evaluate", "result.h5", "--full", "other.h5", "--points", "3"]) == 2
-    assert "its matrix M differ from what result.h5 was reduced from" in capsys.readouterr().err
+    assert "its matrix M differs from what result.h5 was reduced from" in capsys.readouterr().err
     columns = np.zeros((120, 1))
     columns[116] = 1.0
     scipy.io.mmwrite("B.mtx", columns)
