@@ -13,7 +13,7 @@ from ..model.rigid_body_modes import (
     rigid_body_quantities,
     rigid_body_residuals,
 )
-from ..model.second_order_model import SYMMETRIC_TO
+from ..model.second_order_model import SYMMETRIC_TO, require_model
 from ..model.units import SI, UNITS, Units, units_of
 from ..parallel.petsc import MPI
 
@@ -29,6 +29,7 @@ def check(model) -> dict:
 
     Plain numbers for a table or JSON; `sentences` on what they mean and `warnings` of what is doubtful.
     """
+    require_model(model)
     sentences, warnings = [], list(model.remarks)
     report = {
         "size": model.size,

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..linalg.factorisation import Factoring
 from ..model.damping import Structural
+from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..reduction.accuracy import Accuracy
 from ..reduction.reduced_model import ReducedModel
@@ -59,9 +60,9 @@ class Check:
 def fresh_frequencies(band, pseudo_frequencies, count: int, seed: int | None, comm) -> tuple[int, np.ndarray]:
     """The seed, a new one unless given, and in Hz `count` frequencies of the band and up to SOME beside
     pseudo-frequencies, ascending. Collective."""
-    if count < 1:
+    if declared("check", count, int) < 1:
         raise InputError(f"check: found {count}, expected at least 1 frequency")
-    if seed is not None and seed < 0:
+    if (declared("seed", seed, int | None) or 0) < 0:
         raise InputError(f"seed: found {seed}, expected a whole number of at least 0")
     low, high = band
     seed = comm.bcast(secrets.randbelow(10**6) if seed is None else seed)

@@ -12,8 +12,11 @@ from ..linalg.solvers import ComplexSolver, ShiftedSolver
 from ..model.damping import ModalDamping, Structural, caughey_terms
 from ..model.frames import apply_frame
 from ..model.scales import scaled, scales_of, unscaled
+from ..model.second_order_model import require_inputs, require_model
+from ..parallel.declared import declared
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.petsc import MPI, PETSc
+from ..parallel.ranges import FREQUENCY, within
 from ..reduction.groups import Group
 from ..reduction.reduced_model import ReducedModel
 
@@ -33,9 +36,13 @@ def frequency_response(
     the factor; by default as many as ranks for small models and one for others. Collective; the result is the same on
     all ranks. Raises InputError at an undamped pole, or for modal damping, which only a reduced model has.
     """
-    frequencies = np.atleast_1d(np.asarray(frequencies, dtype=float))
+    frequencies = checked_frequencies(frequencies)
     if isinstance(model, ReducedModel):
+        if frame is not None or damping is not None:
+            raise InputError("frame, damping: a reduced model has those that it was reduced with; leave them out")
         return _reduced(model, frequencies)
+    require_model(model)
+    declared("factoring", factoring, Factoring | None)
     if isinstance(damping, ModalDamping):
         raise InputError("damping: modal ratios belong to a reduced model; the full model has no such response")
     inputs, outputs = scales_of(model)
@@ -45,15 +52,25 @@ def frequency_response(
                 usual, frequencies, frame, damping, factoring=factoring, progress=progress, groups=groups
             )
         return unscaled(found, inputs * outputs)
-    groups = groups or (model.comm.size if model.size <= SMALL else 1)
+    groups = declared("groups", groups, int | None) or (model.comm.size if model.size <= SMALL else 1)
     if not 1 <= groups <= model.comm.size:
         raise InputError(f"groups: found {groups}, expected 1 to {model.comm.size}, the number of ranks")
+    require_inputs(model)
     with Owned(model.comm) as owned:
         framed = owned.owns(apply_frame(model, frame, damping))
         check_free_motions(framed.model, framed.rigid, factoring)
         if groups == 1:
             return _full(framed, frequencies, factoring, progress)
         return _in_groups(framed, frequencies, factoring, progress, groups)
+
+
+def checked_frequencies(frequencies) -> np.ndarray:
+    """Frequencies (F,) in Hz, of a list or a single number. Raises InputError where one is negative or not finite."""
+    if isinstance(frequencies, (int, float)) or getattr(frequencies, "ndim", None) == 0:
+        frequencies = [frequencies]
+    values = np.array(declared("frequencies", frequencies, tuple[float, ...]))
+    within("frequencies", values.tolist(), FREQUENCY)
+    return values
 
 
 def _in_groups(framed, frequencies, factoring, progress, groups):

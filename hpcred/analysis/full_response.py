@@ -17,7 +17,9 @@ from ..model.damping import Caughey, ModalDamping, NoDamping, Rayleigh, Structur
 from ..model.frames import NoFrame, apply_frame, inputs_without_effect
 from ..model.rigid_body_modes import RigidBodyModes
 from ..model.scales import scaled, scales_of, unscaled
+from ..model.second_order_model import require_model
 from ..parallel.decisions import decided
+from ..parallel.declared import declared
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
 from ..reduction.accuracy import Accuracy, Adaptive
@@ -27,7 +29,7 @@ from ..reduction.pseudo_modal import Law, nested, relative, response
 from ..reduction.reduce import KEPT_BY_SEARCH, ROOM, check_model, warnings_of
 from ..reduction.run import Run
 from .error_check import Check, bound_of, fresh_frequencies, measuring_damping
-from .frequency_response import frequency_response
+from .frequency_response import checked_frequencies, frequency_response
 
 POLE = 1e-10  # relative distance of the square of a frequency from an undamped pole, as near as poles are known
 
@@ -36,10 +38,10 @@ POLE = 1e-10  # relative distance of the square of a frequency from an undamped 
 class FullResponse:
     """The frequency response of a full model, and how well it is known.
 
-    `response` (F, r, p) complex at `frequencies` (F,) in Hz, r outputs and p inputs by name; `eps` (F,): its relative
-    error as estimated at each of them, round-off included, with the damping of the response. `accuracy`: over the whole
-    band, with the damping that it says, and the proofs. `check`: fresh frequencies against full solves, if asked for.
-    `factorisations`: of the search. `warnings`: sentences.
+    `response` (F, r, p) complex at `frequencies` (F,) in Hz, ascending and each once, r outputs and p inputs by name;
+    `eps` (F,): its relative error as estimated at each of them, round-off included, with the damping of the response.
+    `accuracy`: over the whole band, with the damping that it says, and the proofs. `check`: fresh frequencies against
+    full solves, if asked for. `factorisations`: of the search. `warnings`: sentences.
     """
 
     frequencies: np.ndarray
@@ -86,6 +88,8 @@ def full_response(
     `groups` of ranks that share these (see frequency_response). Raises InputError, also where a frequency is an
     undamped pole, and ComputationError.
     """
+    require_model(model)
+    declared("factoring", factoring, Factoring | None)
     inputs, outputs = scales_of(model)
     if (inputs, outputs) != (1.0, 1.0):
         with scaled(model, inputs, outputs) as usual:
@@ -94,14 +98,16 @@ def full_response(
                 seed=seed, groups=groups, factoring=factoring, progress=progress,
             )  # fmt: skip
         return replace(found, response=unscaled(found.response, inputs * outputs))
-    frequencies = _sorted(frequencies)
-    if check < 0:
+    frequencies = np.unique(checked_frequencies(frequencies))
+    if not len(frequencies):
+        raise InputError("frequencies: found none, expected at least one, in Hz")
+    if declared("check", check, int) < 0:
         raise InputError(f"check: found {check}, expected 0 or more fresh frequencies")
     if adaptive is None:
         ends = (float(frequencies[0]), float(frequencies[-1]))
         if band is None and ends[0] == ends[1]:
             raise InputError(f"frequencies: found only {ends[0]:g} Hz; give the band in Hz as well")
-        adaptive = Adaptive(tolerance=tolerance, band=ends if band is None else tuple(band))
+        adaptive = Adaptive(tolerance=tolerance, band=ends if band is None else band)
     if frequencies[0] < adaptive.band[0] or frequencies[-1] > adaptive.band[1]:
         raise InputError(f"band: found {list(adaptive.band)}, expected one with all frequencies, which go from "
                          f"{frequencies[0]:g} to {frequencies[-1]:g} Hz")  # fmt: skip
@@ -142,13 +148,6 @@ def full_response(
         said, errors = decided(model.comm, pair.against, fresh, exact)
     checked = Check(seed=seed, bound=bound_of(accuracy), frequencies=tuple(fresh.tolist()), said=said, exact=errors)
     return replace(found, check=checked, timing=progress.timing())
-
-
-def _sorted(frequencies):
-    frequencies = np.unique(np.asarray(frequencies, dtype=float))
-    if not len(frequencies) or not np.isfinite(frequencies).all() or frequencies[0] < 0:
-        raise InputError("frequencies: expected at least one, all finite and none negative, in Hz")
-    return frequencies
 
 
 def _law_of_response(damping) -> Law:

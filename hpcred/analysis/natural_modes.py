@@ -12,6 +12,8 @@ from ..linalg.factorisation import Factoring, SingularMatrix
 from ..linalg.refinement import IllConditioned
 from ..model.frames import Buckens, NoFrame, apply_frame
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities, rigid_motions
+from ..model.second_order_model import require_model
+from ..parallel.declared import declared
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
 from ..reduction.modes import lowest, residuals
@@ -59,7 +61,8 @@ def natural_modes(
     is taken as free. Where K has null vectors that the frame does not know (mechanisms, bodies without nodes) it is
     shifted. Raises InputError or ComputationError; the caller closes what is returned.
     """
-    if count < 1:
+    require_model(model)
+    if declared("count", count, int) < 1:
         raise InputError(f"modes: found the number {count}, expected at least 1")
     check_symmetric(model)
     progress = progress or Progress(model.comm, show=False)

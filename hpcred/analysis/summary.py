@@ -7,9 +7,13 @@ import numpy as np
 from ..linalg.factorisation import Factoring, Factorisation, SingularMatrix
 from ..linalg.solvers import ShiftedSolver
 from ..model.rigid_body_modes import RigidBodyModes, doubts_of_nodes, rigid_body_quantities
+from ..model.second_order_model import require_model
+from ..parallel.declared import declared
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import is_complex
+from ..parallel.ranges import FREQUENCY, within
 from .check import doubts_of_units, held_count, on_held_dofs
+from .frequency_response import checked_frequencies
 from .natural_modes import natural_modes
 
 ZERO = 1e-12  # eigenvalue relative to trace(K) / trace(M) that counts as zero
@@ -25,6 +29,9 @@ def inspect(
     Counts by inertia need a real build; in a complex one they are None. `sets`: number of nodes by name of the node
     set, where there is one. `warnings` lists what is doubtful.
     """
+    require_model(model)
+    frequencies = checked_frequencies(frequencies).tolist()
+    within("band_top", declared("band_top", band_top, float | None), FREQUENCY)
     report = {
         "model": model.name,
         "size": model.size,

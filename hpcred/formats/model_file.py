@@ -17,7 +17,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 
 from ..model.dofs import Dofs
-from ..model.second_order_model import SecondOrderModel, dofs_per_node, row_range
+from ..model.second_order_model import SecondOrderModel, dofs_per_node, require_model, row_range
 from ..parallel.failures import agreed
 from ..parallel.petsc import MPI
 from .checked import Entry, damaged
@@ -43,6 +43,7 @@ SCHEMA = NODES | {
 
 def write_model(path, model: SecondOrderModel):
     """Write a model. Collective. Raises InputError when the folder cannot be written."""
+    require_model(model)
     indptr, indices, values = model.K.getValuesCSR()
     parts = {"K": values.real}
     for key, mat in model.matrices.items():

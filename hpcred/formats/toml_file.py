@@ -7,13 +7,13 @@ import json
 import os
 import re
 import sys
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hints
+from typing import get_args, get_origin
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from ..parallel.declared import in_words, plain_type, types_of
 from ..parallel.failures import InputError
 
 if sys.version_info >= (3, 11):
@@ -24,7 +24,6 @@ else:
 CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)  # of the outermost dataclass, which hands it to those inside
 LONGEST_PATH, LONGEST_NAME = 4096, 255  # bytes, of Linux
 UNKNOWN = "unexpected_keyword_argument"
-WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or false"}
 
 
 def read_table(path, overrides=()) -> dict:
@@ -80,7 +79,7 @@ def _sentence(kind, table, details) -> str:
     """What pydantic found to be wrong with a table."""
     if details["type"] == "value_error":
         return str(details["ctx"]["error"])
-    top = _types(kind)
+    top = types_of(kind)
     where, kind, found, names = _place(kind, table, details["loc"])
     if details["type"] == UNKNOWN:
         key = details["loc"][-1]
@@ -107,36 +106,26 @@ def _place(kind, found, steps):
     """
     where, names = "", []
     for step in steps:
-        kind = _plain(kind)
+        kind = plain_type(kind)
         if isinstance(found, dict):
             table = _dataclass_of(kind, found)
-            if table is None or (step not in found and step not in _types(table)):
+            if table is None or (step not in found and step not in types_of(table)):
                 continue
-            names = list(_types(table))
+            names = list(types_of(table))
             names = names[:-1] if names[-1] == "kind" else names
             where = f"{where}.{step}" if where else step
-            kind, found = _types(table).get(step), found.get(step, _MISSING)
+            kind, found = types_of(table).get(step), found.get(step, _MISSING)
         elif isinstance(found, list) and isinstance(step, int) and get_origin(kind) is tuple:
-            if _dataclass_of(_plain(get_args(kind)[0]), {}) is None:
+            if _dataclass_of(plain_type(get_args(kind)[0]), {}) is None:
                 break
             where, kind, found = f"{where}[{step}]", get_args(kind)[0], found[step]
         else:
             break
-    return where, _plain(kind), found, names
-
-
-def _types(table) -> dict:
-    """Keys and types of a dataclass."""
-    hints = get_type_hints(table, include_extras=True)
-    return {item.name: hints[item.name] for item in fields(table)}
-
-
-def _plain(kind):
-    return get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    return where, plain_type(kind), found, names
 
 
 def _kind_of(table) -> str | None:
-    return next((item.default for item in fields(table) if item.name == "kind"), None)
+    return getattr(table, "kind", None)
 
 
 def _dataclass_of(kind, found):
@@ -150,19 +139,7 @@ def _dataclass_of(kind, found):
 
 def _expected(kind) -> str:
     """A type in words."""
-    kind = _plain(kind)
-    if kind in WORDS:
-        return WORDS[kind]
-    if get_origin(kind) is Literal:
-        return " or ".join(f"'{word}'" for word in get_args(kind))
-    parts = [part for part in get_args(kind) if part not in (NoneType, ...)]
-    if get_origin(kind) is tuple:
-        if ... in get_args(kind):
-            return f"a list of {_expected(parts[0])}"
-        return f"[{', '.join(_expected(part) for part in parts)}]"
-    if get_origin(kind) in (Union, UnionType):
-        return " or ".join(dict.fromkeys(_expected(part) for part in parts))
-    return "a table"
+    return in_words(kind, table="a table")
 
 
 def _as_toml(value):

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from ..parallel import startup
+from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.memory import MB, available_mb
 from ..parallel.petsc import PETSc, SLEPc
@@ -43,6 +44,7 @@ class LinearSolver:
     sweeps: int = 2
 
     def __post_init__(self):
+        as_declared(self, "solver.")
         if self.kind not in ("auto", "direct", "multigrid"):
             raise InputError(f"solver.kind: found '{self.kind[:40]}', expected 'auto', 'direct' or 'multigrid'")
         within("solver.residual", self.residual, (1e-16, 1e-10, ""))
@@ -68,6 +70,7 @@ class Factoring:
     solver: LinearSolver = LinearSolver()
 
     def __post_init__(self):
+        as_declared(self)
         if self.low_rank is not None and not 1e-16 <= self.low_rank < 1e-2:
             raise InputError(f"low_rank: found {self.low_rank:g}, expected a number from 0 to 0.01, such as 1e-8")
         if self.memory_mb is not None and not 1 <= self.memory_mb < 1e12:

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import SAME, PETSc
 from ..parallel.ranges import ANYTHING, FREQUENCY, within
@@ -38,6 +39,7 @@ class Rayleigh:
     beta: float = 0.0
 
     def __post_init__(self):
+        as_declared(self, "damping.")
         if min(self.alpha, self.beta) < 0:
             raise InputError(f"damping: found alpha = {self.alpha:g}, beta = {self.beta:g}; neither may be negative")
         within("damping.alpha", self.alpha, ALPHA)
@@ -55,6 +57,7 @@ class Caughey:
     coefficients: tuple[float, ...]
 
     def __post_init__(self):
+        as_declared(self, "caughey.")
         if not self.coefficients:
             raise InputError("caughey.coefficients: expected at least one number")
         within("caughey.coefficients", self.coefficients, ANYTHING)
@@ -74,6 +77,7 @@ class ModalDamping:
     table: tuple[tuple[float, float], ...] | None = None
 
     def __post_init__(self):
+        as_declared(self, "damping.")
         given = [value for value in (self.ratio, self.ratios, self.table) if value is not None]
         if len(given) != 1 or given[0] == ():
             raise InputError("damping: kind 'modal' needs exactly one of ratio, ratios and table")
@@ -102,6 +106,7 @@ class Structural:
     loss_factor: float
 
     def __post_init__(self):
+        as_declared(self, "damping.")
         within("damping.loss_factor", self.loss_factor, RATIO)
 
 
@@ -110,6 +115,7 @@ def with_damping(model, damping):
 
     Raises InputError when there is none to be given.
     """
+    damping = declared("damping", damping, Damping | None)
     if isinstance(damping, GivenDamping):
         if model.D is None:
             raise InputError(f"damping.kind: 'given' needs a damping matrix, {model.name} has none")

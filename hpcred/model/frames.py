@@ -14,6 +14,7 @@ from pydantic import Field
 
 from ..linalg.blocks import column_norms, from_dense, local_rows
 from ..linalg.csr import compress
+from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import LABEL, within
@@ -42,6 +43,7 @@ class Tangent:
     node: int | str
 
     def __post_init__(self):
+        as_declared(self, "frame.")
         within("frame.node", self.node, LABEL)
 
 
@@ -58,6 +60,7 @@ class Chord:
     axes: str | None = None
 
     def __post_init__(self):
+        as_declared(self, "frame.")
         within("frame.nodes", self.nodes, LABEL)
         if self.axes is not None and sorted(self.axes) != ["x", "y", "z"]:
             raise InputError(f"frame.axes: found '{self.axes[:20]}', expected an order of x, y and z such as 'yxz'")
@@ -74,6 +77,7 @@ class Buckens:
     supports: tuple[tuple[int, str], ...] | None = None
 
     def __post_init__(self):
+        as_declared(self, "frame.")
         for node, direction in self.supports or ():
             within("frame.supports", node, LABEL)
             direction_index(direction, "frame.supports")
@@ -106,6 +110,7 @@ def apply_frame(model: SecondOrderModel, frame=None, damping=None) -> FramedMode
 
     Raises InputError where the frame does not fit the body or the damping is not possible.
     """
+    frame = declared("frame", frame, Frame | None)
     with Owned(model.comm) as owned:
         damped = owned.owns(with_damping(model, damping))
         coupled, coupling = couple(damped)

@@ -19,6 +19,7 @@ from typing import Literal
 import numpy as np
 
 from ..parallel.decisions import decided
+from ..parallel.declared import as_declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
 from ..parallel.petsc import MPI, PETSc
@@ -45,6 +46,7 @@ class Nodes:
     cylinder: tuple[Vector, Vector, float] | None = None
 
     def __post_init__(self):
+        as_declared(self, "interface.nodes.")
         given = [key for key in ("set", "box", "sphere", "cylinder") if getattr(self, key) is not None]
         if len(given) != 1:
             raise InputError(
@@ -97,6 +99,7 @@ class Interface:
     node: int | None = None
 
     def __post_init__(self):
+        as_declared(self, f"interface '{self.name}': ")
         where = f"interface '{self.name}'"
         if not NAME.fullmatch(self.name):
             raise InputError(

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..linalg.blocks import create_dense
 from ..linalg.csr import compress
+from ..parallel.declared import declared
 from ..parallel.digest import digest, digest_of_block
 from ..parallel.failures import InputError, Owned, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
@@ -66,9 +67,16 @@ class SecondOrderModel:
 
     def close(self):
         """Free the PETSc objects. Collective."""
-        for mat in (self.M, self.D, self.K, self.B, self.Ct, self.Gt):
-            if mat is not None:
+        for key in ("M", "D", "K", "B", "Ct", "Gt"):
+            if (mat := vars(self).get(key)) is not None:
                 mat.destroy()
+        for key in ("M", "K"):  # PETSc ends the process that uses a destroyed matrix
+            vars(self).pop(key, None)
+
+    def __getattr__(self, name):
+        if name in ("M", "K"):
+            raise InputError(f"{vars(self).get('name')}: this model was closed, and has no matrices any more")
+        raise AttributeError(f"a SecondOrderModel has no attribute '{name}'")
 
     def __str__(self):
         """Three lines on what the model is. Collective."""
@@ -377,6 +385,18 @@ def _real(values, what):
             f"{what}: found {np.count_nonzero(values.imag)} entries with imaginary parts, expected real ones"
         )
     return values.real
+
+
+def require_model(model):
+    """Raise InputError for what is no SecondOrderModel, or was closed."""
+    declared("model", model, SecondOrderModel)
+    model.K  # noqa: B018  (refused here)
+
+
+def require_inputs(model):
+    """Raise InputError for a model without inputs."""
+    if model.B is None or not model.input_names:
+        raise InputError(f"{model.name} has no inputs; name them by `inputs`, as dof numbers or [node, direction]")
 
 
 def dense_matrix(like: PETSc.Mat, local: np.ndarray) -> PETSc.Mat:

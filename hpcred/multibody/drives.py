@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from .checks import (
     require_finite,
@@ -35,6 +36,7 @@ class Drive:
     through: Vector | None = None
 
     def __post_init__(self):
+        as_declared(self, "drive.")
         if (self.along is None) == (self.about is None):
             raise InputError(
                 f"drive: node {self.node} needs a direction `along` which it is displaced or an axis `about` which it "

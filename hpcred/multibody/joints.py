@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from .checks import (
     require_finite,
@@ -49,6 +50,7 @@ class Joint:
     axes: tuple[Vector, Vector] | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
+        as_declared(self, "constraint.")
         require_node("constraint.", self.node)
         require_finite("constraint.", at=self.at, axis=self.axis, axes=self.axes)
         for key, kinds in (("directions", ("point",)), ("axis", ONE_AXIS), ("axes", ("universal",))):

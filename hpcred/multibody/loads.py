@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from .checks import (
     require_finite,
@@ -36,6 +37,7 @@ class ConstantForce:
     key: ClassVar[str] = "force"
 
     def __post_init__(self):
+        as_declared(self, f"{self.key}.")
         require_node(f"{self.key}.", self.node)
         require_finite(f"{self.key}.", value=self.value)
 
@@ -59,6 +61,7 @@ class SineForce:
     key: ClassVar[str] = "force"
 
     def __post_init__(self):
+        as_declared(self, f"{self.key}.")
         require_node(f"{self.key}.", self.node)
         require_finite(f"{self.key}.", amplitude=self.amplitude)
         require_sine(f"{self.key}.", self.frequency, self.phase)
@@ -85,6 +88,7 @@ class TableForce:
     key: ClassVar[str] = "force"
 
     def __post_init__(self):
+        as_declared(self, f"{self.key}.")
         require_node(f"{self.key}.", self.node)
         require_finite(f"{self.key}.", times=self.times, values=self.values)
         require_times(f"{self.key}.", self.times, self.values)

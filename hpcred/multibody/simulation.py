@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.ranges import COUNT, LABEL, within
 from .body import Body, check_moving, remarks
@@ -53,6 +54,7 @@ class Simulation:
     spring: tuple[AnySpring, ...] = ()
 
     def __post_init__(self):
+        as_declared(self)
         for key in ("end", "steps", "relative_tolerance", "absolute_tolerance"):
             if not 0 < getattr(self, key) < np.inf:
                 raise InputError(f"{key}: found {getattr(self, key):g}, expected a finite number of more than 0")

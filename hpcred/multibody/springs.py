@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from .checks import (
     require_finite,
@@ -40,6 +41,7 @@ class LineSpring:
     kind: Literal["line"] = field(default="line", kw_only=True, repr=False)
 
     def __post_init__(self):
+        as_declared(self, "spring.")
         require_node("spring.", self.node)
         require_finite("spring.", at=self.at, stiffness=self.stiffness, damping=self.damping, length=self.length)
         require_not_negative("spring.", stiffness=self.stiffness, damping=self.damping, length=self.length or 0.0)
@@ -63,6 +65,7 @@ class Bushing:
     kind: Literal["bushing"] = field(default="bushing", kw_only=True, repr=False)
 
     def __post_init__(self):
+        as_declared(self, "spring.")
         values = {key: getattr(self, key) for key in ("stiffness", "damping")}
         values |= {f"rotational_{key}": getattr(self, f"rotational_{key}") for key in values}
         require_node("spring.", self.node)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
+from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.ranges import COUNT, FREQUENCY, within
 from .error_estimate import UNIFORM
@@ -30,6 +31,7 @@ class Limits:
     points: tuple[float, ...] = ()
 
     def __post_init__(self):
+        as_declared(self, "adaptive.")
         for key in ("factorisations", "columns", "size", "seconds", "zeta0"):
             if getattr(self, key) is not None and not 0 < getattr(self, key) < np.inf:
                 raise InputError(f"adaptive.{key}: found {getattr(self, key)}, expected more than 0")
@@ -51,6 +53,7 @@ class Adaptive(Limits):
     band: tuple[float, float]
 
     def __post_init__(self):
+        as_declared(self, keys=("tolerance", "band"))
         super().__post_init__()
         within("band", self.band, FREQUENCY)
         if not 1e-15 <= self.tolerance < 1:

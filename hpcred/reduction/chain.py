@@ -7,7 +7,7 @@ What is in a store is therefore what would be computed, to the last digit where 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -32,6 +32,7 @@ class Entry:
             self.block.destroy()
 
 
+@runtime_checkable
 class Store(Protocol):
     """Where columns are kept from one reduction to the next (formats.point_store has one in a folder).
 

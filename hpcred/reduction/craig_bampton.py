@@ -21,6 +21,7 @@ from ..linalg.blocks import add_product, create_block, dense, from_dense, inner
 from ..linalg.factorisation import SingularMatrix
 from ..model.dofs import DIRECTIONS
 from ..parallel.decisions import decided
+from ..parallel.declared import as_declared
 from ..parallel.failures import HpcredError, InputError, Owned
 from ..parallel.ranges import COUNT, FREQUENCY, within
 from .chain import Entry
@@ -65,6 +66,7 @@ class FixedInterfaceModes(Ingredient):
     per_direction = 0
 
     def __post_init__(self):
+        as_declared(self, f"{self.kind}.")
         if (self.count is None) == (self.band is None):
             raise InputError(f"{self.kind}: expected exactly one of count and band")
         within(f"{self.kind}.count", self.count, COUNT)

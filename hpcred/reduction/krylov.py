@@ -14,6 +14,7 @@ from ..linalg.blocks import apply, as_pairs, copy_of, create_block
 from ..linalg.factorisation import SingularMatrix
 from ..linalg.free_motions import free_motions_refused
 from ..model.damping import is_proportional
+from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.ranges import COUNT, within
 from .chain import Chain
@@ -85,6 +86,7 @@ class Krylov(PointIngredient):
     infinity: bool = False
 
     def __post_init__(self):
+        as_declared(self, "krylov.")
         if self.infinity == (self.frequency is not None or self.decay is not None):
             raise InputError("krylov: expected frequency (Hz), decay (1/s) or both, or infinity = true")
         if self.order < 0:

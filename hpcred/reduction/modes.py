@@ -12,6 +12,7 @@ from ..linalg.factorisation import DoesNotFit, Factoring, SingularMatrix
 from ..linalg.free_motions import free_motions_refused
 from ..model.damping import ModalDamping
 from ..parallel.decisions import decided
+from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import is_complex
 from ..parallel.ranges import COUNT, FREQUENCY, within
@@ -43,6 +44,7 @@ class Modes(Ingredient):
     dominant: int | None = None
 
     def __post_init__(self):
+        as_declared(self, "modes.")
         if sum(value is not None for value in (self.count, self.band, self.index)) != 1:
             raise InputError("modes: expected exactly one of count, band and index")
         if self.band is not None and not 0 <= self.band[0] < self.band[1]:

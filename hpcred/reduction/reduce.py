@@ -13,8 +13,9 @@ from ..model.damping import ModalDamping, NoDamping, Structural
 from ..model.frames import Buckens, NoFrame, apply_frame, inputs_without_effect
 from ..model.rigid_body_modes import doubts_of_nodes
 from ..model.scales import scaled, scales_of
-from ..model.second_order_model import SYMMETRIC_TO
+from ..model.second_order_model import SYMMETRIC_TO, require_inputs, require_model
 from ..parallel.decisions import decided
+from ..parallel.declared import declared
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
@@ -23,7 +24,7 @@ from .adaptive import Search
 from .chain import Store
 from .craig_bampton import ConstraintModes
 from .groups import blocks_in_groups, number_of_groups
-from .ingredient import PointIngredient
+from .ingredient import Ingredient, PointIngredient
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
 from .projection import diagonalise, project, project_columns
 from .record import make_record, signature_of
@@ -56,11 +57,14 @@ def reduce(
     The reduced model has V^T M V = I and diagonal V^T K V (but for a two-sided projection, W^T M V = I).
     Raises InputError or ComputationError, the same on all ranks; `model` is not changed.
     """
-    settings = replace(settings or Reduction(), **keywords)
-    if tolerance is not None:
-        if band is None:
-            raise InputError("tolerance: a reduction to a tolerance needs the band in Hz")
-        adaptive = Adaptive(tolerance=tolerance, band=tuple(band))
+    require_model(model)
+    settings = replace(declared("settings", settings, Reduction | None) or Reduction(), **keywords)
+    declared("factoring", factoring, Factoring | None)
+    declared("progress", progress, Progress | None)
+    if store is not None and not isinstance(store, Store):
+        raise InputError(f"store: found {store!r}, expected a Store, such as PointStore(folder)")
+    basis = declared("basis", (basis,) if isinstance(basis, Ingredient) else basis or (), tuple[Ingredient, ...])
+    adaptive = _asked_accuracy(declared("adaptive", adaptive, Adaptive | None), tolerance, band)
     inputs, outputs = scales_of(model)
     if (inputs, outputs) != (1.0, 1.0):
         with scaled(model, inputs, outputs) as usual:
@@ -120,6 +124,19 @@ def reduce(
         return reduced
 
 
+def _asked_accuracy(adaptive, tolerance, band) -> Adaptive | None:
+    """What a search is to reach: `adaptive`, or a tolerance and its band; None for neither."""
+    if tolerance is None and band is None:
+        return adaptive
+    if adaptive is not None:
+        raise InputError("adaptive: found it beside a tolerance or a band, which it has itself; leave one out")
+    if band is None:
+        raise InputError("tolerance: a reduction to a tolerance needs the band in Hz")
+    if tolerance is None:
+        raise InputError("band: found it without a tolerance, to which it belongs; give both, or leave it out")
+    return Adaptive(tolerance=tolerance, band=band)
+
+
 def _check_two_sided(settings, damping, adaptive):
     """Refuse what a two-sided projection does not go with."""
     if adaptive is not None:
@@ -157,8 +174,7 @@ def _highest(basis, run) -> float:
 def check_model(model):
     """Refuse a model that cannot be reduced: an unsymmetric M or K, no inputs."""
     check_symmetric(model)
-    if model.B is None or not model.input_names:
-        raise InputError(f"{model.name} has no inputs; name them by `inputs`, as dof numbers or [node, direction]")
+    require_inputs(model)
 
 
 def check_symmetric(model):

@@ -16,6 +16,7 @@ from ..linalg.blocks import add_product, apply, as_pairs, create_block, inner, u
 from ..linalg.factorisation import SingularMatrix
 from ..model.damping import caughey_terms
 from ..parallel.decisions import decided
+from ..parallel.declared import as_declared
 from ..parallel.failures import InputError, Owned
 from ..parallel.ranges import COUNT, within
 from .chain import Chain
@@ -41,6 +42,7 @@ class SecondOrderKrylov(PointIngredient):
     s: tuple[float, float] | None = None
 
     def __post_init__(self):
+        as_declared(self, "second_order_krylov.")
         if self.order < 0:
             raise InputError(f"second_order_krylov.order: found {self.order}, expected 0 or more")
         within("second_order_krylov.order", self.order, (0, COUNT[1], ""))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.ranges import COUNT, FREQUENCY, within
 
@@ -29,6 +30,7 @@ class Reduction:
     coordinates: str = "modal"
 
     def __post_init__(self):
+        as_declared(self)
         within("deflation_tolerance", self.deflation_tolerance, (1e-16, 0.999, ""))
         if self.drop_above is not None and not 0 < self.drop_above < float("inf"):
             raise InputError(f"drop_above: found {self.drop_above:g}, expected a positive frequency in Hz")

@@ -1,0 +1,116 @@
+"""Values of a user and the types that they are declared with enter; plain Python values leave, or a refusal.
+
+What reads like a list is one: tuples, lists, arrays, ranges, generators. Numbers of NumPy and paths become Python's
+numbers and texts, so that settings can be compared, sent and written whatever they were made from.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import fields
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from .failures import InputError
+
+WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or false"}
+MANY = {str: "texts", int: "whole numbers", float: "numbers"}
+
+
+class _Misfit(Exception):
+    """A value is not of a type."""
+
+
+def as_declared(settings, where: str = "", keys: tuple[str, ...] | None = None):
+    """Make the fields of a dataclass, or those of `keys`, plain values of their types. Raises InputError.
+
+    `where` comes before the names of the fields in messages, such as "krylov.".
+    """
+    for name, kind in types_of(type(settings)).items():
+        if keys is None or name in keys:
+            object.__setattr__(settings, name, declared(where + name, getattr(settings, name), kind))
+
+
+def declared(key: str, value, kind):
+    """The value as a plain one of a type. Raises InputError that names the key, what was found and expected."""
+    try:
+        return _fitted(value, kind)
+    except _Misfit as misfit:
+        raise InputError(f"{key}: found {_shown(value)}, expected {in_words(kind)}") from misfit
+
+
+@cache
+def types_of(table) -> dict:
+    """Names and types of the fields of a dataclass."""
+    hints = get_type_hints(table, include_extras=True)
+    return {item.name: hints[item.name] for item in fields(table)}
+
+
+def plain_type(kind):
+    """A type without what Annotated says of it."""
+    return get_args(kind)[0] if get_origin(kind) is Annotated else kind
+
+
+def in_words(kind, table: str = "") -> str:
+    """A type in words; `table`: what dataclasses are called, by default their names."""
+    kind = plain_type(kind)
+    if kind in WORDS:
+        return WORDS[kind]
+    if get_origin(kind) is Literal:
+        return " or ".join(f"'{word}'" for word in get_args(kind))
+    parts = [part for part in get_args(kind) if part not in (NoneType, ...)]
+    if get_origin(kind) is tuple:
+        if ... in get_args(kind):
+            return f"a list of {MANY.get(parts[0]) or in_words(parts[0], table)}"
+        return f"[{', '.join(in_words(part, table) for part in parts)}]"
+    if get_origin(kind) in (Union, UnionType):
+        return " or ".join(dict.fromkeys(in_words(part, table) for part in parts))
+    return table or kind.__name__
+
+
+def _fitted(value, kind):
+    kind, value = plain_type(kind), _plain(value)
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        for part in parts:
+            try:
+                return _fitted(value, part)
+            except _Misfit:
+                pass
+    elif origin is tuple and isinstance(value, tuple):
+        if ... in parts:
+            return tuple(_fitted(item, parts[0]) for item in value)
+        if len(parts) == len(value):
+            return tuple(map(_fitted, value, parts))
+    elif origin is Literal:
+        if isinstance(value, str) and value in parts:
+            return value
+    elif kind is float:
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 2**1024:
+            return float(value)
+        if isinstance(value, float):  # infinite or NaN: for the checks of ranges
+            return value
+    elif isinstance(value, origin or kind) and (kind is bool or not isinstance(value, bool)):
+        return value
+    raise _Misfit
+
+
+def _plain(value):
+    """Python's own for numbers of NumPy, lists of all kinds and paths; others as they are."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    elif isinstance(value, os.PathLike):
+        value = os.fspath(value)
+    return tuple(value) if isinstance(value, (list, range, Iterator)) else value
+
+
+def _shown(value) -> str:
+    """What was found, the beginning of a long one."""
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 80 else text[:77] + "..."
