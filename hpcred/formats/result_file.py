@@ -24,12 +24,14 @@ from ..linalg.blocks import create_block, local_rows
 from ..model.dofs import SCALAR
 from ..model.elements import surface_triangles
 from ..model.interfaces import InterfaceNode
+from ..model.second_order_model import require_model
 from ..multibody.body import Body, Surface, body_of, number_of
 from ..multibody.floating_frame import FloatingFrame
 from ..multibody.node_shapes import NodeShape, shapes_of_rows
+from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
-from ..reduction.record import Record
+from ..reduction.record import Record, difference_of, signature_of
 from ..reduction.reduced_model import ReducedModel
 from .checked import Entry
 from .hdf5 import reading, texts, writing
@@ -210,6 +212,12 @@ def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=
     `reduced` must not be closed); `origin` (3,) of the body frame in m and `lumped`: see multibody.floating_frame.
     `basis`: whether V is written.
     """
+    declared("reduced", reduced, ReducedModel)
+    if model is not None:
+        require_model(model)
+        key = reduced.record and difference_of(signature_of(model), reduced.record)
+        if key in ("M", "K"):
+            raise InputError(f"model: found another {key} than that which was reduced; give the model that was")
     comm = model.comm if model is not None else reduced.columns.comm.tompi4py() if reduced.columns else MPI.COMM_WORLD
     body = None
     if model is not None and model.dofs is not None and reduced.columns is not None and reduced.left_columns is None:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..parallel.declared import declared
 from ..parallel.failures import InputError
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz", "scalar", "own1", "own2", "own3", "own4", "own5", "own6")
@@ -23,8 +24,33 @@ class Dofs:
     direction: np.ndarray
     position: np.ndarray
 
+    def __post_init__(self):
+        self.node, self.direction, self.position = map(np.asarray, (self.node, self.direction, self.position))
+        rows = self.node.shape
+        for key, part, shape, kinds in (
+            ("node", self.node, (self.node.size,), "iu"),
+            ("direction", self.direction, rows, "iu"),
+            ("position", self.position, (*rows, 3), "iuf"),
+        ):
+            if part.shape != shape or (part.size and part.dtype.kind not in kinds):
+                numbers = "numbers" if "f" in kinds else "whole numbers"
+                raise InputError(f"dofs.{key}: found an array {part.shape} of {part.dtype}, expected {numbers} {shape}")
+
     def take(self, rows):
         return Dofs(self.node[rows], self.direction[rows], self.position[rows])
+
+
+def check_labels(dofs, rows: int, name: str):
+    """Raise InputError unless there are no labels, or one for each of so many rows, with places and directions."""
+    if declared(f"{name}: dofs", dofs, Dofs | None) is None:
+        return
+    if len(dofs.node) != rows:
+        raise InputError(f"{name}: dofs: found {len(dofs.node)}, expected one for each of {rows} rows")
+    if not np.isfinite(dofs.position).all():
+        raise InputError(f"{name}: dofs.position: found NaN or Inf, expected finite coordinates in m")
+    wrong = dofs.direction[(dofs.direction < 0) | (dofs.direction >= len(DIRECTIONS))]
+    if wrong.size:
+        raise InputError(f"{name}: dofs.direction: found {wrong[0]}, expected 0..5 for x..rz, and so on")
 
 
 def direction_index(name, key="direction") -> int:

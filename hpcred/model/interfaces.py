@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from ..parallel.decisions import decided
-from ..parallel.declared import as_declared
+from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
 from ..parallel.petsc import MPI, PETSc
@@ -147,7 +147,7 @@ def with_interfaces(model, interfaces):
 
     Inputs and outputs may then be (name, direction), and (name, "all") for all six.
     """
-    interfaces = tuple(interfaces)
+    interfaces = declared("interfaces", interfaces, tuple[Interface, ...])
     names = [item.name for item in interfaces]
     if not names:
         return model._with(Gt=None, interfaces=())

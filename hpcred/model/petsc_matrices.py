@@ -14,7 +14,7 @@ from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, Owned, agreed, watched
 from ..parallel.lookup import repeated_key
 from ..parallel.petsc import MPI, PETSc
-from .dofs import Dofs
+from .dofs import Dofs, check_labels
 
 ROWS_OF_A_NODE = (1, 2, 3, 6)
 
@@ -154,8 +154,7 @@ def labels(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
         raise InputError(f"{name}: dofs: found them on some ranks only, expected them on all or none")
     if not any(comm.allgather(nodes is not None or numbers is not None)):
         with agreed(comm):
-            if dofs is not None and len(dofs.node) != rows:
-                raise InputError(f"{name}: dofs: found {len(dofs.node)}, expected one for each of {rows} rows")
+            check_labels(dofs, rows, name)
         return dofs
     with agreed(comm):
         if dofs is not None:

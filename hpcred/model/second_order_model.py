@@ -14,7 +14,7 @@ from ..parallel.declared import declared
 from ..parallel.digest import digest, digest_of_block
 from ..parallel.failures import InputError, Owned, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
-from .dofs import DIRECTIONS, Dofs, row_of, target_name
+from .dofs import DIRECTIONS, Dofs, check_labels, row_of, target_name
 from .interfaces import InterfaceNode, interface_column, single_targets, with_interfaces
 from .petsc_matrices import decoupled, labels, taken
 
@@ -215,24 +215,28 @@ class SecondOrderModel:
 
         Collective. Raises InputError.
         """
-        return self.with_input_columns(*self._unit_columns(targets))
+        return self.with_input_columns(*self._unit_columns("inputs", targets))
 
     def with_outputs(self, targets):
         """The model with displacements measured at dofs, given as for with_inputs. Collective. Raises InputError."""
-        return self.with_output_columns(*self._unit_columns(targets))
+        return self.with_output_columns(*self._unit_columns("outputs", targets))
 
     def with_input_columns(self, local, names):
-        """The model with B from the rows of this rank (rows, p). Collective."""
-        return self._with(B=dense_matrix(self.K, local), input_names=tuple(names))
+        """The model with B from the rows of this rank (rows, p), and p names. Collective. Raises InputError."""
+        local, names = _columns(self.comm, self.local_rows, local, names, f"{self.name}: inputs")
+        return self._with(B=None if local is None else dense_matrix(self.K, local), input_names=names)
 
     def with_output_columns(self, local, names):
-        """The model with C^T from the rows of this rank (rows, r), or with C = B^T for None. Collective."""
-        Ct = None if local is None else dense_matrix(self.K, local)
-        return self._with(Ct=Ct, own_output_names=tuple(names))
+        """The model with C^T from the rows of this rank (rows, r) and r names, or with C = B^T for None. Collective.
+
+        Raises InputError.
+        """
+        local, names = _columns(self.comm, self.local_rows, local, names, f"{self.name}: outputs")
+        return self._with(Ct=None if local is None else dense_matrix(self.K, local), own_output_names=names)
 
     def with_damping_matrix(self, D):
         """The model with the damping matrix D on the pattern of K, or None; it takes D over. Collective."""
-        return self._with(D=D)
+        return self._with(D=declared("D", D, PETSc.Mat | None))
 
     def as_dual(self):
         """The model of the transposed transfer function: D^T for D (M and K are symmetric), C^T for B. Collective."""
@@ -242,8 +246,11 @@ class SecondOrderModel:
             self.D.transpose(changed["D"])
         return self._with(**changed)
 
-    def _unit_columns(self, targets):
+    def _unit_columns(self, key, targets):
         """Rows of this rank of a matrix of unit columns, or of columns of G^T, and their names."""
+        targets = declared(key, targets, tuple[int | tuple[int | str, str], ...])
+        if not targets:
+            raise InputError(f"{key}: found an empty list, expected dof numbers or (node, direction)")
         targets = [single for target in targets for single in single_targets(self, target)]
         local = np.zeros((self.local_rows, len(targets)))
         for j, target in enumerate(targets):
@@ -280,8 +287,9 @@ class SecondOrderModel:
 
         `indptr` (rows + 1,), `indices` (nonzeros,) sorted global columns, `values`: dict of "K", "M" and
         perhaps "D" -> (nonzeros,) on that one pattern. `inputs` (rows, p) and `outputs` (rows, r) are the rows
-        of B and C^T; `elements`, `held`, `sets`, `remarks` and `converted_from` as of the model. Raises InputError
-        for NaN, Inf, a negative diagonal of M, or rows that are empty.
+        of B and C^T, by default named "input 1", "output 1" and so on; `elements`, `held`, `sets`, `remarks` and
+        `converted_from` as of the model. Raises InputError for NaN, Inf, a negative diagonal of M, rows that are
+        empty, or shapes that do not fit.
         """  # fmt: skip
         rows = len(indptr) - 1
         first = comm.exscan(rows) or 0
@@ -289,11 +297,14 @@ class SecondOrderModel:
             for key in ("K", "M"):
                 if key not in values:
                     raise InputError(f"{name}: no matrix {key}; a model needs K and M")
+            check_labels(dofs, rows, name)
             _check_rows(indptr, indices, values, first, name, dofs)
         if comm.size > size:
             raise InputError(
                 f"{name}: {size} rows cannot be distributed over {comm.size} ranks; start at most {size} ranks"
             )
+        inputs, input_names = _columns(comm, rows, inputs, input_names, f"{name}: inputs")
+        outputs, output_names = _columns(comm, rows, outputs, output_names, f"{name}: outputs")
         mats = {}
         indptr = np.asarray(indptr, dtype=PETSc.IntType)
         indices = np.asarray(indices, dtype=PETSc.IntType)
@@ -301,7 +312,7 @@ class SecondOrderModel:
             mats[key] = PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=(indptr, indices, data), comm=comm)
         B, Ct = (None if local is None else dense_matrix(mats["K"], local) for local in (inputs, outputs))
         return cls(
-            mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, tuple(input_names), tuple(output_names), name,
+            mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, input_names, output_names, name,
             elements or {}, held, sets or {}, tuple(remarks), converted_from=converted_from,
         )  # fmt: skip
 
@@ -311,14 +322,19 @@ class SecondOrderModel:
 
         Other keywords as for from_csr, with `inputs` (n, p), `outputs` (n, r) and `dofs` of all rows.
         """
-        given = {key: _coordinates(mat) for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
-        size = next(iter(given.values()))[3]
+        given = {key: _coordinates(key, mat) for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
+        sizes = {key: item[3] for key, item in given.items()}
+        size = max(sizes.values(), default=0)
+        if len(set(sizes.values())) > 1:
+            found = ", ".join(f"{n} rows of {key}" for key, n in sizes.items())
+            raise InputError(f"from_scipy: found {found}, expected the same number")
         dofs = keywords.get("dofs")
+        check_labels(dofs, size, "from_scipy")
         per_node = dofs_per_node(dofs) if dofs is not None else 1
         first, last = row_range(comm, size, per_node)
         for key in ("inputs", "outputs"):
             if keywords.get(key) is not None:
-                keywords[key] = np.asarray(keywords[key], dtype=float)[first:last]
+                keywords[key] = _real_columns(keywords[key], size, f"from_scipy: {key}")[first:last]
         if dofs is not None:
             keywords["dofs"] = dofs.take(slice(first, last))
         mine = {}
@@ -445,19 +461,51 @@ def symmetry_defect(mat: PETSc.Mat) -> float:
     return float(defect / norm) if norm else 0.0
 
 
-def _coordinates(mat):
+def _columns(comm, rows, local, names, what):
+    """The rows of B or C^T of this rank (rows, columns), and the names of the columns; None and () for None.
+
+    `what` they are, such as "model: inputs". Collective. Raises InputError.
+    """
+    if local is None:
+        return None, ()
+    with agreed(comm):
+        local = _real_columns(local, rows, what)
+    widths = comm.allgather(local.shape[1])
+    if len(set(widths)) > 1:
+        raise InputError(f"{what}: found {min(widths)} to {max(widths)} columns on the ranks, expected as many on each")
+    key = what.rpartition(" ")[2].removesuffix("s")
+    names = tuple(names) or tuple(f"{key} {k + 1}" for k in range(widths[0]))
+    names = declared(f"{what}: names", names, tuple[str, ...])
+    if len(names) != widths[0]:
+        raise InputError(f"{what}: found {len(names)} names for {widths[0]} columns, expected one for each")
+    return local, names
+
+
+def _real_columns(columns, rows, what) -> np.ndarray:
+    """Columns (rows, c) of finite real numbers, from an array, lists or a SciPy sparse matrix. Raises InputError."""
+    columns = np.asarray(columns.toarray() if hasattr(columns, "toarray") else columns)
+    if columns.ndim != 2 or len(columns) != rows or columns.dtype.kind not in "iuf":
+        raise InputError(
+            f"{what}: found an array {columns.shape} of {columns.dtype}, expected real numbers ({rows}, columns)"
+        )
+    if not np.isfinite(columns).all():
+        raise InputError(f"{what}: found NaN or Inf in column {np.argwhere(~np.isfinite(columns))[0, 1] + 1}")
+    return columns.astype(float)
+
+
+def _coordinates(key, mat):
     """Rows, columns, real values and size of a SciPy sparse or a dense matrix. Raises InputError."""
+    mat = mat if hasattr(mat, "tocoo") else np.asarray(mat)
+    if mat.ndim != 2 or mat.shape[0] != mat.shape[1] or mat.dtype.kind not in "biufc":
+        raise InputError(f"from_scipy: {key}: found {mat.shape} of {mat.dtype}, expected a square matrix of numbers")
     if hasattr(mat, "tocoo"):
         mat = mat.tocoo()
         i, j, v = mat.row.astype(np.int64), mat.col.astype(np.int64), mat.data
     else:
-        mat = np.asarray(mat)
         i, j = np.nonzero(mat)
         v = mat[i, j]
-    if mat.shape[0] != mat.shape[1]:
-        raise InputError(f"from_scipy: found a matrix of {mat.shape[0]} x {mat.shape[1]}, expected a square one")
     if np.iscomplexobj(v) and v.imag.any():
-        raise InputError("from_scipy: found a matrix with imaginary parts, expected real ones")
+        raise InputError(f"from_scipy: {key}: found a matrix with imaginary parts, expected real ones")
     return i, j, v.real.astype(float), mat.shape[0]
 
 

@@ -8,6 +8,7 @@ from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field
 
 from ..linalg.blocks import apply, create_block, from_dense, inner, random_block
@@ -30,6 +31,8 @@ AnyIngredient = Annotated[
     | ResidualAttachment,
     Field(discriminator="kind"),
 ]  # fmt: skip
+
+SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +145,18 @@ def signature_of(model) -> dict[str, tuple[float, ...]]:
             if mat is not None:
                 found[key] = inner(z, owned.owns(from_dense(mat)))
     return model.comm.bcast({key: tuple(values.ravel().tolist()) for key, values in found.items()})
+
+
+def difference_of(signature, record) -> str | None:
+    """The first of M, K, D, B, C in which a signature differs from that of a record; D counts where it was used."""
+    for key, expected in record.signature.items():
+        if key == "D" and record.damping.kind != "given":
+            continue
+        values = np.array(signature.get(key, ()))
+        scale = np.abs(expected).max(initial=0.0)
+        if values.shape != np.shape(expected) or np.abs(values - expected).max(initial=0.0) > SAME * scale:
+            return key
+    return None
 
 
 def make_record(model, framed, runs, progress, **known) -> Record:

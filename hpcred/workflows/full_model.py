@@ -16,11 +16,9 @@ from ..model.second_order_model import SecondOrderModel
 from ..parallel import startup
 from ..parallel.failures import InputError
 from ..reduction.modes import Modes
-from ..reduction.record import Record, signature_of
+from ..reduction.record import Record, difference_of, signature_of
 from ..reduction.reduce import reduce
 from .model_of_job import with_interfaces, with_targets
-
-SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
 
 
 @dataclass(frozen=True)
@@ -70,18 +68,6 @@ def factoring_of(record) -> Factoring:
     """How the reduction factored."""
     job = record.job or {}
     return Factoring(**{key: job.get(key) for key in ("out_of_core", "low_rank", "memory_mb")})
-
-
-def difference_of(signature, record) -> str | None:
-    """The first of M, K, D, B, C in which a signature differs from that of a record; D counts where it was used."""
-    for key, expected in record.signature.items():
-        if key == "D" and record.damping.kind != "given":
-            continue
-        values = np.array(signature.get(key, ()))
-        scale = np.abs(expected).max(initial=0.0)
-        if values.shape != np.shape(expected) or np.abs(values - expected).max(initial=0.0) > SAME * scale:
-            return key
-    return None
 
 
 def _model_of_record(path, record, result, comm):

@@ -27,3 +27,20 @@ def test_result_file_keeps_everything(comm, folder):
         hpcred.write_result(folder / "small.h5", rom, basis=False)
         with h5py.File(folder / "small.h5", "r") as file:
             assert "basis" not in file
+
+
+def test_a_result_is_not_written_with_another_model(solid, folder, comm):
+    with (
+        hpcred.reduce(solid, hpcred.Krylov(100.0)) as rom,
+        hpcred.solid((4, 2, 3), inputs=3, comm=comm, young=1e9) as softer,
+        hpcred.solid((4, 2, 2), inputs=3, comm=comm) as smaller,
+    ):
+        for other in (softer, smaller):
+            with pytest.raises(hpcred.InputError, match="^model: found another (M|K) than that which was reduced"):
+                hpcred.write_result(folder / "result.h5", rom, other)
+        with pytest.raises(hpcred.InputError, match="^reduced: found .* expected ReducedModel"):
+            hpcred.write_result(folder / "result.h5", solid, rom)
+        with pytest.raises(hpcred.InputError, match="^model: found 3, expected SecondOrderModel"):
+            hpcred.write_result(folder / "result.h5", rom, 3)
+        with solid.with_outputs([1]) as measured:
+            hpcred.write_result(folder / "result.h5", rom, measured)

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import scipy.sparse
 from helpers import dense_model, to_dense
 
 import hpcred
+from hpcred import Dofs, InputError, SecondOrderModel
 
 pytestmark = pytest.mark.mpi
 
@@ -52,3 +54,64 @@ def test_models_share_their_matrices_and_close_by_themselves(solid):
     with solid.with_inputs([(45, "x")]) as other:
         assert other.input_names == ("45:x",) and solid.input_names != ("45:x",)
     assert np.array_equal(to_dense(solid.K), expected)
+
+
+SIX = scipy.sparse.identity(6, format="csr")
+LABELS = Dofs(np.repeat([1, 2], 3), np.tile([0, 1, 2], 2), np.eye(6)[:, :3])
+
+
+@pytest.mark.parametrize(
+    ("matrices", "keywords", "message"),
+    [
+        ((SIX, SIX[:3, :3]), {}, "^from_scipy: found 6 rows of K, 3 rows of M, expected the same number"),
+        ((SIX, SIX, SIX[:3, :3]), {}, "found 6 rows of K, 6 rows of M, 3 rows of D"),
+        (("K", SIX), {}, "^from_scipy: K: found .* expected a square matrix of numbers"),
+        ((SIX, SIX), {"inputs": np.ones(6)}, r"^from_scipy: inputs: found an array \(6,\) .* numbers \(6, columns\)"),
+        ((SIX, SIX), {"inputs": np.ones((9, 2))}, r"^from_scipy: inputs: found an array \(9, 2\)"),
+        ((SIX, SIX), {"inputs": 1j * np.ones((6, 2))}, "of complex128, expected real numbers"),
+        ((SIX, SIX), {"outputs": np.nan * np.ones((6, 2))}, "^from_scipy: outputs: found NaN or Inf in column 1"),
+        ((SIX, SIX), {"inputs": np.eye(6), "input_names": ["a"]}, "^model: inputs: found 1 names for 6 columns"),
+        ((SIX, SIX), {"dofs": LABELS.take(slice(3))}, "^from_scipy: dofs: found 3, expected one for each of 6 rows"),
+        ((SIX, SIX), {"dofs": Dofs(LABELS.node, LABELS.direction + 13, LABELS.position)}, "direction: found 13"),
+        ((SIX, SIX), {"dofs": Dofs(LABELS.node, LABELS.direction, LABELS.position * np.nan)}, "position: found NaN"),
+        ((SIX, SIX), {"dofs": 3}, "dofs: found 3, expected Dofs"),
+    ],
+)
+def test_matrices_and_columns_that_do_not_fit_are_refused(comm, matrices, keywords, message):
+    with pytest.raises(InputError, match=message):
+        SecondOrderModel.from_scipy(*matrices, comm=comm, **keywords)
+
+
+def test_labels_are_arrays_of_one_length():
+    assert Dofs([1], [2], [[0, 0, 0]]).position.shape == (1, 3)
+    for node, direction, position in (([1], [0, 1], [[0, 0, 0]]), ([1], [0], [[0, 0]]), ([1], ["x"], [[0, 0, 0]])):
+        with pytest.raises(InputError, match="^dofs.(direction|position): found an array"):
+            Dofs(node, direction, position)
+
+
+def test_columns_without_names_are_numbered(comm):
+    columns = scipy.sparse.csr_matrix(np.eye(6)[:, :2])
+    with SecondOrderModel.from_scipy(SIX, SIX, comm=comm, inputs=columns, outputs=np.ones((6, 1)).tolist()) as model:
+        assert model.input_names == ("input 1", "input 2") and model.output_names == ("output 1",)
+        assert np.allclose(hpcred.frequency_response(model, 0.0), 1.0)
+
+
+def test_columns_of_a_rank_that_do_not_fit_are_refused_on_all(solid):
+    last = solid.comm.rank == solid.comm.size - 1
+    rows = solid.local_rows
+    for wrong in (np.ones((rows + 1, 2)), np.ones(rows), "x", np.full((rows, 2), np.inf)):
+        columns = wrong if last else np.ones((rows, 2))
+        with pytest.raises(InputError, match="^solid: inputs: found"):
+            solid.with_input_columns(columns, ["a", "b"])
+    if solid.comm.size > 1:
+        with pytest.raises(InputError, match="^solid: outputs: found 1 to 2 columns on the ranks"):
+            solid.with_output_columns(np.ones((rows, 1 + last)), ["a", "b"])
+
+
+@pytest.mark.parametrize("targets", [1, [1.0], [True], ["x"], [(1, 0)], [(1, "x", 2)], (1, "x"), {(1, "x")}, None, []])
+def test_dofs_that_are_none_are_refused(solid, targets):
+    for method in (solid.with_inputs, solid.with_outputs):
+        with pytest.raises(InputError, match="^(in|out)puts: found .* expected (a list of|dof numbers)"):
+            method(targets)
+    with pytest.raises(InputError, match="^interfaces: found 'crank', expected a list of Interface"):
+        solid.with_interfaces("crank")
