@@ -159,9 +159,14 @@ def labels(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
     with agreed(comm):
         if dofs is not None:
             raise InputError(f"{name}: found `nodes` or `numbers` beside `dofs`, expected one of them")
-        position = np.asarray(nodes, dtype=float)
-        if position.ndim != 2 or position.shape[1] != 3 or not np.isfinite(position).all():
-            raise InputError(f"{name}: nodes: found an array {position.shape}, expected finite coordinates (nodes, 3)")
+        position = np.asarray(nodes)
+        numeric = position.dtype.kind in "iuf" and np.isfinite(position).all()
+        if position.ndim != 2 or position.shape[1] != 3 or not numeric:
+            raise InputError(
+                f"{name}: nodes: found an array {position.shape} of {position.dtype}, expected finite coordinates "
+                "(nodes, 3)"
+            )
+        position = position.astype(float)
         if numbers is not None:
             numbers = np.asarray(numbers)
             if numbers.shape != position.shape[:1] or numbers.dtype.kind not in "iu" or (numbers < 1).any():

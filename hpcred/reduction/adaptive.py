@@ -54,7 +54,7 @@ from .point_blocks import Part, PointBlocks
 from .ports import loads_and_ports
 from .projections import Projections
 from .pseudo_modal import difference, nested, relative, response, restricted, worst_pair
-from .residual_blocks import residual_block
+from .residual_blocks import largest_residual, residual_block
 from .run import Run
 
 MARGIN = 0.1  # of the tolerance that the big basis is made for; the rest is for the compression
@@ -69,6 +69,8 @@ PROOF = 1 / 8  # of the band: where models are proven first, whatever the law an
 ZERO = np.finfo(float).eps  # squares of frequencies, relative to the largest, that are round-off, and
 NEARLY_ZERO = 1e-12  # that may be, where round-off shows in the estimate too
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
+BETWEEN = (0.31, 0.77)  # of the band: where a basis that can hold nothing more is tried, which are no points
+COMPLETE = 1e-6  # residual of such a basis, relative to the loads, that is round-off
 
 
 class SearchChain(PencilChain):
@@ -295,6 +297,8 @@ class Search:
                 new = self._extend_by_random()
             if new:
                 self.starts.append(start)
+            else:
+                self._check_complete()
             limit = CHAIN + 2 * self.loads.getActiveColumns()[1] if not self._static else self.settings.columns
             added = self.basis.size - before
             with progress.stage("estimate"):
@@ -403,6 +407,19 @@ class Search:
         with Owned(run.model.comm) as owned:
             x = owned.owns(random_block(run.model.K, 2, seed=self._random))
             return self._extend_by_solution({"random": self._random}, lambda: run.times_mass(x))
+
+    def _check_complete(self):
+        """Refuse a basis that can hold nothing more, since M has no higher rank, and lacks part of the responses."""
+        run, (low, high) = self.run, self.settings.band
+        if self.basis.size >= run.model.size - (0 if run.rigid is None else run.rigid.count):
+            return
+        places = [low + part * (high - low) for part in BETWEEN]
+        if largest_residual(self.projections, run, self.ports, places) > COMPLETE:
+            raise InputError(
+                f"{run.model.name}: M has the rank {self.basis.size}, and forces act on dofs without mass, whose "
+                "static deflection no mass-orthonormal basis holds beside all modes; give them a little mass, or take "
+                "them out by static condensation"
+            )
 
     def _judge(self, f, order, new, added, limit, closing, history):
         """What the basis is worth after a block, and whether the point is done; on one rank."""

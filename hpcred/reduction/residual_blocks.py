@@ -26,12 +26,12 @@ def residual_block(projections, run, ports, band, f, width):
     `projections`: of the basis that leaves the residuals; `ports`: see loads_and_ports.
     """
     comm, basis, loads = run.model.comm, projections.basis, projections.loads
-    matrices = [run.model.M, run.model.K, *([run.model.D] if projections.D is not None else [])]
-    scale = _row_scale(run.model)
+    matrices, scale = _matrices(projections, run), _row_scale(run.model)
     state = {}  # of rank 0: the coefficients of the residuals
 
     def sample():
-        state["L"], state["parts"] = _residual_coefficients(projections, ports, band, f)
+        S = np.unique(np.append(np.linspace(*band, RESIDUALS), f))
+        state["L"], state["parts"] = _residual_coefficients(projections, ports, S)
         omega = np.random.default_rng(basis.size).standard_normal((state["L"].shape[1], 2 * width))
         return _times_all(state, omega)
 
@@ -43,19 +43,8 @@ def residual_block(projections, run, ports, band, f, width):
         return left[:, :width]
 
     def combine(factors):
-        """The rows of the residuals times a factor, scaled."""
-        block = create_block(run.model.K, factors[0].shape[1])
-        add_product(block, loads, factors[0], beta=0.0)
-        for mat, factor in zip(matrices, factors[1:], strict=True):
-            with Owned(comm) as owned:
-                part, product = (owned.owns(create_block(mat, factor.shape[1])) for _ in range(2))
-                add_product(part, basis.columns, factor, beta=0.0)
-                apply(mat, part, product)
-                add_product(block, product, np.eye(factor.shape[1]), alpha=-1.0)
-        if run.rigid is not None:
-            run.rigid.equilibrate(block)
-        with local_rows(block) as rows:
-            rows *= scale[:, None]
+        """Orthonormal directions of the rows of the residuals times a factor, scaled."""
+        block = _combined(projections, run, matrices, factors, scale)
         _orthonormalise(block, comm)
         return block
 
@@ -87,10 +76,41 @@ def residual_block(projections, run, ports, band, f, width):
     return block
 
 
-def _residual_coefficients(projections, ports, band, f):
-    """Coefficients of w R = w L - M V c_M - K V c_K - D V c_D, Re beside Im: c_L (l, N); c_M, c_K, c_D (m, N)."""
+def largest_residual(projections, run, ports, frequencies) -> float:
+    """The largest ||R(s)|| / ||L|| at frequencies (Hz), rows scaled by diag(K)^(-1/2). Collective."""
+    matrices, scale = _matrices(projections, run), _row_scale(run.model)
+    loads, parts = decided(run.model.comm, _residual_coefficients, projections, ports, np.array(frequencies))
+    with Owned(run.model.comm) as owned:
+        whole = owned.owns(_combined(projections, run, [], [loads], scale))
+        rest = owned.owns(_combined(projections, run, matrices, [loads, *parts], scale))
+        sizes = [np.sqrt(np.trace(inner(block, block))) for block in (rest, whole)]
+    return float(decided(run.model.comm, np.divide, *sizes))
+
+
+def _matrices(projections, run):
+    return [run.model.M, run.model.K, *([run.model.D] if projections.D is not None else [])]
+
+
+def _combined(projections, run, matrices, factors, scale):
+    """L c_L - M V c_M - K V c_K - ... for the factors c, equilibrated, with scaled rows, as a block for the caller."""
+    block = create_block(run.model.K, factors[0].shape[1])
+    add_product(block, projections.loads, factors[0], beta=0.0)
+    for mat, factor in zip(matrices, factors[1:], strict=True):
+        with Owned(run.model.comm) as owned:
+            part, product = (owned.owns(create_block(mat, factor.shape[1])) for _ in range(2))
+            add_product(part, projections.basis.columns, factor, beta=0.0)
+            apply(mat, part, product)
+            add_product(block, product, np.eye(factor.shape[1]), alpha=-1.0)
+    if run.rigid is not None:
+        run.rigid.equilibrate(block)
+    with local_rows(block) as rows:
+        rows *= scale[:, None]
+    return block
+
+
+def _residual_coefficients(projections, ports, S):
+    """Coefficients of w R = w L - M V c_M - K V c_K - D V c_D at S (Hz), Re beside Im: c_L (l, N), c_M.. (m, N)."""
     model, law = projections.model(), projections.law
-    S = np.unique(np.append(np.linspace(*band, RESIDUALS), f))
     H = norms(response(model, law, S, ports))
     weights = (1 / np.sqrt(np.where(H > 0, H, H.max(initial=1.0) or 1.0)))[:, None, None]
     states = solve(model, law, S, model.L) * weights

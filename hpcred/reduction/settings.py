@@ -16,7 +16,8 @@ class Reduction:
     `deflation_tolerance`: weight (relative size of the new part of a vector) below which a direction is dropped as
     dependent. `drop_above`: pseudo-modes above this frequency (Hz) are cut after the diagonalisation. `projection`:
     "one_sided" (W = V), or "two_sided": where the outputs differ from the inputs, W is built from C^T (33),
-    W^T M V = I, and twice as many moments match; the result may be unstable, which is refused unless `allow_unstable`.
+    W^T M V = I, and twice as many moments match if there are as many outputs as inputs, else fewer; the result may be
+    unstable, which is refused unless `allow_unstable`.
     `groups`: number of groups of ranks that factor different expansion points at the same time, each with a copy of the
     matrices, or "auto": as many as points, ranks and memory allow. `coordinates`: "modal", pseudo-modal ones, or
     "interface": the displacements of the interfaces come first (see reduction.interface_coordinates).

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..analysis.error import error_integral, relative_error
 from ..analysis.error_check import accuracy_of, check_reduced, measuring_damping, said_at
-from ..analysis.frequency_response import frequency_response
+from ..analysis.frequency_response import checked_frequencies, frequency_response
 from ..formats.locks import locks_given_back
 from ..formats.outputs import check_outputs
 from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
@@ -18,6 +18,7 @@ from ..formats.room import rescued
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
 from ..parallel import startup
+from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
@@ -163,14 +164,12 @@ def check_result(
 
 def frequencies_over(frequencies, band, points) -> np.ndarray:
     """The frequencies in ascending order, or else `points` over the band (Hz). Raises InputError."""
-    if not len(frequencies) and points < 2:
+    frequencies = checked_frequencies(frequencies)
+    if not len(frequencies) and declared("points", points, int) < 2:
         raise InputError(f"points: found {points}, expected at least 2 frequencies over the band")
     within("points", points, MOST)
     within("band", band, FREQUENCY)
-    grid = np.sort(np.asarray(frequencies, dtype=float)) if len(frequencies) else np.linspace(*band, points)
-    if not np.isfinite(grid).all() or grid.min() < 0:
-        raise InputError(f"frequencies: found {grid[0]:g} to {grid[-1]:g} Hz, expected finite ones, none negative")
-    return grid
+    return np.sort(frequencies) if len(frequencies) else np.linspace(*band, points)
 
 
 def band_of(reduced, others=()) -> tuple[float, float]:

@@ -323,3 +323,14 @@ def test_symmetric_load_on_a_free_chain_that_moves_no_rigid_body(comm):
     K[-1, -1] -= 1e4
     case = Case("free chain", K, M, pair(30, 4, 25)[:, None], (0.5, 10.0))
     assert checked(case, 1e-5, comm)[0].reached
+
+
+def test_forces_on_dofs_without_mass_are_refused_where_the_basis_is_full(comm):
+    """Such a basis had all modes but one, and an error of thousands of percent that nobody saw."""
+    K, M = chain(14)
+    M[-1, -1] = 0.0
+    band = 0.0, 1 / (2 * np.pi * np.sqrt(np.sort(scipy.linalg.eigvalsh(M, K))[-8]))
+    with pytest.raises(InputError, match="M has the rank 13, and forces act on dofs without mass"):
+        checked(Case("force at it", K, M, unit(14, 13), band), 1e-4, comm)
+    for beside in (5, 12):  # what has no mass follows the others
+        assert checked(Case("force beside it", K, M, unit(14, beside), band), 1e-4, comm)[0].reached
