@@ -6,7 +6,7 @@ from contextlib import closing
 
 import numpy as np
 
-from ..model.dofs import DIRECTIONS
+from ..model.dofs import DIRECTIONS, SCALAR
 from ..model.rigid_body_modes import (
     FORCE_FREE,
     doubts_of_nodes,
@@ -143,7 +143,7 @@ def on_held_dofs(model, body) -> list[str]:
 
 def extent(model) -> tuple[np.ndarray, np.ndarray]:
     """Smallest and largest coordinates (3,) of the nodes, those that are held included. Collective."""
-    parts = [model.dofs.position] + ([] if model.held is None else [model.held.position])
+    parts = [model.dofs.position[model.dofs.direction != SCALAR]] + ([] if model.held is None else [model.held.position])
     position = np.concatenate(parts)
     low = np.min(model.comm.allgather(position.min(axis=0, initial=np.inf)), axis=0)
     return low, np.max(model.comm.allgather(position.max(axis=0, initial=-np.inf)), axis=0)
@@ -238,6 +238,8 @@ def _distances(model):
     columns = indices.astype(np.int64) - first
     near = (columns >= 0) & (columns < model.local_rows) & (values != 0)
     rows, columns = rows[near], columns[near]
+    placed = model.dofs.direction != SCALAR
+    rows, columns = (part[placed[rows] & placed[columns]] for part in (rows, columns))
     length = np.linalg.norm(model.dofs.position[rows] - model.dofs.position[columns], axis=1)
     rows, length = rows[length > 0], length[length > 0]
     starts = np.flatnonzero(np.diff(rows, prepend=-1))

@@ -6,6 +6,7 @@ and all ranks share the data lines. Read are *Node, *Element, *Nset, *Elset, *Pa
 """
 
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -51,6 +52,9 @@ class Section:
     def refusal(self, text: str) -> InputError:
         return InputError(f"{self.path}, line {line_number(self.path, self.position)}: {text}")
 
+    def has_data(self) -> bool:
+        return bool(_data_lines(self))
+
 
 @dataclass(frozen=True)
 class Placement:
@@ -84,13 +88,15 @@ class Mesh:
     """What an input file says of the mesh; each rank has a share.
 
     `nodes` ascending by number over the ranks; `elements`: node numbers (elements, nodes) by kind, but for kinds that
-    are not known; `sets`: node numbers by name, see abaqus_sets. `sections`: all keywords, the same on all ranks.
+    are not known; `sets`: node numbers by name, see abaqus_sets. `sections`: all keywords, the same on all ranks;
+    `counts`: so many elements of all ranks have the type of this name, in capitals.
     """
 
     nodes: Nodes
     elements: dict[str, np.ndarray]
     sets: dict[str, np.ndarray]
     sections: list[Section]
+    counts: dict[str, int]
 
 
 def begins(start: bytes) -> bool:
@@ -115,9 +121,9 @@ def read(path, comm, calculix=False) -> Mesh:
     )
     named = {}
     nodes = _nodes(path, comm, nodes, named)
-    elements, keys = _elements(comm, elements, groups, named, calculix)
+    elements, keys, counts = _elements(comm, elements, groups, named, calculix)
     _require_nodes(path, comm, nodes, elements)
-    return Mesh(nodes, elements, read_sets(path, comm, sets, groups, named, elements, keys), sections)
+    return Mesh(nodes, elements, read_sets(path, comm, sets, groups, named, elements, keys), sections, counts)
 
 
 def _sections(path, comm, including):
@@ -349,8 +355,10 @@ def _name(named, block, kind, numbers):
 
 
 def _elements(comm, blocks, groups, named, calculix):
-    """Node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind. Fills `named`."""
-    found, keys = {}, {}
+    """Node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind; number of all elements
+    by type. Fills `named`.
+    """
+    found, keys, counts = {}, {}, Counter()
     with agreed(comm):
         for block in blocks:
             if "type" not in block.section.parameters:
@@ -364,12 +372,14 @@ def _elements(comm, blocks, groups, named, calculix):
                 lines = _element_lines(piece, width, surplus)
                 found.setdefault(kind, []).append(lines[:, 1:])
                 keys.setdefault(kind, []).append(GROUP * groups.index(block.group) + lines[:, 0])
+                counts[block.section.parameters["type"].upper()] += len(lines)
                 _name(named, block, "elset", keys[kind][-1])
     kinds = sorted(set().union(*comm.allgather(set(found))))
     return (
         {kind: in_vtk_order(kind, np.concatenate([np.zeros((0, NODES[kind]), np.int64), *found.get(kind, [])]))
          for kind in kinds},
         {kind: np.concatenate([np.zeros(0, np.int64), *keys.get(kind, [])]) for kind in kinds},
+        dict(sum(comm.allgather(counts), Counter())),
     )  # fmt: skip
 
 

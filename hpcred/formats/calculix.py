@@ -10,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ..model.dofs import SCALAR
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, repeated_key, sort_over_ranks
 from ..parallel.petsc import MPI
 from . import abaqus_input, calculix_matrices
 from .calculix_matrices import read_triangle, require_last_line
 from .entries import joined, label_name, label_of, node_and_direction
+from .node_table import Nodes
 from .parts import Parts
 from .text import LARGEST_LABEL, Piece, numbers, padded, pieces, places, ragged, whole
 
@@ -23,6 +25,7 @@ DOF_LINES = re.compile(rb"(?:\d+\.\d\r?\n)*")
 NAMED_LINE = re.compile(rb"(?m)^[ \t]*([A-Za-z_\"][^,\n]*),([^\n]*)")
 EMPTY_FIELD = re.compile(rb",(?=[ \t]*(?:,|\r?$))", re.M)
 SINGULAR_MASS = {"C3D20R"}
+INCOMPATIBLE = "C3D8I"
 MOVED = {"submodel", "basemotion"}  # parameters of *Boundary that prescribe motions of other kinds
 NO_NODES = np.zeros(0, np.int64)
 SUFFIXES = {"K": ".sti", "M": ".mas", "dofs": ".dof"}
@@ -129,19 +132,27 @@ def _name_rows(comm, parts, files, label, row):
         _require_steps(files["input"], mesh.sections)
         _refuse_local_directions(mesh.sections)
     turning, without = rigid_bodies(mesh.sections)
-    node, _ = node_and_direction(label)
+    inside = _inside_elements(comm, label, mesh.counts.get(INCOMPATIBLE, 0))
+    node, _ = node_and_direction(label[~inside])
     found, _ = look_up(comm, mesh.nodes.label, [], node)
     made = sorted(set().union(*comm.allgather(set(np.unique(node[~found])[: len(without) + 1].tolist()))))
-    if len(made) == len(without):
-        # CalculiX makes a ROT node for each *Rigid Body without one, with ascending numbers
+    if len(made) == len(set(without)) == len(without):
+        # CalculiX makes a ROT node for each *Rigid Body without one and each *Kinematic, with ascending numbers
         turning |= dict(zip(made, without, strict=True))
     elif made:
         parts.warnings.append(
             f"{files['dofs']}: the node {made[0]} is not in {files['input']}, since CalculiX made it (give *Rigid Body "
-            f"a REF NODE and a ROT NODE of the input file); the rows have no names, and {by_row}"
+            "a REF NODE and a ROT NODE of the input file, and each *Coupling with *Kinematic a REF NODE of its own); "
+            f"the rows have no names, and {by_row}"
         )
         return
     label = with_rotations(label, turning)
+    if count := comm.allreduce(int(np.count_nonzero(inside))):
+        label, mesh.nodes = _as_scalars(comm, label, inside, mesh.nodes)
+        parts.warnings.append(
+            f"{files['dofs']}: {count} rows are the incompatible modes of elements of the type {INCOMPATIBLE}, which "
+            "belong to no node"
+        )
     parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
     parts.row_labels = label, row
     parts.removed = _held(comm, mesh, turning, label)
@@ -149,6 +160,30 @@ def _name_rows(comm, parts, files, label, row):
         parts.warnings.append(
             f"{files['M']}: elements of the type C3D20R have a singular mass matrix, by CalculiX' reduced integration"
         )
+
+
+def _inside_elements(comm, label, count):
+    """Which of the rows are incompatible modes of `count` elements: nine each, of the nodes with the largest numbers.
+
+    CalculiX makes three nodes for each such element, behind all others, when the whole file is read. None where the
+    rows are others. Collective.
+    """
+    node, _ = node_and_direction(label)
+    inside = node > comm.allreduce(int(node.max(initial=0)), op=MPI.MAX) - 3 * count
+    return inside if comm.allreduce(int(np.count_nonzero(inside))) == 9 * count else np.zeros(len(label), bool)
+
+
+def _as_scalars(comm, label, inside, nodes):
+    """Labels in which rows `inside` of elements are scalars with numbers of their own, and the nodes with these."""
+    node, direction = node_and_direction(label[inside])
+    number = 3 * node + direction
+    first = comm.allreduce(int(number.min(initial=np.iinfo(np.int64).max)), op=MPI.MIN)
+    behind = comm.allreduce(int(nodes.label.max(initial=0)), op=MPI.MAX) + 1
+    number = behind + number - first
+    label = label.copy()
+    label[inside] = label_of(number, np.full(len(number), SCALAR))
+    places = np.zeros((len(number), 3))
+    return label, Nodes(*map(np.concatenate, ((nodes.label, number), (nodes.position, places), (nodes.place, number))))
 
 
 def _require_order(comm, path, label):
@@ -187,12 +222,16 @@ def _refuse_local_directions(sections):
 
 
 def rigid_bodies(sections) -> tuple[dict[int, int], list[int]]:
-    """The REF node by ROT node of *Rigid Body, and the REF nodes of those without ROT node.
+    """The REF node by ROT node of *Rigid Body, and the REF nodes of those and of *Kinematic without ROT node, in order.
 
     Displacements of the ROT node are rotations of the REF node.
     """
-    found, without = {}, []
+    found, without, coupled = {}, [], ""
     for section in sections:
+        if section.keyword == "coupling":
+            coupled = section.parameters.get("refnode", "")
+        elif section.keyword == "kinematic" and coupled.isdecimal() and section.has_data():
+            without.append(int(coupled))
         if section.keyword == "rigidbody":
             turned, reference = (section.parameters.get(key, "") for key in ("rotnode", "refnode"))
             if turned.isdecimal() and reference.isdecimal():

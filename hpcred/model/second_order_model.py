@@ -14,7 +14,7 @@ from ..parallel.declared import declared
 from ..parallel.digest import digest, digest_of_block
 from ..parallel.failures import InputError, Owned, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
-from .dofs import DIRECTIONS, Dofs, check_labels, row_of, target_name
+from .dofs import DIRECTIONS, SCALAR, Dofs, check_labels, row_of, target_name
 from .interfaces import InterfaceNode, interface_column, single_targets, with_interfaces
 from .petsc_matrices import decoupled, labels, taken
 
@@ -123,8 +123,8 @@ class SecondOrderModel:
 
     @property
     def node_count(self) -> int:
-        """Number of nodes; a node whose rows lie on two ranks counts twice. Collective."""
-        return self.comm.allreduce(len(np.unique(self.dofs.node)))
+        """Number of nodes with a place; a node whose rows lie on two ranks counts twice. Collective."""
+        return self.comm.allreduce(len(np.unique(self.dofs.node[self.dofs.direction != SCALAR])))
 
     @property
     def set_sizes(self) -> dict[str, int]:

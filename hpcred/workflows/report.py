@@ -369,7 +369,8 @@ def _facts(sheet):
             ),
         }  # fmt: skip
     interface = sorted({target[0] for name in (*record.inputs, *record.outputs)
-                        if isinstance(target := target_of(name), tuple)})  # fmt: skip
+                        if isinstance(target := target_of(name), tuple)},
+                       key=lambda node: (isinstance(node, str), node))  # fmt: skip
     return {
         "model": f"{record.model}, {record.size} dofs, {record.nonzeros} nonzeros",
         "reduced model": sheet.result.reduced.size_in_words,

@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from conftest import DATA
 from fe_data import FE, needs_fe
 from foreign import assembled, gathered, write
 from helpers import to_dense
@@ -13,6 +14,7 @@ import hpcred
 from hpcred import Buckens, InputError, Modes
 from hpcred.formats.calculix import begins, files_of
 from hpcred.formats.model_source import Source, load_export, load_source
+from hpcred.model.dofs import SCALAR
 from hpcred.parallel.petsc import is_complex
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))
@@ -115,6 +117,27 @@ def test_displacements_of_a_rot_node_are_rotations_of_the_ref_node(comm, folder)
     put(comm, folder, other[:4] + [(30, 1), (30, 2), (31, 3)], text)
     with load_export(folder / "a.inp", comm) as model:
         assert model.dofs is None and "the node 30 is not in" in model.remarks[0]
+
+
+def test_rows_inside_of_elements_and_of_couplings(comm, folder):
+    """C3D8I has nine rows of no node; *Kinematic and *Rigid Body have ROT nodes that CalculiX made before those."""
+    for suffix in ("inp", "dof", "sti.gz", "mas.gz"):
+        write(folder / f"a.{suffix}", (DATA / "calculix" / f"incompatible.{suffix}").read_bytes(), comm)
+    inputs = [(40, "rx"), (41, "rz"), (41, "x")]
+    with load_export(folder / "a.inp", comm) as model, model.with_inputs(inputs) as loaded:
+        report = hpcred.check(model)
+        assert max(report["rigid_body_residuals"]) < 1e-14 and "27 rows are the incompatible" in report["warnings"][0]
+        assert report["nodes"] == 10 or comm.size > 1
+        assert report["masses_in_x_y_z"] == pytest.approx([7850 * 0.003] * 3, rel=1e-9)
+        assert np.allclose(report["extent"], [[0.95, 2, 0], [1.3, 2.1, 0.1]]) and report["units"] == "m, kg, s"
+        direction = gathered(comm, model.dofs.direction)[0]
+        assert np.count_nonzero(direction == SCALAR) == 27 and np.count_nonzero(direction == 3) == 2
+        with hpcred.reduce(loaded, [Modes(count=4)], Buckens()) as rom:
+            assert np.allclose(rom.frequencies, [4683.275, 4683.275, 5592.409, 6848.244], rtol=5e-7)  # of CalculiX
+    text = (DATA / "calculix" / "incompatible.inp").read_text()
+    write(folder / "a.inp", text.replace("REF NODE=41", "REF NODE=40"), comm)
+    with load_export(folder / "a.inp", comm) as model:  # rotations of 40 twice
+        assert model.dofs is None and "each *Coupling with *Kinematic a REF NODE of its own" in model.remarks[0]
 
 
 def test_supports_along_axes_of_their_own_hold_no_global_direction(comm, folder):
