@@ -1,13 +1,17 @@
 """What stands everywhere on a command line, `modes`, and `info` of files that hpcred wrote."""
 
 import json
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import DATA
 from helpers import SIMULATION, refused
+from launch import mpi_environment
 
 from hpcred.cli import run
 from hpcred.report.tables import as_json, show_table, told_apart
@@ -26,6 +30,16 @@ def test_shells_complete_commands_and_options(hpcred):
     for words, expected in (("hpcred mod", "modes"), ("hpcred reduce --out-of", "--out-of-core")):
         found = hpcred(_HPCRED_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=str(len(words.split()) - 1))
         assert found.stdout.split() == [expected]
+
+
+def test_a_reader_that_has_gone_is_told_in_a_sentence():
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "hpcred", "convert", "--list-formats"]
+    with os.fdopen(writer, "w") as closed:
+        found = subprocess.run(command, stdout=closed, stderr=subprocess.PIPE, text=True, env=mpi_environment())
+    assert found.returncode == 1 and found.stderr.startswith("hpcred: error: what was printed found no reader")
+    assert found.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("option", [["--json", "-"], ["--json=-"]])

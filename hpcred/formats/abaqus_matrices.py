@@ -146,7 +146,8 @@ def files_beside(path) -> dict[str, str]:
     for key in ("K", "M"):
         if ENDINGS[key] not in files:
             expected = path.with_name(f"{path.stem}_{ENDINGS[key]}1.mtx")
-            raise InputError(f"{path}: found no matrix {key} beside it, expected {expected}")
+            other = "" if files else f", or {path.stem}.sti of CalculiX (*Frequency, SOLVER=MATRIXSTORAGE)"
+            raise InputError(f"{path}: found no matrix {key} beside it, expected {expected}{other}")
     if STRUCTURAL_DAMPING in files:
         raise InputError(
             f"{files[STRUCTURAL_DAMPING]}: found a matrix of structural damping, which a model cannot hold; give the "

@@ -238,6 +238,8 @@ def _say(error, where=""):
         text = f"error{where}: {error}"
     elif isinstance(error, KeyboardInterrupt):
         text = f"{'terminated' if isinstance(error, Terminated) else 'interrupted'}{where}"
+    elif isinstance(error, BrokenPipeError):
+        text = f"error{where}: what was printed found no reader; the pipe was closed before its end"
     elif isinstance(error, MemoryError):
         text = f"error{where}: out of memory; take more ranks on more nodes, or a smaller model"
     elif isinstance(error, ImportError | OSError) and "shared object" in str(error):

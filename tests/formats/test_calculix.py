@@ -182,6 +182,7 @@ DOFS = "1.1\n1.2\n1.3\n2.1\n2.3\n8.1\n"
         ({"dof": DOFS + "8,3\n"}, "found '8,3', expected node.direction"),
         ({"dof": DOFS + "8.3"}, "found no line break at its end"),
         ({"dof": DOFS}, "found 6 lines, expected one for each of the 7 rows"),
+        ({"sti": None}, "found no matrix K beside it, expected .*a_STIF1.mtx, or a.sti of CalculiX"),
         ({"mas": None}, "found no .*a.mas beside it, expected one of CalculiX, of a step .Frequency"),
         ({"dof": None}, "found no .*a.dof beside it"),
         ({"inp": INPUT.replace("TWO, 2", "three, 2")}, "found .Boundary with 'three, 2', expected a set of nodes"),
