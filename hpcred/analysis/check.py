@@ -143,8 +143,8 @@ def on_held_dofs(model, body) -> list[str]:
 
 def extent(model) -> tuple[np.ndarray, np.ndarray]:
     """Smallest and largest coordinates (3,) of the nodes, those that are held included. Collective."""
-    parts = [model.dofs.position[model.dofs.direction != SCALAR]] + ([] if model.held is None else [model.held.position])
-    position = np.concatenate(parts)
+    placed = model.dofs.position[model.dofs.direction != SCALAR]
+    position = placed if model.held is None else np.concatenate([placed, model.held.position])
     low = np.min(model.comm.allgather(position.min(axis=0, initial=np.inf)), axis=0)
     return low, np.max(model.comm.allgather(position.max(axis=0, initial=-np.inf)), axis=0)
 

@@ -355,8 +355,8 @@ def _name(named, block, kind, numbers):
 
 
 def _elements(comm, blocks, groups, named, calculix):
-    """Node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind; number of all elements
-    by type. Fills `named`.
+    """Node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind; the number of all
+    elements by type. Fills `named`.
     """
     found, keys, counts = {}, {}, Counter()
     with agreed(comm):

@@ -26,6 +26,10 @@ NAMED_LINE = re.compile(rb"(?m)^[ \t]*([A-Za-z_\"][^,\n]*),([^\n]*)")
 EMPTY_FIELD = re.compile(rb",(?=[ \t]*(?:,|\r?$))", re.M)
 SINGULAR_MASS = {"C3D20R"}
 INCOMPATIBLE = "C3D8I"
+EXPANDED = {  # what CalculiX makes of plane elements, whose rows have names that are not what they say
+    "CPS": "solids with rows of their thickness",
+    "CAX": "a sector of 2 degrees with 1/180 of the mass",
+}
 MOVED = {"submodel", "basemotion"}  # parameters of *Boundary that prescribe motions of other kinds
 NO_NODES = np.zeros(0, np.int64)
 SUFFIXES = {"K": ".sti", "M": ".mas", "dofs": ".dof"}
@@ -131,6 +135,13 @@ def _name_rows(comm, parts, files, label, row):
     with agreed(comm):
         _require_steps(files["input"], mesh.sections)
         _refuse_local_directions(mesh.sections)
+    for kind in sorted(_element_types(mesh.sections)):
+        if kind[:3] in EXPANDED:
+            parts.warnings.append(
+                f"{files['dofs']}: elements of the type {kind} become {EXPANDED[kind[:3]]} in CalculiX; the rows have "
+                f"no names, and {by_row}"
+            )
+            return
     turning, without = rigid_bodies(mesh.sections)
     inside = _inside_elements(comm, label, mesh.counts.get(INCOMPATIBLE, 0))
     node, _ = node_and_direction(label[~inside])
@@ -155,7 +166,12 @@ def _name_rows(comm, parts, files, label, row):
         )
     parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
     parts.row_labels = label, row
-    parts.removed = _held(comm, mesh, turning, label)
+    parts.removed, inclined = _held(comm, mesh, turning, label)
+    if inclined:
+        parts.warnings.append(
+            f"{files['input']}: *Boundary holds {inclined} nodes along axes of their own (*Transform); these supports "
+            "are in the matrices, without their part of the mass, and in no list of held dofs"
+        )
     if any(kind in SINGULAR_MASS for kind in _element_types(mesh.sections)):
         parts.warnings.append(
             f"{files['M']}: elements of the type C3D20R have a singular mass matrix, by CalculiX' reduced integration"
@@ -253,7 +269,9 @@ def with_rotations(label, turning: dict[int, int]):
 
 
 def _held(comm, mesh, turning, rows):
-    """Labels of dofs of *Boundary that have no row, each once. Collective."""
+    """Labels of dofs of *Boundary that have no row, each once, and the number of all nodes that are held in other
+    directions than x, y, z. Collective.
+    """
     sets = {name.lower(): nodes for name, nodes in mesh.sets.items()}
     with agreed(comm):
         found, inclined = [NO_NODES], [NO_NODES]
@@ -272,7 +290,8 @@ def _held(comm, mesh, turning, rows):
     # with axes of its own a node is held in global ones where all of them are; rotations have only rigid bodies
     _, place, count = np.unique(node, return_inverse=True, return_counts=True)
     turned = (direction > 2) & ~np.isin(node, list(turning.values()))
-    return label[there & ~with_row & ~turned & (~local | (count[place] >= 3))]
+    inclined = there & ~turned & local & (count[place] < 3)
+    return label[there & ~with_row & ~turned & ~inclined], comm.allreduce(len(np.unique(node[inclined])))
 
 
 def _supports(comm, section, sets):

@@ -263,7 +263,7 @@ def misfit_of_nodes(model) -> str | None:
     if share > MOST_ROWS:
         return (
             f"{model.name}: {found}, in {100 * share:.0f} % of the rows: the body is held almost everywhere, or the "
-            "nodes or directions are not those of the rows"
+            "nodes or directions are not those of the rows, or K is that of a preloaded state"
         )
     return None
 

@@ -146,6 +146,7 @@ def test_supports_along_axes_of_their_own_hold_no_global_direction(comm, folder)
     with load_export(folder / "a.inp", comm) as model:
         node, direction = gathered(comm, model.held.node, model.held.direction)
         assert sorted(zip(node, direction + 1, strict=True)) == [(8, 2), (9, 1), (9, 2), (9, 3)]
+        assert "*Boundary holds 1 nodes along axes of their own" in model.remarks[0]
     put(comm, folder, text=INPUT.replace("SOLVER=MATRIXSTORAGE", "SOLVER=MATRIXSTORAGE, GLOBAL=NO"))
     with pytest.raises(InputError, match="found .Frequency with GLOBAL=NO, expected matrices in global directions"):
         load_export(folder / "a.inp", comm)
@@ -156,6 +157,13 @@ def test_rows_of_expanded_elements_have_no_names(comm, folder):
     with load_export(folder / "a.inp", comm) as model:
         assert model.dofs is None and np.array_equal(to_dense(model.K), K)
         assert "found 1:y for several rows, since CalculiX makes solids of beams and shells" in model.remarks[0]
+
+
+@pytest.mark.parametrize("kind, says", [("CPS4R", "rows of their thickness"), ("CAX4", "a sector of 2 degrees")])
+def test_rows_of_plane_elements_have_no_names(comm, folder, kind, says):
+    put(comm, folder, text=INPUT.replace("TYPE=C3D4", f"TYPE={kind}"))
+    with load_export(folder / "a.inp", comm) as model:
+        assert model.dofs is None and says in model.remarks[0] and kind in model.remarks[0]
 
 
 LINES = triangle(K, K)

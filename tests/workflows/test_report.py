@@ -165,12 +165,16 @@ def test_interface_nodes_are_drawn_where_their_set_moves(folder, comm):
 
 
 def test_inputs_at_nodes_and_at_interfaces(folder, comm):
-    with block_with_ends(comm) as model, model.with_inputs([(1, "z"), ("left", "x"), (12, "y")]) as loaded:
-        with package.reduce(loaded, [package.Modes(count=3)], package.Buckens()) as rom:
-            package.write_result(folder / "result.h5", rom, loaded)
+    inputs = [(1, "z"), ("left", "x"), (12, "y")]
+    with (
+        block_with_ends(comm) as model,
+        model.with_inputs(inputs) as loaded,
+        package.reduce(loaded, [package.Modes(count=3)], package.Buckens()) as rom,
+    ):
+        package.write_result(folder / "result.h5", rom, loaded)
     report_file([folder / "result.h5"], output=folder / "r.html", modes=1)
     page, _ = page_of(folder / "r.html")
-    assert json.loads(page.data)["results"][0]["facts"]["interface nodes"] == "1, 12, left"
+    assert "1, 12, left" in page.texts
 
 
 def test_results_beside_each_other_have_one_damping_and_one_full_response(folder, comm):
