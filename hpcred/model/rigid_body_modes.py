@@ -203,6 +203,26 @@ def free_motions(model, motions) -> int:
     return decided(model.comm, _force_free, *_forces(model, motions))[1].shape[1]
 
 
+def pushed_motions(model, loads) -> np.ndarray:
+    """Parts (motions, loads) of the loads on rigid motions that meet no force, which are M-orthonormal. Collective.
+
+    `loads`: a block (n, loads). Parts that are round-off of a load are zero. Raises InputError without nodes.
+    """
+    with Owned(model.comm) as owned:
+        motions = owned.owns(rigid_motions(model, _middle(model)))
+        free = decided(model.comm, _force_free, *_forces(model, motions))[1]
+        if not free.shape[1]:
+            return np.zeros((0, loads.getActiveColumns()[1]))
+        product = owned.owns(create_block(model.K, 6))
+        apply(model.M, motions, product)
+        mass, parts = free.T @ inner(motions, product) @ free, free.T @ inner(motions, loads)
+        size = np.sqrt(np.diag(free.T @ inner(motions, motions) @ free))[:, None] * column_norms(loads)
+    parts[np.abs(parts) <= ROUND_OFF * size] = 0.0
+    values, vectors = np.linalg.eigh(mass)
+    moving = values > NO_MASS * values[-1]
+    return (vectors[:, moving] / np.sqrt(values[moving])).T @ parts
+
+
 def _force_free(forces, overlaps, sizes):
     """||K R|| / (||K|| ||R||) of the worst motion, and the combinations (6, count) that K does not resist."""
     # orthonormal combinations; a turn about the line on which all nodes are is none, in whatever direction it lies

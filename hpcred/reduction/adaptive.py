@@ -26,6 +26,7 @@ from ..linalg.conjugate_gradients import NegativeCurvature, NotSolved
 from ..linalg.factorisation import SingularMatrix
 from ..linalg.free_motions import free_motions_refused
 from ..linalg.multigrid_solver import not_definite
+from ..model.rigid_body_modes import pushed_motions
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
 from ..parallel.petsc import is_complex
@@ -90,6 +91,9 @@ class Search:
         self.basis, self.run, self.settings = basis, run, adaptive
         self.law, self.damped, self.measured = law_of(run.framed.damping, adaptive.zeta0, adaptive.band)
         self.loads, self.ports = loads_and_ports(run)
+        if self._moves_freely():
+            self.close()
+            raise self._infinite()
         self.projections = Projections(run, basis, self.loads, self.law, self.damped)
         self.goal = MARGIN * adaptive.tolerance
         self.points: list[Point] = []
@@ -128,6 +132,24 @@ class Search:
 
     def close(self):
         self.loads.destroy()
+
+    def _moves_freely(self) -> bool:
+        """Whether outputs see free rigid motions that inputs push, in a band that begins at 0 Hz.
+
+        Of a model without nodes only pseudo-modes show it.
+        """
+        model, band = self.run.model, self.settings.band
+        if band[0] or self.run.rigid is not None or model.dofs is None:
+            return False
+        pushed = pushed_motions(model, self.loads)
+        of_inputs, of_outputs = (pushed @ part for part in self.ports)
+        return bool(np.abs(of_outputs.T @ of_inputs).max(initial=0.0) > 0)
+
+    def _infinite(self):
+        return InputError(
+            f"{self.run.model.name}: the response at 0 Hz is infinite, for the body is free; take frame 'buckens', "
+            "hold the body, or give a band that begins above 0"
+        )
 
     # the loop
 
@@ -449,10 +471,7 @@ class Search:
         if S[0] == 0 and is_free(outer, law, S, ports, zero):
             if self.run.rigid is not None:
                 raise free_motions_refused(self.run.model, self.run.rigid)
-            raise InputError(
-                f"{self.run.model.name}: the response at 0 Hz is infinite, for the body is free; take frame 'buckens', "
-                "hold the body, or give a band that begins above 0"
-            )
+            raise self._infinite()
         if noise > est and is_silent(outer, law, S, ports):
             raise InputError(f"{self.run.model.name}: no output measures what the inputs move; the response is zero")
         goal = max(self.goal, noise)

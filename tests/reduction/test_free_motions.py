@@ -105,6 +105,30 @@ def test_a_free_body_without_frame(comm, kind):
 
 
 @pytest.mark.mpi
+def test_a_single_load_on_a_free_body_without_frame(comm):
+    """Its Krylov space has rigid motions at frequencies that are more than round-off of the largest."""
+    with (
+        hpcred.solid((6, 3, 2), clamped=False, comm=comm) as model,
+        model.with_inputs([(1, "x")]) as loaded,
+        pytest.raises(InputError, match="the response at 0 Hz is infinite, for the body is free"),
+    ):
+        hpcred.reduce(loaded, tolerance=1e-4, band=(0.0, 100.0))
+
+
+@pytest.mark.mpi
+def test_loads_in_balance_on_a_free_body_without_frame(comm):
+    """The response at 0 Hz is finite, of free directions that nothing pushes."""
+    with beams(comm, "whole") as model:
+        _, _, B = dense_model(model.with_inputs([(1, "x"), (11, "x")]))
+        mine = slice(model.first_row, model.first_row + model.local_rows)
+        with (
+            model.with_input_columns((B[:, :1] - B[:, 1:])[mine], ["stretch"]) as stretched,
+            hpcred.reduce(stretched, tolerance=1e-4, band=BAND) as reduced,
+        ):
+            assert reduced.record.accuracy.reached
+
+
+@pytest.mark.mpi
 def test_inputs_that_only_push_the_body(comm):
     """A load of inertia forces: M times a translation."""
     with beams(comm, "whole") as model:
