@@ -12,7 +12,7 @@ import numpy as np
 
 from ..parallel.failures import InputError, agreed
 from .entries import Entries, joined
-from .text import first_bytes, is_packed, pieces, triples
+from .text import first_bytes, is_cut_line, pieces, triples
 
 LINE = re.compile(rb"[1-9]\d* [1-9]\d* [ -]\d\.\d{13}e[+-]\d\d\d?")
 MIXED = 0x9E3779B97F4A7C15  # an odd number that spreads places over 64 bits
@@ -91,9 +91,5 @@ def require_last_line(path):
     """Raise InputError where the (unpacked) text does not end with a line break: its last line may be cut."""
     if not first_bytes(path):
         raise InputError(f"{path}: found an empty file")
-    if is_packed(path):
-        return  # what is cut there has no checksum
-    with open(path, "rb") as file:
-        file.seek(-1, 2)
-        if file.read(1) != b"\n":
-            raise InputError(f"{path}: found no line break at its end; the file is cut")
+    if is_cut_line(path):
+        raise InputError(f"{path}: found no line break at its end; the file is cut")

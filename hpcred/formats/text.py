@@ -87,6 +87,15 @@ def open_unpacked(path):
     return gzip.open(path, "rb") if is_packed(path) else open(path, "rb")
 
 
+def is_cut_line(path) -> bool:
+    """Whether the last line of a text that is not packed has no end, so that its last number may be cut."""
+    if is_packed(path) or not os.path.getsize(path):
+        return False  # what is packed tells by its own end
+    with open(path, "rb") as file:
+        file.seek(-1, os.SEEK_END)
+        return file.read(1) != b"\n"
+
+
 def first_bytes(path, count=4096) -> bytes:
     """The first bytes of the (unpacked) file, without a byte order mark. Raises InputError."""
     require_file(path)

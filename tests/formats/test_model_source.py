@@ -78,6 +78,18 @@ def test_sizes_of_a_damaged_header_are_refused(comm, folder, sizes, says):
         load_source(Source(str(K), str(K)), comm)
 
 
+def test_a_last_line_without_end_is_doubted(comm, folder):
+    """1.25 may be what is left of 1.257; a file that ends with a line break is whole."""
+    if comm.rank == 0:
+        for key in "KM":
+            (folder / f"{key}.txt").write_text("1 1 1.0\n2 2 1.25" + "\n" * (key == "K"))
+    comm.Barrier()
+    ranks = comm.Split(comm.rank // 2)
+    with load_source(Source(*(str(folder / f"{key}.txt") for key in "KM")), ranks) as model:
+        (doubt,) = [sentence for sentence in model.remarks if "line break" in sentence]
+    assert doubt.startswith(str(folder / "M.txt"))
+
+
 def test_rows_without_coordinates_are_refused(comm, folder):
     K = write(folder / "K.mtx", "".join(f"{k} {k} 1.0\n" for k in range(1, 7)), comm)
     nodes = write(folder / "nodes.txt", "1 0 0 0\n2 1 0 0\n", comm)
