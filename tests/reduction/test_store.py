@@ -252,7 +252,9 @@ def test_a_search_serves_others(comm, folder):
             assert len(record.factorisations) + record.factorisations_saved == len(expected.factorisations)
             assert record.accuracy.factorisations == len(record.factorisations)
             counts.append(len(record.factorisations))
-    assert counts[0] == 1 and counts[1] == counts[2] == counts[4] == 0, counts
+    assert counts[1] == counts[4] == 0, counts
+    if not is_complex():  # whose points are counted, and one is enough
+        assert counts[0] == 1 and counts[2] == 0, counts
 
 
 @pytest.mark.parametrize("name", ["25 masses, 40 dashpots", "tied"])

@@ -13,6 +13,7 @@ from helpers import CHORD_JOB, refused
 import hpcred as package
 from hpcred.cli import run
 from hpcred.examples.beam import Rod
+from hpcred.parallel.petsc import is_complex
 from hpcred.workflows import evaluate
 from hpcred.workflows.pair_figures import in_file_name, pairs_to_show
 
@@ -51,7 +52,8 @@ def test_from_foreign_files_to_the_error(hpcred, tmp_path, ranks):
         result = hpcred(*arguments, ranks=ranks)
         assert result.returncode == 0, result.stderr
     info, reduced, eps = (json.loads((tmp_path / f"{key}.json").read_text()) for key in ("info", "reduce", "eps"))
-    assert info["elastic_modes_below_hz"][:2] == [[500.0, 2], [1000.0, 5]]
+    counts = (None, None) if is_complex() else (2, 5)  # a complex build has no inertia
+    assert info["elastic_modes_below_hz"][:2] == [[500.0, counts[0]], [1000.0, counts[1]]]
     assert reduced["reduced_size"] == 12 and reduced["symbolic_analyses"] == 1
     assert reduced["petsc_options"]["shift_mat_mumps_icntl_14"] == "77"
     assert reduced["ranks"] == ranks
