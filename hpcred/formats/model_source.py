@@ -49,7 +49,7 @@ from .entries import LARGEST_VALUE, Entries, LabelledEntries, label_name, label_
 from .matrix_formats import format_of, read_entries
 from .parts import Parts
 from .source import Source
-from .text import first_bytes, is_cut_line
+from .text import doubts_of_end, first_bytes
 
 OF_LINES = (matrix_market, nastran_dmig, abaqus_matrices)  # formats whose numbers end where their lines do
 HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports, and what counts as that
@@ -99,6 +99,9 @@ def read_source(source: Source, comm) -> Parts:
     """The parts that the files of a Source hold, but for B and C. Collective. Raises InputError."""
     files = {key: getattr(source, key) for key in ("K", "M", "D") if getattr(source, key)}
     parts = Parts({key: read_entries(path, comm, key, source.variables) for key, path in files.items()}, files)
+    with agreed(comm):
+        for path in dict.fromkeys(files.values()):
+            parts.warnings += doubts_of_end(path) if format_of(path).module in OF_LINES else []
     is_input_file, turned = False, None
     if source.nodes:
         with agreed(comm):
@@ -300,25 +303,14 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
     Ct = read_columns(comm, starts, size, outputs, transposed=True, variables=variables) if outputs else None
     dofs = _dofs(comm, parts, size, starts, name) if parts.nodes is not None else None
     held = _held(comm, parts) if parts.nodes is not None else None
-    with agreed(comm):
-        remarks = _cut_lines([*parts.files.values(), *filter(None, (inputs, outputs))])
-    remarks += [sentence for sentences in comm.allgather(parts.warnings) for sentence in sentences]
+    remarks = dict.fromkeys(sentence for sentences in comm.allgather(parts.warnings) for sentence in sentences)
     model = SecondOrderModel.from_csr(
         comm, size, indptr, indices, values, B, Ct, dofs, column_names(inputs, B), column_names(outputs, Ct), name,
-        parts.elements, held, parts.sets, tuple(dict.fromkeys(remarks)),
+        parts.elements, held, parts.sets, tuple(remarks),
     )  # fmt: skip
     del indptr, indices, values
     give_back()
     return model
-
-
-def _cut_lines(paths) -> list[str]:
-    """A sentence on each of the files that may be cut off inside its last number, which nothing else tells."""
-    return [
-        f"{path}: found no line break at its end; if the file is cut off, its last number may be wrong"
-        for path in dict.fromkeys(map(str, paths))
-        if (kind := format_of(path)) is not None and kind.module in OF_LINES and is_cut_line(path)
-    ]
 
 
 def _number_rows(comm, parts):

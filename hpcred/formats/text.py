@@ -96,6 +96,13 @@ def is_cut_line(path) -> bool:
         return file.read(1) != b"\n"
 
 
+def doubts_of_end(path) -> list[str]:
+    """A sentence on a text whose last number nothing but a line break would show to be whole."""
+    if not is_cut_line(path):
+        return []
+    return [f"{path}: found no line break at its end; if the file is cut off, its last number may be wrong"]
+
+
 def first_bytes(path, count=4096) -> bytes:
     """The first bytes of the (unpacked) file, without a byte order mark. Raises InputError."""
     require_file(path)
