@@ -49,7 +49,8 @@ JsonFile = Annotated[
 ]
 Frequencies = Annotated[str | None, typer.Option(metavar="F1,F2,...", help="Frequencies in Hz.")]
 Overrides = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of the file: basis.0.order=2")
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of the file: tolerance=1e-6, basis.0.order=2"),
 ]
 Pairs = Annotated[
     str | None, typer.Option(metavar="OUT/IN,...", help="Responses to draw, such as 20:z/20:z,20:z/1:x.")
@@ -100,7 +101,8 @@ def run(arguments: list[str]) -> int:
                 status = _call(arguments)
             except Exception as error:
                 if hasattr(error, "format_message"):  # a usage error of the parser
-                    raise InputError(f"{error.format_message()} (see hpcred --help)") from error
+                    command = getattr(error.ctx, "command_path", "hpcred")
+                    raise InputError(f"{error.format_message()} (see {command} --help)") from error
                 raise
             finally:
                 _Session.progress.close()
@@ -220,7 +222,7 @@ def _band(text):
     limits = _numbers(text, "--band")
     within("--band", limits, FREQUENCY)
     if limits and (len(limits) != 2 or not 0 <= limits[0] < limits[1]):
-        raise InputError(f"--band: found '{text}', expected two frequencies in Hz such as 0,300")
+        raise InputError(f"--band: found '{text}', expected two frequencies in Hz, the lower one first, such as 0,300")
     return tuple(limits) or None
 
 
@@ -570,7 +572,9 @@ def evaluate(
     frequencies: Frequencies = None,
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
     points: Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")] = 61,
-    output: Annotated[str | None, typer.Option("-o", help="Write the responses to this .csv or HDF5 file.")] = None,
+    output: Annotated[
+        str | None, typer.Option("-o", "--output", metavar="FILE", help="Write the responses: a .csv or HDF5 file.")
+    ] = None,
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw responses: .png, .svg, .pdf.")] = None,
     pairs: Pairs = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
@@ -774,7 +778,10 @@ def export(
 @app.command()
 def simulate(
     file: Annotated[str, typer.Argument(metavar="SIM.toml")],
-    set_: Overrides = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of the file: end=2.0, force.0.node=20"),
+    ] = None,
     json: JsonFile = None,
 ):
     """Simulate a reduced body in time, with large rigid motion, loads, joints, drives and springs."""

@@ -17,6 +17,7 @@ from .outputs import check_kind, check_writable, kind_of
 from .room import Room, is_full, no_room
 from .seal import is_broken, seal
 
+WRITTEN_BY = {"hpcred-model": ", which hpcred convert writes", "hpcred-result": ", which hpcred reduce writes"}
 SLAB = 2**26  # numbers written in one call, well below the 2 GiB that MPI-IO takes
 
 
@@ -205,7 +206,8 @@ def opened(path, kind: str, version: int | None = None):
         except (OSError, RuntimeError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise damaged(path, f"its attributes cannot be read ({error})") from error
         if found != kind:
-            raise InputError(f"{path}: found an HDF5 file of format '{found}', expected '{kind}'")
+            by = WRITTEN_BY.get(kind, "")
+            raise InputError(f"{path}: found an HDF5 file of format '{found}', expected '{kind}'{by}")
         if version is not None and number != version:
             newer, older = "a newer hpcred wrote it: update this one", "an older hpcred wrote it: make it again"
             what = newer if number > version else older

@@ -33,7 +33,9 @@ def read_table(path, overrides=()) -> dict:
         raise InputError(f"{path}: no such file")
     try:
         table = tomllib.loads(path.read_text())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: found a file that is no text, expected a text in TOML, such as job.toml") from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{path}: not a TOML file: {error}") from error
     for text in overrides:
         _override(table, text)
@@ -96,7 +98,9 @@ def _sentence(kind, table, details) -> str:
     if found is _MISSING:
         return f"{where}: missing; expected {_expected(kind)}"
     finite = " that is finite" if details["type"] == "finite_number" else ""
-    return f"{where}: found {_as_toml(found)}, expected {_expected(kind)}{finite}"
+    named = found in [_kind_of(item) for item in get_args(kind) if is_dataclass(item)]  # frame = "buckens"
+    such = f", such as {{kind = '{found}'}}" if named else ""
+    return f"{where}: found {_as_toml(found)}, expected {_expected(kind)}{finite}{such}"
 
 
 def _place(kind, found, steps):

@@ -80,7 +80,10 @@ def shapes_of_rows(nodes, labels, directions, positions, rows, name) -> list[Nod
     for node in nodes:
         mine = np.flatnonzero(labels == node)
         if not len(mine):
-            raise InputError(f"{name}: node {node} does not exist")
+            raise InputError(
+                f"{name}: node {node} does not exist; nodes have the numbers of the finite-element program, and "
+                "interfaces their names"
+            )
         phi, psi = np.zeros((3, rows.shape[1])), np.zeros((3, rows.shape[1]))
         for i in mine:
             direction = int(directions[i])

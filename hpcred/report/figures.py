@@ -179,9 +179,11 @@ def pair_figure(path, curves, title, errors=(), tolerance=None, kind="png"):
 
 
 def errors_figure(path, curves, title, tolerance=None, kind="png"):
-    """Relative errors over frequency. `curves`: (label, frequencies (F,) in Hz, (F,)), as in pair_figure."""
+    """Relative errors over frequency. `curves`: ("result, estimate" or "result, exact", frequencies (F,) in Hz, (F,)),
+    as in pair_figure; what belongs to one result has one colour."""
     figure, axes = pyplot().subplots(figsize=(7.5, 4.2), layout="constrained")
-    _error_panel(axes, curves, tolerance)
+    results = list(dict.fromkeys(label.rpartition(", ")[0] for label, _, _ in curves))
+    _error_panel(axes, curves, tolerance, [results.index(label.rpartition(", ")[0]) for label, _, _ in curves])
     axes.set_title(title)
     _finish(figure, [axes], curves[0][1], path, kind)
 
@@ -196,12 +198,12 @@ def _style(place, label, count):
     return {"color": colour, "linestyle": DASHES[place // len(COLOURS) % len(DASHES)], "linewidth": 1.2}
 
 
-def _error_panel(axes, curves, tolerance):
-    for place, (label, frequencies, errors) in enumerate(curves):
+def _error_panel(axes, curves, tolerance, places=None):
+    for place, (label, frequencies, errors) in zip(places or range(len(curves)), curves, strict=True):
         axes.semilogy(frequencies, np.where(np.asarray(errors) > 0, errors, np.nan), label=label,
                       **_style(place, label, len(frequencies)))  # fmt: skip
     if tolerance is not None:
-        axes.axhline(tolerance, color=COLOURS[1], linewidth=1.0, linestyle="--", label="tolerance")
+        axes.axhline(tolerance, color=INK, linewidth=1.0, linestyle="--", label="tolerance")
     axes.set_ylabel("relative error")
 
 

@@ -199,8 +199,9 @@ class _Stage:
         if len(self.shapes.mark_points):
             axes.plot([left], [0.30], "o", color=MARK, markersize=5, markeredgewidth=0)
             axes.text(left + 0.12, 0.30, "interface node", fontsize=9, color=INK, va="center")
-        axes.plot([left + 1.3, left + 1.65], [0.30, 0.30], color=UNDEFORMED, linewidth=1.2)
-        axes.text(left + 1.75, 0.30, "undeformed", fontsize=9, color=INK, va="center")
+        if len(self.surface.outline):  # none of nodes without elements
+            axes.plot([left + 1.3, left + 1.65], [0.30, 0.30], color=UNDEFORMED, linewidth=1.2)
+            axes.text(left + 1.75, 0.30, "undeformed", fontsize=9, color=INK, va="center")
         bar = figure.add_axes([(WIDTH - 3.0) / WIDTH, 0.27 / tall, 2.6 / WIDTH, 0.12 / tall])
         bar.imshow(np.linspace(0, 1, 256)[None], cmap="viridis", aspect="auto", extent=(0, 1, 0, 1))
         bar.set(yticks=[], xticks=[0, 0.5, 1])

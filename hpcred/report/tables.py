@@ -89,7 +89,9 @@ def in_words(value) -> str:
             return "none"
         nested = bool(value) and isinstance(value[0], list)
         return ("; " if nested else ", ").join(in_words(item) for item in value)
-    return f"{value:.6g}" if isinstance(value, float) else "not known" if value is None else str(value)
+    if value is None or value != value:  # NaN
+        return "not known"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def write_json(path, data, comm=MPI.COMM_WORLD):

@@ -394,7 +394,8 @@ def _facts(sheet):
 
 def _clean(values):
     """Without round-off where there is nothing."""
-    return np.where(np.abs(values) > 1e-12 * np.abs(values).max(), values, 0.0)
+    size = np.abs(values)
+    return np.where(size <= 1e-12 * size.max(initial=0.0, where=np.isfinite(size)), 0.0, values)
 
 
 def _kind(value):

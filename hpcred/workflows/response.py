@@ -18,7 +18,7 @@ from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
-from ..parallel.progress import Progress
+from ..parallel.progress import Progress, counted
 from ..reduction.record import versions
 from ..report.figures import MOST, check_figure_name, pyplot, response_figure
 from .evaluate import frequencies_over
@@ -77,7 +77,8 @@ def response_file(
             curves = _curves(found)
             with atomic_output(figure, comm) as temporary, agreed(comm):
                 if comm.rank == 0:
-                    title = f"{report['model']}: {len(chosen)} frequencies, {report['factorisations']} factorisations"
+                    effort = counted(report["factorisations"], "factorisation")
+                    title = f"{report['model']}: {counted(len(chosen), 'frequency', 'frequencies')}, {effort}"
                     response_figure(temporary, found.frequencies, curves, found.eps, found.accuracy.tolerance, title,
                                     kind=Path(figure).suffix[1:])  # fmt: skip
             report["figure"] = str(figure)

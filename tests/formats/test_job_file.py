@@ -45,6 +45,12 @@ def replaced(old, new):
         ('"yxz"', '"zyx"', "leave a rotation free"),
         ('"yxz"', '"yyz"', "expected an order of x, y and z"),
         ('[[20, "z"]]', '[[20, "w"]]', "inputs: found the direction 'w', expected one of x, y, z"),
+        ('[[20, "z"]]', '[[20, "all"]]', "inputs: the direction 'all' belongs to interfaces; name those of a node"),
+        (
+            '[frame]\nkind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"',
+            'frame = "chord"',
+            r"frame: found 'chord', expected a table, such as \{kind = 'chord'\}",
+        ),
         ('[[20, "z"]]', "[121]", "dof 121 does not exist in model.h5; its dofs are numbered 1 to 120"),
         ("order = 1", "order = 200", "basis: 201 vectors asked for, but model.h5 has only 114"),
         ('kind = "krylov"\nfrequency = 100.0\norder = 1', 'kind = "modes"\ncount = 115', "115 elastic modes asked"),

@@ -57,7 +57,8 @@ def test_a_picture(tmp_path, cells, monkeypatch):
     assert first.shape[1] == 600 and (first.min(axis=2) < 250).mean() > 0.02
     assert draw_shapes(tmp_path / "b.png", shapes, [2]) == ["second"]
     assert draw_shapes(tmp_path / "c.svg", shapes, [1], "svg") == ["first"]
-    assert b"<svg" in (tmp_path / "c.svg").read_bytes()
+    drawn = (tmp_path / "c.svg").read_text()
+    assert "<svg" in drawn and ("<!-- undeformed -->" in drawn) == cells  # points have no outline
     for wrong in ([3], [0], []):
         with pytest.raises(InputError, match="modes: found .*expected numbers from 1 to 2"):
             draw_shapes(tmp_path / "d.png", shapes, wrong)

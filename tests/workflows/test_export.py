@@ -70,7 +70,7 @@ def test_exports_are_refused_on_all_ranks(reduced_linkage, comm):
     before = names(result.parent, comm)
     for arguments, says in (
         ({"kind": "sidd"}, "--format: found 'sidd', expected one of sid, matlab, npz, exudyn"),
-        ({"kind": "sid", "nodes": [99]}, "result.h5: node 99 does not exist"),
+        ({"kind": "sid", "nodes": [99]}, "node 99 does not exist; nodes have the numbers of the finite-element"),
         ({"kind": "sid", "nodes": [1, 1]}, "expected at least one node, and each once"),
         ({"kind": "sid", "nodes": []}, "expected at least one node, and each once"),
         ({"kind": "vtk", "nodes": [1]}, "'vtk' shows all nodes"),

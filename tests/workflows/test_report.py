@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse
 from helpers import MODES_JOB, block_with_ends, refused
 
 import hpcred as package
 from hpcred.cli import run
+from hpcred.report.figures import COLOURS
 from hpcred.report.page import unpacked
 from hpcred.workflows.report import report_file, sheets_of
 
@@ -215,6 +217,30 @@ def test_tables_and_figures(linkage_report):
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
     drawn = json.loads(page_of(folder / "report.html")[0].data)["results"][0]
     assert [row["eps"] for row in rows] == unpacked(drawn["exact_eps"]).tolist()
+
+
+def test_errors_of_one_result_have_one_colour(linkage_report):
+    drawn = (linkage_report[0] / "figures/error.svg").read_text()
+    used = {colour for colour in COLOURS if colour in drawn}
+    assert used == set(COLOURS[:2])  # two results; the tolerance is no third one
+
+
+def test_a_flat_body_has_the_inertia_that_is_known(folder):
+    """Masses that differ in x, y and z leave some entries open; 2 kg at a distance of 0.5 m do not."""
+    nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    dofs = package.Dofs(
+        node=np.array([1, 1, 2, 2]), direction=np.array([0, 1, 0, 1]), position=np.repeat(nodes, 2, axis=0)
+    )
+    K = np.array([[3.0, 0, -1, 0], [0, 2, 0, -1], [-1, 0, 3, 0], [0, -1, 0, 2]])
+    with package.SecondOrderModel.from_scipy(
+        scipy.sparse.csr_matrix(K), scipy.sparse.identity(4), dofs=dofs
+    ) as model:
+        package.write_model(folder / "flat.h5", model)
+    (folder / "job.toml").write_text('model = "flat.h5"\ninputs = [[2, "y"]]\n[[basis]]\nkind = "modes"\ncount = 2')
+    assert run(["reduce", str(folder / "job.toml")]) == 0
+    report_file([folder / "result.h5"], output=folder / "report.html", band=(0.0, 1.0))
+    said = "xx not known, yy not known, zz 0.5, xy not known, xz 0, yz 0"
+    assert said in page_of(folder / "report.html")[0].texts
 
 
 def test_a_job_may_ask_for_a_report(linkage_report):

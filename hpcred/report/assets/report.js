@@ -8,6 +8,7 @@ function numbers(packed) {
 }
 const data = JSON.parse(document.getElementById("data").textContent);
 const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"];
+const MORE = ["#999999", "#f0e442", "#44525a", "#8c510a", "#762a83", "#b2df8a", "#c7e9ff", "#fdbf6f"]; // of stages
 const DASHES = ["solid", "dash", "dot", "dashdot"];
 const INK = "#26323a";
 const BUTTONS = { displaylogo: false, responsive: true, modeBarButtons: [["toImage", "zoom2d", "pan2d", "autoScale2d", "resetScale2d"]] };
@@ -95,9 +96,10 @@ function drawSpectrum() {
   return Plotly.newPlot("spectrum", traces, layout({ shapes, margin: { l: 160, r: 20, t: 12, b: 46 }, xaxis: axis("frequency (Hz); the band is grey", top ? { range: [0, top] } : {}), yaxis: axis("", { type: "category", automargin: true }) }), BUTTONS);
 }
 function drawStages() {
-  const stages = [...new Set(data.results.flatMap((result) => Object.keys(result.seconds)))];
-  const traces = stages.map((stage, k) => ({ type: "bar", orientation: "h", name: stage, y: data.results.map((_, i) => named(i)), x: data.results.map((result) => result.seconds[stage] || 0), marker: { color: [...COLOURS, "#999999", "#f0e442", "#44525a"][k % 9] }, hovertemplate: stage + " %{x:.3g} s<extra></extra>" }));
-  return Plotly.newPlot("stages", traces, layout({ barmode: "stack", margin: { l: 160, r: 20, t: 12, b: 46 }, xaxis: axis("time (s)"), yaxis: axis("", { type: "category", automargin: true, autorange: "reversed" }) }), BUTTONS);
+  const longest = (stage) => Math.max(...data.results.map((result) => result.seconds[stage] || 0));
+  const stages = [...new Set(data.results.flatMap((result) => Object.keys(result.seconds)))].sort((a, b) => longest(b) - longest(a));
+  const traces = stages.map((stage, k) => ({ type: "bar", orientation: "h", name: stage, y: data.results.map((_, i) => named(i)), x: data.results.map((result) => result.seconds[stage] || 0), marker: { color: [...COLOURS, ...MORE][k % 14] }, hovertemplate: stage + " %{x:.3g} s<extra></extra>" }));
+  return Plotly.newPlot("stages", traces, layout({ barmode: "stack", margin: { l: 160, r: 20, t: 30, b: 46 }, legend: { orientation: "h", y: -0.25, yanchor: "top", x: 0, traceorder: "normal" }, xaxis: axis("", { ticksuffix: " s" }), yaxis: axis("", { type: "category", automargin: true, autorange: "reversed" }) }), BUTTONS);
 }
 
 // ---------------------------------------------------------------- bodies
