@@ -64,6 +64,8 @@ def test_plots_are_drawn(linkage_page):
         assert 'class="main-svg"' in part
     assert text.count('class="scatterlayer') >= 3 and text.count('class="point"') > 10
     assert "pseudo-mode 1: 33.3047 Hz</output>" in text
+    legend = re.findall(r'class="legendundefined"[^>]*fill: (rgb[^;]*);', text[text.index('id="stages"') :])
+    assert len(legend) > 5 and len(set(legend)) == len(legend)  # a colour for each stage
 
 
 def test_the_slider_moves_the_picture(linkage_page):
