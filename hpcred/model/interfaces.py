@@ -186,8 +186,9 @@ def node_number(model, node) -> int:
         return int(node)
     place = find_interface(model, node)
     if place is None:
-        known = ", ".join(item.name for item in model.interfaces) or "none"
-        raise InputError(f"'{node}' is no interface of {model.name}; its interfaces are {known}")
+        known = ", ".join(item.name for item in model.interfaces)
+        known = f"its interfaces are {known}" if known else "it has none; the job declares them by tables [[interface]]"
+        raise InputError(f"'{node}' is no interface of {model.name}; {known}")
     return model.interfaces[place].node
 
 
