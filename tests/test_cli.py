@@ -1,11 +1,16 @@
 """The command line as users meet it: what it refuses."""
 
+import os
 import re
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import refused, write_matrices
+from launch import mpi_environment
 
 import hpcred as package
 from hpcred.cli import run
@@ -103,3 +108,39 @@ def test_more_ranks_than_rows_are_refused(hpcred, tmp_path, monkeypatch):
     assert result.returncode == 2
     assert result.stderr.count("2 rows cannot be distributed over 3 ranks") == 1
     assert not Path("model.h5").exists()
+
+
+@pytest.mark.parametrize(
+    "redirection, status, says",
+    [
+        ("<&- >&- 2>&-", 0, ""),
+        ("> /dev/full", 1, "what is printed cannot be written (No space left on device)"),
+    ],
+)
+def test_standard_streams_that_are_closed_or_full(folder, redirection, status, says):
+    """A result is the same without them: were they only closed, it would be opened in their place."""
+    frame = "--set frame.kind=tangent --set frame.node=1"
+    command = f"{shlex.quote(sys.executable)} -m hpcred reduce job.toml {frame} {redirection}"
+    found = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
+    assert found.returncode == status
+    assert says in found.stderr and "internal" not in found.stderr
+    assert package.read_result("result.h5").reduced.size == 2
+
+
+def test_a_table_whose_reader_is_gone_is_said(folder):
+    read, write = os.pipe()
+    os.close(read)
+    found = subprocess.run([sys.executable, "-m", "hpcred", "info", "model.h5"], stdout=write, stderr=subprocess.PIPE,
+                           text=True, timeout=60)  # fmt: skip
+    os.close(write)
+    assert found.returncode == 1
+    assert found.stderr.splitlines()[-1].startswith("hpcred: error: what was printed found no reader")
+
+
+def test_job_files_are_utf_8_in_any_locale(folder):
+    text = 'job = "job.toml"  # \u00fc\nvary = [{key = "basis.0.count", values = [2]}]\n'
+    Path("sweep.toml").write_text(text, encoding="utf-8-sig")
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    found = subprocess.run([sys.executable, "-m", "hpcred", "sweep", "sweep.toml", "--dry-run"],
+                           capture_output=True, text=True, timeout=60, env=mpi_environment(**plain))  # fmt: skip
+    assert (found.returncode, found.stderr) == (0, "")

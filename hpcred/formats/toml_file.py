@@ -32,7 +32,9 @@ def read_table(path, overrides=()) -> dict:
     if not os.path.isfile(path):
         raise InputError(f"{path}: no such file")
     try:
-        table = tomllib.loads(path.read_text())
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))  # some editors put a mark in front
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: found a file that is no text, expected a text in TOML, such as job.toml") from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:

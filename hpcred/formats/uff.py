@@ -197,7 +197,7 @@ def write_uff(path, shapes) -> list[str]:
     displacement(column) (k, 3). SI units.
     """
     nodes = shapes.nodes
-    with open(path, "w", newline="\n") as file:
+    with open(path, "w", encoding="utf-8", newline="\n") as file:
         file.write(UNITS)
         file.write("    -1\n  2411\n")
         for low in range(0, len(nodes), LINES):

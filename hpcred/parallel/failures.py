@@ -9,6 +9,7 @@ Ranks tell each other by one kind of message, an Iallgather on a communicator of
 that fails and one that comes to the end of a block meet in it, and see that they are not at the same place.
 """
 
+import errno
 import os
 import pickle
 import sys
@@ -240,6 +241,8 @@ def _say(error, where=""):
         text = f"{'terminated' if isinstance(error, Terminated) else 'interrupted'}{where}"
     elif isinstance(error, BrokenPipeError):
         text = f"error{where}: what was printed found no reader; the pipe was closed before its end"
+    elif isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT) and error.filename is None:
+        text = f"error{where}: what is printed cannot be written ({error.strerror}); make room, or print elsewhere"
     elif isinstance(error, MemoryError):
         text = f"error{where}: out of memory; take more ranks on more nodes, or a smaller model"
     elif isinstance(error, ImportError | OSError) and "shared object" in str(error):

@@ -82,7 +82,7 @@ def write_script(path, kind: str, *, store=None, submit: bool = False, comm=None
     make_folder(sweep)
     script = sweep.folder / f"{sweep.path.stem}.{kind}"
     with atomic_output(script, MPI.COMM_SELF) as temporary:
-        temporary.write_text(script_of(sweep, kind, store))
+        temporary.write_text(script_of(sweep, kind, store), encoding="utf-8")
     command, said = [SUBMIT[kind], str(script)], None
     if submit:
         # Python's own environment: MPI has put into that of the process what the ranks of the job must not find

@@ -59,7 +59,7 @@ class Child:
     def last_line(self) -> str:
         """The last sentence of hpcred in the log, or else the last line that has words."""
         with suppress(OSError):
-            lines = [line.strip() for line in self.log.read_text(errors="replace").splitlines()]
+            lines = [line.strip() for line in self.log.read_text(encoding="utf-8", errors="replace").splitlines()]
             lines = [line for line in lines if any(map(str.isalnum, line))]
             said = [line for line in lines if line.startswith("hpcred: ")]
             return (said or lines or [""])[-1]

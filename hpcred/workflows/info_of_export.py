@@ -109,7 +109,7 @@ def arrays(path) -> dict:
 
 def superelement(path) -> dict:
     """The interface nodes of a superelement."""
-    text = Path(path).read_text(errors="replace")
+    text = Path(path).read_text(encoding="utf-8", errors="replace")
     name, pattern = next(item for begins, item in SUPERELEMENTS.items() if text.startswith(begins))
     pairs = (sorted(pair, key=str.isdigit) for pair in re.findall(pattern, text))
     return {"format": f"superelement: {name}", "interface_nodes": {name: int(node) for name, node in pairs}}
@@ -124,7 +124,7 @@ def table(path) -> dict:
 
 def data(path) -> dict:
     """The keys of a JSON file."""
-    found = json.loads(Path(path).read_text())
+    found = json.loads(Path(path).read_text(encoding="utf-8"))
     keys = list(found if isinstance(found, dict) else found[0] if found else [])
     return {"format": "JSON", "keys": keys, **({} if isinstance(found, dict) else {"rows": len(found)})}
 

@@ -95,7 +95,7 @@ def run_sweep(
         if before[run.name].file is not None:
             progress.say(f"{before[run.name].file}: {before[run.name].word}, made again")
         with atomic_output(run.beside(".toml"), SELF) as temporary:
-            temporary.write_text(f"# hpcred sweep: one job of it\n{run.job_text()}")
+            temporary.write_text(f"# hpcred sweep: one job of it\n{run.job_text()}", encoding="utf-8")
     children = [_child(sweep, run.name, "reduce", str(run.beside(".toml").absolute()), log=run.beside(".log"))
                 for run in left]  # fmt: skip
     run_all(children, at_once, sweep.launch.environment, **_told(progress, len(children)))
