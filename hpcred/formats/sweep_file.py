@@ -189,17 +189,16 @@ class Run:
         return self.output.with_suffix(suffix)
 
     def same_job(self, recorded: dict | None, contents: dict | None, content) -> bool:
-        """Whether a record is that of this job, by what it says and by the contents of the files that it names.
+        """Whether a record is that of this job, by what it says; files count by their contents, not by their names.
 
         `content(path)`: what the file has now.
         """
         if recorded is None or contents is None:
             return False
         own = json.loads(json.dumps(plain(self.job)))
-        if any(recorded.get(key) != value for key, value in own.items() if key not in NO_MATTER):
-            return False
-        files = {str(Path(name).absolute()) for name in self.job.files}
-        return files == contents.keys() and all(content(name) == digest for name, digest in contents.items())
+        now = {str(Path(name).absolute()): content(name) for name in self.job.files}
+        return all(_by_contents(recorded.get(key), contents) == _by_contents(value, now)
+                   for key, value in own.items() if key not in NO_MATTER)  # fmt: skip
 
     def job_text(self) -> str:
         """The job as a job file of its own."""
@@ -217,6 +216,15 @@ class Sweep:
     keys: tuple[str, ...]
     launch: Launch
     evaluate: Evaluation | None
+
+
+def _by_contents(value, contents):
+    """Plain types with the contents in place of the names of files."""
+    if isinstance(value, dict):
+        return {key: _by_contents(item, contents) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_by_contents(item, contents) for item in value]
+    return ("contents", contents[value]) if isinstance(value, str) and value in contents else value
 
 
 def read_sweep(path, store=None) -> Sweep:

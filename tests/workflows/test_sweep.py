@@ -88,6 +88,10 @@ def test_finished_runs_are_known_by_what_they_say(linkage_folder, capsys):
     os.utime("model.h5")
     assert run(["sweep", "sweep.toml"]) == 0
     assert {path: path.stat().st_mtime_ns for path in Path("sweep").iterdir()} == before
+    Path("model.h5").rename("moved.h5")
+    Path("job.toml").write_text(CHORD_JOB.replace("model.h5", "moved.h5"))
+    assert statuses() == ["skipped", "skipped"]
+    Path("moved.h5").rename("model.h5")
     Path("job.toml").write_text(CHORD_JOB.replace("100.0", "101.0"))
     assert statuses() == ["of another job"] * 2
     Path("job.toml").write_text(f"memory_mb = 1000.0\n{CHORD_JOB}  # no other numbers")
