@@ -249,6 +249,8 @@ def _say(error, where=""):
         text = f"error{where}: {error}; a library is missing, or more memory than this process may take (ulimit -v)"
     else:
         lines = str(error).strip().splitlines()
+        if hasattr(error, "ierr"):  # of PETSc: behind its code come the places, and at the end the reason
+            lines = [", ".join(dict.fromkeys((lines[0], lines[-1])))]
         text = f"internal error{where}: {type(error).__name__}: {lines[0] if lines else ''} (--traceback shows where)"
     print(f"hpcred: {printable(text)}", file=sys.stderr, flush=True)
 

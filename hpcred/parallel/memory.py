@@ -3,11 +3,13 @@
 import ctypes
 import os
 import resource
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
 
 from . import startup
+from .failures import InputError
 
 SHARE = 0.9  # of what is free; the rest is for buffers and other programs
 MB = 2**20
@@ -17,11 +19,14 @@ GROUPS = Path("/sys/fs/cgroup")
 def available_mb(comm) -> float:
     """MB that each rank may take in addition to what it has, the same number on all ranks. Collective.
 
-    The environment variable HPCRED_MEMORY_MB sets it by hand, per rank.
+    The environment variable HPCRED_MEMORY_MB sets it by hand, per rank. Raises InputError where that is no number.
     """
     given = os.environ.get("HPCRED_MEMORY_MB")
     if given:
-        return float(given)
+        with suppress(ValueError):
+            if 0 < float(given) < float("inf"):
+                return float(given)
+        raise InputError(f"HPCRED_MEMORY_MB: found '{given}' in the environment, expected a number of MB above 0")
     own = node_mb() / startup.ranks_on_node
     per_cpu = os.environ.get("SLURM_MEM_PER_CPU", "")
     if per_cpu.isdigit():

@@ -88,7 +88,14 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
             if not low_rank:
                 _load_scotch()
         start_mpi()
-        import petsc4py
+        try:
+            import petsc4py
+        except ModuleNotFoundError as error:
+            places = ", ".join(f"{key}={os.environ[key]}" for key in ("PETSC_DIR", "PETSC_ARCH") if key in os.environ)
+            raise InputError(
+                f"no petsc4py for {places}; install it for this PETSc (README.md, Installing), or leave these out of "
+                "the environment"
+            ) from error
 
         options = ["hpcred", *_petsc_args, "-no_signal_handler"]  # signals are for Python
         petsc4py.init(options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -111,18 +112,24 @@ def script_of(sweep, kind, store=None) -> str:
     command += ["--store", str(Path(store).absolute())] if store else []
     folder, each = sweep.folder.absolute(), launch.ranks // launch.nodes
     at_once = f"%{launch.at_once}" if launch.at_once else ""
-    if any(character in str(folder) for character in '\n"'):
-        raise InputError(f"output {folder}: quotation marks and line breaks cannot stand in a batch script")
+    if any(character in str(folder) for character in '\n"\\'):
+        raise InputError(f"output {folder}: quotation marks, backslashes and line breaks cannot stand in the head of a "
+                         "batch script; choose another folder")
     values = {
         "name": "".join(letter if letter.isalnum() else "-" for letter in sweep.path.stem), "shares": shares,
         "at_once": at_once, "nodes": launch.nodes, "ranks": launch.ranks, "each": each, "memory": launch.memory_mb,
         "node_memory": each * launch.memory_mb, "time": launch.time,
-        "folder": f'"{folder}"' if " " in str(folder) else folder, "again": AGAIN,
+        "folder": _quoted(folder), "again": AGAIN,
         "single": ":-1" if shares == 1 else ":?submit this script as an array, as its -J says",
-        "log": f'"{folder}/share-%a.log"' if " " in str(folder) else f"{folder}/share-%a.log",
+        "log": _quoted(str(folder).replace("%", "%%") + "/share-%a.log"),
         "array": f"#PBS -J 1-{shares}{at_once}\n" if shares > 1 else "",  # PBS takes no array of one
         "lines": "".join(line + "\n" for line in lines), "setup": "".join(line + "\n" for line in setup),
         "command": shlex.join(command),
     }  # fmt: skip
     head, tail = (SLURM, REQUEUE) if kind == "slurm" else (PBS, "")
     return head.format(**values) + BODY.format(**values) + tail.format(**values) + 'exit "$status"\n'
+
+
+def _quoted(name) -> str:
+    """A name as it stands in the head of a script, where # begins a comment and blanks and ' end or join words."""
+    return str(name) if re.fullmatch(r"[\w./%+@:=,-]+", str(name)) else f'"{name}"'

@@ -4,6 +4,7 @@ import time
 
 import pytest
 
+from hpcred.parallel import failures
 from hpcred.parallel.decisions import decided
 from hpcred.parallel.failures import InputError, Owned, agreed
 
@@ -155,3 +156,13 @@ def test_owned_things_are_closed_after_a_common_error(comm):
         owned.owns(Thing())
         raise InputError("on all ranks")
     assert closed == [1]
+
+
+def test_the_reason_of_petsc_is_said(capsys):
+    """Of its lines the first has the code only, the last what was wrong."""
+    from hpcred.parallel.petsc import PETSc
+
+    with pytest.raises(PETSc.Error) as caught:
+        PETSc.Vec().create(comm=PETSc.COMM_SELF).setType("nonsense")
+    failures._say(caught.value)
+    assert "Unknown vector type: nonsense" in capsys.readouterr().err

@@ -4,6 +4,7 @@ import pytest
 
 from hpcred.parallel import memory
 from hpcred.parallel import startup as runtime
+from hpcred.parallel.failures import InputError
 
 
 def test_limits_of_memory(monkeypatch, comm, tmp_path):
@@ -16,6 +17,10 @@ def test_limits_of_memory(monkeypatch, comm, tmp_path):
     assert memory.available_mb(comm) == pytest.approx(0.9 * 200)
     monkeypatch.setenv("HPCRED_MEMORY_MB", "77")
     assert memory.available_mb(comm) == 77
+    for wrong in ("abc", "nan", "-5", "0", "inf"):
+        monkeypatch.setenv("HPCRED_MEMORY_MB", wrong)
+        with pytest.raises(InputError, match=f"HPCRED_MEMORY_MB: found '{wrong}'"):
+            memory.available_mb(comm)
 
 
 def test_a_control_group_limits_memory(monkeypatch, tmp_path):

@@ -38,3 +38,11 @@ def test_a_petsc_of_another_origin_is_taken(tmp_path):
     (tmp_path / "petsc4py").mkdir()
     (tmp_path / "petsc4py" / "__init__.py").touch()
     assert output("from hpcred.parallel import startup as s; print(s.can_choose())", tmp_path) == ["False"]
+
+
+def test_a_petsc_dir_without_petsc4py_is_named():
+    """As a module of a cluster sets it, which has no Python in it."""
+    found = subprocess.run([sys.executable, "-m", "hpcred", "info", __file__], capture_output=True, text=True,
+                           env=mpi_environment(PETSC_DIR="/nowhere"))  # fmt: skip
+    assert found.returncode == 2
+    assert "error: no petsc4py for PETSC_DIR=/nowhere; install it for this PETSc" in found.stderr

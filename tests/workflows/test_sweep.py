@@ -315,6 +315,23 @@ def test_written_scripts_say_what_launch_says(jobs, capsys, kind):
     assert not results("jobs/my sweep")
 
 
+@pytest.mark.parametrize("folder, log", [("it's", "it's"), ("a#b", "a#b"), ("100%x", "100%%x"), ("a b", "a b")])
+def test_names_of_folders_in_the_head_of_a_script(jobs, folder, log):
+    """SLURM takes # for a comment, ' for a quotation mark and %x for the name of the job."""
+    Path("jobs").rename(folder)
+    assert run(["sweep", f"{folder}/sweep.toml", "--slurm"]) == 0
+    lines = Path(f"{folder}/sweep/sweep.slurm").read_text().splitlines()
+    log, mark = f"{jobs}/{log}/sweep/share-%a.log", "" if "%%" in log else '"'
+    assert f"#SBATCH --output={mark}{log}{mark}" in lines
+
+
+@pytest.mark.parametrize("folder", ['a"b', "a\\b"])
+def test_names_of_folders_that_no_head_of_a_script_takes(jobs, folder, capsys):
+    Path("jobs").rename(folder)
+    assert run(["sweep", f"{folder}/sweep.toml", "--slurm"]) == 2
+    assert "cannot stand in the head of a batch script" in capsys.readouterr().err
+
+
 def test_submitting_needs_the_batch_system(jobs, capsys, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     assert run(["sweep", "jobs/sweep.toml", "--slurm", "--submit"]) == 2
