@@ -66,12 +66,13 @@ class Child:
         return ""
 
 
-def run_all(children, at_once: int = 1, environment=None, ended=None, waiting=None):
+def run_all(children, at_once: int = 1, environment=None, wanted=None, ended=None, waiting=None):
     """Run the children, so many at the same time, in the order of the list; each is a session of its own.
 
-    `ended(child)` is called when one has ended, `waiting(running)` with those under way at every look. SIGINT and
-    SIGTERM end all of them within seconds and raise Interrupted; SIGUSR1 is handed on to them, no other is started, and
-    Stopped is raised when they have ended. Where this process is killed the system ends them.
+    `wanted(child)` is asked right before one is begun; one that is not wanted has ended then. `ended(child)` is called
+    when one has ended, `waiting(running)` with those under way at every look. SIGINT and SIGTERM end all of them within
+    seconds and raise Interrupted; SIGUSR1 is handed on to them, no other is started, and Stopped is raised when they
+    have ended. Where this process is killed the system ends them.
     """
     environment = {**os.environ, **(UNBOUND if at_once > 1 else {}), **(environment or {})}
     left, running, passed_on = deque(children), [], False
@@ -85,7 +86,13 @@ def run_all(children, at_once: int = 1, environment=None, ended=None, waiting=No
                     for child in running:
                         child.process.send_signal(signal.SIGUSR1)
                 while left and len(running) < at_once and not passed_on:
-                    running.append(_start(left.popleft(), environment))
+                    child = left.popleft()
+                    if wanted is None or wanted(child):
+                        running.append(_start(child, environment))
+                        continue
+                    child.status = 0
+                    if ended is not None:
+                        ended(child)
                 for child in [child for child in running if child.process.poll() is not None]:
                     running.remove(child)
                     child.status, child.seconds = child.process.returncode, time.monotonic() - child.begun
@@ -111,7 +118,8 @@ def _noted():
 
 def _start(child, environment):
     child.begun = time.monotonic()
-    with open(child.log, "wb") as log:
+    child.log.write_bytes(b"")
+    with open(child.log, "ab") as log:  # of another sweep in this folder nothing is written over
         child.process = subprocess.Popen(
             [*_ending_with_parent(), *child.command], stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
             env=environment, start_new_session=True,

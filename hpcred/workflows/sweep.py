@@ -45,8 +45,13 @@ class State:
 def states_of(sweep: Sweep) -> dict[str, State]:
     """What there is of each run, by name. A result counts as that of a run if its record says the same job and the
     files that it was made from have the same contents; times of files do not matter."""
-    content = cache(lambda name: content_of(name, SELF) if os.path.isfile(name) else None)
+    content = _contents()
     return {run.name: _state(run, content) for run in sweep.runs}
+
+
+def _contents():
+    """What files have when first asked for, by name; None of those that are not there."""
+    return cache(lambda name: content_of(name, SELF) if os.path.isfile(name) else None)
 
 
 def _state(run, content):
@@ -98,7 +103,15 @@ def run_sweep(
             temporary.write_text(f"# hpcred sweep: one job of it\n{run.job_text()}", encoding="utf-8")
     children = [_child(sweep, run.name, "reduce", str(run.beside(".toml").absolute()), log=run.beside(".log"))
                 for run in left]  # fmt: skip
-    run_all(children, at_once, sweep.launch.environment, **_told(progress, len(children)))
+    runs, content = {run.name: run for run in left}, _contents()
+
+    def wanted(child):
+        """Whether another sweep in this folder has not done it meanwhile."""
+        if _state(runs[child.name], content).done:
+            skipped.add(child.name)
+        return child.name not in skipped
+
+    run_all(children, at_once, sweep.launch.environment, wanted=wanted, **_told(progress, len(children)))
     after = states_of(sweep)
     ended = {child.name: child for child in children}
     if any(child.status == Stopped.exit_status for child in children):
@@ -180,7 +193,7 @@ def _report(sweep, chosen, states, skipped, ended):
         state, child = states[run.name], ended.get(run.name)
         record = state.record or {}
         status, sentence = state.word, ""
-        if child is not None and child.status != 0:
+        if child is not None and child.status != 0 and state.word != "finished":  # else another sweep made it
             status = "not reached" if state.word == "not reached" else "failed"
             sentence = child.last_line.removeprefix("hpcred: ") or f"ended with status {child.status}"
         if state.word == "not reached":

@@ -19,6 +19,7 @@ import psutil
 import pytest
 from helpers import CHORD_JOB
 from launch import mpi_environment
+from mpi4py import MPI
 
 import hpcred as package
 from hpcred.cli import run
@@ -102,6 +103,28 @@ def test_finished_runs_are_known_by_what_they_say(linkage_folder, capsys):
     Path("sweep/order-0.h5").write_bytes(Path("sweep/order-0.h5").read_bytes()[:3000])
     with pytest.raises(package.InputError, match="is there and no result"):
         statuses()
+
+
+@pytest.mark.parametrize("launcher", ["", "false"])
+def test_what_another_sweep_has_done_meanwhile_is_finished(linkage_folder, launcher):
+    """Before it is begun here, or while what is begun here is refused."""
+    text = SWEEP.format(last=1, count=2)
+    Path("sweep.toml").write_text(text)
+    package.run_sweep("sweep.toml")
+    Path("sweep").rename("done")
+    Path("sweep.toml").write_text(text.replace('launcher = ""', f'launcher = "{launcher}"'))
+
+    class Other(package.Progress):
+        def say(self, line):
+            said.append(line)
+            for path in Path("done").glob("*.h5" if launcher == "false" else "order-1.h5"):
+                path.rename(Path("sweep", path.name))
+
+    said = []
+    report = package.run_sweep("sweep.toml", progress=Other(MPI.COMM_SELF, show=False))
+    assert [row["status"] for row in report["runs"]] == ["finished", "skipped"] and not report["failed"]
+    assert not Path("sweep/order-1.log").exists()
+    assert "2 of 2" in said[-1]
 
 
 def test_failed_runs_are_listed_with_their_sentence(linkage_folder, capsys):
