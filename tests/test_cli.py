@@ -85,6 +85,8 @@ def test_damaged_files_are_refused(tmp_path, monkeypatch, capsys, text, says):
         (["reduse"], "No such command"),
         (["reduce"], "Missing argument"),
         (["reduce", "job.toml", "--set", "basis.7.order=1"], "no place 'basis.7.order'"),
+        (["reduce", "job.toml", "--set", "=1"], "--set: found '=1', expected key=value"),
+        (["reduce", "job.toml", "--set", "tolerance=1e-3\nband=[1.0, 2.0]"], "tolerance: found '1e-3"),
         (["convert", "model2.h5"], "no matrices"),
         (["convert", "block.inp", "model2.h5"], "block.inp: no such file"),
         (["info", "model.h5", "--below", "1,x"], "expected numbers separated by commas"),

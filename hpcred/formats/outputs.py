@@ -48,6 +48,12 @@ def keep_files(keep: bool):
     _keep = keep
 
 
+def check_kept(path):
+    """Raise InputError where the file exists and files are kept. On one rank."""
+    if _keep and os.path.exists(path):
+        raise InputError(f"output {path}: it exists, and --keep leaves it; choose another name")
+
+
 def hdf5_kind(name: str) -> str:
     """The kind of an HDF5 file whose attribute `format` is a name."""
     return f"HDF5 file of format '{name}'"
@@ -117,8 +123,7 @@ def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int =
                         raise InputError(f"output {path}: this is {other}, which this run {what}; choose another name")
                 if os.path.exists(path):
                     check_kind(path, kind)
-                    if _keep:
-                        raise InputError(f"output {path}: it exists, and --keep leaves it; choose another name")
+                    check_kept(path)
                     if kind not in (ZIP, MATLAB, None):  # of these it is seen at the end
                         replaced.append(path)
             if outputs:

@@ -373,7 +373,8 @@ def _check_outputs(runs, *own):
             if written.absolute() in reads:
                 raise InputError(f"run {run.name} would replace {written}, which it reads; choose another `output`")
         if run.output.exists() and kind_of_file(run.output) != RESULT:
-            raise InputError(f"{run.output}: is there and no result of a reduction; choose another `output`")
+            raise InputError(f"{run.output}: is there and no result of a reduction; remove it, or choose another "
+                             "`output`")
 
 
 def _changes(run):

@@ -7,21 +7,24 @@ The .csv has one line a run, empty where there is nothing; the .json the same ro
 
 import csv
 import json
+import os
 
 import numpy as np
 
 from ..parallel.failures import InputError
-from .hdf5 import atomic_output, check_writable, writing
+from .hdf5 import atomic_output, writing
+from .outputs import JSON, check_outputs, hdf5_kind
 
 FORMAT, VERSION = "hpcred-sweep", 1
 ENDINGS = (".csv", ".json", ".h5", ".hdf5")
 
 
 def check_table_name(path, comm):
-    """Raise InputError unless the name ends as one of the formats and can be written. Collective."""
+    """Raise InputError unless the name ends as one of the formats and the table may be written there. Collective."""
     if not str(path).endswith(ENDINGS):
         raise InputError(f"output {path}: expected a name that ends in {', '.join(ENDINGS)}")
-    check_writable(path, comm)
+    kinds = {".csv": ".csv table of run", ".json": JSON}
+    check_outputs({path: kinds.get(os.path.splitext(path)[1], hdf5_kind(FORMAT))}, comm)
 
 
 def write_sweep_table(path, rows: list[dict], curves: dict, comm):

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from ..analysis.error import error_integral, relative_error
 from ..analysis.frequency_response import frequency_response
+from ..formats.outputs import check_kept
 from ..formats.response_file import read_responses
 from ..formats.result_file import read_result
 from ..formats.sweep_file import read_sweep
@@ -39,6 +40,8 @@ def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> 
         check_table_name(output, SELF)
     if figures is not None:
         pyplot()  # refused early where there is none
+        for path in Path(figures).glob("error*.[ps][nv]g"):
+            check_kept(path)
     states, full = states_of(sweep), responses_of(sweep)
     rows, curves, remarks = [], {}, []
     for run in sweep.runs:
@@ -110,7 +113,8 @@ def _draw(folder, rows, curves, sweep, remarks) -> list[str]:
     drawn, error = [], next((key for key in ("eps", "estimate") if any(row[key] is not None for row in rows)), None)
     known = [row for row in rows if error and row[error] is not None and np.isfinite(row[error])]
     if not known:
-        remarks.append("no figures: no error is known; evaluate = true in the sweep computes it")
+        asked = "evaluate = true in the sweep computes it" if sweep.evaluate is None else "the sweep has not come to it"
+        remarks.append(f"no figures: no error is known; {asked}")
         return []
     keys = {key: [row[key] for row in known] for key in sweep.keys}
     numeric = [key for key, values in keys.items() if all(_is_number(value) for value in values)]

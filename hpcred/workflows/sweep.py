@@ -18,6 +18,7 @@ from mpi4py import MPI
 from ..formats.contents import content_of
 from ..formats.hdf5 import atomic_output, check_writable, reading
 from ..formats.job_file import plain
+from ..formats.outputs import check_kept
 from ..formats.result_file import FORMAT, VERSION
 from ..formats.sweep_file import Run, Sweep, read_sweep
 from ..parallel.failures import InputError
@@ -96,6 +97,9 @@ def run_sweep(
     _launcher(sweep)  # refused early
     make_folder(sweep)
     left = [run for run in chosen if run.name not in skipped]
+    for run in left:
+        for path in (run.output, run.beside(".not-reached.h5")):
+            check_kept(path)
     for run in left:
         if before[run.name].file is not None:
             progress.say(f"{before[run.name].file}: {before[run.name].word}, made again")

@@ -105,6 +105,22 @@ def test_finished_runs_are_known_by_what_they_say(linkage_folder, capsys):
         statuses()
 
 
+def test_keep_replaces_no_result_no_table_and_no_figure(linkage_folder, capsys):
+    Path("sweep.toml").write_text(SWEEP.format(last=1, count=2) + "[evaluate]\nband = [1.0, 100.0]\npoints = 3\n")
+    assert run(["sweep", "sweep.toml", "--keep"]) == 0
+    collect = ["collect", "sweep.toml", "--keep"]
+    for more in (["-o", "table.csv"], ["-o", "table.json"], ["-o", "table.h5"], ["--figures", "figures"]):
+        assert run(collect + more) == 0
+        assert run(collect + more) == 2
+        assert "--keep leaves it" in capsys.readouterr().err
+    Path("job.toml").write_text(CHORD_JOB.replace("100.0", "101.0"))
+    before = {path: path.read_bytes() for path in Path("sweep").iterdir()}
+    assert run(["sweep", "sweep.toml", "--keep"]) == 2
+    assert "output sweep/order-0.h5: it exists, and --keep leaves it" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in Path("sweep").iterdir()} == before
+    assert run(["sweep", "sweep.toml"]) == 0
+
+
 @pytest.mark.parametrize("launcher", ["", "false"])
 def test_what_another_sweep_has_done_meanwhile_is_finished(linkage_folder, launcher):
     """Before it is begun here, or while what is begun here is refused."""
