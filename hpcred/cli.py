@@ -14,6 +14,7 @@ import hpcred
 
 from .formats.locks import unlock_all
 from .formats.outputs import JSON, check_outputs, keep_files
+from .formats.toml_file import check_file_names
 from .parallel import startup
 from .parallel.failures import InputError, fail, printable
 from .parallel.progress import counted
@@ -227,7 +228,9 @@ def _band(text):
 
 
 def _factoring(out_of_core, low_rank):
-    return hpcred.Factoring(out_of_core=out_of_core, low_rank=low_rank) if out_of_core or low_rank else None
+    if out_of_core is None and low_rank is None:
+        return None
+    return hpcred.Factoring(out_of_core=out_of_core, low_rank=low_rank)
 
 
 def _frame(text):
@@ -416,7 +419,8 @@ def reduce(
     """Reduce a model as a job file says."""
     folders = {"out_of_core": out_of_core, "store": store}  # of the command line, not of the job file
     given = {"groups": groups, "low_rank": low_rank}
-    given |= {key: os.path.abspath(name) for key, name in folders.items() if name}
+    check_file_names(**{"--store": store, "--out-of-core": out_of_core})
+    given |= {key: os.path.abspath(name) for key, name in folders.items() if name is not None}
     overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
     found = hpcred.reduce_job(job, overrides=overrides, progress=_progress())
     record, accuracy = found.record, found.record.accuracy

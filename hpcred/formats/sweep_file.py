@@ -233,6 +233,7 @@ def read_sweep(path, store=None) -> Sweep:
     `store`: a folder that replaces that of the file. Nothing is written. Raises InputError.
     """
     path = Path(path)
+    check_file_names(**{"--store": store})
     table = read_table(path)
     try:
         file = parse(_File, table)

@@ -169,11 +169,11 @@ def _near(word, words) -> str:
 def _override(table, text):
     """Put the value of "a.b.0.c=value" (TOML, or a bare word) into the tables."""
     key, equals, value = text.partition("=")
-    if not equals or not key.strip():
-        raise InputError(f"--set: found '{text}', expected key=value, such as basis.0.frequency=150.0")
+    if not equals or not key.strip() or "\n" in text:
+        raise InputError(f"--set: found {text!r}, expected key=value, such as basis.0.frequency=150.0")
     try:
-        (value,) = tomllib.loads(f"value = {value}").values()
-    except ValueError:  # no TOML, or more than one value of it
+        value = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
         value = value.strip()
     try:
         put(table, key, value)

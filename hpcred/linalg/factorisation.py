@@ -19,6 +19,8 @@ from .blocks import dense
 from .options import temporary_options
 
 MORE_ROOM = (-8, -9, -14, -15, -17, -20)  # INFOG(1): a workspace was too small
+NO_FILE = -90  # out of core
+LONGEST_FOLDER = 255  # bytes of a name that MUMPS takes; it cuts longer ones, and writes elsewhere or fails
 OUT_OF_MEMORY = (-7, -13, -19)
 SOLVE_WIDTH = 96  # columns that MUMPS solves for at a time; wider ones take memory (`hpcred bench` compares widths)
 ANALYSIS = {"icntl_23": 1}  # a limit of 1 MB, at which all but tiny matrices are only analysed
@@ -77,6 +79,11 @@ class Factoring:
             raise InputError(f"memory_mb: found {self.memory_mb:g}, expected MB of a rank, more than 0")
         if self.out_of_core is not None and not os.access(self.out_of_core, os.W_OK | os.X_OK):
             raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be written; create it or name another")
+        if self.out_of_core is not None and len(os.fsencode(self.out_of_core)) > LONGEST_FOLDER:
+            raise InputError(
+                f"out_of_core: the name of the folder has {len(os.fsencode(self.out_of_core))} bytes, MUMPS takes "
+                f"{LONGEST_FOLDER}; name another: {self.out_of_core}"
+            )
 
     def mumps(self) -> dict:
         """The controls of MUMPS, once PETSc is loaded. Raises InputError where MUMPS cannot do it."""
@@ -293,6 +300,9 @@ class Factorisation:
                 raise SingularMatrix()
             if code in OUT_OF_MEMORY:
                 raise DoesNotFit(message)
+            if code == NO_FILE:
+                raise ComputationError(f"out_of_core: MUMPS cannot write factors to {self.factoring.out_of_core}; "
+                                       "make room there, or name another folder")  # fmt: skip
             if code not in MORE_ROOM:
                 raise ComputationError(f"MUMPS failed to factor: INFOG(1) = {code}, INFOG(2) = {detail}")
         raise ComputationError(f"MUMPS wants ever more workspace: INFOG(1) = {code}, INFOG(2) = {detail}")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -163,3 +164,17 @@ def test_of_several_orderings_that_of_the_fewest_operations_is_taken_once(comm, 
             assert {record.ordering for record in solver.records} == {factorisation.ORDERINGS[best]}
             assert solver.analyses == 3
             solver.close()
+
+
+def test_folders_that_mumps_cannot_write_to(model, tmp_path):
+    """A name that is too long for it, and a folder that is gone when it comes to write."""
+    long = tmp_path / ("x" * 200) / ("y" * 100)
+    long.mkdir(parents=True)
+    with pytest.raises(InputError, match="MUMPS takes 255; name another"):
+        Factoring(out_of_core=str(long))
+    (tmp_path / "gone").mkdir()
+    solver = ShiftedSolver(model, factoring=Factoring(out_of_core=str(tmp_path / "gone")))
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(ComputationError, match="out_of_core: MUMPS cannot write factors to .*gone; make room there"):
+        solver.factor(-1e4)
+    solver.close()
