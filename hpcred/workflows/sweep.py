@@ -95,8 +95,9 @@ def run_sweep(
     if dry_run:
         return _report(sweep, chosen, before, skipped, {})
     _launcher(sweep)  # refused early
-    make_folder(sweep)
     left = [run for run in chosen if run.name not in skipped]
+    if left:
+        make_folder(sweep)  # what is finished may be read-only
     for run in left:
         for path in (run.output, run.beside(".not-reached.h5")):
             check_kept(path)
@@ -266,5 +267,7 @@ def _full_responses(sweep, chosen, states, at_once, progress):
         full = os.path.abspath(asked.full or run.job.model)
         given = [str(result.absolute()), "--full", full, "-o", str(file.absolute()), *grid]
         children.append(_child(sweep, file.stem, "evaluate", *given, log=file.with_suffix(".log")))
+    if children:
+        make_folder(sweep)
     run_all(children, at_once, sweep.launch.environment, **_told(progress, len(children)))
     return {child.name: child for child in children}

@@ -24,6 +24,7 @@ from mpi4py import MPI
 import hpcred as package
 from hpcred.cli import run
 from hpcred.parallel.stopping import Stopped
+from hpcred.workflows import sweep
 from hpcred.workflows.children import Child, Interrupted, run_all
 
 ROOT = Path(__file__).parent.parent.parent
@@ -74,7 +75,7 @@ def test_the_documented_example(tmp_path, monkeypatch, capsys):
                      for kind in ("png", "svg")}  # fmt: skip
 
 
-def test_finished_runs_are_known_by_what_they_say(linkage_folder, capsys):
+def test_finished_runs_are_known_by_what_they_say(linkage_folder, capsys, monkeypatch):
     """Not by times: a new model or job is seen, an old file with the same contents is not."""
     Path("sweep.toml").write_text(SWEEP.format(last=1, count=2))
 
@@ -89,6 +90,9 @@ def test_finished_runs_are_known_by_what_they_say(linkage_folder, capsys):
     os.utime("model.h5")
     assert run(["sweep", "sweep.toml"]) == 0
     assert {path: path.stat().st_mtime_ns for path in Path("sweep").iterdir()} == before
+    with monkeypatch.context() as patched:  # a folder in which nothing may be written, by any user
+        patched.setattr(sweep, "check_writable", lambda *_: pytest.fail("nothing is to be written"))
+        assert run(["sweep", "sweep.toml"]) == 0
     Path("model.h5").rename("moved.h5")
     Path("job.toml").write_text(CHORD_JOB.replace("model.h5", "moved.h5"))
     assert statuses() == ["skipped", "skipped"]
