@@ -109,12 +109,12 @@ def test_inputs_as_files_and_matrices_in_the_job(tmp_path, monkeypatch):
 def test_all_directions_of_an_interface_are_named_at_once(linkage_folder, capsys):
     hub = '[[interface]]\nname = "hub"\nnodes = [1, 7, 14]\n'
     job = CHORD_JOB.replace('[[20, "z"]]', '[["hub", "all"], [20, "z"]]') + hub
+    Path("job.toml").write_text(job.replace('[20, "z"]', '[20, "all"]'))
+    assert "node 20: direction 'all' belongs to interfaces" in refused(capsys, "reduce", "job.toml")
     Path("job.toml").write_text(job)
     assert run(["reduce", "job.toml"]) == 0
     names = package.read_result("result.h5").reduced.input_names
     assert names == (*(f"hub:{name}" for name in ("x", "y", "z", "rx", "ry", "rz")), "20:z")
-    Path("job.toml").write_text(job.replace('[20, "z"]', '[20, "all"]'))
-    assert "node 20: direction 'all' belongs to interfaces" in refused(capsys, "reduce", "job.toml")
 
 
 def test_an_output_matrix_of_another_size_is_refused(linkage_folder, capsys):
