@@ -99,6 +99,8 @@ def _sentence(kind, table, details) -> str:
         )
     if found is _MISSING:
         return f"{where}: missing; expected {_expected(kind)}"
+    if isinstance(found, dict) and get_origin(kind) is tuple and _dataclass_of(plain_type(get_args(kind)[0]), {}):
+        return f"{where}: found a single table, expected a list of tables; write [[{where}]] in place of [{where}]"
     finite = " that is finite" if details["type"] == "finite_number" else ""
     named = found in [_kind_of(item) for item in get_args(kind) if is_dataclass(item)]  # frame = "buckens"
     such = f", such as {{kind = '{found}'}}" if named else ""

@@ -43,10 +43,19 @@ def require_not_negative(where, **values):
 
 def require_times(where, times, values):
     """Raise InputError unless there is a value for each of some ascending times."""
-    if len(times) != len(values) or not times:
+    if not times:
+        raise InputError(f"{where}times: found an empty list, expected ascending times and a value for each")
+    if len(times) != len(values):
         raise InputError(f"{where}values: found {len(values)} values for {len(times)} times, expected as many")
-    if any(late <= early for early, late in zip(times, times[1:], strict=False)):
-        raise InputError(f"{where}times: expected ascending times")
+    for early, late in zip(times, times[1:], strict=False):
+        if late <= early:
+            raise InputError(f"{where}times: found {late:g} s after {early:g} s, expected ascending times")
+
+
+def shortest_interval(times, end) -> float:
+    """The shortest interval (s) of ascending times that has a part between 0 and `end`; inf where there is none."""
+    times = np.asarray(times)
+    return np.diff(times)[(times[1:] > 0) & (times[:-1] < end)].min(initial=np.inf)
 
 
 def unit(where, key, vector) -> np.ndarray:

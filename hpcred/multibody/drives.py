@@ -17,6 +17,7 @@ from .checks import (
     require_not_negative,
     require_sine,
     require_times,
+    shortest_interval,
     unit,
 )
 from .loads import Vector
@@ -68,7 +69,7 @@ class ConstantDrive(Drive):
     def __call__(self, t):
         return self.value, 0.0
 
-    def longest_step(self):
+    def longest_step(self, end=np.inf):
         return np.inf
 
 
@@ -97,7 +98,7 @@ class RampDrive(Drive):
         value = a * a / 2 + (np.cos(turn * a) - 1) / turn**2
         return self.rate * end * value, self.rate * (a - np.sin(turn * a) / turn)
 
-    def longest_step(self):
+    def longest_step(self, end=np.inf):
         return self.duration / 8 or np.inf
 
 
@@ -120,7 +121,7 @@ class SineDrive(Drive):
         angle = omega * t + self.phase
         return self.amplitude * np.sin(angle), self.amplitude * omega * np.cos(angle)
 
-    def longest_step(self):
+    def longest_step(self, end=np.inf):
         return 1 / (8 * self.frequency)
 
 
@@ -150,8 +151,8 @@ class TableDrive(Drive):
             return self.values[0 if t <= self.times[0] else -1], 0.0
         return float(self._spline(t)), float(self._spline(t, 1))
 
-    def longest_step(self):
-        return min(np.diff(self.times))
+    def longest_step(self, end=np.inf):
+        return shortest_interval(self.times, end)
 
 
 AnyDrive = Annotated[ConstantDrive | RampDrive | SineDrive | TableDrive, Field(discriminator="kind")]

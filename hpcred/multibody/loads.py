@@ -15,6 +15,7 @@ from .checks import (
     require_node,
     require_sine,
     require_times,
+    shortest_interval,
 )
 from .node_shapes import NodeShape
 
@@ -44,7 +45,7 @@ class ConstantForce:
     def __call__(self, t):
         return np.asarray(self.value)
 
-    def longest_step(self):
+    def longest_step(self, end=np.inf):
         return np.inf
 
 
@@ -69,7 +70,7 @@ class SineForce:
     def __call__(self, t):
         return np.asarray(self.amplitude) * np.sin(2 * np.pi * self.frequency * t + self.phase)
 
-    def longest_step(self):
+    def longest_step(self, end=np.inf):
         return 1 / (8 * self.frequency)
 
 
@@ -96,8 +97,8 @@ class TableForce:
     def __call__(self, t):
         return np.array([np.interp(t, self.times, column) for column in zip(*self.values, strict=True)])
 
-    def longest_step(self):
-        return min(np.diff(self.times), default=np.inf)
+    def longest_step(self, end=np.inf):
+        return shortest_interval(self.times, end)
 
 
 @dataclass(frozen=True)

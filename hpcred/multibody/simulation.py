@@ -8,7 +8,7 @@ import numpy as np
 
 from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
-from ..parallel.ranges import COUNT, LABEL, within
+from ..parallel.ranges import LABEL, within
 from .body import Body, check_moving, remarks
 from .checks import require_finite
 from .drives import AnyDrive
@@ -19,6 +19,8 @@ from .rotations import quaternion, rotation, vector_of
 from .springs import ZERO, AnySpring, element_of
 
 MOST_STEPS = 1e8  # that a simulation may need; they take weeks
+OUTPUTS = (1, 10_000_000, "")  # output intervals, all of which are kept in memory
+SPEED = (-3e8, 3e8, "m/s")
 ENERGIES = ("kinetic", "elastic", "gravity", "springs")
 POWERS = ("work", "drives", "dissipated")
 MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
@@ -59,7 +61,8 @@ class Simulation:
             if not 0 < getattr(self, key) < np.inf:
                 raise InputError(f"{key}: found {getattr(self, key):g}, expected a finite number of more than 0")
         within("end", self.end, (1e-15, 1e9, "s"))
-        within("steps", self.steps, COUNT)
+        within("steps", self.steps, OUTPUTS)
+        within("velocity", self.velocity, SPEED)
         within("relative_tolerance", self.relative_tolerance, (1e-14, 0.5, ""))
         within("absolute_tolerance", self.absolute_tolerance, (1e-30, 1.0, ""))
         within("observe", self.observe, LABEL)
@@ -207,7 +210,8 @@ def _integrate(system, setup, y0, yp0, progress):
     forces = system.split(yp0)[4]
     system.split(tolerance)[4][:] *= max(1.0, np.abs(forces).max(initial=0.0))
     # a pulse must not be stepped over
-    longest = min([setup.end / 20, *(item.longest_step() for item in (*setup.force, *setup.moment, *setup.drive))])
+    moving = (*setup.force, *setup.moment, *setup.drive)
+    longest = min([setup.end / 20, *(item.longest_step(setup.end) for item in moving)])
     if setup.end > MOST_STEPS * longest:
         raise InputError(
             f"end = {setup.end:g} s takes {setup.end / longest:.1e} steps of the fastest load or drive, expected at "
@@ -220,7 +224,8 @@ def _integrate(system, setup, y0, yp0, progress):
     if not found.success:
         raise ComputationError(
             f"the integrator stopped at t = {found.t[-1] if len(found.t) else 0:.4g} s: {found.message}; "
-            "loosen the tolerances, or leave out pseudo-modes far above the band (drop_above)"
+            "look for loads, drives and velocities that are too large, loosen the tolerances, or leave out pseudo-modes "
+            "far above the band (drop_above)"
         )
     return found.t, found.y, found.yp, int(found.nlu)
 

@@ -117,6 +117,8 @@ def test_forces_over_time():
     assert table(0.5) == pytest.approx([1, 0, -1]) and table(2.0) == pytest.approx([2, 2, -1])
     assert table(-1.0) == pytest.approx([0, 0, 0]) and table(9.0) == pytest.approx([2, 4, 0])
     assert SineForce(1, (3.0, 0.0, 0.0), 2.0, np.pi / 2)(0.25) == pytest.approx([-3, 0, 0])
+    late = TableForce(1, (-1.0, -0.9, 0.0, 1.0, 3.0, 3.1), ((0.0, 0.0, 0.0),) * 6)
+    assert late.longest_step(2.0) == 1.0 and late.longest_step(0.5) == 1.0 and late.longest_step(4.0) < 0.11
     assert table.longest_step() == 1.0 and SineForce(1, (1.0, 0.0, 0.0), 2.0).longest_step() < 0.1
 
 
