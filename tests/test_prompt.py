@@ -75,6 +75,15 @@ def test_petsc_options_that_nothing_used_are_named(hpcred, linkage_folder):
     assert "nothing used the PETSc option -nothing;" in found.stdout
 
 
+def test_a_table_for_a_closed_pipe_is_no_internal_error(monkeypatch):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as closed:
+        monkeypatch.setattr("sys.stdout", closed)
+        with pytest.raises(BrokenPipeError):
+            show_table("", [{"name": "a", "value": 1.0}])
+
+
 @pytest.mark.parametrize("columns", [None, 80, 72])
 def test_tables_fit_the_terminal(monkeypatch, capsys, columns):
     """Numbers and short words are whole; text takes several lines."""

@@ -223,9 +223,9 @@ def _integrate(system, setup, y0, yp0, progress):
     )  # fmt: skip
     if not found.success:
         raise ComputationError(
-            f"the integrator stopped at t = {found.t[-1] if len(found.t) else 0:.4g} s: {found.message}; "
-            "look for loads, drives and velocities that are too large, loosen the tolerances, or leave out pseudo-modes "
-            "far above the band (drop_above)"
+            f"the integrator stopped at t = {found.t[-1] if len(found.t) else 0:.4g} s: {found.message.rstrip('.')}; "
+            "look for loads, drives and velocities that are too large, loosen the tolerances, or leave out "
+            "pseudo-modes far above the band (drop_above)"
         )
     return found.t, found.y, found.yp, int(found.nlu)
 

@@ -73,14 +73,10 @@ def _show(columns, rows, width):
             table.add_column(column, overflow="fold", min_width=min(widest, WORD))
     for row in rows:
         table.add_row(*(_cell(row[column]) for column in columns))
-    console = Console(file=sys.stdout, width=width, highlight=False)
-    console.on_broken_pipe = _not_read
-    console.print(table)
-
-
-def _not_read():
-    """Have the error leave that is under way, where rich would end the process."""
-    raise  # noqa: PLE0704
+    try:
+        Console(file=sys.stdout, width=width, highlight=False).print(table)
+    except SystemExit as error:  # so rich says that a pipe was closed
+        raise BrokenPipeError from error
 
 
 def _cell(value) -> str:

@@ -222,7 +222,7 @@ NAN = float("nan")
         (lambda: RampDrive(node=7, along=AXIS, rate=1.0, duration=-1.0), "drive.duration: found -1.0"),
         (lambda: SineDrive(node=7, along=AXIS, amplitude=1.0, frequency=0.0), "drive.frequency: found 0"),
         (lambda: TableDrive(node=7, along=AXIS, times=(0.0,), values=(1.0,)), "drive.times: found one time"),
-        (lambda: TableDrive(node=7, along=AXIS, times=(0.0, 0.0), values=(1.0, 2.0)), "drive.times: found 0 s after 0 s"),
+        (lambda: TableDrive(node=7, along=AXIS, times=(0.0, 0.0), values=(1.0, 2.0)), "times: found 0 s after 0 s"),
         (lambda: LineSpring(7, AXIS, -1.0), "spring.stiffness: found -1.0, expected nothing below 0"),
         (lambda: LineSpring(7, AXIS, 1.0, length=-1.0), "spring.length: found -1.0"),
         (lambda: LineSpring(7, AXIS, 0.0), "spring: node 7 has nothing but zeros in stiffness, damping"),
