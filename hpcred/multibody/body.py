@@ -14,6 +14,8 @@ from .equations_of_motion import FlexibleBody
 from .floating_frame import FloatingFrame, floating_frame
 from .node_shapes import NodeShape, interface_nodes, node_shapes
 
+NO_INERTIA = 1e-12  # of the largest inertia: round-off
+
 
 @dataclass
 class Surface:
@@ -84,6 +86,14 @@ def check_moving(body: Body, where: str):
             f"the body has no mass in {' and '.join(missing)}, where no node can move, so its inertia is not known; "
             f"{where} needs all three directions: give the model its dofs in {' and '.join(missing)}, or take the "
             "arrays by format 'npz'"
+        )
+    frame = body.floating_frame
+    centre = frame.mc / frame.mass
+    about_centre = frame.J - frame.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    if np.linalg.eigvalsh(about_centre).min() < NO_INERTIA * np.abs(frame.J).max():
+        raise InputError(
+            f"the body has no inertia about one of its axes, as where all masses lie on a line, which {where} needs; "
+            "give the model the rotational inertia of its section, or take the arrays by format 'npz'"
         )
     check_elastic(body)
 

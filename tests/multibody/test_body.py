@@ -58,6 +58,11 @@ def test_a_body_without_a_direction_is_refused_in_time(directions, says):
     assert any("the masses in x, y, z are" in line for line in remarks(body))
 
 
+def test_a_body_on_a_line_is_refused_in_time():
+    with pytest.raises(InputError, match="no inertia about one of its axes, .* which a simulation needs"):
+        check_moving(chain_body((0, 1, 2)), "a simulation")
+
+
 def chain_body(directions, left_out=()):
     """Three nodes of 2 kg with some of the directions, one spring between neighbours and one to the ground."""
     names = [(node, d) for node in (1, 2, 3) for d in directions if (node, d) not in left_out]
