@@ -87,14 +87,6 @@ def check_moving(body: Body, where: str):
             f"{where} needs all three directions: give the model its dofs in {' and '.join(missing)}, or take the "
             "arrays by format 'npz'"
         )
-    frame = body.floating_frame
-    centre = frame.mc / frame.mass
-    about_centre = frame.J - frame.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    if np.linalg.eigvalsh(about_centre).min() < NO_INERTIA * np.abs(frame.J).max():
-        raise InputError(
-            f"the body has no inertia about one of its axes, as where all masses lie on a line, which {where} needs; "
-            "give the model the rotational inertia of its section, or take the arrays by format 'npz'"
-        )
     check_elastic(body)
 
 
@@ -124,6 +116,16 @@ def check_elastic(body: Body):
         )
 
 
+def has_no_inertia(body: Body) -> bool:
+    """Whether the body has none about one of its axes, as where all masses lie on a line; not of flat bodies."""
+    frame = body.floating_frame
+    if not np.isfinite(frame.J).all() or not frame.mass:
+        return False
+    centre = frame.mc / frame.mass
+    about_centre = frame.J - frame.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    return bool(np.linalg.eigvalsh(about_centre).min() < NO_INERTIA * np.abs(frame.J).max())
+
+
 def remarks(body: Body) -> list[str]:
     """What was approximated or is not there, one sentence each."""
     found, masses = [], body.floating_frame.masses
@@ -132,6 +134,8 @@ def remarks(body: Body) -> list[str]:
         found.append(f"the masses in x, y, z are {listed} kg, because not all nodes move in all directions")
     if body.floating_frame.integrals != "consistent":
         found.append(f"integrals quadratic in the shapes: {body.floating_frame.integrals}, an approximation")
+    if has_no_inertia(body):
+        found.append("the body has no inertia about one of its axes, as where every mass lies on a line; hold it there")
     still = [str(shape.node) for shape in body.nodes if not shape.rotates]
     if still:
         found.append(f"no rotational dofs at nodes {', '.join(still)}: psi is zero there")

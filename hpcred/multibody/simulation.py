@@ -9,7 +9,7 @@ import numpy as np
 from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.ranges import LABEL, within
-from .body import Body, check_moving, remarks
+from .body import Body, check_moving, has_no_inertia, remarks
 from .checks import require_finite
 from .drives import AnyDrive
 from .equations_of_motion import FlexibleBody, node_motion
@@ -142,6 +142,11 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     rotations) or ComputationError.
     """
     check_moving(body, "a simulation")
+    if has_no_inertia(body):
+        raise InputError(
+            "the body has no inertia about one of its axes, as where all masses lie on a line, which a simulation "
+            "needs; give the model the rotational inertia of its section"
+        )
     setup = setup.numbered(body)
     shapes = {shape.node: shape for shape in body.nodes}
     for node in setup.nodes:
