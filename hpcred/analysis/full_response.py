@@ -22,11 +22,12 @@ from ..parallel.decisions import decided
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
-from ..reduction.accuracy import Accuracy, Adaptive
+from ..reduction.accuracy import ROUND_OFF, Accuracy, Adaptive
 from ..reduction.adaptive import HELD_BACK, Search
 from ..reduction.error_estimate import UNIFORM, estimate, grid
 from ..reduction.pseudo_modal import Law, nested, relative, response
 from ..reduction.reduce import KEPT_BY_SEARCH, ROOM, check_model, warnings_of
+from ..reduction.round_off import projected_again
 from ..reduction.run import Run
 from .error_check import Check, bound_of, fresh_frequencies, measuring_damping
 from .frequency_response import checked_frequencies, frequency_response
@@ -130,7 +131,12 @@ def full_response(
         search = owned.owns(Search(basis, run, adaptive))
         reason = search.search()
         with progress.stage("evaluate"):
-            values, eps, accuracy, pair = decided(model.comm, _evaluate, search, reason, frequencies, law)
+            outer = decided(model.comm, search.projections.model)
+            seen = decided(model.comm, _seen, search, reason, outer)
+            basis.multiply(outer.vectors)
+            again = tuple(projected_again(basis, run, search.loads, search.law, search.projections.D is not None))
+            models = _Models(seen, outer, again, search.law, search.ports)
+            values, eps, accuracy = decided(model.comm, _evaluate, search, reason, frequencies, law, models)
         factorisations = tuple(run.factorisations)
     found = FullResponse(
         frequencies=frequencies, response=values, eps=eps, accuracy=accuracy, input_names=model.input_names,
@@ -140,12 +146,12 @@ def full_response(
     if not check:
         return found
     with progress.stage("check"):
-        seed, fresh = fresh_frequencies(accuracy.band, pair.frequencies, check, seed, model.comm)
+        seed, fresh = fresh_frequencies(accuracy.band, models.frequencies, check, seed, model.comm)
         exact = frequency_response(
             model, fresh, frame, measuring_damping(accuracy, damping), factoring=factoring, groups=groups,
             progress=progress,
         )  # fmt: skip
-        said, errors = decided(model.comm, pair.against, fresh, exact)
+        said, errors = decided(model.comm, models.against, fresh, exact)
     checked = Check(seed=seed, bound=bound_of(accuracy), frequencies=tuple(fresh.tolist()), said=said, exact=errors)
     return replace(found, check=checked, timing=progress.timing())
 
@@ -175,11 +181,13 @@ def _check_support(model, frame, frequencies):
 
 
 @dataclass(frozen=True, eq=False)
-class _Pair:
-    """The two models of a search, to say their difference anywhere in the band; local."""
+class _Models:
+    """The models of a search, to say their difference anywhere in the band: the basis, what its error is `seen` from,
+    and the basis projected `again`, which shows the round-off; local."""
 
     seen: object
     outer: object
+    again: tuple
     law: Law
     ports: tuple
 
@@ -192,7 +200,11 @@ class _Pair:
         if self.seen is None:
             nothing = np.full(len(frequencies), np.inf)
             return nothing, nothing
-        return estimate(self.seen, self.outer, nested(self.seen, self.outer), law, frequencies, self.ports)
+        curve, noise = estimate(self.seen, self.outer, nested(self.seen, self.outer), law, frequencies, self.ports)
+        H = response(self.outer, law, frequencies, self.ports)
+        for one in self.again:
+            noise = np.maximum(noise, relative(response(one, law, frequencies, self.ports) - H, H))
+        return curve, noise
 
     def against(self, frequencies, exact):
         """What is said at frequencies (S,), and the error against exact responses (S, r, p)."""
@@ -200,15 +212,18 @@ class _Pair:
         return tuple(sum(self.curve(self.law, frequencies)).tolist()), tuple(errors.tolist())
 
 
-def _evaluate(search, reason, frequencies, law):
-    """Response and estimated error at the frequencies, the accuracy over the band, and both models."""
-    outer = search.projections.model()
+def _seen(search, reason, outer):
+    """The model of a search that the error of `outer`, its whole basis, is seen from, or None."""
     hold = next((start for start in reversed(search.starts) if len(outer.squares) - start >= HELD_BACK), 0)
     framed = search.run.framed
     elastic = framed.model.size - (framed.rigid.count if framed.rigid is not None else 0)
     complete = len(outer.squares) >= elastic or not (hold or reason)  # no column was left to be held back for
-    seen = outer if complete else search.projections.model(hold) if hold else None
-    models = _Pair(seen, outer, search.law, search.ports)
+    return outer if complete else search.projections.model(hold) if hold else None
+
+
+def _evaluate(search, reason, frequencies, law, models):
+    """Response and estimated error at the frequencies, and the accuracy over the band."""
+    outer = models.outer
     if law == Law() and outer.D is None:
         gap = np.abs(frequencies[:, None] ** 2 - outer.frequencies**2).min(axis=1, initial=np.inf)
         poles = frequencies[gap <= POLE * frequencies**2]
@@ -216,7 +231,7 @@ def _evaluate(search, reason, frequencies, law):
             raise InputError(f"frequency {poles[0]:.10g} Hz is a pole of the full model; leave it out or add damping")
     values = response(outer, law, frequencies, search.ports)
     eps = sum(models.curve(law, frequencies))  # round-off is part of what a user sees
-    return values, eps, _accuracy(search, models, reason), models
+    return values, eps, _accuracy(search, models, reason)
 
 
 def _accuracy(search, models, reason) -> Accuracy:
@@ -227,7 +242,7 @@ def _accuracy(search, models, reason) -> Accuracy:
     largest, noise = float(curve.max()), max(search.noise, float(roundoff.max()))
     reached = not reason and largest + noise <= settings.tolerance
     if not reason and not reached:
-        reason = f"limited to {largest + noise:.1e} by round-off"
+        reason = ROUND_OFF
     return Accuracy(
         tolerance=settings.tolerance, band=band, reached=reached, stopped=reason or "reached", largest=largest,
         worst=float(S[curve.argmax()]), noise=noise, measured=search.measured, big_size=len(outer.squares),

@@ -13,6 +13,8 @@ from ..parallel.ranges import COUNT, FREQUENCY, within
 from .error_estimate import UNIFORM
 from .pseudo_modal import Law
 
+ROUND_OFF = "limited by round-off"  # why a search ended
+
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:

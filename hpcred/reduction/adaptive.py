@@ -31,7 +31,7 @@ from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
 from ..parallel.petsc import is_complex
 from ..parallel.stopping import stop_if_asked
-from .accuracy import Accuracy, Adaptive, Point, Proof, law_of
+from .accuracy import ROUND_OFF, Accuracy, Adaptive, Point, Proof, law_of
 from .chain import Entry
 from .compression import compressed
 from .error_estimate import (
@@ -696,7 +696,7 @@ class Search:
         claim = float(curve.max()) + (est if reason else min(est, 3 * self._floor()))
         reached = not reason and claim + noise <= eps
         if not reason and not reached:
-            reason = f"limited to {claim + noise:.1e} by round-off"
+            reason = ROUND_OFF
         return outer.vectors @ embedding, Accuracy(
             tolerance=eps, band=band, reached=reached, stopped=reason or "reached", largest=claim,
             worst=float(fine[curve.argmax()]), noise=noise, measured=self.measured, big_size=len(outer.squares),

@@ -30,6 +30,7 @@ from .projection import diagonalise, project, project_columns
 from .record import make_record, signature_of
 from .reduced_damping import reduced_damping
 from .reduced_model import ReducedModel
+from .round_off import with_round_off
 from .run import Run, identity_of_model
 from .settings import Reduction
 from .two_sided import biorthogonal
@@ -121,6 +122,9 @@ def reduce(
             warnings=(*warnings, *dict.fromkeys(run.remarks)), accuracy=accuracy,
             unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         )  # fmt: skip
+        if accuracy is not None:
+            accuracy = with_round_off(accuracy, reduced, bases[0], run, adaptive)
+            reduced.record = replace(reduced.record, accuracy=accuracy)
         return reduced
 
 

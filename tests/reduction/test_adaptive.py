@@ -66,7 +66,7 @@ def test_what_is_said_of_random_models_is_true(seed, comm):
                                   for name in CASES if name != STIFF])  # fmt: skip
 def test_what_is_said_of_difficult_models_is_true(name, tolerance, comm):
     accuracy, _ = checked(CASES[name](), tolerance, comm)
-    assert accuracy.reached or accuracy.stopped.startswith("limited to")
+    assert accuracy.reached or accuracy.stopped.startswith("limited by")
     assert accuracy.reached or name == "chains tied 1e-5, sensor beyond"  # whose response is 1e-5 of its parts
     assert accuracy.missing_modes == 0
 
@@ -75,7 +75,7 @@ def test_what_is_said_of_difficult_models_is_true(name, tolerance, comm):
                                   "25 masses, weak dashpots"])  # fmt: skip
 def test_below_round_off_it_is_limited(name, comm):
     accuracy, _ = checked(CASES[name](), 1e-13, comm)
-    assert not accuracy.reached and accuracy.stopped.startswith("limited to")
+    assert not accuracy.reached and accuracy.stopped.startswith("limited by")
     assert 1e-13 < accuracy.noise < 1e-9 and len(accuracy.points) <= 3
 
 

@@ -127,7 +127,7 @@ def test_a_tolerance_below_round_off_is_said_first(model_file, capsys):
     """Written all the same, with exit status 1."""
     assert run(["response", "model.h5", "--band", "0,9000", "--tolerance", "1e-14", "-o", "r.csv"]) == 1
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("NOT REACHED") and "limited to" in lines[1] and Path("r.csv").is_file()
+    assert lines[0].startswith("NOT REACHED") and "limited by" in lines[1] and Path("r.csv").is_file()
     assert run(["response", "model.h5", "--band", "0,9000", "--tolerance", "1e-14", "--quiet"]) == 1
     said = capsys.readouterr()
     assert not said.out and said.err.splitlines()[:2] == lines[:2]

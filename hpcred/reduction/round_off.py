@@ -1,0 +1,64 @@
+"""The round-off of a projection: a basis enters; models of its columns that differ by nothing else leave.
+
+It is large where the response is much softer than the stiffest parts, such as that of a nearly free body close to 0 Hz,
+and no comparison of models made from one projection shows it. The columns times factors have other digits, and so other
+round-off of K and D on them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ..linalg.basis import Basis
+from ..parallel.failures import Owned
+from ..parallel.petsc import MPI
+from .accuracy import ROUND_OFF, Accuracy, Adaptive, law_of
+from .interface_coordinates import elastic_part
+from .ports import loads_and_ports
+from .projections import Projections
+from .pseudo_modal import Law, PseudoModal, diagonalised, relative, response
+from .reduced_model import ReducedModel
+from .run import Run
+
+SAMPLES = 3
+FACTORS = (0.7, 1.4)
+CHUNK = 2**20  # numbers of matrices that are solved with at a time
+
+
+def projected_again(basis: Basis, run: Run, loads, law: Law, damped: bool) -> Iterator[PseudoModal]:
+    """Models of the columns of a basis, which changes their lengths, from SAMPLES projections. Collective."""
+    lengths, random = np.ones(basis.size), np.random.default_rng(0)
+    for _ in range(SAMPLES):
+        factors = random.uniform(*FACTORS, basis.size)
+        basis.multiply(np.diag(factors / lengths))
+        lengths = factors
+        again, scale = Projections(run, basis, loads, law, damped), np.outer(lengths, lengths)
+        D = None if again.D is None else again.D / scale
+        yield diagonalised(again.K / scale, again.L / lengths[:, None], D, law)
+
+
+def with_round_off(accuracy: Accuracy, reduced: ReducedModel, basis: Basis, run: Run, adaptive: Adaptive) -> Accuracy:
+    """The accuracy of a reduced model, which has a record, on a basis, which changes its lengths; its noise is at least
+    the difference from models that were projected again. Collective."""
+    law, damped, _ = law_of(run.framed.damping, adaptive.zeta0, adaptive.band)
+    measured = elastic_part(reduced)
+    if accuracy.loss_factor:
+        measured = replace(measured, D=np.zeros_like(measured.K), loss_factor=accuracy.loss_factor)
+    comm, noise = run.model.comm, accuracy.noise
+    mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]
+    parts = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []
+    H = [measured.transfer_function(2j * np.pi * part) for part in parts]
+    with Owned(comm) as owned:
+        loads, ports = loads_and_ports(run)
+        owned.owns(loads)
+        for again in projected_again(basis, run, loads, law, damped):
+            for part, values in zip(parts, H, strict=True):
+                found = response(again, law, part, ports)
+                noise = max(noise, float(relative(found - values, found).max()))
+    noise = comm.allreduce(noise, op=MPI.MAX)
+    if accuracy.reached and accuracy.largest + noise > accuracy.tolerance:
+        return replace(accuracy, noise=noise, reached=False, stopped=ROUND_OFF)
+    return replace(accuracy, noise=noise)
