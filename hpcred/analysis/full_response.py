@@ -249,5 +249,5 @@ def _accuracy(search, models, reason) -> Accuracy:
         mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(S)).sum() / (band[1] - band[0])),
         highest=float(outer.frequencies.max()), missing_modes=max(search.lack, 0), points=tuple(search.points),
         proofs=tuple(search.proofs), frequencies=tuple(S.tolist()), eps=tuple(curve.tolist()),
-        loss_factor=search.law.eta, **search.without_factors(),
+        loss_factor=search.law.eta, **search.doubts(reason),
     )  # fmt: skip

@@ -30,6 +30,7 @@ from ..model.rigid_body_modes import pushed_motions
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
 from ..parallel.petsc import is_complex
+from ..parallel.progress import counted
 from ..parallel.stopping import stop_if_asked
 from .accuracy import ROUND_OFF, Accuracy, Adaptive, Point, Proof, law_of
 from .chain import Entry
@@ -65,6 +66,7 @@ CHAIN = 128  # columns of a point at most, and
 AHEAD = 32  # as many more when the estimate promises to arrive with them
 HIDDEN = 60  # random columns at most, to find modes that no load moves
 UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
+ENDED = "the search ended before a second point"
 HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 PROOF = 1 / 8  # of the band: where models are proven first, whatever the law and the tolerance, so that a store serves
 ZERO = np.finfo(float).eps  # squares of frequencies, relative to the largest, that are round-off, and
@@ -645,9 +647,15 @@ class Search:
 
     # the end
 
-    def without_factors(self) -> dict:
-        """What of an Accuracy says that there were no factors."""
-        return {"multigrid": self._static, "unproven": UNPROVEN if self._static and not self.proofs else ""}
+    def doubts(self, reason) -> dict:
+        """What of an Accuracy says that there were no factors, and that no exact value stands behind the estimate of a
+        search that ended for a reason."""
+        unproven = ""
+        if not self.proofs:
+            unproven = UNPROVEN if self._static else ENDED if reason else ""
+        if reason and self.lack > 0:
+            unproven = "; ".join(filter(None, [unproven, f"{counted(self.lack, 'mode')} of the band not found"]))
+        return {"multigrid": self._static, "unproven": unproven}
 
     def compress(self, reason, drop_above=None, kept=range(0)) -> tuple[np.ndarray, Accuracy]:
         """The columns U (m, k) of the basis that the tolerance asks for, and what is known of them. Collective.
@@ -704,7 +712,7 @@ class Search:
             highest=float(inner_model.frequencies.max()), missing_modes=max(self.lack, 0), points=tuple(self.points),
             worst_pair=(self.run.model.output_names[i], self.run.model.input_names[j], own),
             proofs=tuple(self.proofs), frequencies=tuple(fine.tolist()), eps=tuple(curve.tolist()),
-            loss_factor=law.eta, **self.without_factors(),
+            loss_factor=law.eta, **self.doubts(reason),
         )  # fmt: skip
 
 

@@ -8,6 +8,8 @@ from .pseudo_modal import Law, PseudoModal, difference, norms, relative, respons
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points
+GAP = 2e-3  # of a frequency between a point and pseudo-frequencies, but at most
+NARROW = 0.1  # of the band
 CLUSTER = np.array([-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0])  # places around a resonance, in units of its damping ratio
 
 
@@ -111,7 +113,7 @@ def apart(frequencies, taken, band) -> np.ndarray:
 
 
 def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | None:
-    """The frequency of the largest estimate, APART of the band from other points and 2e-3 f from pseudo-frequencies."""
+    """The frequency of the largest estimate, APART of the band from other points and off pseudo-frequencies."""
     free = apart(frequencies, taken, band)
     order = np.argsort(-np.where(free, curve, -np.inf))
     for k in order[: free.sum()]:
@@ -120,8 +122,9 @@ def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | N
     return None
 
 
-def off_poles(f: float, model: PseudoModal, band, gap=2e-3) -> float | None:
-    """f, or the nearest frequency of the band that is `gap` f away from all pseudo-frequencies."""
+def off_poles(f: float, model: PseudoModal, band) -> float | None:
+    """f, or the nearest frequency of the band that is GAP f away from all pseudo-frequencies, less in narrow bands."""
+    gap = min(GAP, NARROW * (band[1] - band[0]) / band[1])
     poles = model.frequencies
     tries = f * (1 + gap * np.array([0, 1, -1, 2, -2, 3, -3, 5, -5, 8, -8]))
     for trial in tries:

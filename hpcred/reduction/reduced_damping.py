@@ -3,7 +3,9 @@
 import numpy as np
 
 from ..linalg.blocks import apply, copy_of, create_block, inner
+from ..linalg.factorisation import SingularMatrix
 from ..model.damping import ModalDamping, caughey_terms
+from ..parallel.failures import InputError
 
 
 def reduced_damping(damping, run, right, frequencies, left=None):
@@ -21,7 +23,13 @@ def reduced_damping(damping, run, right, frequencies, left=None):
 def _project_caughey(terms, run, right, left):
     """W^T M sum_k a_k (M^-1 K)^k V (39), by solves with M."""
     model = run.model
-    solver = run.factored(np.inf, "infinity")
+    try:
+        solver = run.factored(np.inf, "infinity")
+    except SingularMatrix as error:
+        raise InputError(
+            f"damping.coefficients: found {len(terms)}, but the mass matrix of {model.name} is singular, and a "
+            "series of more than two has its inverse; take two, or other damping"
+        ) from error
     power = copy_of(right, model.M)  # (M^-1 K)^k V
     left = left if left is not None else right
     momentum = run.times_mass(power)

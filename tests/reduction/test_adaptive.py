@@ -79,6 +79,17 @@ def test_below_round_off_it_is_limited(name, comm):
     assert 1e-13 < accuracy.noise < 1e-9 and len(accuracy.points) <= 3
 
 
+def test_a_search_that_ended_at_its_first_point_says_so(comm):
+    """Its estimate has no exact value behind it: here it is below the truth."""
+    case = Case("short", *chain(40), unit(40, 3), up_to(*chain(40), 12))
+    adaptive = Adaptive(tolerance=1e-6, band=case.band, columns=6)
+    with case.model(comm) as model, hpcred.reduce(model, adaptive=adaptive) as rom:
+        accuracy = rom.record.accuracy
+    assert not accuracy.reached and not accuracy.proofs
+    assert "estimated, not proven: the search ended before a second point" in accuracy.sentence
+    assert is_complex() or "modes of the band not found" in accuracy.unproven
+
+
 def test_modes_that_no_load_moves_are_found(comm):
     """Two equal chains: each mode is there twice, and only inertia tells of the second one."""
     K, M = tied_chains(1e-9)

@@ -116,6 +116,9 @@ def test_next_point_is_the_largest_estimate_off_the_points_and_poles():
     assert off_poles(3.0, model, (0.0, 10.0)) == 3.0
     assert off_poles(0.0, model, (0.0, 10.0)) is None
     assert off_poles(10.0, model, (0.0, 9.0)) is None
+    band = (5.0 * (1 - 5e-4), 5.0 * (1 + 5e-4))  # a place in a narrow one, too
+    found = next_point(np.linspace(*band, 101), np.ones(101), [band[1]], model, band)
+    assert found is not None and abs(found - 5.0) > 4e-4
     crowd = diagonalised(np.diag((2 * np.pi * np.linspace(4.9, 5.1, 50)) ** 2), np.ones((50, 1)))
     assert off_poles(5.0, crowd, (0.0, 10.0)) is None
 

@@ -26,3 +26,12 @@ def test_modal_damping_ratios(solid):
             assert np.allclose(-poles.real / np.abs(poles), ratios(rom.frequencies), rtol=1e-6)
     with pytest.raises(hpcred.InputError, match="belong to a reduced model"):
         hpcred.frequency_response(solid, [10.0], damping=ModalDamping(ratio=0.02))
+
+
+def test_a_long_caughey_series_needs_a_regular_mass(comm):
+    K = 1e4 * (2 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    law = hpcred.Caughey((1.0, 1e-5, 1e-12))
+    M = np.diag([1.0, 1, 1, 1, 1, 0])
+    refused = pytest.raises(hpcred.InputError, match="damping.coefficients: found 3, .* mass matrix .* singular")
+    with hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, inputs=np.eye(6)[:, :1]) as model, refused:
+        hpcred.reduce(model, [Modes(count=2)], damping=law)
