@@ -409,6 +409,14 @@ def require_model(model):
     model.K  # noqa: B018  (refused here)
 
 
+def massless(model) -> int:
+    """The number of dofs without mass on the diagonal of M. Collective."""
+    diagonal = model.M.getDiagonal()
+    count = int((diagonal.getArray(readonly=True).real == 0).sum())
+    diagonal.destroy()
+    return model.comm.allreduce(count)
+
+
 def require_inputs(model):
     """Raise InputError for a model without inputs."""
     if model.B is None or not model.input_names:

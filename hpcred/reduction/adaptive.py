@@ -27,6 +27,7 @@ from ..linalg.factorisation import SingularMatrix
 from ..linalg.free_motions import free_motions_refused
 from ..linalg.multigrid_solver import not_definite
 from ..model.rigid_body_modes import pushed_motions
+from ..model.second_order_model import massless
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned, agreed
 from ..parallel.petsc import is_complex
@@ -194,6 +195,7 @@ class Search:
             below = any(proof.frequency <= (low + high) / 2 for proof in self.proofs)
             again = good and not self._counts and not (below and len(self.proofs) > 1)
             if good and not again:
+                self._check_massless()
                 return ""
             self.closing = bool(found["est"] <= 3 * self._floor())
             self.before = found["hold"], self.basis.size
@@ -202,6 +204,7 @@ class Search:
             if again:
                 second = decided(self.run.model.comm, self._next, taken, (low, (low + high) / 2))
                 if not second:
+                    self._check_massless()
                     return ""
                 self.waiting = second[:1] + self.waiting
             elif self.closing and max(taken) < 0.9 * high:
@@ -439,11 +442,24 @@ class Search:
             return
         places = [low + part * (high - low) for part in BETWEEN]
         if largest_residual(self.projections, run, self.ports, places) > COMPLETE:
-            raise InputError(
-                f"{run.model.name}: M has the rank {self.basis.size}, and forces act on dofs without mass, whose "
-                "static deflection no mass-orthonormal basis holds beside all modes; give them a little mass, or take "
-                "them out by static condensation"
-            )
+            raise self._lost_without_mass()
+
+    def _check_massless(self):
+        """Refuse a basis that has lost solutions of its points to round-off on dofs without mass, which it is not
+        orthonormal on."""
+        run = self.run
+        if not massless(run.model):
+            return
+        points = [point.frequency for point in self.points]
+        if largest_residual(self.projections, run, self.ports, points, damped=False) > COMPLETE:
+            raise self._lost_without_mass()
+
+    def _lost_without_mass(self):
+        return InputError(
+            f"{self.run.model.name}: M is singular, and a basis of {self.basis.size} mass-orthonormal columns has lost "
+            "the static deflection of dofs without mass, by forces on them or by round-off; give them a little mass, take "
+            "them out by static condensation, or ask for a lower band"
+        )
 
     def _judge(self, f, order, new, added, limit, closing, history):
         """What the basis is worth after a block, and whether the point is done; on one rank."""
@@ -617,6 +633,7 @@ class Search:
                     add_product(x, self.basis.columns, moving, beta=0.0)
                     used += self._extend_by_solution(self._history(), lambda x=x: run.times_mass(x))
             if self.basis.size == before:
+                self._check_complete()
                 break
             self.starts.append(before)
             moving, lack = decided(run.model.comm, self._moving, before, top)

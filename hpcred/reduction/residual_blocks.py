@@ -13,7 +13,7 @@ from ..parallel.decisions import decided
 from ..parallel.failures import Owned
 from ..parallel.petsc import PETSc
 from .compression import columns
-from .pseudo_modal import coefficients, norms, response, solve
+from .pseudo_modal import UNDAMPED, coefficients, norms, response, solve
 
 RESIDUALS = 40  # frequencies at which residuals are taken
 WEAKEST = 1e-14  # of the strongest direction of a block, in squares: below it is round-off
@@ -76,10 +76,10 @@ def residual_block(projections, run, ports, band, f, width):
     return block
 
 
-def largest_residual(projections, run, ports, frequencies) -> float:
+def largest_residual(projections, run, ports, frequencies, damped=True) -> float:
     """The largest ||R(s)|| / ||L|| at frequencies (Hz), rows scaled by diag(K)^(-1/2). Collective."""
-    matrices, scale = _matrices(projections, run), _row_scale(run.model)
-    loads, parts = decided(run.model.comm, _residual_coefficients, projections, ports, np.array(frequencies))
+    matrices, scale = _matrices(projections, run)[: None if damped else 2], _row_scale(run.model)
+    loads, parts = decided(run.model.comm, _residual_coefficients, projections, ports, np.array(frequencies), damped)
     with Owned(run.model.comm) as owned:
         whole = owned.owns(_combined(projections, run, [], [loads], scale))
         rest = owned.owns(_combined(projections, run, matrices, [loads, *parts], scale))
@@ -108,15 +108,17 @@ def _combined(projections, run, matrices, factors, scale):
     return block
 
 
-def _residual_coefficients(projections, ports, S):
+def _residual_coefficients(projections, ports, S, damped=True):
     """Coefficients of w R = w L - M V c_M - K V c_K - D V c_D at S (Hz), Re beside Im: c_L (l, N), c_M.. (m, N)."""
     model, law = projections.model(), projections.law
+    if not damped:
+        model, law = model._replace(D=None), UNDAMPED
     H = norms(response(model, law, S, ports))
     weights = (1 / np.sqrt(np.where(H > 0, H, H.max(initial=1.0) or 1.0)))[:, None, None]
     states = solve(model, law, S, model.L) * weights
     a, b, s = coefficients(law, S)
     loads = columns(np.eye(model.L.shape[1], dtype=complex) * weights)
-    factors = (b, a, s) if projections.D is not None else (b, a)
+    factors = (b, a, s) if model.D is not None else (b, a)
     return loads, [model.vectors @ columns(factor[:, None, None] * states) for factor in factors]
 
 
