@@ -457,8 +457,8 @@ class Search:
     def _lost_without_mass(self):
         return InputError(
             f"{self.run.model.name}: M is singular, and a basis of {self.basis.size} mass-orthonormal columns has lost "
-            "the static deflection of dofs without mass, by forces on them or by round-off; give them a little mass, take "
-            "them out by static condensation, or ask for a lower band"
+            "the static deflection of dofs without mass, by forces on them or by round-off; give them a little mass, "
+            "take them out by static condensation, or ask for a lower band"
         )
 
     def _judge(self, f, order, new, added, limit, closing, history):
@@ -606,11 +606,11 @@ class Search:
         S = grid([outer], self.law, self.settings.band)
         curve, noise = estimate(inner_model, outer, nested(inner_model, outer, hold), self.law, S, self.ports)
         proofs = []
-        for f in checked:
+        for f in checked if self.before is not None else ():  # a first round of one point proves nothing
             found = self._check(f, inner_model, hold, outer)
             proofs.append(Proof(frequency=f, **{key: float(value) for key, value in found.items()}))
         return {"est": float(curve.max()), "noise": float(noise.max()), "hold": hold, "proofs": proofs,
-                "exact": max(proof.exact for proof in proofs)}  # fmt: skip
+                "exact": max((proof.exact for proof in proofs), default=np.inf)}  # fmt: skip
 
     # modes that no load moves
 

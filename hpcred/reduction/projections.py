@@ -57,6 +57,7 @@ class Projections:
 
     def model(self, columns=None) -> PseudoModal:
         """The model of the first so many `columns` of the basis, or of listed ones, by default of all; local."""
-        k = np.arange(self.basis.size if columns is None else columns) if np.ndim(columns) == 0 else np.array(columns)
+        count = self.basis.size if columns is None else columns
+        k = np.arange(count) if np.ndim(count) == 0 else np.array(count, dtype=int)
         D = None if self.D is None else self.D[np.ix_(k, k)]
         return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self.law)

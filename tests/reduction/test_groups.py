@@ -75,3 +75,14 @@ def test_groups_of_a_two_sided_projection(comm):
         for rom in results:
             rom.close()
     assert np.abs(shared - alone).max() < 1e-9 * np.abs(alone).max()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("more", [{}, {"points": (20.0,)}])
+def test_groups_of_a_search_that_have_nothing_to_prove(comm, more):
+    """Three masses are complete after the block that is held back; one point of the user's has nothing before it."""
+    K = 1e4 * (2 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1))
+    adaptive = package.Adaptive(tolerance=1e-6, band=(0.0, 40.0), **more)
+    model = package.SecondOrderModel.from_scipy(K, np.eye(3), comm=comm, inputs=np.eye(3)[:, :1])
+    with model, package.reduce(model, adaptive=adaptive, groups=comm.size) as rom:
+        assert rom.record.accuracy.reached and rom.size <= 3
