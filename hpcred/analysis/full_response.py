@@ -23,10 +23,10 @@ from ..parallel.declared import declared
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
 from ..reduction.accuracy import ROUND_OFF, Accuracy, Adaptive
-from ..reduction.adaptive import HELD_BACK, Search
+from ..reduction.adaptive import HELD_BACK, Search, deflation_of_search
 from ..reduction.error_estimate import UNIFORM, estimate, grid
 from ..reduction.pseudo_modal import Law, nested, relative, response
-from ..reduction.reduce import KEPT_BY_SEARCH, ROOM, check_model, warnings_of
+from ..reduction.reduce import ROOM, check_model, warnings_of
 from ..reduction.round_off import projected_again
 from ..reduction.run import Run
 from .error_check import Check, bound_of, fresh_frequencies, measuring_damping
@@ -122,12 +122,12 @@ def full_response(
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
             warnings += inputs_without_effect(framed)
-        room = min(ROOM, adaptive.columns)
+        room, deflation = min(ROOM, adaptive.columns), deflation_of_search(framed.model)
         run = owned.owns(
-            Run(framed, progress, KEPT_BY_SEARCH, factoring or Factoring(), inertia=True, columns=room)
+            Run(framed, progress, deflation, factoring or Factoring(), inertia=True, columns=room)
         )
         rigid = framed.rigid.R if framed.rigid is not None else None
-        basis = owned.owns(Basis(run.mass, rigid, KEPT_BY_SEARCH, room, run.keeps_images))
+        basis = owned.owns(Basis(run.mass, rigid, deflation, room, run.keeps_images))
         search = owned.owns(Search(basis, run, adaptive))
         reason = search.search()
         with progress.stage("evaluate"):

@@ -65,6 +65,8 @@ BLOCK = 16  # columns of a block that is made from residuals
 HELD_BACK = 3  # columns at least that the estimate sees the model from
 CHAIN = 128  # columns of a point at most, and
 AHEAD = 32  # as many more when the estimate promises to arrive with them
+KEPT = 1e-13  # deflation tolerance: what round-off brings is compressed away at the end
+KEPT_WITHOUT_MASS = 1e-7  # the same with dofs without mass: round-off there grows by its inverse, and is stiff
 HIDDEN = 60  # random columns at most, to find modes that no load moves
 UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
 ENDED = "the search ended before a second point"
@@ -75,6 +77,11 @@ NEARLY_ZERO = 1e-12  # that may be, where round-off shows in the estimate too
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 BETWEEN = (0.31, 0.77)  # of the band: where a basis that can hold nothing more is tried, which are no points
 COMPLETE = 1e-6  # residual of such a basis, relative to the loads, that is round-off
+
+
+def deflation_of_search(model) -> float:
+    """The deflation tolerance of a search on a model. Collective."""
+    return KEPT_WITHOUT_MASS if massless(model) else KEPT
 
 
 class SearchChain(PencilChain):

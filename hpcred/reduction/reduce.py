@@ -20,7 +20,7 @@ from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
 from .accuracy import Accuracy, Adaptive
-from .adaptive import Search
+from .adaptive import Search, deflation_of_search
 from .chain import Store
 from .craig_bampton import ConstraintModes
 from .groups import blocks_in_groups, number_of_groups
@@ -36,7 +36,6 @@ from .settings import Reduction
 from .two_sided import biorthogonal
 
 ORTHONORMAL_TO = 1e-12
-KEPT_BY_SEARCH = 1e-13  # deflation tolerance of a search: what round-off brings is compressed away at its end
 ROOM = 96  # columns that a search is expected to need
 
 
@@ -88,7 +87,7 @@ def reduce(
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
             warnings += inputs_without_effect(framed)
-        deflation = settings.deflation_tolerance if adaptive is None else KEPT_BY_SEARCH
+        deflation = settings.deflation_tolerance if adaptive is None else deflation_of_search(framed.model)
         columns = _check_size(framed, basis, adaptive)
         run = Run(framed, progress, deflation, factoring or Factoring(), inertia=adaptive is not None, columns=columns)
         runs = [owned.owns(run)]

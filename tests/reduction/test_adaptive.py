@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 from adaptive_models import Case, chain, fresh, hard_cases, pair, random_case, said_and_true, tied_chains, unit, up_to
-from helpers import dense_model
+from helpers import dense_model, to_dense
 from launch import TWO_BUILDS
 
 import hpcred
 from hpcred import Buckens, Caughey, InputError, Krylov, ModalDamping, Modes, NoDamping, Rayleigh, Structural
+from hpcred.examples.linkage import FRAME, LOAD
 from hpcred.parallel.petsc import is_complex
 from hpcred.reduction.accuracy import Adaptive, law_of
 from hpcred.reduction.pseudo_modal import Law
@@ -90,6 +91,29 @@ def test_modes_above_which_dofs_without_mass_are_lost_are_no_proof(comm):
     case = Case("without mass", K, M, B, (0.0, 56.9), damping=Rayleigh(0.0, 2e-7))
     with case.model(comm) as model, pytest.raises(InputError, match="without mass, by forces on them or by round-off"):
         hpcred.reduce(model, damping=case.damping, tolerance=0.06, band=case.band)
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-6])
+def test_lumped_masses(comm, tolerance):
+    """All rotations without mass, as many programs lump: the random columns that look for hidden modes had brought
+    round-off there that was larger than the response."""
+    with hpcred.linkage(comm) as model:
+        K, M, dofs = to_dense(model.K), to_dense(model.M), model.dofs
+    lumped = np.zeros(len(M))
+    for axis in range(3):
+        rows = np.flatnonzero(dofs.direction == axis)
+        lumped[rows] = M[np.ix_(rows, rows)].sum(axis=1)
+    M = np.diag(lumped)
+    with hpcred.SecondOrderModel.from_scipy(K, M, dofs=dofs, comm=comm) as model:
+        model = model.with_inputs([LOAD])
+        with hpcred.reduce(model, frame=FRAME, tolerance=tolerance, band=(0.0, 300.0)) as rom:
+            accuracy = rom.record.accuracy
+            measured = replace(rom, D=np.zeros_like(rom.K), loss_factor=accuracy.loss_factor)
+            frequencies = np.linspace(1.0, 300.0, 31)
+            reduced = hpcred.frequency_response(measured, frequencies)
+        full = hpcred.frequency_response(model, frequencies, FRAME, Structural(accuracy.loss_factor))
+    assert accuracy.reached and accuracy.noise < 1e-7
+    assert hpcred.relative_error(full, reduced).max() <= accuracy.largest + accuracy.noise
 
 
 def test_a_search_that_ended_at_its_first_point_says_so(comm):
