@@ -122,7 +122,8 @@ def reduce(
             unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         )  # fmt: skip
         if accuracy is not None:
-            accuracy = with_round_off(accuracy, reduced, bases[0], run, adaptive)
+            with progress.stage("estimate"):
+                accuracy = with_round_off(accuracy, reduced, bases[0], run, adaptive)
             reduced.record = replace(reduced.record, accuracy=accuracy)
         return reduced
 
