@@ -55,8 +55,6 @@ def check_labels(dofs, rows: int, name: str):
 
 def direction_index(name, key="direction") -> int:
     """The place of a name in DIRECTIONS: 0..5 of x, y, z, rx, ry, rz. Raises InputError."""
-    if name == "all":
-        raise InputError(f"{key}: the direction 'all' belongs to interfaces; name those of a node one by one")
     if name not in DIRECTIONS:
         raise InputError(f"{key}: found the direction {name!r}, expected one of {', '.join(DIRECTIONS[:SCALAR])}")
     return DIRECTIONS.index(name)

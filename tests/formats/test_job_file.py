@@ -46,7 +46,7 @@ def replaced(old, new):
         ('"yxz"', '"yyz"', "expected an order of x, y and z"),
         ('[[20, "z"]]', '[[20, "w"]]', "inputs: found the direction 'w', expected one of x, y, z"),
         ('[[20, "z"]]', '[["crank", "z"]]', "'crank' is no interface of model.h5; it has none; the job declares them"),
-        ('[[20, "z"]]', '[[20, "all"]]', "inputs: the direction 'all' belongs to interfaces; name those of a node"),
+        ('[[20, "z"]]', '[[20, "all"]]', "node 20: direction 'all' belongs to interfaces; name those of a node"),
         (
             '[frame]\nkind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"',
             'frame = "chord"',
