@@ -88,6 +88,7 @@ def test_joints_drives_and_springs_in_the_files(made, comm):
     path = made()
     if comm.rank == 0:
         path.write_text(JOINTS)
+    comm.Barrier()  # others read it
     report = simulate_file(path)
     assert report["constraint_drift_rad"] < 1e-6 and report["energy_defect"] < 1e-4
     table = np.genfromtxt(path.with_name("simulation.csv"), delimiter=",", names=True)
