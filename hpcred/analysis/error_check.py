@@ -7,7 +7,7 @@ The full model is factored there with the damping that the accuracy was measured
 from __future__ import annotations
 
 import secrets
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ..model.damping import Structural
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..reduction.accuracy import Accuracy
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.reduced_model import ReducedModel, as_measured
 from .error import relative_error
 from .frequency_response import frequency_response
 
@@ -88,15 +88,6 @@ def said_at(accuracy: Accuracy, frequencies) -> np.ndarray:
 def measuring_damping(accuracy: Accuracy, damping):
     """The damping law that an accuracy was measured with, for a full response."""
     return Structural(accuracy.loss_factor) if accuracy.loss_factor else damping
-
-
-def as_measured(reduced: ReducedModel, accuracy: Accuracy) -> ReducedModel:
-    """The reduced model with the damping that its accuracy was measured with; without its basis."""
-    if not accuracy.loss_factor:
-        return replace(reduced, columns=None, left_columns=None)
-    return replace(
-        reduced, D=np.zeros_like(reduced.K), loss_factor=accuracy.loss_factor, columns=None, left_columns=None
-    )
 
 
 def check_reduced(

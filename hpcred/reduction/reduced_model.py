@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..model.interfaces import InterfaceNode
 from ..model.second_order_model import listed
 from ..parallel.failures import settle
+from .accuracy import Accuracy
 from .record import Record
 
 ROUND_OFF = 1e-13
@@ -105,6 +106,15 @@ class ReducedModel:
         if error is not None and self.columns is not None:
             settle(self.columns.comm.tompi4py(), error)
         self.close()
+
+
+def as_measured(reduced: ReducedModel, accuracy: Accuracy) -> ReducedModel:
+    """The reduced model with the damping that its accuracy was measured with; without its basis."""
+    if not accuracy.loss_factor:
+        return replace(reduced, columns=None, left_columns=None)
+    return replace(
+        reduced, D=np.zeros_like(reduced.K), loss_factor=accuracy.loss_factor, columns=None, left_columns=None
+    )
 
 
 def _semidefinite(matrix):

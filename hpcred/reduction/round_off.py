@@ -20,7 +20,7 @@ from .interface_coordinates import elastic_part
 from .ports import loads_and_ports
 from .projections import Projections
 from .pseudo_modal import Law, PseudoModal, diagonalised, relative, response
-from .reduced_model import ReducedModel
+from .reduced_model import ReducedModel, as_measured
 from .run import Run
 
 SAMPLES = 3
@@ -44,9 +44,7 @@ def with_round_off(accuracy: Accuracy, reduced: ReducedModel, basis: Basis, run:
     """The accuracy of a reduced model, which has a record, on a basis, which changes its lengths; its noise is at least
     the difference from models that were projected again. Collective."""
     law, damped, _ = law_of(run.framed.damping, adaptive.zeta0, adaptive.band)
-    measured = elastic_part(reduced)
-    if accuracy.loss_factor:
-        measured = replace(measured, D=np.zeros_like(measured.K), loss_factor=accuracy.loss_factor)
+    measured = as_measured(elastic_part(reduced), accuracy)
     comm, noise = run.model.comm, accuracy.noise
     mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]
     parts = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..analysis.check import check
 from ..analysis.error import relative_error
-from ..analysis.error_check import BESIDE, as_measured, measuring_damping
+from ..analysis.error_check import BESIDE, measuring_damping
 from ..analysis.frequency_response import frequency_response
 from ..formats.hdf5 import atomic_output
 from ..formats.locks import locks_given_back
@@ -22,7 +22,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.record import versions
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.reduced_model import ReducedModel, as_measured
 from ..report.page import MOST_POINTS, body_for_page, packed, render_page
 from ..report.tables import in_words
 from .evaluate import band_of, short_names
