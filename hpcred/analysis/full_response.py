@@ -216,7 +216,7 @@ def _seen(search, reason, outer):
     """The model of a search that the error of `outer`, its whole basis, is seen from, or None."""
     hold = next((start for start in reversed(search.starts) if len(outer.squares) - start >= HELD_BACK), 0)
     framed = search.run.framed
-    elastic = framed.model.size - (framed.rigid.count if framed.rigid is not None else 0)
+    elastic = framed.model.size - framed.rigid_size
     complete = len(outer.squares) >= elastic or not (hold or reason)  # no column was left to be held back for
     return outer if complete else search.projections.model(hold) if hold else None
 

@@ -69,7 +69,7 @@ def natural_modes(
     with Owned(model.comm) as owned:
         framed = owned.owns(apply_frame(model, frame or _frame_of(model)))
         run = owned.owns(Run(framed, progress, 1e-9, factoring or Factoring()))
-        rigid = framed.rigid.count if framed.rigid is not None else 0
+        rigid = framed.rigid_size
         free = framed.model.size
         if count > free:
             raise InputError(f"modes: {count} modes asked for, {model.name} has {free}")

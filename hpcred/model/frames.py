@@ -97,6 +97,11 @@ class FramedModel:
     rigid: RigidBodyModes | None = None
     damping: object = None
 
+    @property
+    def rigid_size(self) -> int:
+        """The number of rigid-body modes that are deflated."""
+        return 0 if self.rigid is None else self.rigid.count
+
     def close(self):
         self.model.close()
         if self.restore is not None:

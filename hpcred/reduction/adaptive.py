@@ -445,7 +445,7 @@ class Search:
     def _check_complete(self):
         """Refuse a basis that can hold nothing more, since M has no higher rank, and lacks part of the responses."""
         run, (low, high) = self.run, self.settings.band
-        if self.basis.size >= run.model.size - (0 if run.rigid is None else run.rigid.count):
+        if self.basis.size >= run.model.size - run.framed.rigid_size:
             return
         places = [low + part * (high - low) for part in BETWEEN]
         if largest_residual(self.projections, run, self.ports, places) > COMPLETE:

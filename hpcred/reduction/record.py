@@ -172,7 +172,7 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         size=model.size,
         free_size=framed.model.size,
         nonzeros=framed.model.nonzeros,
-        rigid_body_modes=framed.rigid.count if framed.rigid is not None else 0,
+        rigid_body_modes=framed.rigid_size,
         symmetry_defects=model.symmetry_defects,
         signature=signature_of(model),
         inputs=model.input_names,

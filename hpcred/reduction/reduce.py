@@ -229,7 +229,7 @@ def _check_size(framed, basis, adaptive) -> int:
     """Refuse a basis that cannot fit before anything is factored; returns how many vectors are asked for."""
     if not basis and adaptive is None:
         raise InputError("basis: the list of ingredients is empty, and no tolerance is asked for")
-    model, rigid = framed.model, framed.rigid.count if framed.rigid is not None else 0
+    model, rigid = framed.model, framed.rigid_size
     for item in basis:
         item.check(model.size, rigid)
     columns = sum(item.columns(model.B.getSize()[1], rigid) for item in basis)
@@ -278,8 +278,7 @@ def _project(model, framed, vectors, run, settings):
             moved = to_interface_coordinates(framed, Projected(columns, **small, B=inputs, C=outputs))
             owned.owns(moved.columns)
             small = {"M": moved.M, "D": moved.D, "K": moved.K}
-            rigid = 0 if framed.rigid is None else framed.rigid.count
-            frequencies = np.concatenate([np.zeros(rigid), frequencies])
+            frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])
             reduced = _reduced_model(model, framed, small, moved.B, moved.C, frequencies)
             reduced.interfaces = full.interfaces
             reduced.columns = everywhere(model, framed, moved.columns)
