@@ -20,11 +20,13 @@ ENVIRONMENT = {
 POINTS = (100.0, 3000.0, 6000.0, 9000.0)
 
 
-def hpcred(*arguments, ranks=2, folder="."):
-    """Run the command line on some ranks, each with one thread; None: without a launcher."""
-    launcher = ["mpiexec", "-n", str(ranks)] if ranks is not None else []
+def hpcred(*arguments, ranks=2, folder=".", threads=1):
+    """Run the command line on some ranks, each with so many threads; None: without a launcher."""
+    unbound = ["--bind-to", "none"] if threads > 1 else []  # Open MPI binds each of one or two ranks to one core
+    launcher = ["mpiexec", "-n", str(ranks), *unbound] if ranks is not None else []
     command = [*launcher, sys.executable, "-m", "hpcred", *map(str, arguments)]
-    subprocess.run(command, check=True, cwd=folder, env={**ENVIRONMENT, "OPENBLAS_NUM_THREADS": "1"}, stdout=sys.stderr)
+    environment = {**ENVIRONMENT, "OPENBLAS_NUM_THREADS": str(threads)}
+    subprocess.run(command, check=True, cwd=folder, env=environment, stdout=sys.stderr)
 
 
 def job(ranks, folder, *arguments):
@@ -35,21 +37,22 @@ def job(ranks, folder, *arguments):
     return json.loads(run.stdout.strip().splitlines()[-1])
 
 
-def solid(folder, cells, inputs=6, free=False):
+def solid(folder, cells, inputs=6, free=False, ranks=2):
     """model.h5 of a block of hexahedra."""
     hpcred("example", "solid", "--cells", *cells, "--inputs", inputs, *(["--free"] if free else []), "-o", "model.h5",
-           folder=folder)  # fmt: skip
+           ranks=ranks, folder=folder)  # fmt: skip
 
 
-def reduce(folder, basis, ranks=2, options=()):
+def reduce(folder, basis, ranks=2, options=(), threads=1):
     """Reduce model.h5; returns the record of the run, and the responses at CHECK."""
     (folder / "job.toml").write_text('model = "model.h5"\noutput = "result.h5"\n' + basis)
-    hpcred("reduce", "job.toml", "--json", "ours.json", *options, ranks=ranks, folder=folder)
+    hpcred("reduce", "job.toml", "--json", "ours.json", *options, ranks=ranks, folder=folder, threads=threads)
     record = json.loads((folder / "ours.json").read_text())
     run, factors = record["timing"], record["factorisations"]
     mumps = sum(f["analysis_seconds"] + f["factor_seconds"] + f["solve_seconds"] for f in factors)
     return {
         "seconds": run["elapsed"],
+        "stages": run["seconds"],
         "outside_mumps": 1 - mumps / run["elapsed"],
         "orthogonalise": run["seconds"].get("orthogonalise", 0.0) / run["elapsed"],
         "analyses": record["symbolic_analyses"],
