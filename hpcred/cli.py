@@ -183,6 +183,11 @@ def _warn(sentences):
             print(f"warning: {printable(sentence)}", file=sys.stderr if _Session.quiet else sys.stdout)
 
 
+def _hint(sentences):
+    for sentence in sentences:
+        print(f"hint: {sentence}")
+
+
 def _verdict(sentence, good):
     """Say what the exit status says too: where it is bad, also with --quiet."""
     if not (_Session.quiet and good) and _Session.progress.comm.rank == 0:
@@ -456,6 +461,7 @@ def reduce(
     _warn(record.warnings)
     print(f"{record.scalar} PETSc {record.versions['petsc']}, {record.ranks} rank(s)")
     show_timing(record.timing, record.factorisations)
+    _hint(record.hints)
     _write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
                       "frequencies_hz": found.frequencies})  # fmt: skip
     return int(accuracy is not None and not accuracy.reached)
@@ -828,8 +834,7 @@ def bench(
     report = hpcred.bench(cells, folder=folder, progress=_progress())
     show_table("This machine", [{"": key.replace("_", " "), " ": in_words(item)} for key, item in report.items()
                                 if key != "hints"])  # fmt: skip
-    for line in report["hints"]:
-        print(f"hint: {line}")
+    _hint(report["hints"])
     _write_json(json, report)
 
 

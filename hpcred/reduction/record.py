@@ -16,6 +16,7 @@ from ..linalg.factorisation import FactorRecord
 from ..model.damping import Damping
 from ..model.frames import Frame
 from ..model.interfaces import Interface, InterfaceNode
+from ..parallel import processor
 from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ..parallel.progress import Timing, counted
@@ -42,8 +43,8 @@ class Record:
     Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs
     by name, interfaces and their nodes, and `signature` (see signature_of), by which it is known again. Of the
     reduction: frame, damping, basis and settings; what each ingredient brought; every factorisation, and how many more
-    a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings; where the time went; of an automatic
-    one its accuracy. `job`: the job file with its overrides, file names absolute, and `contents` of the files that it
+    a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings; where the time went, and hints at what
+    would take less; of an automatic one its accuracy. `job`: the job file with its overrides, file names absolute, and `contents` of the files that it
     names (see formats.contents), by name.
     """
 
@@ -82,6 +83,7 @@ class Record:
     factorisations_saved: int = 0
     job: dict[str, Any] | None = None
     contents: dict[str, str] | None = None
+    hints: tuple[str, ...] = ()
 
     @property
     def ordering(self) -> str:
@@ -123,6 +125,7 @@ def versions() -> dict[str, str]:
         "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
         "slepc": ".".join(map(str, SLEPc.Sys.getVersion())),
         "mpi": MPI.Get_library_version().strip("\x00\n ").split(",")[0],
+        "blas": processor.blas() or "unknown",
     }
     for package in ("hpcred", "numpy", "h5py", "mpi4py"):
         try:
@@ -184,6 +187,7 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         factorisations_saved=sum(run.factorisations_saved for run in runs),
         symbolic_analyses=sum(run.analyses for run in runs),
         timing=progress.timing(),
+        hints=processor.hints(model.comm),
         **known,
     )
     return model.comm.bcast(record)

@@ -15,7 +15,7 @@ from ..linalg.basis import Basis
 from ..linalg.blocks import apply, create_block, local_rows, random_block
 from ..linalg.factorisation import ORDERINGS, SOLVE_WIDTH
 from ..linalg.solvers import ShiftedSolver
-from ..parallel import startup
+from ..parallel import processor, startup
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.memory import available_mb
 from ..parallel.progress import Progress
@@ -41,7 +41,7 @@ def bench(cells=(40, 16, 16), *, folder=None, comm=None, progress: Progress | No
     place = tempfile.TemporaryDirectory(prefix="hpcred-", dir=folder) if comm.rank == 0 else None
     try:
         report = comm.bcast(_measure(cells, Path(comm.bcast(place.name if place else None)), comm, progress))
-        return report | {"hints": _hints(report)}
+        return report | {"hints": [*processor.hints(comm), *_hints(report)]}
     finally:
         if place is not None:
             place.cleanup()
@@ -50,7 +50,7 @@ def bench(cells=(40, 16, 16), *, folder=None, comm=None, progress: Progress | No
 def _measure(cells, folder, comm, progress):
     report = {"ranks": comm.size, "ranks_on_node": startup.ranks_on_node, "memory_mb_per_rank": available_mb(comm)}
     with solid(cells, comm=comm) as model, Owned(comm) as owned:
-        report |= {"dofs": model.size, "nonzeros": model.nonzeros}
+        report |= {"blas": processor.blas() or "unknown", "dofs": model.size, "nonzeros": model.nonzeros}
         with progress.stage("factor"):
             solver = owned.owns(ShiftedSolver(model))
             solver.factor(-((2 * np.pi * 100.0) ** 2))
