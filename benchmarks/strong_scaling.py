@@ -40,7 +40,8 @@ def rows_of(case, arguments):
                 "case": case, "dofs": found["dofs"], "ranks": ranks, "threads": threads, "groups": groups,
                 "seconds": found["seconds"], "speed-up": first["seconds"] / found["seconds"],
                 **{key: found["stages"].get(key, 0.0) for key in STAGES},
-                "GFlop/s": found["factor_gflops"], "outside MUMPS": found["outside_mumps"],
+                "GFlop/s": found["factor_gflops"],
+                "outside MUMPS": found["outside_mumps"] if groups == 1 else None,  # groups are in MUMPS side by side
                 "GB": found["memory_mb"] / 1024, "difference": difference(found["response"], first["response"]),
             }  # fmt: skip
         for cores in arguments.ranks if arguments.pardiso else ():

@@ -47,8 +47,8 @@ def shared_cores(threads, cores) -> str | None:
     if not threads.isdigit() or int(threads) <= cores:
         return None
     return (
-        f"OPENBLAS_NUM_THREADS={threads}, but a rank may use {cores} core{'s' * (cores > 1)}: Open MPI gives it more by "
-        "`mpiexec --bind-to none`, where there are more"
+        f"OPENBLAS_NUM_THREADS={threads}, but a rank may use {cores} core{'s' * (cores > 1)}: Open MPI gives it more, "
+        "where there are more, by `mpiexec --bind-to none`"
     )
 
 

@@ -43,7 +43,7 @@ def test_kernels_for_a_processor_that_is_not_known(flags, kernels):
 
 def test_a_rank_has_fewer_cores_than_threads():
     assert processor.shared_cores("1", 1) is None and processor.shared_cores("many", 1) is None
-    assert "OPENBLAS_NUM_THREADS=4, but a rank may use 2 cores only" in processor.shared_cores("4", 2)
+    assert "OPENBLAS_NUM_THREADS=4, but a rank may use 2 cores: Open MPI" in processor.shared_cores("4", 2)
 
 
 @pytest.mark.skipif(not found()[0], reason="another BLAS than OpenBLAS")
