@@ -10,10 +10,12 @@ DEBIAN := python3-petsc4py python3-petsc4py-real python3-petsc4py-complex \
 SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 PYTHON := .venv/bin/python
 
-# Open MPI refuses root and more ranks than cores unless told; both are normal in a container.
+# Open MPI refuses root and more ranks than cores unless told; both are normal in a container. On one machine it need
+# not look for networks, which takes it 0.2 s at every start.
 export OMPI_ALLOW_RUN_AS_ROOT := 1
 export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 export OMPI_MCA_rmaps_base_oversubscribe := 1
+export OMPI_MCA_pml ?= ob1
 export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: install demo test fuzz coverage test-slow test-ccx test-dolfinx test-chromium test-slurm docs test-docs bench lint

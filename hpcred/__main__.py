@@ -10,8 +10,7 @@ def main():
     _open_what_is_closed()
     try:
         signals.hear()
-        # a process that no mpiexec started: Open MPI need not start a daemon, by which others could join it
-        os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
+        _alone()
         from .cli import run
 
         status = run(sys.argv[1:])
@@ -19,6 +18,16 @@ def main():
         signals.end(error)
     signals.no_longer()
     sys.exit(status)
+
+
+def _alone():
+    """Spare Open MPI what a process needs not that no launcher started.
+
+    That is a daemon, by which others could join it, and 0.2 s for the networks to other ranks.
+    """
+    os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")  # without effect on ranks of a launcher
+    if not any(name in os.environ for name in ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")):
+        os.environ.setdefault("OMPI_MCA_pml", "ob1")
 
 
 def _open_what_is_closed():

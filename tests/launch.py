@@ -8,8 +8,9 @@ TWO_BUILDS = startup.can_choose() and not os.environ.get("HPCRED_SCALAR")  # ask
 
 
 def mpi_environment(**more):
-    """Open MPI refuses root and more ranks than cores unless told."""
+    """Open MPI refuses root and more ranks than cores unless told, and looks for networks unless told not to."""
     return {
+        "OMPI_MCA_pml": "ob1",
         **os.environ,
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",

@@ -83,6 +83,8 @@ def _fitted(value, kind):
                 pass
     elif origin is tuple and isinstance(value, tuple):
         if ... in parts:
+            if parts[0] is float and all(type(item) is float for item in value):  # thousands of frequencies
+                return value
             return tuple(_fitted(item, parts[0]) for item in value)
         if len(parts) == len(value):
             return tuple(map(_fitted, value, parts))
