@@ -150,7 +150,7 @@ class Accuracy:
         by = f", proven {proven.exact:.1e} at {proven.frequency:g} Hz of the big model" if proven else ""
         claim = (
             f"eps <= {self.tolerance:g} over {low:g} to {high:g} Hz" if self.reached
-            else f"NOT REACHED: eps <= {self.largest + self.noise:.1e} instead of {self.tolerance:g} over {low:g} to "
+            else f"NOT REACHED: eps is about {self.largest + self.noise:.1e}, not {self.tolerance:g}, over {low:g} to "
             f"{high:g} Hz, {self.stopped}"
         )  # fmt: skip
         doubt = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
