@@ -147,6 +147,12 @@ def _name_rows(comm, parts, files, label, row):
     node, _ = node_and_direction(label[~inside])
     found, _ = look_up(comm, mesh.nodes.label, [], node)
     made = sorted(set().union(*comm.allgather(set(np.unique(node[~found])[: len(without) + 1].tolist()))))
+    last = max(comm.allgather(int(mesh.nodes.label.max(initial=0))))
+    if made and made[0] < last:  # those that CalculiX makes are numbered after all others
+        raise InputError(
+            f"{files['dofs']}: found rows of the node {made[0]}, which is not in {files['input']}; expected the input "
+            "file of this run"
+        )
     if len(made) == len(set(without)) == len(without):
         # CalculiX makes a ROT node for each *Rigid Body without one and each *Kinematic, with ascending numbers
         turning |= dict(zip(made, without, strict=True))

@@ -13,6 +13,7 @@ from ..parallel.lookup import look_up
 
 STRIDE = 16  # label of a row: 16 times its node number plus its direction, a place in DIRECTIONS
 
+HUGE = 1e100  # so much larger than its diagonals nothing is; its square is still a number
 CHUNK = 2**20  # entries looked at in one step
 SMALL = 1e-10
 LARGEST_VALUE = 1e60  # more than any stiffness in any units
@@ -70,6 +71,7 @@ def asymmetry(comm, entries: Entries | LabelledEntries) -> float:
             distinct, back = np.unique(name, return_inverse=True)
             found, (size,) = look_up(comm, label, [diagonal], distinct)
             v = v / np.sqrt(np.maximum(np.where(found, size, 0.0), least or 1.0))[back]
+        v = np.clip(v, -HUGE, HUGE)
         for k in range(2):
             term = v * (_mixed(i, 2 * k) * _mixed(j, 2 * k + 1) - _mixed(j, 2 * k) * _mixed(i, 2 * k + 1))
             total[k] += term.sum()

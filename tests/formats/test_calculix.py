@@ -117,6 +117,10 @@ def test_displacements_of_a_rot_node_are_rotations_of_the_ref_node(comm, folder)
     put(comm, folder, other[:4] + [(30, 1), (30, 2), (31, 3)], text)
     with load_export(folder / "a.inp", comm) as model:
         assert model.dofs is None and "the node 30 is not in" in model.remarks[0]
+    # those that it makes have numbers above all of the input file
+    put(comm, folder, [*rows[:5], (5, 3), (9, 3)], text)
+    with pytest.raises(InputError, match=r"a.dof: found rows of the node 5, which is not in .*a.inp; expected the inp"):
+        load_export(folder / "a.inp", comm)
 
 
 def test_rows_inside_of_elements_and_of_couplings(comm, folder):
