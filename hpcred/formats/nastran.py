@@ -87,8 +87,14 @@ def _op4_files(path, comm):
 
 
 def _superelements(files, contents, comm):
-    """The number of the superelement to which each matrix belongs, where matrices SE_START say so, else None."""
+    """The number of the superelement to which each matrix belongs, where matrices SE_START say so, else None.
+
+    Raises InputError where LOOP_END is missing, which ends the file of a run that writes them.
+    """
     numbers, number = [], None
+    starts = [file for file, matrix in zip(files, contents, strict=True) if matrix.name == "SE_START"]
+    if starts and "LOOP_END" not in {matrix.name for matrix in contents}:
+        raise InputError(f"{starts[0]}: found matrices SE_START, but no LOOP_END behind the last; the file is cut off")
     for file, matrix in zip(files, contents, strict=True):
         if matrix.name == "SE_START" and matrix.shape == (1, 1):
             values = comm.allgather(nastran_op4.read_matrix(file, comm, matrix).values)

@@ -191,6 +191,18 @@ def test_an_input_file_that_does_not_fit_is_refused(comm, folder, old, new, says
         assert "K is KGG, M is MGG" in said and says in said
 
 
+def test_a_file_that_ends_between_two_superelements_is_cut_off(comm, folder):
+    unpack(folder, comm, "nastran/extseout")
+    path = folder / "nas2cam.op4"
+    content = path.read_bytes()
+    second = [item for item in nastran_op4.contents(path, comm) if item.name == "SE_START"][1]
+    comm.Barrier()
+    write(path, content[: second.starts[0] - 32], comm)  # before its header of 24 bytes and the marks of its length
+    assert [item.name for item in nastran_op4.contents(path, comm)] == ["SE_START", "ULVS", "MAA", "KAA"]
+    with pytest.raises(InputError, match="found matrices SE_START, but no LOOP_END behind the last"):
+        nastran.read_op4(path, comm)
+
+
 def test_an_index_that_is_wrong_shows_as_missing_symmetry(comm, folder):
     unpack(folder, comm, "nastran/extseout")
     path = folder / "nas2cam.op4"

@@ -249,8 +249,9 @@ def dmig(text: bytes, name: bytes):
         if not line.strip() or line.startswith(b"$"):
             continue
         require(b"$" not in line, "a remark behind a card")
-        head, fields = bulk_fields(line)
-        if b"A" <= line[:1] <= b"Z":
+        begins = b"A" <= line[:1] <= b"Z"
+        head, fields = bulk_fields(line, strict=not begins or line.startswith(b"DMIG"))
+        if begins:
             cards.append((re.split(rb"[ *,]", line[:8])[0], []))
         else:
             require(cards and line[:1] in b" +*,", "a line that continues nothing")
