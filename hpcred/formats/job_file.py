@@ -74,6 +74,7 @@ class Job:
         check_file_names(
             model=self.model, output=self.output, inputs=self.inputs, outputs=self.outputs,
             out_of_core=self.out_of_core, store=self.store,
+            **{f"interface '{item.name}': nodes": item.nodes for item in self.interface},
         )  # fmt: skip
         for key in ("inputs", "outputs"):
             _check_targets(key, getattr(self, key))
