@@ -184,7 +184,7 @@ def _fields(line):
 
 def _word(text):
     """Keywords and parameters count without blanks and in any case."""
-    return "".join(text.lower().split())
+    return re.sub(r"[ \t\r\n]", "", text.lower())  # of ASCII: other blanks are signs like others
 
 
 def _data_lines(section):

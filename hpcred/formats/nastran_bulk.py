@@ -280,9 +280,11 @@ def _elements(lines, name, elements, other, unknown):
 
 def _defaults(cards):
     """CP, CD and PS of GRDSET."""
-    card = next((card for card in cards if card.name == "GRDSET"), None)
+    card, *more = [card for card in cards if card.name == "GRDSET"] or [None]
     if card is None:
         return 0, 0, np.zeros(6, bool)
+    if more:
+        raise more[0].error("found a second one, expected one for all points")
     return card.whole(1, "CP", 0), card.whole(5, "CD", 0), card.directions(6)
 
 

@@ -134,6 +134,7 @@ def test_cylindrical_nodes(comm, folder):
         ("*Heading\n*Include\n", r"line 2: found \*Include without a file"),
         ("*Node, input=none.txt\n", "line 1: found input=.*none.txt, which is no file"),
         ("*Heading\n text\n", "found no nodes"),
+        ("*Node\n1, 1.\n*Nset, \xa0nset=A\n1\n", r"line 3: found \*Nset without a name"),
         ("*Part, name=p\n*Node\n1, 1.\n*End Part\n", r"found a \*Part but no \*Instance"),
         ("*Part, name=p\n*Node\n1, 1.\n*End Part\n*Assembly\n*Instance, name=i, part=q\n", "an .Instance of 'q'"),
         (ASSEMBLY.replace("1., 1., 0., 1., 1., 3., 90.", "1., 1., 0., 1., 1., 0., 90."), "about two equal points"),

@@ -204,6 +204,7 @@ def test_includes_are_followed(comm, folder):
         ("GRID*,1,,1.,2.\n1,3.\n", "line 2: found '1,3.', expected a card, or a line that continues one"),
         ("GRID,1,,1.,2.\n,,,,,,,,,\n,3.\n", "expected a grid point of at most eight fields"),
         ("GRID,1,,1.,2.,1.+20\n", "expected finite coordinates"),
+        ("GRDSET,,,,,,,1\nGRDSET,,,,,,,1\nGRID,1\n", "line 2: GRDSET: found a second one, expected one for all"),
         ("", "found no points"),
         ("PARAM,POST,-1\n", "found no points, expected GRID cards"),
         ("BEGIN BULK\nGRID,1\n", "found BEGIN BULK but no ENDDATA"),
