@@ -7,6 +7,8 @@ Guide, APDL Math). Modal coordinates are displacements UX, UY and UZ of further 
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from ..multibody.body import check_viscous
@@ -23,6 +25,9 @@ def ansys_superelement(element: Superelement, stem: str) -> tuple[str, dict[str,
     if len(stem) + len("_K.mtx") > LONGEST:
         raise InputError(f"output {stem}: found a name of {len(stem)} characters, expected at most "
                          f"{LONGEST - len('_K.mtx')}, which ANSYS reads; choose a shorter one by -o")  # fmt: skip
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", stem):  # a comma ends an argument, a blank or a dot the name
+        raise InputError(f"output {stem}: found a name that the commands of ANSYS cannot hold, expected letters, digits, "
+                         "'_' and '-'; choose another by -o")  # fmt: skip
     labels = element.labels(directions=3)
     matrices = {"K": ("STIFF", element.K), "M": ("MASS", element.M)}
     if element.D is not None:

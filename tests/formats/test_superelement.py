@@ -306,6 +306,9 @@ def test_what_is_refused():
         simscape_solid(superelement(interface_model(held=True)), "arm")
     with pytest.raises(InputError, match="33 characters.*shorter one by -o"):
         ansys_superelement(superelement(interface_model()), "a" * 33)
+    for name in ("my arm", "arm.v2", "arm,left", "arm!", "träger"):
+        with pytest.raises(InputError, match=f"output {name}: found a name that .* '_' and '-'; choose another by -o"):
+            ansys_superelement(superelement(interface_model()), name)
     D = np.zeros((model.size,) * 2)
     D[0, 1], D[1, 0] = 1, -1
     with pytest.raises(InputError, match="matrix D that is not symmetric.*gyroscopic"):
