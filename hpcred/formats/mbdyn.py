@@ -8,11 +8,14 @@ them by lumped masses at all nodes, is not there. Coordinates count from the ori
 
 from __future__ import annotations
 
+from textwrap import wrap
+
 import numpy as np
 
 from ..multibody.body import Body, check_moving, inputs_without_node, maker, remarks
 
 A_LINE = 6  # numbers; older versions of MBDyn skip groups that they do not know, if the lines are short
+REMARK = 100  # characters a line: MBDyn takes a line that is longer than its buffer for the end of the file
 
 
 def write_mbdyn(path, body: Body) -> list[str]:
@@ -23,7 +26,7 @@ def write_mbdyn(path, body: Body) -> list[str]:
     check_moving(body, "a .fem file for MBDyn")
     reduced, count = body.reduced, body.reduced.size
     lines = [
-        f"** {maker(reduced)}: {'; '.join(remarks(body))}",
+        *wrap("; ".join([maker(reduced), *remarks(body)]), REMARK, initial_indent="** ", subsequent_indent="** "),
         "** RECORD GROUP 1, HEADER",
         "**   REVISION,  NODE,  NORMAL, ATTACHMENT, CONSTRAINT, REJECTED MODES.",
         f"REV0 {len(body.nodes)} {count} 0 0 0",

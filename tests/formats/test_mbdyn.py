@@ -16,7 +16,7 @@ from hpcred.parallel.failures import InputError
 def read(path):
     """The groups as MBDyn reads them: in the header a line of text first, then words up to the next `**`."""
     lines = path.read_text().split("\n")
-    assert max(map(len, lines)) < 8192  # of MBDyn's buffer
+    assert max(map(len, lines)) <= 160  # far below MBDyn's buffer of 8192
     groups, at = {}, 0
     while not lines[at].startswith("** END OF FILE"):
         found = re.match(r"\*\* RECORD GROUP (\d+),", lines[at])
