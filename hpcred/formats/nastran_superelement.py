@@ -7,6 +7,7 @@ before the exponent: 10 to 13 digits. OP4 has all digits.
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,6 +31,7 @@ def nastran_dmig(element: Superelement, stem: str) -> tuple[str, dict, list[str]
 
 def nastran_op4(element: Superelement, stem: str) -> tuple[bytes, dict[str, str], list[str]]:
     """The bytes of a binary .op4 file, the text of the .pch file with its cards, and remarks."""
+    element = _ascending(element)
     labels = _labels(element)
     content = b"".join(_op4(name, matrix) for name, matrix in _matrices(element, "{}XX").items())
     pairs = [(node, 123456) for node in _nodes(element)] + [(node, 0) for node in _modal_points(element, labels)]
@@ -37,6 +39,16 @@ def nastran_op4(element: Superelement, stem: str) -> tuple[bytes, dict[str, str]
     lines += [*_card("EXTRN", [item for pair in pairs for item in pair]), *_points(element, labels)]
     lines += _card("ASET", [item for pair in pairs for item in pair], continued=False)
     return content, {".pch": "\n".join(lines) + "\n"}, [*_said(element, labels), *element.remarks]
+
+
+def _ascending(element):
+    """The same superelement with its rows in the order of the node numbers: matrices of OP4 carry none of their own,
+    and the boundary points of a superelement stand so in Nastran."""
+    order = np.argsort([item.node for item in element.interfaces])
+    count = 6 * len(order)
+    rows = np.concatenate([(6 * order[:, None] + np.arange(6)).ravel(), np.arange(count, element.size)])
+    turned = {key: mat[np.ix_(rows, rows)] for key in "KMD" if (mat := getattr(element, key)) is not None}
+    return replace(element, **turned, interfaces=tuple(element.interfaces[k] for k in order))
 
 
 def _said(element, labels):

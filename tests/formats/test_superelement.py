@@ -74,6 +74,20 @@ def test_nastran_reads_back_with_its_points(tmp_path, comm, kind, writer, suffix
         check_labels(model, *gathered(comm, found.dofs.node, found.dofs.direction, found.dofs.position))
 
 
+def test_rows_of_op4_ascend_with_the_node_numbers(tmp_path, comm):
+    """Whatever the order of the interfaces in the job: the matrices have no numbers of their own."""
+    model = interface_model(modes=2, damping=10.0)
+    left, right = model.interfaces
+    path, _ = written(tmp_path, nastran_op4, replace(model, interfaces=(replace(left, node=907), right)), suffix=".op4")
+    rows = np.r_[6:12, 0:6, 12 : model.size]
+    with load_export(path, comm) as found:
+        node, _, places = gathered(comm, found.dofs.node, found.dofs.direction, found.dofs.position)
+        assert node.tolist() == [205] * 6 + [907] * 6 + [908, 909]
+        assert np.allclose(places[[0, 6]], [right.position, left.position], rtol=1e-10)
+        for key in "KMD":
+            assert np.array_equal(to_dense(found.matrices[key]), getattr(model, key)[np.ix_(rows, rows)])
+
+
 def test_nastran_numbers_use_their_sixteen_columns():
     rng = np.random.default_rng(1)
     values = rng.choice([-1, 1], 2000) * 10.0 ** rng.uniform(-120, 120, 2000)
