@@ -160,6 +160,22 @@ def test_a_gyroscopic_damping_matrix_stays_unsymmetric(comm):
             assert hpcred.relative_error(expected, hpcred.frequency_response(rom, FREQUENCIES)).max() < 1e-10
 
 
+def test_a_damping_law_does_not_brake_the_rigid_motion_of_interface_coordinates(comm):
+    """alpha M + beta K of the deformation alone, by its modes: docs/damping.md says so."""
+    alpha, beta = 20.0, 1e-6
+    with (
+        block_with_ends(comm, cells=(4, 2, 2)) as model,
+        hpcred.reduce(model, [CraigBampton(count=3)], Buckens(), Rayleigh(alpha, beta), coordinates="interface") as rom,
+    ):
+        count = 6 * len(rom.interfaces)
+        R = np.zeros((rom.size, 6))
+        R[:count] = rigid_motions_at([item.position for item in rom.interfaces])
+        assert np.abs(rom.D @ R).max() < 1e-9 * np.abs(rom.D).max() * np.abs(R).max()
+        squares, X = scipy.linalg.eigh(rom.K, rom.M)
+        damping = X.T @ rom.D @ X
+        assert np.allclose(np.diag(damping)[6:], alpha + beta * squares[6:], rtol=1e-8)
+
+
 def everywhere(model):
     """The labels of all rows on all ranks."""
     parts = model.comm.allgather(model.dofs)
