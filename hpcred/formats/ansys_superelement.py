@@ -26,7 +26,7 @@ def ansys_superelement(element: Superelement, stem: str) -> tuple[str, dict[str,
         raise InputError(f"output {stem}: found a name of {len(stem)} characters, expected at most "
                          f"{LONGEST - len('_K.mtx')}, which ANSYS reads; choose a shorter one by -o")  # fmt: skip
     if not re.fullmatch(r"[A-Za-z0-9_-]+", stem):  # a comma ends an argument, a blank or a dot the name
-        raise InputError(f"output {stem}: found a name that the commands of ANSYS cannot hold, expected letters, digits, "
+        raise InputError(f"output {stem}: found a name that commands of ANSYS cannot hold, expected letters, digits, "
                          "'_' and '-'; choose another by -o")  # fmt: skip
     labels = element.labels(directions=3)
     matrices = {"K": ("STIFF", element.K), "M": ("MASS", element.M)}
