@@ -44,6 +44,7 @@ def ansys_superelement(element: Superelement, stem: str) -> tuple[str, dict[str,
         step = "DONE" if key == list(matrices)[-1] else "WAIT"
         lines.append(f"*EXPORT,HPC_{key},SUB,{stem}.sub,{kind},HPC_ROWS,{step}")
     lines += [f"*FREE,HPC_{key}" for key in [*matrices, "ROWS"]]
+    lines.append("*DEL,HPC_R,,NOPR")  # or the *DIM of the next body finds an array of another size
     lines += ["/PREP7", "*GET,HPC_T,ETYP,0,NUM,MAX", "HPC_T=HPC_T+1", "ET,HPC_T,MATRIX50"]
     for item in element.interfaces:
         lines.append(f"N,{item.node},{_position(item.position)}  ! {item.name}")
