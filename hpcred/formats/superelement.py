@@ -53,7 +53,8 @@ class Superelement:
         nodes = [item.node for item in self.interfaces]
         first, k = max(nodes) + 1, np.arange(self.modal_count)
         if first + self.modal_count > LARGEST_NODE:
-            raise InputError(f"interface: found the node number {max(nodes)}, expected at most 8 digits; choose others")
+            raise InputError(f"interface: found the node number {max(nodes)}, expected at most 8 digits with the modal "
+                             "coordinates behind it; give node = .. in [[interface]], and reduce again")  # fmt: skip
         own = np.stack([np.repeat(nodes, 6), np.tile(np.arange(1, 7), len(nodes))], axis=1)
         return np.concatenate([own, np.stack([first + k // directions, 1 + k % directions], axis=1)])
 
