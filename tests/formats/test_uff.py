@@ -38,6 +38,8 @@ def test_shapes_of_a_result(comm, folder):
     report = export_result(folder / "r.h5", "uff", comm=comm)
     assert report["output"] == str(folder / "r.uff") and len(report["shapes"]) == 3
     lines = (folder / "r.uff").read_text().split("\n")
+    assert lines[1] == "   164"  # (I10, 20A1, I10): code of the units, their name, kind of temperatures
+    assert [lines[2][:10], lines[2][10:30], lines[2][30:]] == [f"{1:10d}", "  SI: Meter (newton)", f"{2:10d}"]
     with read_result(folder / "r.h5", MPI.COMM_SELF).shapes() as shapes:
         starts = [k for k, line in enumerate(lines) if line == "    55"]
         assert len(starts) == 3
