@@ -1,17 +1,18 @@
 """A Superelement enters; a text for Abaqus/Standard leaves: one linear user element with its matrices.
 
 Of a symmetric matrix the upper half is given column by column, at most four numbers a line, each column on a new line
-(Abaqus Keywords Reference, *MATRIX; Analysis User's Guide, user-defined elements). Modal coordinates are displacements
-1 to 3 of further nodes. Damping is no part of *MATRIX: it stands as *MATRIX INPUT.
+(Abaqus Keywords Reference, *MATRIX; Analysis User's Guide, user-defined elements). A number has at most 20 characters,
+and one that stands alone a comma behind it (input syntax rules), as in the matrices that the program itself writes.
+Modal coordinates are displacements 1 to 3 of further nodes. Damping is no part of *MATRIX: it stands as *MATRIX INPUT.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from .superelement import Superelement
+from .superelement import Superelement, fitted
 
-ON_A_LINE, NODES_ON_A_LINE = 4, 15
+ON_A_LINE, NODES_ON_A_LINE, WIDTH = 4, 15, 20
 
 
 def abaqus_superelement(element: Superelement, stem: str) -> tuple[str, dict, list[str]]:
@@ -47,7 +48,7 @@ def abaqus_superelement(element: Superelement, stem: str) -> tuple[str, dict, li
 
 
 def _node(node, position):
-    return f"{node}, " + ", ".join(f"{value:.16e}" for value in position)
+    return f"{node}, " + ", ".join(_number(value) for value in position)
 
 
 def _directions(count, modal_nodes, modal_count):
@@ -64,7 +65,12 @@ def _directions(count, modal_nodes, modal_count):
 def _upper_half(matrix):
     for j in range(len(matrix)):
         for low in range(0, j + 1, ON_A_LINE):
-            yield ", ".join(f"{value:.16e}" for value in matrix[low : min(low + ON_A_LINE, j + 1), j])
+            values = [_number(value) for value in matrix[low : min(low + ON_A_LINE, j + 1), j]]
+            yield ", ".join(values) + "," * (len(values) == 1)
+
+
+def _number(value):
+    return fitted(value, WIDTH, "e")
 
 
 def _listed(numbers):
@@ -76,4 +82,4 @@ def _listed(numbers):
 def _entries(matrix, labels):
     """Node, direction, node, direction, value of the upper half."""
     for i, j in zip(*np.nonzero(np.triu(matrix)), strict=True):
-        yield f"{labels[i, 0]}, {labels[i, 1]}, {labels[j, 0]}, {labels[j, 1]}, {matrix[i, j]:.16e}"
+        yield f"{labels[i, 0]}, {labels[i, 1]}, {labels[j, 0]}, {labels[j, 1]}, {_number(matrix[i, j])}"

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .superelement import Superelement
+from .superelement import Superelement, fitted
 
 WIDTH = 16
 
@@ -114,12 +114,7 @@ def _dmig(name, matrix, labels):
 
 def number(value: float, letter="D") -> str:
     """A number in sixteen columns with as many digits as fit beside the shortest exponent."""
-    for digits in range(WIDTH - 4, 0, -1):
-        mantissa, exponent = f"{value:.{digits}e}".split("e")
-        text = f"{mantissa}{letter}{int(exponent)}"
-        if len(text) <= WIDTH:
-            return f"{text:>{WIDTH}}"
-    raise ValueError(f"{value} has no room in {WIDTH} columns")
+    return f"{fitted(value, WIDTH, letter):>{WIDTH}}"
 
 
 def _op4(name, matrix):

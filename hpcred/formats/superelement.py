@@ -79,6 +79,16 @@ class Superelement:
         return bool(np.abs(rigid).max() < FREE**2 * eigh(self.K, self.M, eigvals_only=True)[6])
 
 
+def fitted(value: float, width: int, letter: str) -> str:
+    """A number in at most `width` characters, with as many digits as fit beside the shortest exponent."""
+    for digits in range(min(width - 4, 16), 0, -1):
+        mantissa, exponent = f"{value:.{digits}e}".split("e")
+        text = f"{mantissa}{letter}{int(exponent)}"
+        if len(text) <= width:
+            return text
+    raise ValueError(f"{value} has no room in {width} columns")
+
+
 def rigid_motion(position, centre) -> np.ndarray:
     """Displacements and rotations (6, 6) of a node by unit translations and unit rotations about `centre`."""
     motion = np.eye(6)
