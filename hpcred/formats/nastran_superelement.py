@@ -42,8 +42,8 @@ def nastran_op4(element: Superelement, stem: str) -> tuple[bytes, dict[str, str]
 
 
 def _ascending(element):
-    """The same superelement with its rows in the order of the node numbers: matrices of OP4 carry none of their own,
-    and the boundary points of a superelement stand so in Nastran."""
+    """The same superelement with its rows in the order of the node numbers, as in the files of EXTSEOUT: matrices of
+    OP4 carry no numbers, and a program that sorts the points of the EXTRN card finds the same rows."""
     order = np.argsort([item.node for item in element.interfaces])
     count = 6 * len(order)
     rows = np.concatenate([(6 * order[:, None] + np.arange(6)).ravel(), np.arange(count, element.size)])
