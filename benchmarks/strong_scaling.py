@@ -3,9 +3,9 @@
 usage: python benchmarks/strong_scaling.py [--cases 112k:11 360k:3 cube69:1] [--ranks 1 2 4 8 16] [--threads 1 2]
        [--points HZ ...] [--groups G ...] [--pardiso]
 
-Each case is a solid of solids.py or a cube of so many cells an edge, and the order of its points. `--threads 2` adds
-runs on half as many ranks of two threads each; `--groups` runs on all ranks in so many groups; `--pardiso` adds
-SciPy + PARDISO on as many threads.
+Each case is a solid of solids.py or a cube of so many cells an edge, and the order of its points (by default 1).
+`--threads 2` adds runs on half as many ranks of two threads each; `--groups` runs on all ranks in so many groups;
+`--pardiso` adds SciPy + PARDISO on as many threads.
 """
 
 import argparse
@@ -21,7 +21,7 @@ def layouts(arguments):
     """Ranks, threads a rank and groups of every run."""
     yield from ((ranks, 1, 1) for ranks in arguments.ranks)
     most = max(arguments.ranks)
-    yield from ((most // threads, threads, 1) for threads in arguments.threads if threads > 1)
+    yield from ((most // threads, threads, 1) for threads in arguments.threads if 1 < threads <= most)
     yield from ((most, 1, groups) for groups in arguments.groups if groups > 1)
 
 
@@ -29,7 +29,7 @@ def rows_of(case, arguments):
     name, _, order = case.partition(":")
     edge = name.removeprefix("cube")
     cells = (int(edge),) * 3 if edge != name else CASES[name]
-    basis, first = krylov(arguments.points, int(order)), None
+    basis, first = krylov(arguments.points, int(order or 1)), None
     with workspace() as folder:
         folder = Path(folder)
         solid(folder, cells, ranks=max(arguments.ranks))
@@ -45,7 +45,7 @@ def rows_of(case, arguments):
                 "GB": found["memory_mb"] / 1024, "difference": difference(found["response"], first["response"]),
             }  # fmt: skip
         for cores in arguments.ranks if arguments.pardiso else ():
-            theirs = peer("pardiso_krylov.py", folder / "model.h5", order, json.dumps(arguments.points),
+            theirs = peer("pardiso_krylov.py", folder / "model.h5", order or 1, json.dumps(arguments.points),
                           json.dumps(CHECK), threads=cores)  # fmt: skip
             yield {
                 "case": f"{case}, PARDISO", "dofs": first["dofs"], "ranks": 1, "threads": cores, "groups": 1,

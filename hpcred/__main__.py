@@ -23,11 +23,18 @@ def main():
 def _alone():
     """Spare Open MPI what a process needs not that no launcher started.
 
-    That is a daemon, by which others could join it, and 0.2 s for the networks to other ranks.
+    That is a daemon, by which others could join it, and 0.2 s for the networks to other ranks. Ranks that this process
+    starts or submits need their networks, and so the word for that is gone once MPI has read it.
     """
     os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")  # without effect on ranks of a launcher
-    if not any(name in os.environ for name in ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")):
-        os.environ.setdefault("OMPI_MCA_pml", "ob1")
+    word = "OMPI_MCA_pml"
+    if any(name in os.environ for name in (*signals.LAUNCHED, "SLURM_PROCID", word)):
+        return
+    os.environ[word] = "ob1"
+    try:
+        import mpi4py.MPI  # noqa: F401
+    finally:
+        del os.environ[word]
 
 
 def _open_what_is_closed():

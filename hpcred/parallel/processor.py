@@ -5,50 +5,64 @@ import os
 import re
 from pathlib import Path
 
-UNKNOWN = "Prescott"  # of 2004: what OpenBLAS takes on an x86-64 that it does not know
+UNKNOWN = "Prescott"  # of 2004: what OpenBLAS may take on an x86-64 that it does not know
 KERNELS = (("avx512_bf16", "Cooperlake"), ("avx512bw", "SkylakeX"), ("avx2", "Haswell"))  # flag, who had it first
 
 
+class _Place(ctypes.Structure):
+    """Dl_info of dladdr."""
+
+    _fields_ = [
+        ("file", ctypes.c_char_p), ("base", ctypes.c_void_p), ("name", ctypes.c_char_p), ("at", ctypes.c_void_p),
+    ]  # fmt: skip
+
+
 def blas() -> str:
-    """Name, version and kernels of PETSc's BLAS, such as "OpenBLAS 0.3.21, Haswell"; others than OpenBLAS: ""."""
+    """PETSc's BLAS: "OpenBLAS 0.3.21, Haswell" with version and kernels, of others the file that has it, or ""."""
     library = _library()
-    if not hasattr(library, "openblas_get_corename"):
-        return ""
-    name, version = _text(library.openblas_get_config).split()[:2]
-    return f"{name} {version}, {_text(library.openblas_get_corename)}"
+    config = _config(library)
+    if config is None:
+        return _file_of(library, "dgemm_")
+    version = re.search(r"OpenBLAS (\S+)", config)
+    return f"OpenBLAS{' ' + version[1] if version else ''}, {_text(library.openblas_get_corename)}"
 
 
 def hints(comm) -> tuple[str, ...]:
     """What slows the BLAS down on some rank, and what to do about it. Collective."""
-    found = []
-    made = blas()
-    if made:
+    library = _library()
+    config, found = _config(library), []
+    if config is not None:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        found += [unknown_processor(made), shared_cores(os.environ.get("OPENBLAS_NUM_THREADS", "1"), cores)]
+        chosen = "DYNAMIC_ARCH" in config  # when it is loaded; else when it was built
+        has = [kernels for _, kernels in KERNELS if chosen and hasattr(library, f"gotoblas_{kernels.upper()}")]
+        found += [unknown_processor(blas(), has), shared_cores(os.environ.get("OPENBLAS_NUM_THREADS", "1"), cores)]
     return tuple(dict.fromkeys(line for lines in comm.allgather(found) for line in lines if line))
 
 
-def unknown_processor(made, flags=None) -> str | None:
-    """The hint for a BLAS (see blas) whose kernels are those for unknown processors; `flags` of this one."""
+def unknown_processor(made, has, flags=None) -> str | None:
+    """The hint for a BLAS (see blas) whose kernels are old ones; `has`: its better ones; `flags` of the processor."""
     if not made.endswith(f", {UNKNOWN}") or os.environ.get("OPENBLAS_CORETYPE"):
         return None
     flags = _flags() if flags is None else flags
-    kernels = next((kernels for flag, kernels in KERNELS if flag in flags), None)
-    if kernels is None:
+    able = [kernels for flag, kernels in KERNELS if flag in flags]
+    if not able:
         return None
+    better = next((kernels for kernels in able if kernels in has), None)
     return (
-        f"{made.partition(',')[0]} does not know this processor and takes the kernels of an old one ({UNKNOWN}), which "
-        f"are several times slower: set OPENBLAS_CORETYPE={kernels} in the environment"
-    )
+        f"{made.partition(',')[0]} takes the kernels of an old processor ({UNKNOWN}), with which factorisations of "
+        "large models take about 1.5 times as long: "
+        + (f"set OPENBLAS_CORETYPE={better} in the environment" if better else
+           "it has none for this one; take a newer OpenBLAS, or one built with DYNAMIC_ARCH")
+    )  # fmt: skip
 
 
 def shared_cores(threads, cores) -> str | None:
     """The hint for a rank with fewer cores than threads asked for, of which OpenBLAS then has no more than cores."""
-    if not threads.isdigit() or int(threads) <= cores:
+    if not threads.isdecimal() or int(threads) <= cores:
         return None
     return (
-        f"OPENBLAS_NUM_THREADS={threads}, but a rank may use {cores} core{'s' * (cores > 1)}: Open MPI gives it more, "
-        "where there are more, by `mpiexec --bind-to none`"
+        f"OPENBLAS_NUM_THREADS={threads}, but a rank may use {cores} core{'s' * (cores > 1)}: where there are more, "
+        "Open MPI gives it more by `mpiexec --bind-to none`, and SLURM by --cpus-per-task"
     )
 
 
@@ -59,15 +73,31 @@ def _library():
     return ctypes.CDLL(PETSc.__file__)
 
 
+def _config(library):
+    """How OpenBLAS was built; None: another BLAS, or one whose functions PETSc keeps to itself."""
+    names = ("openblas_get_config", "openblas_get_corename")
+    return _text(library.openblas_get_config) if all(hasattr(library, name) for name in names) else None
+
+
 def _text(function):
     function.restype = ctypes.c_char_p
-    return function().decode()
+    return (function() or b"").decode(errors="replace").strip()
+
+
+def _file_of(library, name):
+    """The name of the file that a function of the library is in, or ""."""
+    here, place = ctypes.CDLL(None), _Place()
+    if not hasattr(library, name) or not hasattr(here, "dladdr"):
+        return ""
+    if not here.dladdr(ctypes.cast(getattr(library, name), ctypes.c_void_p), ctypes.byref(place)):
+        return ""
+    return Path(os.path.realpath(os.fsdecode(place.file))).name
 
 
 def _flags():
     """What the processor is able to, as Linux says it."""
     try:
-        text = Path("/proc/cpuinfo").read_text()
+        text = Path("/proc/cpuinfo").read_text(errors="replace")
     except OSError:
         return set()
     found = re.search(r"^flags\s*:(.*)", text, re.MULTILINE)

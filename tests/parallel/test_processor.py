@@ -1,12 +1,15 @@
 """Kernels of the BLAS, and cores for its threads."""
 
+import ctypes.util
 import json
 import os
+import platform
 import subprocess
 import sys
 
 import pytest
-from launch import mpi_environment
+from launch import TWO_BUILDS, mpi_environment
+from mpi4py import MPI
 
 from hpcred.parallel import processor
 
@@ -28,33 +31,83 @@ def found(**environment):
     return json.loads(run.stdout)
 
 
+ALL = ("Cooperlake", "SkylakeX", "Haswell")
+
+
 @pytest.mark.parametrize(
-    ("flags", "kernels"),
+    ("flags", "has", "kernels"),
     [
-        ("fpu avx avx2", "Haswell"), ("avx2 avx512f avx512bw", "SkylakeX"),
-        ("avx2 avx512bw avx512_bf16 amx_tile", "Cooperlake"), ("sse2", None), ("", None),
+        ("fpu avx avx2", ALL, "Haswell"), ("avx2 avx512f avx512bw", ALL, "SkylakeX"),
+        ("avx2 avx512bw avx512_bf16 amx_tile", ALL, "Cooperlake"),
+        ("avx2 avx512bw avx512_bf16", ("SkylakeX", "Haswell"), "SkylakeX"),  # an older OpenBLAS
     ],
 )  # fmt: skip
-def test_kernels_for_a_processor_that_is_not_known(flags, kernels):
-    said = processor.unknown_processor("OpenBLAS 0.3.21, Prescott", set(flags.split()))
-    assert (said or "").endswith(f"set OPENBLAS_CORETYPE={kernels} in the environment") == (kernels is not None)
-    assert processor.unknown_processor("OpenBLAS 0.3.21, Haswell", {"avx512bw"}) is None
+def test_kernels_for_a_processor_that_is_not_known(monkeypatch, flags, has, kernels):
+    monkeypatch.delenv("OPENBLAS_CORETYPE", raising=False)
+    said = processor.unknown_processor("OpenBLAS 0.3.21, Prescott", has, set(flags.split()))
+    assert said.startswith("OpenBLAS 0.3.21 takes the kernels of an old processor")
+    assert said.endswith(f"set OPENBLAS_CORETYPE={kernels} in the environment")
+    assert processor.unknown_processor("OpenBLAS 0.3.21, Haswell", has, set(flags.split())) is None
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Prescott")
+    assert processor.unknown_processor("OpenBLAS 0.3.21, Prescott", has, set(flags.split())) is None, "it was chosen"
+
+
+def test_old_kernels_that_a_setting_does_not_change(monkeypatch):
+    monkeypatch.delenv("OPENBLAS_CORETYPE", raising=False)
+    said = processor.unknown_processor("OpenBLAS 0.3.21, Prescott", (), {"avx2"})
+    assert said.endswith("take a newer OpenBLAS, or one built with DYNAMIC_ARCH") and "CORETYPE" not in said
+    for flags in ({"sse2"}, set()):  # of an old processor; unknown, as on ARM and macOS
+        assert processor.unknown_processor("OpenBLAS 0.3.21, Prescott", ALL, flags) is None
 
 
 def test_a_rank_has_fewer_cores_than_threads():
-    assert processor.shared_cores("1", 1) is None and processor.shared_cores("many", 1) is None
-    assert "OPENBLAS_NUM_THREADS=4, but a rank may use 2 cores: Open MPI" in processor.shared_cores("4", 2)
+    for fine in ("1", "many", "\u00b2", ""):
+        assert processor.shared_cores(fine, 1) is None
+    assert "OPENBLAS_NUM_THREADS=4, but a rank may use 2 cores: where" in processor.shared_cores("4", 2)
 
 
-@pytest.mark.skipif(not found()[0], reason="another BLAS than OpenBLAS")
+class Library:
+    """A BLAS with the functions of OpenBLAS: how it was built, and for what."""
+
+    def __init__(self, config, corename):
+        self.openblas_get_config, self.openblas_get_corename = (lambda: config), (lambda: corename)
+
+
+@pytest.mark.parametrize(
+    ("config", "said"),
+    [
+        (b"OpenBLAS 0.3.26.dev NO_LAPACKE DYNAMIC_ARCH Zen", "OpenBLAS 0.3.26.dev, Zen"),
+        (b"NO_LAPACKE DYNAMIC_ARCH NO_AFFINITY", "OpenBLAS, Zen"), (b"", "OpenBLAS, Zen"),  # before 0.2.20
+    ],
+)  # fmt: skip
+def test_what_openblas_says_of_itself(monkeypatch, config, said):
+    monkeypatch.setattr(processor, "_library", lambda: Library(config, b"Zen"))
+    assert processor.blas() == said
+
+
+def test_another_blas_is_known_by_its_file(monkeypatch):
+    made = ctypes.util.find_library("m")
+    library = ctypes.CDLL(made)
+    assert processor._file_of(library, "cos").startswith("libm"), "the file of a function of C"
+    assert processor._file_of(library, "dgemm_of_nobody") == ""
+    monkeypatch.setattr(processor, "_library", lambda: library)
+    assert processor.blas() == "" and processor.hints(MPI.COMM_SELF) == ()
+
+
 def test_the_blas_that_is_loaded():
     made, hints = found(OPENBLAS_NUM_THREADS="1")
-    assert made.startswith("OpenBLAS 0.") and not [line for line in hints if "threads" in line.lower()]
+    if not made.startswith("OpenBLAS"):
+        pytest.skip(f"another BLAS than OpenBLAS: {made}")
+    assert not [line for line in hints if "threads" in line.lower()]
     most = str(os.cpu_count() + 1)
     assert f"OPENBLAS_NUM_THREADS={most}, but" in found(OPENBLAS_NUM_THREADS=most)[1][-1]
-    if os.uname().machine == "x86_64":
-        made, hints = found(OPENBLAS_CORETYPE="Prescott")
-        assert made.endswith(", Prescott") and not hints, "who names the kernels has chosen them"
+
+
+def test_debians_blas_takes_the_kernels_that_it_is_told():
+    made, hints = found(OPENBLAS_CORETYPE="Prescott")
+    if not TWO_BUILDS or platform.machine() != "x86_64" or not made.startswith("OpenBLAS"):
+        pytest.skip("another PETSc, BLAS or processor")
+    assert made.endswith(", Prescott") and not hints, "who names the kernels has chosen them"
 
 
 def test_a_result_says_it(hpcred, tmp_path):

@@ -46,3 +46,15 @@ def test_a_petsc_dir_without_petsc4py_is_named():
                            env=mpi_environment(PETSC_DIR="/nowhere"))  # fmt: skip
     assert found.returncode == 2
     assert "error: no petsc4py for PETSC_DIR=/nowhere; install it for this PETSc" in found.stderr
+
+
+@pytest.mark.parametrize(("given", "left"), [({}, "None"), ({"OMPI_MCA_pml": "ob1,ucx"}, "ob1,ucx")])
+def test_what_a_single_process_starts_may_look_for_networks(given, left):
+    """As the ranks of a sweep must, or the job that it submits."""
+    program = (
+        "import os, sys; from hpcred.__main__ import _alone; _alone(); "
+        "print(os.environ.get('OMPI_MCA_pml'), 'mpi4py.MPI' in sys.modules)"  # which has read it where it was set
+    )
+    environment = {name: word for name, word in mpi_environment().items() if name != "OMPI_MCA_pml"}
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment | given)
+    assert run.stdout.split() == [left, str(not given)], run.stderr
