@@ -329,7 +329,8 @@ def convert(
     if files and (len(files) > 1 or stiffness or mass):
         raise InputError("convert: expected one input file, or the matrices by -K and -M")
     if not files and not (stiffness and mass):
-        raise InputError("convert: no matrices; give the main file of an export, or K and M by -K and -M")
+        found = "no matrices" if not (stiffness or mass) else f"only {'K' if stiffness else 'M'}"
+        raise InputError(f"convert: {found}; give the main file of an export, or K and M by -K and -M")
     given = {"-D": damping, "-B": input_file, "-C": output_file, "--nodes": nodes, "--dofs": dofs}
     if files and (besides := [option for option, value in given.items() if value]):
         raise InputError(f"convert: {', '.join(besides)} belong to -K and -M only, found with {files[0]}")

@@ -91,6 +91,11 @@ def test_damaged_files_are_refused(tmp_path, monkeypatch, capsys, text, says):
         (["reduce", "job.toml", "--out-of-core", ""], "--out-of-core: found '', expected the name of a file"),
         (["sweep", "job.toml", "--store", ""], "--store: found '', expected the name of a file"),
         (["convert", "model2.h5"], "no matrices"),
+        (["convert", "-K", "K.mtx", "model2.h5"], "only K; give the main file of an export, or K and M by -K and -M"),
+        (["convert", "model.h5", "model2.h5"], "a model of hpcred, which needs no conversion; a job names"),
+        (["info", "."], ".: this is a folder, expected a file"),
+        (["reduce", "."], ".: this is a folder, expected a file"),
+        (["export", ".", "--format", "sid"], ".: this is a folder, expected a file"),
         (["convert", "block.inp", "model2.h5"], "block.inp: no such file"),
         (["info", "model.h5", "--below", "1,x"], "expected numbers separated by commas"),
         (["evaluate", "model.h5", "--band", "3,1"], "found '3,1', expected two frequencies in Hz, the lower one"),
@@ -104,6 +109,11 @@ def test_damaged_files_are_refused(tmp_path, monkeypatch, capsys, text, says):
 )
 def test_bad_command_lines_are_refused(folder, capsys, arguments, says):
     assert says in refused(capsys, *arguments)
+
+
+def test_a_simulation_into_a_folder_is_refused(folder, capsys):
+    Path("sim.toml").write_text('body = "result.h5"\nend = 1.0\noutput = "."\n')
+    assert "output .: this is a folder, expected a file name" in refused(capsys, "simulate", "sim.toml")
 
 
 def test_more_ranks_than_rows_are_refused(hpcred, tmp_path, monkeypatch):

@@ -16,6 +16,7 @@ from .locks import HOST, lock, lock_name, temporary_name, unlock
 from .outputs import check_kind, check_writable, kind_of
 from .room import Room, is_full, no_room
 from .seal import is_broken, seal
+from .text import absent
 
 WRITTEN_BY = {"hpcred-model": ", which hpcred convert writes", "hpcred-result": ", which hpcred reduce writes"}
 SLAB = 2**26  # numbers written in one call, well below the 2 GiB that MPI-IO takes
@@ -218,7 +219,7 @@ def opened(path, kind: str, version: int | None = None):
 def require_whole(path):
     """Refuse a file that is not there, or on which HDF5 may crash. Raises InputError; on this rank."""
     if not os.path.isfile(path):
-        raise InputError(f"{path}: no such file")
+        raise absent(path)
     if is_broken(path):
         raise damaged(path, "what HDF5 keeps of its own does not have its checksum")
 

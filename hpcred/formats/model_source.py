@@ -40,6 +40,7 @@ from . import (
     matrix_market,
     nastran,
     nastran_dmig,
+    nastran_op2,
     nastran_op4,
     node_table,
     uff,
@@ -47,6 +48,8 @@ from . import (
 from .abaqus_matrices import files_beside
 from .entries import LARGEST_VALUE, Entries, LabelledEntries, label_name, label_of, node_and_direction, require_sane
 from .matrix_formats import format_of, read_entries
+from .model_file import FORMAT as OF_MODELS
+from .outputs import HDF5, hdf5_kind, kind_of
 from .parts import Parts
 from .source import Source
 from .text import doubts_of_end, first_bytes
@@ -79,17 +82,32 @@ def export_of(path):
     return next((item for item in EXPORTS if item.begins(start)), None)
 
 
+def _no_export(path) -> InputError:
+    """What to raise for a file that is no export."""
+    start, what = first_bytes(path), None
+    if nastran_op2.begins(start):
+        return InputError(
+            f"{path}: found an OP2 of Nastran, of which only nodes and sets of dofs are read; give the .op4 or .pch of "
+            "the run, and leave this one beside it"
+        )
+    if start.startswith(HDF5):
+        what = kind_of(path)
+        if what == hdf5_kind(OF_MODELS):
+            return InputError(f"{path}: found a model of hpcred, which needs no conversion; a job names its inputs")
+    elif (single := format_of(path)) is not None:
+        what = f"{single.name}: give single matrices by -K and -M"
+    expected = ", ".join(item.name for item in EXPORTS)
+    return InputError(
+        f"{path}: found a file that begins with {start[:12]!r}{f' ({what})' if what else ''}, expected {expected}"
+    )
+
+
 def read_export(path, comm, variables=None) -> Parts:
     """The parts that a whole finite-element export holds. Collective. Raises InputError."""
     with agreed(comm):
         export = export_of(path)
         if export is None:
-            expected = ", ".join(item.name for item in EXPORTS)
-            single = format_of(path)
-            hint = f" ({single.name}: give single matrices by -K and -M)" if single is not None else ""
-            raise InputError(
-                f"{path}: found a file that begins with {first_bytes(path)[:12]!r}{hint}, expected {expected}"
-            )
+            raise _no_export(path)
         if variables and not export.named:
             raise InputError(f"--variables: found names of matrices, but {path} is {export.name}, which has no names")
     return export.read_parts(path, comm, variables or {}) if export.named else export.read_parts(path, comm)

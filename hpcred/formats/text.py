@@ -58,11 +58,17 @@ def shown(line: bytes, most=80) -> str:
     return printable(text).replace("\n", " ")
 
 
+def absent(path) -> InputError:
+    """What to raise where no file has this name."""
+    folder = os.path.isdir(path)
+    return InputError(f"{str(path)[:200]}: {'this is a folder, expected a file' if folder else 'no such file'}")
+
+
 def require_file(path):
     """Raise InputError unless `path` is a file that can be read."""
     path = Path(path)
     if not os.path.isfile(path):
-        raise InputError(f"{str(path)[:200]}: no such file")
+        raise absent(path)
     try:
         with open(path, "rb"):
             pass

@@ -15,6 +15,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from ..parallel.declared import in_words, plain_type, types_of
 from ..parallel.failures import InputError
+from .text import absent
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -30,7 +31,7 @@ def read_table(path, overrides=()) -> dict:
     """The tables of a TOML file; `overrides` are texts "key.path=value". Raises InputError."""
     path = Path(path)
     if not os.path.isfile(path):
-        raise InputError(f"{path}: no such file")
+        raise absent(path)
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8-sig"))  # some editors put a mark in front
     except OSError as error:

@@ -245,6 +245,12 @@ def _members(model, item) -> np.ndarray:
             "leave it out of the set, or export the body without that support"
         )
     if not comm.allreduce(bool(inside[0].any()), op=MPI.LOR):
+        if isinstance(nodes, Nodes) and nodes.set is not None:
+            raise InputError(
+                f"{where}: nodes.set: none of the {names[nodes.set]} nodes of the set '{nodes.set}' has a row in "
+                f"{model.name}; nodes that follow another one, as in a rigid body, have none: take their reference "
+                "node in place of the interface, inputs = [[node, 'x'], ...], or export the body without it"
+            )
         ends = comm.allgather((dofs.position.min(axis=0), dofs.position.max(axis=0)) if dofs.node.size else None)
         low, high = zip(*(pair for pair in ends if pair is not None), strict=True)
         low, high = np.min(low, axis=0), np.max(high, axis=0)

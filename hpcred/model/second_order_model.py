@@ -420,7 +420,8 @@ def massless(model) -> int:
 def require_inputs(model):
     """Raise InputError for a model without inputs."""
     if model.B is None or not model.input_names:
-        raise InputError(f"{model.name} has no inputs; name them by `inputs`, as dof numbers or [node, direction]")
+        raise InputError(f"{model.name} has no inputs; name them by `inputs` (in Python: with_inputs of the model), as "
+                         "dof numbers or [node, direction]")  # fmt: skip
 
 
 def dense_matrix(like: PETSc.Mat, local: np.ndarray) -> PETSc.Mat:

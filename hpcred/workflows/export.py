@@ -27,6 +27,7 @@ from ..formats.sid import write_sid
 from ..formats.simscape import simscape_solid
 from ..formats.state_space import write_state_space_mat, write_state_space_npz
 from ..formats.superelement import superelement
+from ..formats.text import absent
 from ..formats.uff import write_uff
 from ..formats.vtk import write_vtk
 from ..model.units import SI, units_of
@@ -116,6 +117,8 @@ def export_result(
     system = units_of(units)
     if not export.any_units and system != SI:
         raise InputError(f"--units: '{kind}' is in SI, found '{units}'; leave it out")
+    if not Path(result).name:
+        raise absent(result)
     path = Path(path) if path else Path(result).with_name(Path(result).stem + export.suffix)
     outputs.check_outputs({path: export.kind}, comm, [result])
     existed = comm.bcast(path.exists())

@@ -18,7 +18,7 @@ from ..formats.simulation_file import FORMAT, read_simulation, write_motion, wri
 from ..formats.vtk import write_motion_vtk
 from ..multibody.simulation import simulate
 from ..parallel import startup
-from ..parallel.failures import agreed
+from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..parallel.progress import Progress
 from ..reduction.record import versions
@@ -37,6 +37,8 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     with agreed(comm):
         setup = read_simulation(path, overrides)
     output = Path(setup.output)
+    if not output.name:
+        raise InputError(f"output {output}: this is a folder, expected a file name")
     written = {output: hdf5_kind(FORMAT), output.with_suffix(".csv"): CSV_OF_MOTION}
     if has_matplotlib():
         written[output.with_suffix(".png")] = PNG

@@ -240,6 +240,12 @@ def test_a_cut_op2_is_refused(comm, folder, length):
     assert "nas2cam.op2: found" in said
 
 
+def test_an_op2_in_place_of_the_matrices_is_refused(comm, folder):
+    unpack(folder, comm, "nastran/extseout")
+    with pytest.raises(InputError, match="nas2cam.op2: found an OP2 of Nastran, .* give the .op4 or .pch of the run"):
+        load_export(folder / "nas2cam.op2", comm)
+
+
 def test_a_table_without_a_name_is_refused(comm, folder):
     unpack(folder, comm, "nastran/extseout")
     content = (folder / "nas2cam.op2").read_bytes()

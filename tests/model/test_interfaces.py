@@ -222,6 +222,17 @@ REFUSALS = [
 ]  # fmt: skip
 
 
+def test_a_set_of_nodes_without_rows_is_refused(comm):
+    """As that of a rigid body of the program that wrote the matrices."""
+    with hpcred.solid((4, 2, 2), clamped=True, comm=comm) as model:
+        beside = np.arange(1000, 1007) if comm.rank == comm.size - 1 else np.zeros(0, np.int64)
+        with (
+            replace(model.shared(), sets={"BORE": beside}) as marked,
+            pytest.raises(hpcred.InputError, match="none of the 7 nodes of the set 'BORE' has a row in solid; nodes"),
+        ):
+            marked.with_interfaces([Interface(name="a", nodes=Nodes(set="BORE"))])
+
+
 @pytest.mark.parametrize(("interfaces", "words"), REFUSALS, ids=[words[:20] for _, words in REFUSALS])
 def test_what_defines_no_interface_is_refused(comm, interfaces, words):
     with hpcred.solid((4, 2, 2), clamped=True, comm=comm) as model, pytest.raises(hpcred.InputError, match=words):
