@@ -10,12 +10,13 @@ from ..model.rigid_body_modes import RigidBodyModes, doubts_of_nodes, rigid_body
 from ..model.second_order_model import require_model
 from ..parallel.declared import declared
 from ..parallel.failures import ComputationError
-from ..parallel.petsc import is_complex
+from ..parallel.petsc import MPI, PETSc, is_complex
 from ..parallel.ranges import FREQUENCY, within
 from .check import doubts_of_units, held_count, on_held_dofs
 from .frequency_response import checked_frequencies
 from .natural_modes import natural_modes
 
+NEGATIVE = 1e-9  # eigenvalue of M relative to its diagonal that files of ten digits make of zero
 ZERO = 1e-12  # eigenvalue relative to trace(K) / trace(M) that counts as zero
 
 
@@ -93,9 +94,29 @@ def _known(values):
 
 
 def _definiteness(mass, factoring):
-    """ "positive definite", "singular" or "indefinite", by the inertia of M."""
+    """ "positive definite", "singular" or "indefinite", by the inertia of M; what the digits of files and round-off can
+    have made negative, as where dofs have no mass or were condensed, counts as zero."""
     if is_complex():
         return "not known (complex PETSc)"
+    found = _inertia_of(mass, factoring)
+    if found != "indefinite":
+        return found
+    lifted, diagonal = mass.duplicate(copy=True), mass.getDiagonal()
+    try:
+        diagonal.abs()
+        values = diagonal.getArray()
+        smallest = mass.comm.tompi4py().allreduce(values[values > 0].min(initial=np.inf), op=MPI.MIN)
+        values[values == 0] = smallest if np.isfinite(smallest) else 1.0
+        diagonal.scale(NEGATIVE)
+        lifted.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        lifted.setDiagonal(diagonal, addv=PETSc.InsertMode.ADD_VALUES)
+        return "indefinite" if _inertia_of(lifted, factoring) == "indefinite" else "singular"
+    finally:
+        lifted.destroy()
+        diagonal.destroy()
+
+
+def _inertia_of(mass, factoring):
     with closing(Factorisation(mass, "cholesky", "inertia_", {"icntl_13": 1, "icntl_24": 1}, factoring)) as factors:
         try:
             factors.factor(mass="1", damping="0", inertia_relief=False)

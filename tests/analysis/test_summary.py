@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
+import scipy.sparse
 
 import hpcred
 from hpcred.examples import linkage as example
@@ -26,6 +28,19 @@ def test_inspection(comm, linkage):
     assert supported["elastic_modes_below_hz"] == [[600.0, 13]]
     assert supported["size_hint"] == 14
     framed.close()
+
+
+@pytest.mark.skipif(is_complex(), reason="inertia needs a real build")
+@pytest.mark.parametrize(
+    ("eigenvalue", "said"), [(-3e-11, "singular"), (-1e-6, "indefinite"), (1e-6, "positive definite")]
+)
+def test_a_mass_matrix_that_its_digits_made_negative_is_singular(comm, eigenvalue, said):
+    """Each pair of dofs has 2 and the eigenvalue, in units of its own; the last one is not coupled."""
+    half, units = 1 + eigenvalue / 2, np.array([1.0, 1e3, 1e-3, 1.0, 30.0])
+    pair = np.array([[half, 2 - half], [2 - half, half]])
+    M = scipy.sparse.csr_matrix(scipy.linalg.block_diag(*(unit * pair for unit in units), np.eye(1)))
+    with hpcred.SecondOrderModel.from_scipy(scipy.sparse.eye(11, format="csr"), M, comm=comm) as model:
+        assert hpcred.inspect(model)["mass_matrix"] == said
 
 
 def test_mass_and_inertia_of_a_block(comm):
