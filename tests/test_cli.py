@@ -111,6 +111,12 @@ def test_bad_command_lines_are_refused(folder, capsys, arguments, says):
     assert says in refused(capsys, *arguments)
 
 
+def test_an_empty_file_is_called_so(folder, capsys):
+    Path("result.h5").touch()
+    for arguments in (["info", "result.h5"], ["convert", "result.h5", "model2.h5"]):
+        assert "result.h5: found an empty file" in refused(capsys, *arguments)
+
+
 def test_a_simulation_into_a_folder_is_refused(folder, capsys):
     Path("sim.toml").write_text('body = "result.h5"\nend = 1.0\noutput = "."\n')
     assert "output .: this is a folder, expected a file name" in refused(capsys, "simulate", "sim.toml")

@@ -85,6 +85,8 @@ def export_of(path):
 def _no_export(path) -> InputError:
     """What to raise for a file that is no export."""
     start, what = first_bytes(path), None
+    if not start:
+        return InputError(f"{path}: found an empty file")
     if nastran_op2.begins(start):
         return InputError(
             f"{path}: found an OP2 of Nastran, of which only nodes and sets of dofs are read; give the .op4 or .pch of "

@@ -84,6 +84,8 @@ def describe_file(
             return _export(path, export, comm, variables)
         if single:
             return _matrix(path, single, comm)
+    if not first_bytes(path):
+        raise InputError(f"{path}: found an empty file")
     raise InputError(
         f"{path}: found a file that begins with {first_bytes(path)[:12]!r}, which is none of the formats of "
         "`hpcred convert --list-formats`"
