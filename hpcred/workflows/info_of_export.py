@@ -73,7 +73,7 @@ def mbdyn(path) -> dict:
         "format": ".fem file of MBDyn's modal joint",
         "coordinates": int(words["1"][0].split()[2]),
         "interface_nodes": " ".join(words["2"]).split(),
-        "mass_kg": float(words["12"][0].split()[0]),
+        "mass": float(words["12"][0].split()[0]),  # in units that the file does not say
     }
 
 

@@ -78,7 +78,7 @@ def sid(path, comm) -> dict:
     J = found.objects["J"].m0.ravel().tolist()
     return {
         "format": "SID file of a flexible body",
-        "mass_kg": found.mass,
+        "mass": found.mass,  # in units that the file does not say
         "coordinates": found.coordinates,
         "interface_nodes": [node.node for node in found.nodes],
         "inertia_xx_yy_zz_xy_xz_yz": J,

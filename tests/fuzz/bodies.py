@@ -116,7 +116,7 @@ def sid(content: bytes):
 def told(folder: Path):
     """What info says."""
     found = json.loads((folder / "out.json").read_text())
-    return {"mass": found["mass_kg"], "names": found["coordinates"], "nodes": found["interface_nodes"],
+    return {"mass": found["mass"], "names": found["coordinates"], "nodes": found["interface_nodes"],
             "J": np.array(found["inertia_xx_yy_zz_xy_xz_yz"]), "damped": found["damping"] == "given",
             "comment": found["comment"].strip()}  # fmt: skip
 
