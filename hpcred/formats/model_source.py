@@ -439,7 +439,7 @@ def read_columns(comm, starts, size, path, transposed=False, variables=None):
     first, last = starts[comm.rank], np.append(starts[1:], size)[comm.rank]
     with agreed(comm):
         require_sane(v, f"{path}: found", "real")
-        needed, free = (last - first) * entries.shape[1] * 8 / MB, node_mb()
+        needed, free = int(last - first) * entries.shape[1] * 8 / MB, node_mb()
         if needed > free:
             what = "rows" if transposed else "columns"
             raise InputError(
