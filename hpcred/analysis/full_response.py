@@ -22,8 +22,8 @@ from ..parallel.decisions import decided
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
-from ..reduction.accuracy import ROUND_OFF, Accuracy, Adaptive
-from ..reduction.adaptive import HELD_BACK, Search, deflation_of_search
+from ..reduction.accuracy import Accuracy, Adaptive
+from ..reduction.adaptive import Search, deflation_of_search
 from ..reduction.error_estimate import UNIFORM, estimate, grid
 from ..reduction.pseudo_modal import Law, nested, relative, response
 from ..reduction.reduce import ROOM, check_model, warnings_of
@@ -128,14 +128,15 @@ def full_response(
         )
         rigid = framed.rigid.R if framed.rigid is not None else None
         basis = owned.owns(Basis(run.mass, rigid, deflation, room, run.keeps_images))
-        search = owned.owns(Search(basis, run, adaptive))
+        search = Search(basis, run, adaptive)
         reason = search.search()
         with progress.stage("evaluate"):
             outer = decided(model.comm, search.projections.model)
             seen = decided(model.comm, _seen, search, reason, outer)
             basis.multiply(outer.vectors)
-            again = tuple(projected_again(basis, run, search.loads, search.law, search.projections.D is not None))
-            models = _Models(seen, outer, again, search.law, search.ports)
+            of_search = search.projections
+            again = tuple(projected_again(basis, run, of_search.law, of_search.D is not None))
+            models = _Models(seen, outer, again, of_search.law, of_search.ports)
             values, eps, accuracy = decided(model.comm, _evaluate, search, reason, frequencies, law, models)
         factorisations = tuple(run.factorisations)
     found = FullResponse(
@@ -214,8 +215,7 @@ class _Models:
 
 def _seen(search, reason, outer):
     """The model of a search that the error of `outer`, its whole basis, is seen from, or None."""
-    hold = next((start for start in reversed(search.starts) if len(outer.squares) - start >= HELD_BACK), 0)
-    framed = search.run.framed
+    framed, hold = search.run.framed, search.projections.hold
     elastic = framed.model.size - framed.rigid_size
     complete = len(outer.squares) >= elastic or not (hold or reason)  # no column was left to be held back for
     return outer if complete else search.projections.model(hold) if hold else None
@@ -229,25 +229,16 @@ def _evaluate(search, reason, frequencies, law, models):
         poles = frequencies[gap <= POLE * frequencies**2]
         if len(poles):
             raise InputError(f"frequency {poles[0]:.10g} Hz is a pole of the full model; leave it out or add damping")
-    values = response(outer, law, frequencies, search.ports)
+    values = response(outer, law, frequencies, models.ports)
     eps = sum(models.curve(law, frequencies))  # round-off is part of what a user sees
     return values, eps, _accuracy(search, models, reason)
 
 
 def _accuracy(search, models, reason) -> Accuracy:
     """What is known of the whole basis of a search, which is not compressed."""
-    settings, band, outer = search.settings, search.settings.band, models.outer
-    S = grid([outer], search.law, band, 4 * UNIFORM)
-    curve, roundoff = models.curve(search.law, S)
-    largest, noise = float(curve.max()), max(search.noise, float(roundoff.max()))
-    reached = not reason and largest + noise <= settings.tolerance
-    if not reason and not reached:
-        reason = ROUND_OFF
-    return Accuracy(
-        tolerance=settings.tolerance, band=band, reached=reached, stopped=reason or "reached", largest=largest,
-        worst=float(S[curve.argmax()]), noise=noise, measured=search.measured, big_size=len(outer.squares),
-        mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(S)).sum() / (band[1] - band[0])),
-        highest=float(outer.frequencies.max()), missing_modes=max(search.lack, 0), points=tuple(search.points),
-        proofs=tuple(search.proofs), frequencies=tuple(S.tolist()), eps=tuple(curve.tolist()),
-        loss_factor=search.law.eta, **search.doubts(reason),
-    )  # fmt: skip
+    S = grid([models.outer], models.law, search.settings.band, 4 * UNIFORM)
+    curve, roundoff = models.curve(models.law, S)
+    noise = max(search.judge.noise, float(roundoff.max()))
+    return search.accuracy(
+        reason, S, curve, largest=float(curve.max()), noise=noise, highest=float(models.frequencies.max())
+    )

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from ..parallel.failures import InputError
+from .error_estimate import finer, grid, largest, resolved
+from .judging import Judge
 from .pseudo_modal import (
     Law,
     PseudoModal,
+    columns,
     difference,
     is_symmetric,
     norms,
@@ -15,15 +21,11 @@ from .pseudo_modal import (
     restricted,
     solve,
     times,
+    worst_pair,
 )
 
+TRIALS = 5  # compressions, each with the frequencies where the one before was too bad, until the big model is kept
 LARGE = 1e6  # relative error that counts as any other above it, such as one at a zero of the response
-
-
-def columns(states: np.ndarray) -> np.ndarray:
-    """Real and imaginary parts of states (S, m, l) side by side: (m, 2 S l), or (m, S l) of real ones."""
-    flat = states.transpose(1, 0, 2).reshape(states.shape[1], -1)
-    return np.hstack([flat.real, flat.imag]) if np.iscomplexobj(flat) else flat
 
 
 def snapshots(model: PseudoModal, law: Law, frequencies, ports) -> np.ndarray:
@@ -86,3 +88,81 @@ def compressed(model: PseudoModal, law: Law, frequencies, ports, goal: float, fi
 def joined(first, others) -> np.ndarray:
     """Orthonormal columns that span two blocks of them, orthogonal to each other but for round-off."""
     return np.linalg.qr(np.hstack([first, others]))[0] if first.shape[1] else others
+
+
+class Restricted(NamedTuple):
+    """A model on combinations of the coordinates of a big one (`embedding`), and its error against that (`curve`, (S,))
+    at frequencies (S,)."""
+
+    model: PseudoModal
+    embedding: np.ndarray
+    frequencies: np.ndarray
+    curve: np.ndarray
+
+
+class Compressed(NamedTuple):
+    """What a search ends with: the `factor` (m, k) from the basis to the columns of the reduced model, its highest
+    pseudo-frequency, its error against the big model, the noise of the two, output and input (from 0) whose response is
+    worst by itself, with its error; and why the tolerance is not reached, or ""."""
+
+    factor: np.ndarray
+    highest: float
+    frequencies: np.ndarray
+    curve: np.ndarray
+    noise: float
+    worst_pair: tuple[int, int, float]
+    reason: str
+
+
+def compress(judge: Judge, reason: str, drop_above: float | None, kept: list[int]) -> Compressed:
+    """The few combinations of a basis that the tolerance asks for, after a search; local.
+
+    `reason`: why the search ended before the tolerance was reached, or "". The columns `kept` of the basis stay in the
+    span. Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the error counts. Raises InputError.
+    """
+    law, ports, eps = judge.projections.law, judge.projections.ports, judge.settings.tolerance
+    outer, est, noise = judge.projections.model(), judge.rest, judge.noise
+    goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
+    found, limited = _reach(judge, outer, goal, outer.vectors[kept].T)
+    reason = reason or limited
+    if drop_above is not None and found.model.frequencies[-1] > drop_above:
+        found = _without_modes_above(drop_above, found, outer, law, ports)
+        if not reason and found.curve.max() + est + noise > eps:
+            reason = f"without the pseudo-frequencies above {drop_above:g} Hz (drop_above)"
+    H = response(outer, law, found.frequencies, ports)
+    E = difference(found.model, outer, found.embedding, law, found.frequencies, ports)
+    roundoff = H - response(found.model, law, found.frequencies, ports) - E
+    return Compressed(
+        outer.vectors @ found.embedding, float(found.model.frequencies.max()), found.frequencies, found.curve,
+        max(noise, float(relative(roundoff, H).max())), worst_pair(H, H - E), reason,
+    )  # fmt: skip
+
+
+def _reach(judge, outer, goal, fixed) -> tuple[Restricted, str]:
+    """The smallest model whose error stays below the goal between the frequencies as well, and why the size that was
+    asked for does not let it, or ""; `fixed`: see compressed()."""
+    settings, law, ports, noise = judge.settings, judge.projections.law, judge.projections.ports, judge.noise
+    S, limited = grid([outer], law, settings.band), ""
+    for trial in range(TRIALS + 1):
+        U = compressed(outer, law, S, ports, goal, fixed) if trial < TRIALS else np.eye(len(outer.squares))
+        if settings.size is not None and U.shape[1] > settings.size:
+            limited = f"with {settings.size} coordinates"
+            U = compressed(outer, law, S, ports, 0.0, fixed, most=settings.size)
+        inner, embedding = restricted(outer, U, law)
+        fine = finer(grid([outer, inner], law, settings.band), 4)
+        fine, curve = largest(inner, outer, embedding, law, fine, ports)
+        if curve.max() <= 1.02 * goal:
+            fine, curve = resolved(inner, outer, embedding, law, fine, curve, ports, 3 * noise)
+        if curve.max() <= 1.02 * goal or settings.size == U.shape[1]:
+            break
+        S = np.unique(np.concatenate([S, fine[curve > 0.8 * goal]]))
+    return Restricted(inner, embedding, fine, curve), limited
+
+
+def _without_modes_above(limit, found: Restricted, outer, law, ports) -> Restricted:
+    kept = found.model.frequencies <= limit
+    if not kept.any():
+        raise InputError(f"drop_above: no pseudo-frequency lies below {limit:g} Hz")
+    inner, turn = restricted(found.model, np.eye(len(kept))[:, kept], law)
+    embedding = found.embedding @ turn
+    return Restricted(inner, embedding, *largest(inner, outer, embedding, law, found.frequencies, ports))

@@ -133,6 +133,11 @@ def off_poles(f: float, model: PseudoModal, band) -> float | None:
     return None
 
 
+def rounded(f: float) -> float:
+    """A frequency that a search chose, to six digits: the same on any number of ranks, whose last digits differ."""
+    return float(f"{f:.6g}")
+
+
 def missing(model: PseudoModal, counts) -> int:
     """Modes below the points that inertia counts and the model has not; `counts`: (f, number of modes below f)."""
     poles = model.frequencies

@@ -11,35 +11,57 @@ from .projection import project
 from .pseudo_modal import Law, PseudoModal, diagonalised
 from .run import Run
 
+HELD_BACK = 3  # columns at least that an estimate sees the model from
+
+
+def places(columns) -> np.ndarray:
+    """The first so many columns of a basis, or a list of them, as their places."""
+    return np.arange(columns) if np.ndim(columns) == 0 else np.array(columns, dtype=int)
+
 
 class Projections:
-    """Projections on a mass-orthonormal basis, extended block by block. All methods are collective.
+    """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
-    `K` (m, m) = V^T K V, `L` (m, l) = V^T L for a block L of loads, `D` (m, m) = V^T D V, or None unless `damped`:
-    small arrays, the same on all ranks. Models of the leading columns of the basis are parts of them.
+    `K` (m, m) = V^T K V, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) = V^T D V, or None unless
+    `damped`: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `ports`: inputs and
+    outputs in terms of L; `law`: the proportional damping of the models. Raises InputError (see ports).
     """
 
-    def __init__(self, run: Run, basis: Basis, loads, law: Law, damped: bool):
-        self._run, self.basis, self.loads, self.law = run, basis, loads, law
+    def __init__(self, run: Run, basis: Basis, law: Law, damped: bool):
+        self.run, self.basis, self.law = run, basis, law
+        self.loads, self.ports = run.loads_and_ports
+        self._starts: list[int] = []  # first columns of the blocks
         self.K = np.zeros((0, 0))
-        self.L = np.zeros((0, loads.getActiveColumns()[1]))
+        self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
         self.D = np.zeros((0, 0)) if damped else None
         self._project(0)
 
     def extend(self, block, images=None) -> int:
         """Add the span of a block to the basis; returns how many columns are new. `images`: M block where known."""
         start = self.basis.size
-        with self._run.progress.stage("orthogonalise"):
+        with self.run.progress.stage("orthogonalise"):
             self.basis.extend(block, images)
         self._project(start)
+        if self.basis.size > start:
+            self._starts.append(start)
         return self.basis.size - start
+
+    @property
+    def blocks(self) -> list[tuple[int, int]]:
+        """First column and end of each block that extended the basis; local."""
+        return list(zip(self._starts, [*self._starts[1:], self.basis.size], strict=False))
+
+    @property
+    def hold(self) -> int:
+        """Where the newest blocks begin that are held back, to see the model of the columns before them; local."""
+        return next((start for start in reversed(self._starts) if self.basis.size - start >= HELD_BACK), 0)
 
     def _project(self, start):
         """Take in the columns of the basis from `start` on."""
-        model, stop = self._run.model, self.basis.size
+        model, stop = self.run.model, self.basis.size
         if stop == start:
             return
-        with self._run.progress.stage("project"), Owned(model.comm) as owned:
+        with self.run.progress.stage("project"), Owned(model.comm) as owned:
             new = owned.owns(copy_of(self.basis.columns_between(start, stop), model.K))
             self.L = np.vstack([self.L, inner(new, self.loads)])
             right = project(model.K, new, self.basis.columns)
@@ -53,11 +75,10 @@ class Projections:
         """W^T D V (new, start) of the columns before."""
         if not start:
             return np.zeros((new.getActiveColumns()[1], 0))
-        return project(self._run.model.D, self.basis.columns_between(0, start), new)
+        return project(self.run.model.D, self.basis.columns_between(0, start), new)
 
     def model(self, columns=None) -> PseudoModal:
         """The model of the first so many `columns` of the basis, or of listed ones, by default of all; local."""
-        count = self.basis.size if columns is None else columns
-        k = np.arange(count) if np.ndim(count) == 0 else np.array(count, dtype=int)
+        k = places(self.basis.size if columns is None else columns)
         D = None if self.D is None else self.D[np.ix_(k, k)]
         return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self.law)

@@ -189,6 +189,12 @@ def times(matrix, states):
     return flat.reshape(len(matrix), count, width).transpose(1, 0, 2)
 
 
+def columns(states: np.ndarray) -> np.ndarray:
+    """Real and imaginary parts of states (S, m, l) side by side: (m, 2 S l), or (m, S l) of real ones."""
+    flat = states.transpose(1, 0, 2).reshape(states.shape[1], -1)
+    return np.hstack([flat.real, flat.imag]) if np.iscomplexobj(flat) else flat
+
+
 def is_symmetric(D):
     return D is None or np.abs(D - D.T).max(initial=0.0) <= 1e-10 * np.abs(D).max(initial=0.0)
 

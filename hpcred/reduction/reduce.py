@@ -220,9 +220,8 @@ def _to_tolerance(vectors, run, adaptive, groups, settings) -> Accuracy:
 
 def _search(vectors, run, adaptive, groups, drop_above, kept):
     """The factor that compresses the basis, and what is known of it; the columns `kept` stay in its span."""
-    with Owned(run.model.comm) as owned:
-        search = owned.owns(Search(vectors, run, adaptive, groups))
-        return search.compress(search.search(), drop_above, kept)
+    search = Search(vectors, run, adaptive, groups)
+    return search.compress(search.search(), drop_above, kept)
 
 
 def _check_size(framed, basis, adaptive) -> int:

@@ -12,63 +12,36 @@ from ..linalg.blocks import add_product, apply, copy_of, create_block, inner, lo
 from ..parallel.decisions import decided
 from ..parallel.failures import Owned
 from ..parallel.petsc import PETSc
-from .compression import columns
-from .pseudo_modal import UNDAMPED, coefficients, norms, response, solve
+from .pseudo_modal import UNDAMPED, coefficients, columns, norms, response, solve
 
 RESIDUALS = 40  # frequencies at which residuals are taken
 WEAKEST = 1e-14  # of the strongest direction of a block, in squares: below it is round-off
 
 
-def residual_block(projections, run, ports, band, f, width):
+def residual_block(projections, band, f, width):
     """The `width` leading directions of the residuals R(s_k) / |H|^(1/2) over the band (Hz) and at f, as a block (n,
     width) that the caller destroys: randomised, with one power step. Collective.
 
-    `projections`: of the basis that leaves the residuals; `ports`: see loads_and_ports.
+    `projections`: of the basis that leaves the residuals.
     """
-    comm, basis, loads = run.model.comm, projections.basis, projections.loads
-    matrices, scale = _matrices(projections, run), _row_scale(run.model)
-    state = {}  # of rank 0: the coefficients of the residuals
-
-    def sample():
-        S = np.unique(np.append(np.linspace(*band, RESIDUALS), f))
-        state["L"], state["parts"] = _residual_coefficients(projections, ports, S)
-        omega = np.random.default_rng(basis.size).standard_normal((state["L"].shape[1], 2 * width))
-        return _times_all(state, omega)
-
-    def power(products):
-        return _times_all(state, _transposed_times(state, products))
-
-    def directions(products):
-        left = np.linalg.svd(_transposed_times(state, products).T, full_matrices=False)[0]
-        return left[:, :width]
+    comm = projections.run.model.comm
+    matrices, scale = _matrices(projections), _row_scale(projections.run.model)
+    samples = _Samples()
 
     def combine(factors):
         """Orthonormal directions of the rows of the residuals times a factor, scaled."""
-        block = _combined(projections, run, matrices, factors, scale)
+        block = _combined(projections, matrices, factors, scale)
         _orthonormalise(block, comm)
         return block
 
     def products_with(block):
-        """L^T S Y and V^T A^T S Y for M, K, D."""
-        with Owned(comm) as owned:
-            scaled = owned.owns(copy_of(block, run.model.K))
-            with local_rows(scaled) as rows:
-                rows *= scale[:, None]
-            found = [inner(loads, scaled)]
-            for mat in matrices:
-                product = owned.owns(create_block(mat, scaled.getActiveColumns()[1]))
-                if mat is run.model.D and not run.model.symmetric:
-                    _apply_transposed(mat, scaled, product)
-                else:
-                    apply(mat, scaled, product)
-                found.append(inner(basis.columns, product))
-            return found
+        return _products_with(block, projections, matrices, scale)
 
-    first = combine(decided(comm, sample))
+    first = combine(decided(comm, samples.take, projections, np.unique([*np.linspace(*band, RESIDUALS), f]), 2 * width))
     with Owned(comm) as owned:
         owned.owns(first)
-        block = combine(decided(comm, power, products_with(first)))
-    turn = decided(comm, directions, products_with(block))
+        block = combine(decided(comm, samples.power, products_with(first)))
+    turn = decided(comm, samples.directions, products_with(block), width)
     multiply(block, turn)
     block.setActiveColumns(0, turn.shape[1])
     with local_rows(block) as rows:
@@ -76,23 +49,73 @@ def residual_block(projections, run, ports, band, f, width):
     return block
 
 
-def largest_residual(projections, run, ports, frequencies, damped=True) -> float:
+def largest_residual(projections, frequencies, damped=True) -> float:
     """The largest ||R(s)|| / ||L|| at frequencies (Hz), rows scaled by diag(K)^(-1/2). Collective."""
-    matrices, scale = _matrices(projections, run)[: None if damped else 2], _row_scale(run.model)
-    loads, parts = decided(run.model.comm, _residual_coefficients, projections, ports, np.array(frequencies), damped)
-    with Owned(run.model.comm) as owned:
-        whole = owned.owns(_combined(projections, run, [], [loads], scale))
-        rest = owned.owns(_combined(projections, run, matrices, [loads, *parts], scale))
+    model = projections.run.model
+    matrices, scale = _matrices(projections)[: None if damped else 2], _row_scale(model)
+    factors = decided(model.comm, _residual_coefficients, projections, np.array(frequencies), damped)
+    with Owned(model.comm) as owned:
+        whole = owned.owns(_combined(projections, [], factors[:1], scale))
+        rest = owned.owns(_combined(projections, matrices, factors, scale))
         sizes = [np.sqrt(np.trace(inner(block, block))) for block in (rest, whole)]
-    return float(decided(run.model.comm, np.divide, *sizes))
+    return float(decided(model.comm, np.divide, *sizes))
 
 
-def _matrices(projections, run):
-    return [run.model.M, run.model.K, *([run.model.D] if projections.D is not None else [])]
+class _Samples:
+    """Residuals R as the coefficients c of L c_L - M V c_M - K V c_K - ..., which the rank that decides has alone."""
+
+    def take(self, projections, S, count):
+        """Coefficients of `count` random combinations of the residuals at S (Hz)."""
+        self._factors = _residual_coefficients(projections, S)
+        random = np.random.default_rng(projections.basis.size)
+        return self._times(random.standard_normal((self._factors[0].shape[1], count)))
+
+    def power(self, products):
+        """Coefficients of R R^T Y from L^T Y and V^T A^T Y."""
+        return self._times(self._transposed_times(products))
+
+    def directions(self, products, width):
+        """The leading left singular vectors of Y^T R."""
+        left = np.linalg.svd(self._transposed_times(products).T, full_matrices=False)[0]
+        return left[:, :width]
+
+    def _times(self, factor):
+        return [part @ factor for part in self._factors]
+
+    def _transposed_times(self, products):
+        """R^T Y (N, k)."""
+        found = self._factors[0].T @ products[0]
+        for part, product in zip(self._factors[1:], products[1:], strict=True):
+            found = found - part.T @ product
+        return found
 
 
-def _combined(projections, run, matrices, factors, scale):
+def _matrices(projections):
+    model = projections.run.model
+    return [model.M, model.K, *([model.D] if projections.D is not None else [])]
+
+
+def _products_with(block, projections, matrices, scale):
+    """L^T S Y and V^T A^T S Y for M, K, D, with S the scaling of the rows."""
+    model = projections.run.model
+    with Owned(model.comm) as owned:
+        scaled = owned.owns(copy_of(block, model.K))
+        with local_rows(scaled) as rows:
+            rows *= scale[:, None]
+        found = [inner(projections.loads, scaled)]
+        for mat in matrices:
+            product = owned.owns(create_block(mat, scaled.getActiveColumns()[1]))
+            if mat is model.D and not model.symmetric:
+                _apply_transposed(mat, scaled, product)
+            else:
+                apply(mat, scaled, product)
+            found.append(inner(projections.basis.columns, product))
+        return found
+
+
+def _combined(projections, matrices, factors, scale):
     """L c_L - M V c_M - K V c_K - ... for the factors c, equilibrated, with scaled rows, as a block for the caller."""
+    run = projections.run
     block = create_block(run.model.K, factors[0].shape[1])
     add_product(block, projections.loads, factors[0], beta=0.0)
     for mat, factor in zip(matrices, factors[1:], strict=True):
@@ -108,9 +131,9 @@ def _combined(projections, run, matrices, factors, scale):
     return block
 
 
-def _residual_coefficients(projections, ports, S, damped=True):
+def _residual_coefficients(projections, S, damped=True):
     """Coefficients of w R = w L - M V c_M - K V c_K - D V c_D at S (Hz), Re beside Im: c_L (l, N), c_M.. (m, N)."""
-    model, law = projections.model(), projections.law
+    model, law, ports = projections.model(), projections.law, projections.ports
     if not damped:
         model, law = model._replace(D=None), UNDAMPED
     H = norms(response(model, law, S, ports))
@@ -119,7 +142,7 @@ def _residual_coefficients(projections, ports, S, damped=True):
     a, b, s = coefficients(law, S)
     loads = columns(np.eye(model.L.shape[1], dtype=complex) * weights)
     factors = (b, a, s) if model.D is not None else (b, a)
-    return loads, [model.vectors @ columns(factor[:, None, None] * states) for factor in factors]
+    return [loads, *(model.vectors @ columns(factor[:, None, None] * states) for factor in factors)]
 
 
 def _row_scale(model):
@@ -145,15 +168,3 @@ def _apply_transposed(mat, block, result):
     mat.transpose(transposed)
     apply(transposed, block, result)
     transposed.destroy()
-
-
-def _times_all(state, factor):
-    return [state["L"] @ factor, *(part @ factor for part in state["parts"])]
-
-
-def _transposed_times(state, products):
-    """R^T Y (N, k) from L^T Y and V^T A^T Y."""
-    found = state["L"].T @ products[0]
-    for part, product in zip(state["parts"], products[1:], strict=True):
-        found = found - part.T @ product
-    return found

@@ -13,11 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..linalg.basis import Basis
-from ..parallel.failures import Owned
 from ..parallel.petsc import MPI
 from .accuracy import ROUND_OFF, Accuracy, Adaptive, law_of
 from .interface_coordinates import elastic_part
-from .ports import loads_and_ports
 from .projections import Projections
 from .pseudo_modal import Law, PseudoModal, diagonalised, relative, response
 from .reduced_model import ReducedModel, as_measured
@@ -28,14 +26,14 @@ FACTORS = (0.7, 1.4)
 CHUNK = 2**20  # numbers of matrices that are solved with at a time
 
 
-def projected_again(basis: Basis, run: Run, loads, law: Law, damped: bool) -> Iterator[PseudoModal]:
+def projected_again(basis: Basis, run: Run, law: Law, damped: bool) -> Iterator[PseudoModal]:
     """Models of the columns of a basis, which changes their lengths, from SAMPLES projections. Collective."""
     lengths, random = np.ones(basis.size), np.random.default_rng(0)
     for _ in range(SAMPLES):
         factors = random.uniform(*FACTORS, basis.size)
         basis.multiply(np.diag(factors / lengths))
         lengths = factors
-        again, scale = Projections(run, basis, loads, law, damped), np.outer(lengths, lengths)
+        again, scale = Projections(run, basis, law, damped), np.outer(lengths, lengths)
         D = None if again.D is None else again.D / scale
         yield diagonalised(again.K / scale, again.L / lengths[:, None], D, law)
 
@@ -49,13 +47,11 @@ def with_round_off(accuracy: Accuracy, reduced: ReducedModel, basis: Basis, run:
     mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]
     parts = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []
     H = [measured.transfer_function(2j * np.pi * part) for part in parts]
-    with Owned(comm) as owned:
-        loads, ports = loads_and_ports(run)
-        owned.owns(loads)
-        for again in projected_again(basis, run, loads, law, damped):
-            for part, values in zip(parts, H, strict=True):
-                found = response(again, law, part, ports)
-                noise = max(noise, float(relative(found - values, found).max()))
+    _, ports = run.loads_and_ports
+    for again in projected_again(basis, run, law, damped):
+        for part, values in zip(parts, H, strict=True):
+            found = response(again, law, part, ports)
+            noise = max(noise, float(relative(found - values, found).max()))
     noise = comm.allreduce(noise, op=MPI.MAX)
     if accuracy.reached and accuracy.largest + noise > accuracy.tolerance:
         return replace(accuracy, noise=noise, reached=False, stopped=ROUND_OFF)

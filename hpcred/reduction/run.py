@@ -23,6 +23,7 @@ from ..parallel.failures import InputError
 from ..parallel.memory import MB
 from ..parallel.petsc import PETSc
 from ..parallel.progress import Progress
+from .ports import loads_and_ports
 
 NEAR_ZERO = 0.01  # of a frequency of interest, below which a pseudo-mode may be a motion without force
 FOR_IMAGES = 0.1  # of the memory of a rank may go to images of columns
@@ -72,6 +73,7 @@ class Run:
     _solver: ShiftedSolver | MultigridSolver | None = None
     _complex_solver: ComplexSolver | None = None
     _loads: object = None
+    _loads_and_ports: tuple | None = None
     _shared: Run | None = None
     _own_model: object = None
     _mass: object = None
@@ -217,6 +219,14 @@ class Run:
         return self._loads
 
     @property
+    def loads_and_ports(self) -> tuple:
+        """The independent loads of inputs and outputs together, and the ports (see ports.loads_and_ports); owned by the
+        run. Collective. Raises InputError."""
+        if self._loads_and_ports is None:
+            self._loads_and_ports = loads_and_ports(self)
+        return self._loads_and_ports
+
+    @property
     def mass(self) -> PETSc.Mat:
         """M for products with blocks, without its stored zeros where they are many; owned by the run. Collective."""
         if self._mass is None:
@@ -321,7 +331,7 @@ class Run:
         for item in (*self._solvers(), self._own_model):
             if item is not None:
                 item.close()
-        for item in (self._loads, self._mass):
+        for item in (self._loads, self._mass, *(self._loads_and_ports or ())[:1]):
             if item is not None:
                 item.destroy()
 

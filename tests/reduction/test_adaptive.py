@@ -283,7 +283,7 @@ def test_too_few_factorisations(comm):
     K, M = chain(80)
     case = Case("70 modes", K, M, unit(80, 3, 37), up_to(K, M, 70))
     adaptive = Adaptive(tolerance=1e-6, band=case.band, factorisations=2, columns=1000)
-    from hpcred.reduction import adaptive as module
+    from hpcred.reduction import judging as module
 
     with pytest.MonkeyPatch.context() as patch, case.model(comm) as model:
         patch.setattr(module, "CHAIN", 12)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from adaptive_models import chain, unit
 
-from hpcred.reduction.compression import columns, compressed, snapshots
+from hpcred.reduction.compression import compressed, snapshots
 from hpcred.reduction.error_estimate import grid
-from hpcred.reduction.pseudo_modal import Law, diagonalised, relative, response, restricted
+from hpcred.reduction.pseudo_modal import Law, columns, diagonalised, relative, response, restricted
 
 BAND = (0.0, 10.0)
 

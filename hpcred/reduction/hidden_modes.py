@@ -1,0 +1,59 @@
+"""Modes that no load moves: what inertia counts and a basis lacks enters; random columns find it."""
+
+from __future__ import annotations
+
+from ..linalg.blocks import add_product, create_block
+from ..parallel.decisions import decided
+from ..parallel.failures import Owned
+from .error_estimate import grid, missing, unsettled
+from .point_solver import PointSolver
+from .pseudo_modal import difference, nested, relative, response
+from .search_checks import check_complete
+
+HIDDEN = 60  # random columns at most
+
+
+def find_hidden(solver: PointSolver, band, counted) -> tuple[int, float]:
+    """Add random columns, and A^-1 M x of pseudo-modes x that still move, until no mode is missing; returns how many
+    still are, and how far the response over the band (Hz) has moved. Collective. Raises InputError.
+
+    `counted`: points (Hz) with the number of modes below each; `solver`: at one of them.
+    """
+    projections, run = solver.projections, solver.run
+    size, used, moving = projections.basis.size, 0, None
+    while used < HIDDEN:
+        before = projections.basis.size
+        used += solver.extend_by_random() if moving is None else _extend_by_modes(solver, moving)
+        if projections.basis.size == before:
+            check_complete(projections, band)
+            break
+        moving, lack = decided(run.model.comm, _moving, projections, before, counted)
+        if moving is None and lack <= 0:
+            break
+    run.note("modes that no load moves", used, projections.basis.size - size)
+    return decided(run.model.comm, _change, projections, size, band, counted)
+
+
+def _extend_by_modes(solver, factor):
+    """Add A^-1 M x of the combinations x = V factor."""
+    run = solver.run
+    with Owned(run.model.comm) as owned:
+        x = owned.owns(create_block(run.model.K, factor.shape[1]))
+        add_product(x, solver.projections.basis.columns, factor, beta=0.0)
+        return solver.extend_by_basis(lambda: run.times_mass(x))
+
+
+def _moving(projections, before, counted):
+    """The pseudo-modes that were not there with the first `before` columns, or None, and how many modes are missing."""
+    model, old = projections.model(), projections.model(before)
+    which = unsettled(model, old, max(f for f, _ in counted))
+    return model.vectors[:, which] if len(which) else None, missing(model, counted)
+
+
+def _change(projections, before, band, counted):
+    """How many modes are missing, and what the columns from `before` on have changed of the response over the band."""
+    model, old = projections.model(), projections.model(before)
+    law, ports = projections.law, projections.ports
+    S = grid([model], law, band)
+    E = difference(old, model, nested(old, model), law, S, ports)
+    return missing(model, counted), float(relative(E, response(model, law, S, ports)).max())

@@ -1,0 +1,88 @@
+"""What a search cannot serve is refused: bodies that move freely, silent outputs, bases that lack part of the response.
+
+All functions but check_response are collective.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..linalg.free_motions import free_motions_refused
+from ..model.rigid_body_modes import pushed_motions
+from ..model.second_order_model import massless
+from ..parallel.decisions import decided
+from ..parallel.failures import InputError
+from .error_estimate import is_free, is_silent
+from .residual_blocks import largest_residual
+
+ZERO = np.finfo(float).eps  # squares of frequencies, relative to the largest, that are round-off, and
+NEARLY_ZERO = 1e-12  # that may be, where round-off shows in the estimate too
+BETWEEN = (0.31, 0.77)  # of the band: where a basis that can hold nothing more is tried, which are no points
+COMPLETE = 1e-6  # residual of such a basis, relative to the loads, that is round-off
+
+
+def check_support(run, band):
+    """Refuse outputs that see free rigid motions which inputs push, in a band (Hz) that begins at 0 Hz.
+
+    Of a model without nodes only pseudo-modes show it (see check_response).
+    """
+    model = run.model
+    if band[0] or run.rigid is not None or model.dofs is None:
+        return
+    loads, ports = run.loads_and_ports
+    pushed = pushed_motions(model, loads)
+    of_inputs, of_outputs = (pushed @ part for part in ports)
+    if np.abs(of_outputs.T @ of_inputs).max(initial=0.0) > 0:
+        raise _infinite(model)
+
+
+def check_response(projections, model, frequencies, found):
+    """Refuse an infinite response at 0 Hz, if that is the first of the frequencies (Hz), and one that is zero: of a
+    `model` of the basis whose error was `found`. Local."""
+    run, law, ports = projections.run, projections.law, projections.ports
+    noisy = found.noise > found.estimate
+    if frequencies[0] == 0 and is_free(model, law, frequencies, ports, NEARLY_ZERO if noisy else ZERO):
+        raise _infinite(run.model) if run.rigid is None else free_motions_refused(run.model, run.rigid)
+    if noisy and is_silent(model, law, frequencies, ports):
+        raise InputError(f"{run.model.name}: no output measures what the inputs move; the response is zero")
+
+
+def _infinite(model):
+    return InputError(
+        f"{model.name}: the response at 0 Hz is infinite, for the body is free; take frame 'buckens', "
+        "hold the body, or give a band that begins above 0"
+    )
+
+
+def check_motions(projections, among):
+    """Refuse a free body that has more free motions than its own, where a pseudo-mode is near 0 Hz (see
+    Run.check_free_motions); `among` (Hz)."""
+    run = projections.run
+    if run.rigid is not None:
+        lowest = decided(run.model.comm, lambda: float(projections.model().frequencies[0]))
+        run.check_free_motions(lowest, among)
+
+
+def check_complete(projections, band):
+    """Refuse a basis that can hold nothing more, since M has no higher rank, and lacks part of the responses over the
+    band (Hz)."""
+    run, (low, high) = projections.run, band
+    if projections.basis.size >= run.model.size - run.framed.rigid_size:
+        return
+    if largest_residual(projections, [low + part * (high - low) for part in BETWEEN]) > COMPLETE:
+        raise _lost_without_mass(projections)
+
+
+def check_massless(projections, points):
+    """Refuse a basis that has lost solutions of its points (Hz) to round-off on dofs without mass, which it is not
+    orthonormal on."""
+    if massless(projections.run.model) and largest_residual(projections, points, damped=False) > COMPLETE:
+        raise _lost_without_mass(projections)
+
+
+def _lost_without_mass(projections):
+    return InputError(
+        f"{projections.run.model.name}: M is singular, and a basis of {projections.basis.size} mass-orthonormal "
+        "columns has lost the static deflection of dofs without mass, by forces on them or by round-off; give them a "
+        "little mass, take them out by static condensation, or ask for a lower band"
+    )
