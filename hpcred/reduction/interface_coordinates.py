@@ -136,13 +136,13 @@ def transformation(motion, M, K, interfaces):
     return np.concatenate([psi, phi], axis=1)
 
 
-def elastic_part(reduced: ReducedModel) -> ReducedModel:
+def elastic_part(reduced: ReducedModel, count: int | None = None) -> ReducedModel:
     """The model without the rigid-body motion that interface coordinates brought, in pseudo-modal coordinates.
 
     Its transfer function is the one in the Buckens frame, which estimates and checks speak of. Other models stay as
-    they are.
+    they are. `count`: how many coordinates that motion has, where the model has no record yet.
     """
-    count = reduced.rigid_size
+    count = reduced.rigid_size if count is None else count
     if not count:
         return reduced
     X = _eigh(reduced.K, reduced.M)[1][:, count:]

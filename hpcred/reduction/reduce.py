@@ -25,7 +25,7 @@ from .chain import Store
 from .craig_bampton import ConstraintModes
 from .groups import blocks_in_groups, number_of_groups
 from .ingredient import Ingredient, PointIngredient
-from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
+from .interface_coordinates import Projected, check_interface_coordinates, elastic_part, to_interface_coordinates
 from .projection import diagonalise, project, project_columns
 from .record import make_record, signature_of
 from .reduced_damping import reduced_damping
@@ -114,6 +114,10 @@ def reduce(
                 reduced, defect = _project(model, framed, bases[0], run, settings)
         if framed.rigid is not None and adaptive is None:
             run.check_free_motions(float(reduced.frequencies.min()), _highest(basis, run))
+        if accuracy is not None:
+            with progress.stage("estimate"):
+                elastic = elastic_part(reduced, framed.rigid_size if reduced.interfaces else 0)
+                accuracy = with_round_off(accuracy, elastic, bases[0], run, adaptive)
         reduced.record = make_record(
             model, framed, runs, progress, frame=frame, damping=damping, basis=tuple(basis), groups=groups,
             projection="two_sided" if two_sided else "one_sided", deflation_tolerance=deflation,
@@ -121,10 +125,6 @@ def reduce(
             warnings=(*warnings, *dict.fromkeys(run.remarks)), accuracy=accuracy,
             unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         )  # fmt: skip
-        if accuracy is not None:
-            with progress.stage("estimate"):
-                accuracy = with_round_off(accuracy, reduced, bases[0], run, adaptive)
-            reduced.record = replace(reduced.record, accuracy=accuracy)
         return reduced
 
 

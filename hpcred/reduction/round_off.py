@@ -15,7 +15,6 @@ import numpy as np
 from ..linalg.basis import Basis
 from ..parallel.petsc import MPI
 from .accuracy import ROUND_OFF, Accuracy, Adaptive, law_of
-from .interface_coordinates import elastic_part
 from .projections import Projections
 from .pseudo_modal import Law, PseudoModal, diagonalised, relative, response
 from .reduced_model import ReducedModel, as_measured
@@ -38,11 +37,11 @@ def projected_again(basis: Basis, run: Run, law: Law, damped: bool) -> Iterator[
         yield diagonalised(again.K / scale, again.L / lengths[:, None], D, law)
 
 
-def with_round_off(accuracy: Accuracy, reduced: ReducedModel, basis: Basis, run: Run, adaptive: Adaptive) -> Accuracy:
-    """The accuracy of a reduced model, which has a record, on a basis, which changes its lengths; its noise is at least
-    the difference from models that were projected again. Collective."""
+def with_round_off(accuracy: Accuracy, elastic: ReducedModel, basis: Basis, run: Run, adaptive: Adaptive) -> Accuracy:
+    """The accuracy of a reduced model, of its `elastic` part, on a basis, which changes its lengths; its noise is at
+    least the difference from models that were projected again. Collective."""
     law, damped, _ = law_of(run.framed.damping, adaptive.zeta0, adaptive.band)
-    measured = as_measured(elastic_part(reduced), accuracy)
+    measured = as_measured(elastic, accuracy)
     comm, noise = run.model.comm, accuracy.noise
     mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]
     parts = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []
