@@ -104,49 +104,15 @@ def full_response(
         raise InputError("frequencies: found none, expected at least one, in Hz")
     if declared("check", check, int) < 0:
         raise InputError(f"check: found {check}, expected 0 or more fresh frequencies")
-    if adaptive is None:
-        ends = (float(frequencies[0]), float(frequencies[-1]))
-        if band is None and ends[0] == ends[1]:
-            raise InputError(f"frequencies: found only {ends[0]:g} Hz; give the band in Hz as well")
-        adaptive = Adaptive(tolerance=tolerance, band=ends if band is None else band)
-    if frequencies[0] < adaptive.band[0] or frequencies[-1] > adaptive.band[1]:
-        raise InputError(f"band: found {list(adaptive.band)}, expected one with all frequencies, which go from "
-                         f"{frequencies[0]:g} to {frequencies[-1]:g} Hz")  # fmt: skip
+    adaptive = _asked_accuracy(frequencies, tolerance, band, adaptive)
     frame, damping = frame or NoFrame(), damping or NoDamping()
-    law = _law_of_response(damping)
     progress = progress or Progress(model.comm, show=False)
-    check_model(model)
-    warnings = warnings_of(model, frame)
-    _check_support(model, frame, frequencies)
-    with Owned(model.comm) as owned:
-        with progress.stage("frame"):
-            framed = owned.owns(apply_frame(model, frame, damping))
-            warnings += inputs_without_effect(framed)
-        room, deflation = min(ROOM, adaptive.columns), deflation_of_search(framed.model)
-        run = owned.owns(
-            Run(framed, progress, deflation, factoring or Factoring(), inertia=True, columns=room)
-        )
-        rigid = framed.rigid.R if framed.rigid is not None else None
-        basis = owned.owns(Basis(run.mass, rigid, deflation, room, run.keeps_images))
-        search = Search(basis, run, adaptive)
-        reason = search.search()
-        with progress.stage("evaluate"):
-            outer = decided(model.comm, search.projections.model)
-            seen = decided(model.comm, _seen, search, reason, outer)
-            basis.multiply(outer.vectors)
-            of_search = search.projections
-            again = tuple(projected_again(basis, run, of_search.law, of_search.D is not None))
-            models = _Models(seen, outer, again, of_search.law, of_search.ports)
-            values, eps, accuracy = decided(model.comm, _evaluate, search, reason, frequencies, law, models)
-        factorisations = tuple(run.factorisations)
-    found = FullResponse(
-        frequencies=frequencies, response=values, eps=eps, accuracy=accuracy, input_names=model.input_names,
-        output_names=model.output_names, factorisations=factorisations, warnings=tuple(warnings),
-        timing=progress.timing(),
-    )  # fmt: skip
+    factoring = factoring or Factoring()
+    found, models = _by_search(model, frequencies, frame, damping, adaptive, factoring, progress)
     if not check:
         return found
     with progress.stage("check"):
+        accuracy = found.accuracy
         seed, fresh = fresh_frequencies(accuracy.band, models.frequencies, check, seed, model.comm)
         exact = frequency_response(
             model, fresh, frame, measuring_damping(accuracy, damping), factoring=factoring, groups=groups,
@@ -155,6 +121,50 @@ def full_response(
         said, errors = decided(model.comm, models.against, fresh, exact)
     checked = Check(seed=seed, bound=bound_of(accuracy), frequencies=tuple(fresh.tolist()), said=said, exact=errors)
     return replace(found, check=checked, timing=progress.timing())
+
+
+def _asked_accuracy(frequencies, tolerance, band, adaptive) -> Adaptive:
+    """What a search is to reach: `adaptive`, or a tolerance over the band, by default that of the frequencies."""
+    if adaptive is None:
+        ends = (float(frequencies[0]), float(frequencies[-1]))
+        if band is None and ends[0] == ends[1]:
+            raise InputError(f"frequencies: found only {ends[0]:g} Hz; give the band in Hz as well")
+        adaptive = Adaptive(tolerance=tolerance, band=ends if band is None else band)
+    if frequencies[0] < adaptive.band[0] or frequencies[-1] > adaptive.band[1]:
+        raise InputError(f"band: found {list(adaptive.band)}, expected one with all frequencies, which go from "
+                         f"{frequencies[0]:g} to {frequencies[-1]:g} Hz")  # fmt: skip
+    return adaptive
+
+
+def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress) -> tuple[FullResponse, _Models]:
+    """The response from the basis of a search, and the models that say its error. Collective."""
+    law = _law_of_response(damping)
+    check_model(model)
+    warnings = warnings_of(model, frame)
+    _check_support(model, frame, frequencies)
+    with Owned(model.comm) as owned:
+        with progress.stage("frame"):
+            framed = owned.owns(apply_frame(model, frame, damping))
+            warnings += inputs_without_effect(framed)
+        room, deflation = min(ROOM, adaptive.columns), deflation_of_search(framed.model)
+        run = owned.owns(Run(framed, progress, deflation, factoring, inertia=True, columns=room))
+        rigid = framed.rigid.R if framed.rigid is not None else None
+        basis = owned.owns(Basis(run.mass, rigid, deflation, room, run.keeps_images))
+        search = Search(basis, run, adaptive)
+        reason, projections = search.search(), search.projections
+        with progress.stage("evaluate"):
+            outer = decided(model.comm, projections.model)
+            seen = decided(model.comm, _seen, search, reason, outer)
+            basis.multiply(outer.vectors)
+            again = tuple(projected_again(basis, run, projections.law, projections.D is not None))
+            models = _Models(seen, outer, again, projections.law, projections.ports)
+            values, eps, accuracy = decided(model.comm, _evaluate, search, reason, frequencies, law, models)
+        factorisations = tuple(run.factorisations)
+    return FullResponse(
+        frequencies=frequencies, response=values, eps=eps, accuracy=accuracy, input_names=model.input_names,
+        output_names=model.output_names, factorisations=factorisations, warnings=tuple(warnings),
+        timing=progress.timing(),
+    ), models  # fmt: skip
 
 
 def _law_of_response(damping) -> Law:

@@ -65,37 +65,36 @@ def reduce(
         raise InputError(f"store: found {store!r}, expected a Store, such as PointStore(folder)")
     basis = declared("basis", (basis,) if isinstance(basis, Ingredient) else basis or (), tuple[Ingredient, ...])
     adaptive = _asked_accuracy(declared("adaptive", adaptive, Adaptive | None), tolerance, band)
+    given = {"basis": basis, "frame": frame or NoFrame(), "damping": damping or NoDamping(), "adaptive": adaptive,
+             "settings": settings, "factoring": factoring or Factoring(), "store": store,
+             "progress": progress or Progress(model.comm, show=False)}  # fmt: skip
     inputs, outputs = scales_of(model)
-    if (inputs, outputs) != (1.0, 1.0):
-        with scaled(model, inputs, outputs) as usual:
-            reduced = reduce(usual, basis, frame, damping, adaptive=adaptive, settings=settings, factoring=factoring,
-                             store=store, progress=progress)  # fmt: skip
-        reduced.B, reduced.C = reduced.B * inputs, reduced.C * outputs
-        reduced.record = replace(reduced.record, signature=signature_of(model))
-        return reduced
-    progress = progress or Progress(model.comm, show=False)
+    if (inputs, outputs) == (1.0, 1.0):
+        return _reduce(model, **given)
+    with scaled(model, inputs, outputs) as usual:
+        reduced = _reduce(usual, **given)
+    reduced.B, reduced.C = reduced.B * inputs, reduced.C * outputs
+    reduced.record = replace(reduced.record, signature=signature_of(model))
+    return reduced
+
+
+def _reduce(model, basis, frame, damping, adaptive, settings, factoring, store, progress) -> ReducedModel:
+    """reduce() with what it was given checked and complete, in usual units."""
     progress.expect(model.size)
-    frame, damping = frame or NoFrame(), damping or NoDamping()
-    check_model(model)
-    two_sided = settings.projection == "two_sided" and model.Ct is not None
-    if two_sided:
-        _check_two_sided(settings, damping, adaptive)
-    if settings.coordinates == "interface":
-        check_interface_coordinates(model, frame)
-    warnings = warnings_of(model, frame)
+    warnings = _check(model, frame, damping, adaptive, settings)
     with Owned(model.comm) as owned:
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
             warnings += inputs_without_effect(framed)
         deflation = settings.deflation_tolerance if adaptive is None else deflation_of_search(framed.model)
         columns = _check_size(framed, basis, adaptive)
-        run = Run(framed, progress, deflation, factoring or Factoring(), inertia=adaptive is not None, columns=columns)
+        run = Run(framed, progress, deflation, factoring, inertia=adaptive is not None, columns=columns)
         runs = [owned.owns(run)]
         if store is not None:
             with progress.stage("store"):
                 asked = {"frame": frame, "damping": damping, "basis": [asdict(item) for item in basis]}
                 run.store, run.identity = store, identity_of_model(model, framed, **asked)
-        if two_sided:
+        if _is_two_sided(model, settings):
             runs.append(owned.owns(run.dual()))
         rigid = framed.rigid.R if framed.rigid is not None else None
         bases = [owned.owns(Basis(run.mass, rigid, deflation, columns, run.keeps_images)) for _ in runs]
@@ -108,10 +107,8 @@ def reduce(
         if not all(vectors.size for vectors in bases):
             raise InputError("basis: no vector is left; no mode lies in the bands and no input loads the body")
         with progress.stage("project"):
-            if two_sided:
-                reduced, defect = _project_two_sided(model, framed, *bases, run, settings.allow_unstable)
-            else:
-                reduced, defect = _project(model, framed, bases[0], run, settings)
+            projected = _project if len(bases) == 1 else _project_two_sided
+            reduced, defect = projected(model, framed, *bases, run, settings)
         if framed.rigid is not None and adaptive is None:
             run.check_free_motions(float(reduced.frequencies.min()), _highest(basis, run))
         if accuracy is not None:
@@ -119,13 +116,27 @@ def reduce(
                 elastic = elastic_part(reduced, framed.rigid_size if reduced.interfaces else 0)
                 accuracy = with_round_off(accuracy, elastic, bases[0], run, adaptive)
         reduced.record = make_record(
-            model, framed, runs, progress, frame=frame, damping=damping, basis=tuple(basis), groups=groups,
-            projection="two_sided" if two_sided else "one_sided", deflation_tolerance=deflation,
+            model, framed, runs, progress, frame=frame, damping=damping, basis=basis, groups=groups,
+            projection="one_sided" if len(bases) == 1 else "two_sided", deflation_tolerance=deflation,
             drop_above=settings.drop_above, coordinates=settings.coordinates, orthonormality_defect=defect,
             warnings=(*warnings, *dict.fromkeys(run.remarks)), accuracy=accuracy,
             unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         )  # fmt: skip
         return reduced
+
+
+def _check(model, frame, damping, adaptive, settings) -> tuple[str, ...]:
+    """Refuse what cannot be reduced in this way; returns what is doubtful of the model. Collective."""
+    check_model(model)
+    if _is_two_sided(model, settings):
+        _check_two_sided(settings, damping, adaptive)
+    if settings.coordinates == "interface":
+        check_interface_coordinates(model, frame)
+    return warnings_of(model, frame)
+
+
+def _is_two_sided(model, settings):
+    return settings.projection == "two_sided" and model.Ct is not None
 
 
 def _asked_accuracy(adaptive, tolerance, band) -> Adaptive | None:
@@ -287,7 +298,7 @@ def _project(model, framed, vectors, run, settings):
     return reduced, defect
 
 
-def _project_two_sided(model, framed, right, left, run, allow_unstable):
+def _project_two_sided(model, framed, right, left, run, settings):
     """The reduced model of a two-sided projection (20), its poles checked, and the biorthonormality defect."""
     full = framed.model
     defect = biorthogonal(left, right, run)
@@ -299,7 +310,7 @@ def _project_two_sided(model, framed, right, left, run, allow_unstable):
     inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
     reduced = _reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
     unstable = decided(model.comm, reduced.unstable_poles)
-    if len(unstable) and not allow_unstable:
+    if len(unstable) and not settings.allow_unstable:
         listed = ", ".join(f"{pole.real:.3g}{pole.imag:+.4g}i" for pole in unstable[:6])
         raise InputError(
             f"projection: the two-sided reduced model is unstable, with {len(unstable)} poles in the right "
