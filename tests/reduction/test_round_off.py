@@ -1,11 +1,14 @@
 """Round-off of K, which is common to all models made from one projection: what is said of it against an exact value."""
 
+import time
+
 import numpy as np
 import pytest
 
 import hpcred
 from hpcred import SecondOrderModel
 from hpcred.analysis.error_check import as_measured
+from hpcred.reduction import reduce, run
 
 COUNT, STIFF = 24, 2.0**36  # masses of 1 kg, and the springs between them in N/m; the first is held by 1 N/m
 OMEGA = 1 / np.sqrt(COUNT)  # of all masses as one
@@ -47,3 +50,18 @@ def test_round_off_of_a_full_response_counts(comm):
     error = error_of(found.response, f, 2e-3)
     assert 1e-4 < error.max() < 3 * found.eps.max()
     assert not found.reached and found.accuracy.stopped == "limited by round-off"
+
+
+def test_the_times_of_the_record_have_it_and_loads_are_made_once(comm, monkeypatch):
+    made, known = [], reduce.with_round_off
+    loads_and_ports = run.loads_and_ports
+
+    def slow(*arguments):
+        time.sleep(0.1)
+        return known(*arguments)
+
+    monkeypatch.setattr(reduce, "with_round_off", slow)
+    monkeypatch.setattr(run, "loads_and_ports", lambda run: made.append(run) or loads_and_ports(run))
+    with nearly_free(comm) as model, hpcred.reduce(model, tolerance=1e-1, band=BAND) as rom:
+        assert rom.record.timing.seconds["estimate"] >= 0.1
+    assert len(made) == 1
