@@ -25,6 +25,7 @@ from .signals import Terminated
 GRACE = 4.0  # seconds that a failed rank waits for the others
 
 FINE, FAILED, ELSEWHERE = 0, 1, 2  # what a rank says at the end of a block; from ELSEWHERE on: where it fails
+OFF = ("", "0", "no", "off", "false")  # of HPCRED_TRACEBACK in the environment
 ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job says that it has spoken
 
 unfinished: set = set()  # files that must not stay when the job is ended
@@ -231,7 +232,7 @@ def printable(text: str) -> str:
 
 
 def _say(error, where=""):
-    if os.environ.get("HPCRED_TRACEBACK"):
+    if os.environ.get("HPCRED_TRACEBACK", "").strip().lower() not in OFF:
         import traceback
 
         traceback.print_exception(error)

@@ -166,3 +166,14 @@ def test_the_reason_of_petsc_is_said(capsys):
         PETSc.Vec().create(comm=PETSc.COMM_SELF).setType("nonsense")
     failures._say(caught.value)
     assert "Unknown vector type: nonsense" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "value, shown", [("1", True), ("yes", True), ("0", False), ("", False), ("false", False), ("No", False)]
+)
+def test_the_environment_switches_tracebacks_on_and_off(monkeypatch, capsys, value, shown):
+    monkeypatch.setenv("HPCRED_TRACEBACK", value)
+    failures.fail(failures.common_to(failures.MPI.COMM_WORLD, InputError("a sentence")))
+    said = capsys.readouterr().err
+    assert said.endswith("hpcred: error: a sentence\n")
+    assert ("InputError: a sentence" in said) == shown
