@@ -106,6 +106,7 @@ from .workflows.example import write_example as write_example
 from .workflows.export import export_result as export_result
 from .workflows.info import describe_file as describe_file
 from .workflows.info import inspect_file as inspect_file
+from .workflows.modes import mass_in_words as mass_in_words
 from .workflows.modes import modes_of_file as modes_of_file
 from .workflows.modes import tables_of_modes as tables_of_modes
 from .workflows.paper import reproduce as reproduce

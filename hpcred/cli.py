@@ -399,7 +399,7 @@ def modes(
         share, factors = hpcred.tables_of_modes(report)
         show_table(f"{model}: effective masses in % of the mass along x, y, z and of the inertia about them", share)
         show_table("Participation factors (kg^(1/2); kg^(1/2) m)", factors)
-        print(f"mass {in_words(report['masses'][:3])} kg; inertia {in_words(report['masses'][3:])} kg m^2")
+        print(hpcred.mass_in_words(report))
     else:
         show_table(model, [{"mode": i, "f (Hz)": value} for i, value in enumerate(f, 1)])
     print(f"{report['rigid_body_modes']} rigid-body modes; largest residual {report['residual']:.1e}")

@@ -66,6 +66,7 @@ directions = ["x", "z"]
 node = 14
 directions = ["z"]
 """
+PLACES = np.array([[0.0, 0.0, 5.0], [1.0, 0.5, 5.0], [0.0, 2.0, 5.0]])  # of the nodes of a truss
 
 
 def to_dense(mat):
@@ -251,3 +252,20 @@ def interface_model(modes=5, held=False, damping=0.0, loss_factor=0.0):
     interfaces = (InterfaceNode("left", 101, tuple(nodes[0])), InterfaceNode("right", 205, tuple(nodes[-1])))
     return ReducedModel(Mr, (D + D.T) / 2, Kr, np.eye(count)[:, :3], np.eye(count)[6:8], frequencies, loss_factor,
                         ("left x", "left y", "left z"), ("right x", "right y"), interfaces)  # fmt: skip
+
+
+def truss(comm, directions, mass=3.0, places=PLACES, left_out=()):
+    """Point masses joined by rods, with some of the directions; `left_out`: (node, direction) pairs that are held."""
+    count = len(places)
+    K = np.zeros((3 * count, 3 * count))
+    for a in range(count):
+        for b in range(a):
+            along = (places[a] - places[b]) * [d in directions for d in range(3)]
+            pull = np.zeros(3 * count)
+            pull[3 * a : 3 * a + 3], pull[3 * b : 3 * b + 3] = along, -along
+            K += 1e5 * np.outer(pull, pull)
+    kept = [i for i in range(3 * count) if i % 3 in directions and (i // 3 + 1, i % 3) not in left_out]
+    node, direction = np.array(kept) // 3 + 1, (np.array(kept) % 3).astype(np.int8)
+    dofs = Dofs(node, direction, places[node - 1])
+    M = mass * np.eye(len(kept))
+    return SecondOrderModel.from_scipy(K[np.ix_(kept, kept)], M, comm=comm, dofs=dofs, name="truss")

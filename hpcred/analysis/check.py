@@ -44,20 +44,20 @@ def check(model) -> dict:
             warnings.append(f"{model.name}: {key} is not symmetric, and cannot be reduced; a damaged file looks so too")
     warnings += _on_signs(model)
     if model.dofs is not None:
-        residuals = rigid_body_residuals(model)
+        residuals, free = rigid_body_residuals(model)
         body = rigid_body_quantities(model)
         low, high = extent(model)
         report |= {
-            "rigid_body_residuals": residuals.tolist(),
+            "rigid_body_residuals": _known(residuals),
             "masses_in_x_y_z": body.masses.tolist(),
-            "centre_of_mass": [None if np.isnan(value) else value for value in body.centre.tolist()],
+            "centre_of_mass": _known(body.centre),
             "extent": [low.tolist(), high.tolist()],
             "held_dofs": held_count(model),
             "units": likely_units(model, body.mass, high - low),
         }
         if model.converted_from:
             report["converted_from"] = model.converted_from
-        sentences.append(_on_rigid_motions(residuals))
+        sentences.append(_on_rigid_motions(residuals, free))
         warnings += on_held_dofs(model, body) + doubts_of_nodes(model) + doubts_of_units(model, body.mass)
         if report["units"]:
             sentences.append(
@@ -109,19 +109,30 @@ class _Diagonal:
         self._vector.destroy()
 
 
-def _on_rigid_motions(residuals):
-    worst = residuals.max()
+def _known(values):
+    return [None if np.isnan(value) else value for value in values.tolist()]
+
+
+def _on_rigid_motions(residuals, count):
+    """A sentence on what K says to the rigid-body motions, of which so many combinations meet no force."""
+    worst = np.nanmax(residuals)
+    moving = [name for name, value in zip("xyz", residuals, strict=False) if not np.isnan(value)]
+    still = [name for name in "xyz" if name not in moving]
+    plane = f"; no node has a dof in {' or '.join(still)}" if still else ""
     text = f"||K R|| / (||K|| ||R||) of the rigid-body motions R is at most {worst:.1e}"
     if worst < FORCE_FREE:
         exact = "" if worst < CLEARLY_FREE else ", to the digits of the files"
-        return f"{text}: a free body, which no rigid-body motion loads{exact}"
+        return f"{text}: a free body, which no rigid-body motion loads{exact}{plane}"
     if worst < NEARLY_FREE:
         return (
             f"{text}: neither clearly free nor held; a free body whose K came with few digits looks so, and its "
-            "rigid-body modes are then not at 0 Hz"
+            f"rigid-body modes are then not at 0 Hz{plane}"
         )
     free = [name for name, value in zip(DIRECTIONS[:6], residuals, strict=True) if value < FORCE_FREE]
-    return f"{text}: a held body" + (f", free in {', '.join(free)}" if free else "")
+    ways = f", free in {', '.join(free)}" if free else ""
+    if count > len(free):
+        ways = f", with {count} rigid-body motion{'s' * (count > 1)} that K does not resist"
+    return f"{text}: a held body{ways}{plane}"
 
 
 def held_count(model) -> int:

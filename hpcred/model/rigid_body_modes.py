@@ -233,28 +233,42 @@ def _force_free(forces, overlaps, sizes):
     return float(np.sqrt(np.abs(np.diag(forces)).max())), (moving @ vectors / sizes[:, None])[:, free]
 
 
-def rigid_body_residuals(model) -> np.ndarray:
-    """||K R|| / (||K|| ||R||) (6,) of the rigid motions R, rotations about the middle of the nodes. Collective."""
+def rigid_body_residuals(model) -> tuple[np.ndarray, int]:
+    """||K R|| / (||K|| ||R||) (6,) of the rigid motions R, and how many independent combinations meet no force.
+
+    Rotations are about the middle of the nodes; a turn about a support is a combination. NaN stands for motions that
+    move no dof. Collective.
+    """
     with Owned(model.comm) as owned:
         motions = owned.owns(rigid_motions(model, _middle(model)))
-        return np.sqrt(np.abs(np.diag(_forces(model, motions)[0])))
+        forces, overlaps, sizes = _forces(model, motions)
+        free = decided(model.comm, _force_free, forces, overlaps, sizes)[1]
+    return np.where(np.isinf(sizes), np.nan, np.sqrt(np.abs(np.diag(forces)))), free.shape[1]
 
 
 def doubts_of_nodes(model) -> list[str]:
     """Sentences where the nodes seem not to belong to the rows, or the masses in x, y and z differ. Collective.
 
-    Dofs that are held in some directions only make a difference of masses that is none of the nodes.
+    A direction in which no node has a dof has no mass to compare. Dofs that are held in some directions only make a
+    difference of masses that is none of the nodes.
     """
     misfit, masses = misfit_of_nodes(model), rigid_body_quantities(model).masses
     found = [misfit] if misfit else []
     there = masses[masses > 0]
     held = model.comm.allreduce(0 if model.held is None else len(model.held.node))
     if there.size and not held and np.ptp(there) > SAME_MASS * there.max():
+        names = _enumerated([name for name, mass in zip("xyz", masses, strict=True) if mass > 0])
         found.append(
-            f"{model.name}: the masses in x, y and z are {masses[0]:.6g}, {masses[1]:.6g} and {masses[2]:.6g} kg, "
-            "expected the same: nodes or directions are not those of the rows, or the mass matrix is not one of a body"
+            f"{model.name}: the masses in {names} are {_enumerated([f'{mass:.6g}' for mass in there])} kg, expected "
+            "the same: nodes or directions are not those of the rows, supports hold some directions only, or the mass "
+            "matrix is not one of a body"
         )
     return found
+
+
+def _enumerated(words) -> str:
+    """ "x, y and z"."""
+    return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def misfit_of_nodes(model) -> str | None:

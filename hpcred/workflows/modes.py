@@ -71,20 +71,41 @@ def _numbers(found: NaturalModes) -> dict:
 
 
 def tables_of_modes(report) -> tuple[list[dict], list[dict]]:
-    """Rows for tables of what modes_of_file returned: effective masses in % of the whole, and participation factors."""
+    """Rows for tables of what modes_of_file returned: effective masses in % of the whole, and participation factors.
+
+    Motions without mass or inertia have no column, such as those out of the plane of a plane body.
+    """
     masses, factors = np.array(report["masses"]), np.array(report["participation_factors"])
-    # a straight beam along x has no inertia about x, but round-off
-    there = masses > ROUND_OFF * np.repeat([masses[:3].max(), masses[3:].max()], 3)
+    there = _moving(masses)
     share = np.divide(report["effective_masses"], masses, out=np.zeros_like(factors), where=there)
     factors[np.abs(factors) < np.sqrt(ROUND_OFF * masses)] = 0.0
     named = [{"mode": i, "f (Hz)": f} for i, f in enumerate(report["frequencies_hz"], 1)]
-    rows = [row | _by_motion(100 * part, 2) for row, part in zip(named, share, strict=True)]
-    rows.append({"mode": "sum", "f (Hz)": ""} | _by_motion(100 * share.sum(axis=0), 2))
-    return rows, [row | _by_motion(part, 5) for row, part in zip(named, factors, strict=True)]
+    rows = [row | _by_motion(100 * part, 2, there) for row, part in zip(named, share, strict=True)]
+    rows.append({"mode": "sum", "f (Hz)": ""} | _by_motion(100 * share.sum(axis=0), 2, there))
+    return rows, [row | _by_motion(part, 5, there) for row, part in zip(named, factors, strict=True)]
 
 
-def _by_motion(values, digits):
-    return {name: round(value, digits) for name, value in zip(MOTIONS, values.tolist(), strict=True)}
+def mass_in_words(report) -> str:
+    """The masses and the moments of inertia of what modes_of_file returned, where there are any."""
+    masses = np.array(report["masses"])
+    there = _moving(masses)
+    parts = []
+    for what, unit, place in (("mass", "kg", slice(0, 3)), ("inertia", "kg m^2", slice(3, 6))):
+        named = [f"{mass:.6g}" + ("" if there.all() else f" ({name})")
+                 for name, mass, moves in list(zip(MOTIONS, masses, there, strict=True))[place] if moves]  # fmt: skip
+        parts.append(f"{what} {', '.join(named)} {unit}" if named else f"no {what}")
+    return "; ".join(parts)
+
+
+def _moving(masses):
+    """Which motions (6,) have mass: a straight beam along x has no inertia about x, but round-off."""
+    return masses > ROUND_OFF * np.repeat([masses[:3].max(), masses[3:].max()], 3)
+
+
+def _by_motion(values, digits, there):
+    return {
+        name: round(value, digits) for name, value, moves in zip(MOTIONS, values.tolist(), there, strict=True) if moves
+    }
 
 
 def _draw(figure, model, found):

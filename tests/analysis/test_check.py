@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import DATA
+from helpers import PLACES, truss
 
 import hpcred
 from hpcred.formats.model_source import Source, load_export, load_source
@@ -104,3 +105,31 @@ def test_a_free_body_with_few_digits_is_told_from_a_held_one(comm):
         with SecondOrderModel.from_csr(comm, model.size, indptr, indices, values, dofs=model.dofs) as coarse:
             lines = hpcred.check(coarse)["sentences"]
             assert any("few digits" in line or "to the digits of the files" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    "directions, left_out, says, count",
+    [
+        ((0, 1), "", "a free body, which no rigid-body motion loads; no node has a dof in z", 3),
+        ((1,), "", "a held body, free in y; no node has a dof in x or z", 1),
+        ((0, 1), "1x 1y 2x", "a held body; no node has a dof in z", 0),
+        ((0, 1), "1x 1y", "a held body, with 1 rigid-body motion that K does not resist; no node has a dof in z", 1),
+        ((0, 1, 2), "1x 1y 1z", "a held body, with 3 rigid-body motions that K does not resist", 3),
+        ((0, 1, 2), "", "a free body, which no rigid-body motion loads", 6),
+    ],
+)
+def test_motions_that_no_node_can_make_are_not_called_free(comm, directions, left_out, says, count):
+    """A body in a plane is neither free nor held across it; turns about supports are found wherever these are."""
+    places = np.append(PLACES, [[0.4, 0.8, 6.0 if 2 in directions else 5.0]], axis=0)
+    left_out = [(int(node), "xyz".index(direction)) for node, direction in left_out.split()]
+    with truss(comm, directions, places=places, left_out=left_out) as model:
+        report = hpcred.check(model)
+        assert report["sentences"][1].endswith(f": {says}")
+        missing = [k for k in range(3) if "xyz"[k] in says.partition("dof in ")[2].split(" or ")]
+        assert [k for k, value in enumerate(report["rigid_body_residuals"][:3]) if value is None] == missing
+        assert hpcred.inspect(model)["rigid_body_modes"] == count
+
+
+def test_masses_are_compared_in_the_directions_that_nodes_have(comm):
+    with truss(comm, (0, 1), left_out=[(3, 0)]) as model:
+        assert any("the masses in x and y are 6 and 9 kg" in line for line in hpcred.check(model)["warnings"])

@@ -4,7 +4,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from helpers import bar, dense_model
+from helpers import PLACES, bar, dense_model, truss
 from scipy.linalg import eigh
 
 import hpcred
@@ -64,3 +64,15 @@ def test_null_vectors_that_no_node_tells_of(comm):
 def test_fewer_than_the_rigid_body_modes(linkage):
     with closing(hpcred.natural_modes(linkage, 3)) as found:
         assert found.rigid == 3 and found.frequencies.tolist() == [0.0] * 3 and found.shapes is None
+
+
+def test_modes_of_a_plane_body_are_shown_in_its_plane(comm, folder):
+    """Out of it nodes have no mass to move; the sums of what is shown are the whole."""
+    with truss(comm, (0, 1)) as model:
+        hpcred.write_model(folder / "plane.h5", model)
+    report = hpcred.modes_of_file(folder / "plane.h5", 6, comm=comm)
+    shares, factors = hpcred.tables_of_modes(report)
+    assert list(shares[0]) == list(factors[0]) == ["mode", "f (Hz)", "x", "y", "rz"]
+    assert [shares[-1][key] for key in ("x", "y", "rz")] == [100.0, 100.0, 100.0]
+    inertia = 3 * ((PLACES - PLACES.mean(axis=0))[:, :2] ** 2).sum()
+    assert hpcred.mass_in_words(report) == f"mass 9 (x), 9 (y) kg; inertia {inertia:.6g} (rz) kg m^2"

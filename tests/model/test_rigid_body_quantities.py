@@ -2,31 +2,13 @@
 
 import numpy as np
 import pytest
+from helpers import PLACES, truss
 
 import hpcred
 from hpcred.linalg.blocks import apply, create_block, inner
 from hpcred.model.dofs import Dofs
 from hpcred.model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
 from hpcred.parallel.failures import InputError
-
-PLACES = np.array([[0.0, 0.0, 5.0], [1.0, 0.5, 5.0], [0.0, 2.0, 5.0]])
-
-
-def truss(comm, directions, mass=3.0, places=PLACES, left_out=()):
-    """Point masses joined by rods, with some of the directions; `left_out`: (node, direction) pairs that are held."""
-    count = len(places)
-    K = np.zeros((3 * count, 3 * count))
-    for a in range(count):
-        for b in range(a):
-            along = (places[a] - places[b]) * [d in directions for d in range(3)]
-            pull = np.zeros(3 * count)
-            pull[3 * a : 3 * a + 3], pull[3 * b : 3 * b + 3] = along, -along
-            K += 1e5 * np.outer(pull, pull)
-    kept = [i for i in range(3 * count) if i % 3 in directions and (i // 3 + 1, i % 3) not in left_out]
-    node, direction = np.array(kept) // 3 + 1, (np.array(kept) % 3).astype(np.int8)
-    dofs = Dofs(node, direction, places[node - 1])
-    M = mass * np.eye(len(kept))
-    return hpcred.SecondOrderModel.from_scipy(K[np.ix_(kept, kept)], M, comm=comm, dofs=dofs, name="truss")
 
 
 @pytest.mark.mpi
