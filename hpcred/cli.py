@@ -761,7 +761,7 @@ def export(
     kind: Annotated[str, typer.Option("--format", help=FORMATS)] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[
-        str | None, typer.Option(help="Interface nodes 1,20 or by name; default: of inputs and outputs.")
+        str | None, typer.Option(help="Interface nodes 1,20 or by name, or sets; default: of inputs and outputs.")
     ] = None,
     units: Annotated[str, typer.Option(help="Units of the file: SI; mm,t,s; ...")] = "SI",
     modes: Annotated[str | None, typer.Option(help="Shapes of a picture, from 1, such as 7,8.")] = None,

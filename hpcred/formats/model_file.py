@@ -28,7 +28,7 @@ NODES = {
     "dofs/node": Entry("integer", ("n",)), "dofs/direction": Entry("integer", ("n",)),
     "dofs/position": Entry("real", ("n", 3)), "held/node": Entry("integer", ("h",)),
     "held/direction": Entry("integer", ("h",)), "held/position": Entry("real", ("h", 3)),
-    "elements/*": Entry("integer", ("?", "?")),
+    "elements/*": Entry("integer", ("?", "?")), "sets/*": Entry("integer", ("?",)),
 }  # fmt: skip
 SCHEMA = NODES | {
     "matrices/indptr": Entry("integer", ("n+1",), needed=True),
@@ -37,7 +37,7 @@ SCHEMA = NODES | {
     "matrices/D": Entry("real", ("z",)),
     "inputs/B": Entry("real", ("p", "n")), "inputs/names": Entry("text", ("p",)),
     "outputs/C": Entry("real", ("r", "n")), "outputs/names": Entry("text", ("r",)),
-    "sets/*": Entry("integer", ("?",)), "remarks": Entry("text", ("?",)),
+    "remarks": Entry("text", ("?",)),
 }  # fmt: skip
 
 
@@ -63,8 +63,6 @@ def write_model(path, model: SecondOrderModel):
                 file.rows(name, np.ascontiguousarray(mat.getDenseArray().real.T), axis=1)
                 file.small(f"{group}/names", list(names))
         write_nodes(file, model)
-        for name in sorted(set().union(*model.comm.allgather(set(model.sets)))):
-            file.rows(f"sets/{quote(name, safe=' ')}", model.sets.get(name, np.zeros(0, np.int64)))
         if model.remarks:
             file.small("remarks", list(model.remarks))
 
@@ -82,13 +80,20 @@ def write_csr(file, comm, indptr, indices, values):
 
 
 def write_nodes(file, model):
-    """Labels of the rows and of the held dofs, and the elements, of all ranks. Collective."""
+    """Labels of the rows and of the held dofs, the elements and the node sets, of all ranks. Collective."""
     for group, dofs in (("dofs", model.dofs), ("held", model.held)):
         if dofs is not None:
             for key in ("node", "direction", "position"):
                 file.rows(f"{group}/{key}", getattr(dofs, key))
     for kind, nodes in model.elements.items():
         file.rows(f"elements/{kind}", nodes)
+    for name in sorted(set().union(*model.comm.allgather(set(model.sets)))):
+        file.rows(place_of_set(name), model.sets.get(name, np.zeros(0, np.int64)))
+
+
+def place_of_set(name: str) -> str:
+    """Where the numbers of a node set are in a file."""
+    return f"sets/{quote(name, safe=' ')}"
 
 
 def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
@@ -112,13 +117,18 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         dofs = _dofs(file["dofs"], first, last) if "dofs" in file else None
         held = _dofs(file["held"], *row_range(comm, len(file["held/node"]))) if "held" in file else None
         elements = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in file.get("elements", {}).items()}
-        sets = {unquote(name): part[slice(*row_range(comm, len(part)))] for name, part in file.get("sets", {}).items()}
+        sets = {name: part[slice(*row_range(comm, len(part)))] for name, part in sets_of(file).items()}
         remarks = texts(file["remarks"]) if "remarks" in file else ()
         converted_from = file.attribute("converted_from", str, "")
     return SecondOrderModel.from_csr(
         comm, size, indptr - indptr[0], indices, values, dense["inputs"], dense["outputs"], dofs,
         names["inputs"], names["outputs"], Path(path).name, elements, held, sets, remarks, converted_from,
     )  # fmt: skip
+
+
+def sets_of(file) -> dict:
+    """The datasets of the node sets of an open file, by the names of the sets."""
+    return {unquote(name): part for name, part in file.get("sets", {}).items()}
 
 
 def _dofs(group, first, last):

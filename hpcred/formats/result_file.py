@@ -4,8 +4,8 @@ attributes: format, version; loss_factor of structural damping
 reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
 reduced/interfaces/name, node (k), position (k, 3): in interface coordinates, the nodes whose displacements come first
 basis/V (m, n), one row a basis vector in the dofs of the full model (basis/W: the left one of a two-sided projection)
-dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kind> (elements, nodes), held/, as in
-    model.h5
+dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kind> (elements, nodes), held/,
+    sets/<name>, as in model.h5
 floating_frame/: the quantities of multibody.floating_frame, for a one-sided basis of a model with nodes
 interface/node (k), name (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): see multibody.node_shapes
 record: JSON of reduction.record.Record
@@ -24,7 +24,7 @@ from ..linalg.blocks import create_block, local_rows
 from ..model.dofs import SCALAR
 from ..model.elements import surface_triangles
 from ..model.interfaces import InterfaceNode
-from ..model.second_order_model import require_model
+from ..model.second_order_model import listed, require_model
 from ..multibody.body import Body, Surface, body_of, number_of
 from ..multibody.floating_frame import FloatingFrame
 from ..multibody.node_shapes import NodeShape, shapes_of_rows
@@ -35,7 +35,7 @@ from ..reduction.record import Record, difference_of, signature_of
 from ..reduction.reduced_model import ReducedModel
 from .checked import Entry
 from .hdf5 import reading, texts, writing
-from .model_file import NODES, write_nodes
+from .model_file import NODES, sets_of, write_nodes
 
 FORMAT, VERSION = "hpcred-result", 2
 LABELS = ("node", "direction", "position")
@@ -78,9 +78,11 @@ class Result:
         return f"{self.path}: {self.reduced}"
 
     def body(self, nodes=None) -> Body:
-        """The body with chosen interface nodes, by number or name, by default those of the inputs and outputs.
+        """The body with chosen interface nodes, by default those of the inputs and outputs.
 
-        On one rank. Raises InputError where the file has no floating-frame quantities or no such node.
+        `nodes`: numbers, names of interfaces, and names of node sets for all their nodes that have dofs; where an
+        interface and a set have the same name it is that of the interface. On one rank. Raises InputError where the
+        file has no floating-frame quantities or no such node.
         """
         if self.floating_frame is None:
             raise InputError(
@@ -88,11 +90,43 @@ class Result:
                 "was two-sided"
             )
         known = {shape.node: shape for shape in self.nodes}
-        nodes = list(known) if nodes is None else list(dict.fromkeys(number_of(self.nodes, node) for node in nodes))
-        missing = [node for node in nodes if node not in known]
+        members = {} if nodes is None else self._members({node for node in nodes if isinstance(node, str)})
+        if nodes is None:
+            chosen = list(known)
+        else:
+            chosen = [number for node in nodes for number in members.get(node) or [number_of(self.nodes, node)]]
+            chosen = list(dict.fromkeys(chosen))
+        missing = [node for node in chosen if node not in known]
         if missing:
             known |= {shape.node: shape for shape in self._shapes_of_nodes(missing)}
-        return Body(self.reduced, self.floating_frame, [known[node] for node in nodes])
+        return Body(self.reduced, self.floating_frame, [known[node] for node in chosen])
+
+    def _members(self, names) -> dict[str, list[int]]:
+        """The nodes with dofs of the sets of these names, those of interfaces left out. Raises InputError."""
+        interfaces = [shape.name for shape in self.nodes if shape.name]
+        names = names.difference(interfaces)
+        if not names:
+            return {}
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
+            sets = sets_of(file)
+            unknown = sorted(names.difference(sets))
+            if unknown:
+                raise InputError(
+                    f"{self.path}: node '{unknown[0]}': no interface or node set of this name; interfaces: "
+                    f"{listed(interfaces)}; node sets: {listed(sorted(sets))}"
+                )
+            found = {name: sets[name][...] for name in names}
+            wanted = np.unique(np.concatenate(list(found.values())))
+            nodes = file["dofs/node"]
+            there = [np.intersect1d(nodes[low : low + CHUNK], wanted) for low in range(0, len(nodes), CHUNK)]
+            if "held" in file:
+                there.append(np.intersect1d(file["held/node"][...], wanted))
+        there = np.concatenate(there)
+        found = {name: numbers[np.isin(numbers, there)].tolist() for name, numbers in found.items()}
+        for name, numbers in found.items():
+            if not numbers:
+                raise InputError(f"{self.path}: no node of the set '{name}' has dofs; choose another")
+        return found
 
     def _shapes_of_nodes(self, nodes):
         with reading(self.path, FORMAT, VERSION, SCHEMA) as file:

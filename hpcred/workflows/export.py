@@ -95,8 +95,9 @@ def export_result(
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
     `kind`: one of EXPORTS; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of
-    the interface nodes, or names of interfaces, by default those of the inputs and outputs; a superelement has those of
-    its coordinates. `units`: of the file, see model.units.units_of; bodies and superelements have others than SI.
+    the interface nodes, or names of interfaces or node sets, by default those of the inputs and outputs; a superelement
+    has those of its coordinates. `units`: of the file, see model.units.units_of; bodies and superelements have others
+    than SI.
     `modes`: numbers from 1 of the shapes of a picture, by default the first six elastic ones, of a moving one (gif,
     webp) the first. Returns what was written: output, format, and shapes (their names), or coordinates (their number),
     remarks on what the format does not hold, and nodes, or inputs and outputs by name; of a superelement, the files

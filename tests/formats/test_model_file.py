@@ -1,5 +1,7 @@
 """Model files keep what they are given."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from foreign import gathered
@@ -90,3 +92,26 @@ def test_nodes_that_are_held_stand_still_in_shapes_and_exports(comm, folder):
         with pytest.raises(hpcred.InputError, match="node 7 does not exist"):
             result.body([7])
 
+
+def test_names_of_node_sets_choose_the_nodes_of_a_body(comm, folder, linkage):
+    """A set stands for its nodes that have dofs; an interface comes before a set of the same name."""
+    sets = {"tip": np.array([20, 3, 70])[comm.rank :: comm.size], "eye": np.full(int(comm.rank == 0), 4),
+            "mesh only": np.full(int(comm.rank == 0), 70)}  # fmt: skip
+    with (
+        replace(linkage.shared(), sets=sets) as bare,
+        bare.with_interfaces([hpcred.Interface(name="eye", nodes=(1, 7, 14), node=99)]) as model,
+        model.with_inputs([("eye", "x"), (20, "z")]) as loaded,
+        hpcred.reduce(loaded, [hpcred.Modes(count=3)], hpcred.Buckens()) as rom,
+    ):
+        hpcred.write_result(folder / "r.h5", rom, loaded)
+    if comm.rank == 0:
+        result = hpcred.read_result(folder / "r.h5", MPI.COMM_SELF)
+        body, numbered = result.body(["eye", "tip", 4, 3]), result.body([99, 20, 3, 4])
+        assert sorted(shape.node for shape in body.nodes) == [3, 4, 20, 99] and body.nodes[0].name == "eye"
+        phi = {shape.node: shape.phi for shape in numbered.nodes}
+        assert all(np.array_equal(shape.phi, phi[shape.node]) for shape in body.nodes)
+        known = "no interface or node set of this name; interfaces: eye; node sets: eye, mesh only, tip"
+        with pytest.raises(hpcred.InputError, match=known):
+            result.body(["tips"])
+        with pytest.raises(hpcred.InputError, match="no node of the set 'mesh only' has dofs"):
+            result.body(["mesh only"])

@@ -119,7 +119,8 @@ def test_interface_nodes_by_name(folder, capsys):
         assert [node.node for node in read_sid(folder / "result.SID_FEM").nodes] == expected
     capsys.readouterr()
     assert run(["export", result, "--nodes", "middle"]) == 2
-    assert "node 'middle': no interface of this name; its interfaces are left, right" in capsys.readouterr().err
+    known = "no interface or node set of this name; interfaces: left, right; node sets: none"
+    assert f"node 'middle': {known}" in capsys.readouterr().err
 
 
 def test_a_body_without_coordinates_is_no_body(reduced_linkage, folder):
