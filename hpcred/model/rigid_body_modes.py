@@ -18,6 +18,7 @@ NO_MASS = 1e-12  # of the largest mass: round-off
 SAME_MASS = 1e-6  # relative difference of the masses in x, y, z that the digits of a text file explain
 ROUND_OFF = 1e-10
 FORCE_FREE = 1e-8  # ||K R|| / (||K|| ||R||) below which a rigid-body motion counts as free of force
+EXACTLY_FREE = 1e-12  # the same for motions that are guessed, without nodes
 MOST_ROWS = 0.6  # share of rows in which supports are not believed
 
 
@@ -206,14 +207,19 @@ def free_motions(model, motions) -> int:
 def pushed_motions(model, loads) -> np.ndarray:
     """Parts (motions, loads) of the loads on rigid motions that meet no force, which are M-orthonormal. Collective.
 
-    `loads`: a block (n, loads). Parts that are round-off of a load are zero. Raises InputError without nodes.
+    `loads`: a block (n, loads). Parts that are round-off of a load are zero. Without nodes the motions are guessed to
+    be translations of rows that go node by node.
     """
     with Owned(model.comm) as owned:
-        motions = owned.owns(rigid_motions(model, _middle(model)))
-        free = decided(model.comm, _force_free, *_forces(model, motions))[1]
+        if model.dofs is None:
+            motions = owned.owns(_translations_of_rows(model))
+            free = _exactly_free(model, motions)
+        else:
+            motions = owned.owns(rigid_motions(model, _middle(model)))
+            free = decided(model.comm, _force_free, *_forces(model, motions))[1]
         if not free.shape[1]:
             return np.zeros((0, loads.getActiveColumns()[1]))
-        product = owned.owns(create_block(model.K, 6))
+        product = owned.owns(create_block(model.K, motions.getActiveColumns()[1]))
         apply(model.M, motions, product)
         mass, parts = free.T @ inner(motions, product) @ free, free.T @ inner(motions, loads)
         size = np.sqrt(np.diag(free.T @ inner(motions, motions) @ free))[:, None] * column_norms(loads)
@@ -221,6 +227,28 @@ def pushed_motions(model, loads) -> np.ndarray:
     values, vectors = np.linalg.eigh(mass)
     moving = values > NO_MASS * values[-1]
     return (vectors[:, moving] / np.sqrt(values[moving])).T @ parts
+
+
+def _translations_of_rows(model) -> SLEPc.BV:
+    """Translations in each direction, a column each, of nodes with 1, 2, 3 and 6 rows one after the other."""
+    kinds = [(count, direction) for count in (1, 2, 3, 6) for direction in range(min(count, 3))]
+    motions = create_block(model.K, len(kinds))
+    with local_rows(motions) as rows:
+        row = model.first_row + np.arange(model.local_rows)
+        for column, (count, direction) in enumerate(kinds):
+            rows[:, column] = row % count == direction
+    return motions
+
+
+def _exactly_free(model, motions):
+    """A selection (columns, count) of the columns that meet no force, but for round-off. Collective."""
+    with Owned(model.comm) as owned:
+        product = owned.owns(create_block(model.K, motions.getActiveColumns()[1]))
+        apply(model.K, motions, product)
+        sizes = column_norms(motions)
+        limit = EXACTLY_FREE * model.K.norm(PETSc.NormType.INFINITY) * sizes
+        free = (column_norms(product) <= limit) & (sizes > 0)
+    return np.eye(len(sizes))[:, model.comm.bcast(free)]
 
 
 def _force_free(forces, overlaps, sizes):

@@ -24,10 +24,10 @@ COMPLETE = 1e-6  # residual of such a basis, relative to the loads, that is roun
 def check_support(run, band):
     """Refuse outputs that see free rigid motions which inputs push, in a band (Hz) that begins at 0 Hz.
 
-    Of a model without nodes only pseudo-modes show it (see check_response).
+    Of a model without nodes whose rows do not go node by node only pseudo-modes show it (see check_response).
     """
     model = run.model
-    if band[0] or run.rigid is not None or model.dofs is None:
+    if band[0] or run.rigid is not None:
         return
     loads, ports = run.loads_and_ports
     pushed = pushed_motions(model, loads)
@@ -48,9 +48,10 @@ def check_response(projections, model, frequencies, found):
 
 
 def _infinite(model):
+    nodes = "" if model.dofs is not None else ", which needs nodes"
     return InputError(
-        f"{model.name}: the response at 0 Hz is infinite, for the body is free; take frame 'buckens', "
-        "hold the body, or give a band that begins above 0"
+        f"{model.name}: the response at 0 Hz is infinite, for the body is free; take frame 'buckens'{nodes}, hold the "
+        "body, or give a band that begins above 0"
     )
 
 

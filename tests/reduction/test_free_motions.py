@@ -1,5 +1,7 @@
 """A free body in parts or with hinges, inputs that only push it, and inputs in far-off units."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -113,6 +115,31 @@ def test_a_single_load_on_a_free_body_without_frame(comm):
         pytest.raises(InputError, match="the response at 0 Hz is infinite, for the body is free"),
     ):
         hpcred.reduce(loaded, tolerance=1e-4, band=(0.0, 100.0))
+
+
+@pytest.mark.mpi
+def test_a_free_body_without_nodes(comm):
+    """It is refused before a point is taken: a search with room for few columns would end without a reason."""
+    few = hpcred.Adaptive(tolerance=1e-4, band=(0.0, 100.0), columns=12, factorisations=2)
+    with (
+        hpcred.solid((6, 3, 2), clamped=False, comm=comm) as model,
+        model.with_inputs([1]) as loaded,
+        replace(loaded.shared(), dofs=None) as bare,
+    ):
+        with pytest.raises(InputError, match="infinite, for the body is free; take frame 'buckens', which needs nodes"):
+            hpcred.reduce(bare, adaptive=few)
+        with hpcred.reduce(bare, adaptive=replace(few, band=(50.0, 100.0))) as reduced:
+            assert reduced.record.accuracy is not None
+    K = 2 * np.eye(90) - np.eye(90, k=1) - np.eye(90, k=-1)
+    K[0, 0] = K[-1, -1] = 1
+    for ground, free in ((0.0, True), (1e-7, False)):  # a soft spring, on which the body is not free
+        K[4, 4] += ground
+        with SecondOrderModel.from_scipy(K, np.eye(90), comm=comm) as model, model.with_inputs([1, 50]) as loaded:
+            if free:
+                with pytest.raises(InputError, match="the response at 0 Hz is infinite"):
+                    hpcred.reduce(loaded, adaptive=replace(few, band=(0.0, 0.01)))
+            else:
+                hpcred.reduce(loaded, adaptive=replace(few, band=(0.0, 0.01))).close()
 
 
 @pytest.mark.mpi
