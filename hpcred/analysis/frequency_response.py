@@ -18,7 +18,7 @@ from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.petsc import MPI, PETSc
 from ..parallel.ranges import FREQUENCY, within
 from ..reduction.groups import Group
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.reduced_model import ReducedModel, require_finite
 
 SMALL = 10_000  # dofs up to which every rank takes its own share of the frequencies
 TINY = 150  # dofs up to which full matrices take less time than the calls of a sparse solver
@@ -40,6 +40,7 @@ def frequency_response(
     if isinstance(model, ReducedModel):
         if frame is not None or damping is not None:
             raise InputError("frame, damping: a reduced model has those that it was reduced with; leave them out")
+        require_finite(model)
         return _reduced(model, frequencies)
     require_model(model)
     declared("factoring", factoring, Factoring | None)

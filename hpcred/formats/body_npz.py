@@ -13,10 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from ..multibody.body import Body, maker, remarks
+from ..reduction.reduced_model import require_finite
 
 
 def arrays_of(body: Body) -> dict:
-    """Everything by its name in the file."""
+    """Everything by its name in the file. Raises InputError for NaN and Inf in the matrices."""
+    require_finite(body.reduced)
     reduced, count = body.reduced, body.reduced.size
     names = ("M", "D", "K", "B", "C", "frequencies", "loss_factor", "input_names", "output_names")
     arrays = {name: np.array(getattr(reduced, name)) for name in names}

@@ -24,7 +24,7 @@ import numpy as np
 from ..model.dofs import DIRECTIONS, SCALAR, target_of
 from ..multibody.body import check_viscous, instability, maker
 from ..parallel.failures import ComputationError, InputError
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.reduced_model import ReducedModel, require_finite
 
 SOURCES = Path(__file__).with_name("fmi2")  # body.c, and the headers of the FMI standard
 SYSTEMS = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}
@@ -49,6 +49,7 @@ def write_fmu(path, reduced: ReducedModel) -> list[str]:
     Raises InputError for structural damping, a model without inputs or outputs, or a machine without C compiler, and
     ComputationError when the compiler fails.
     """
+    require_finite(reduced)
     check_viscous(reduced, "an FMU")
     if not reduced.input_names or not reduced.output_names:
         raise InputError("an FMU needs inputs and outputs; reduce with `inputs` in the job, or convert with --inputs")

@@ -15,13 +15,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..multibody.body import check_viscous, instability, maker
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.reduced_model import ReducedModel, require_finite
 from .body_npz import save_npz
 from .matlab import save_mat
 
 
 def state_space(reduced: ReducedModel) -> dict:
     """The matrices by name. Raises InputError for structural damping."""
+    require_finite(reduced)
     check_viscous(reduced, "a state space")
     M, D, K, B, C, size = reduced.M, reduced.D, reduced.K, reduced.B, reduced.C, reduced.size
     zero, one = np.zeros((size, size)), np.eye(size)

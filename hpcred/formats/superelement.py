@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 
 from ..model.interfaces import InterfaceNode
 from ..parallel.failures import InputError
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.reduced_model import ReducedModel, require_finite
 
 SYMMETRIC_TO = 1e-8
 FREE = 1e-3  # of the first elastic frequency, below which those of rigid-body motions count as zero
@@ -103,6 +103,7 @@ def superelement(reduced: ReducedModel) -> Superelement:
             'found pseudo-modal coordinates, expected those of interface nodes; write coordinates = "interface" and '
             "a table [[interface]] for each bearing into the job, and reduce again"
         )
+    require_finite(reduced)
     # the K of a free body with one interface and no modes is round-off: below 1 rad/s nothing is asked of it
     floors = {"K": np.abs(reduced.M).max(), "M": 0.0, "D": 0.0}
     K, M, D = (_symmetric(key, getattr(reduced, key), floor) for key, floor in floors.items())

@@ -235,8 +235,15 @@ class SecondOrderModel:
         return self._with(Ct=None if local is None else dense_matrix(self.K, local), own_output_names=names)
 
     def with_damping_matrix(self, D):
-        """The model with the damping matrix D on the pattern of K, or None; it takes D over. Collective."""
-        return self._with(D=declared("D", D, PETSc.Mat | None))
+        """The model with the damping matrix D on the pattern of K, or None; it takes D over. Collective.
+
+        Raises InputError for NaN and Inf.
+        """
+        if declared("D", D, PETSc.Mat | None) is not None:
+            with agreed(self.comm):
+                indptr, _, values = D.getValuesCSR()
+                _check_finite(indptr, {"D": values}, D.getOwnershipRange()[0], self.name, self.dofs)
+        return self._with(D=D)
 
     def as_dual(self):
         """The model of the transposed transfer function: D^T for D (M and K are symmetric), C^T for B. Collective."""
@@ -530,19 +537,24 @@ def _row_name(row, first, dofs):
     return f"dof {first + row + 1} (node {dofs.node[row]}, {DIRECTIONS[dofs.direction[row]]})"
 
 
+def _check_finite(indptr, values, first, name, dofs):
+    for key, data in values.items():
+        bad = np.flatnonzero(~np.isfinite(data))
+        if bad.size:
+            row = np.searchsorted(indptr, bad[0], side="right") - 1
+            raise InputError(
+                f"{name}: matrix {key} has {bad.size} entries that are NaN or Inf, "
+                f"the first in the row of {_row_name(row, first, dofs)}"
+            )
+
+
 def _check_rows(indptr, indices, values, first, name, dofs):
     """Refuse rows that no mechanical model has."""
 
     def row_of_entry(place):
         return np.searchsorted(indptr, place, side="right") - 1
 
-    for key, data in values.items():
-        bad = np.flatnonzero(~np.isfinite(data))
-        if bad.size:
-            raise InputError(
-                f"{name}: matrix {key} has {bad.size} entries that are NaN or Inf, "
-                f"the first in the row of {_row_name(row_of_entry(bad[0]), first, dofs)}"
-            )
+    _check_finite(indptr, values, first, name, dofs)
     below = np.flatnonzero(values["M"] < 0)
     negative = below[indices[below] == row_of_entry(below) + first]
     if negative.size:

@@ -9,7 +9,7 @@ import numpy as np
 from ..model.dofs import target_of
 from ..model.rigid_body_modes import SAME_MASS
 from ..parallel.failures import InputError
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.reduced_model import ReducedModel, require_finite
 from .equations_of_motion import FlexibleBody
 from .floating_frame import FloatingFrame, floating_frame
 from .node_shapes import NodeShape, interface_nodes, node_shapes
@@ -78,6 +78,7 @@ def check_moving(body: Body, where: str):
 
     It needs a damping that exists in time, mass and inertia in all directions, and no rigid-body motion in its basis.
     """
+    require_finite(body.reduced)
     check_viscous(body.reduced, where)
     masses = body.floating_frame.masses
     missing = [name for name, mass in zip("xyz", masses, strict=True) if mass <= 0]

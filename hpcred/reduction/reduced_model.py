@@ -8,7 +8,7 @@ import numpy as np
 
 from ..model.interfaces import InterfaceNode
 from ..model.second_order_model import listed
-from ..parallel.failures import settle
+from ..parallel.failures import InputError, settle
 from .accuracy import Accuracy
 from .record import Record
 
@@ -123,3 +123,12 @@ def _semidefinite(matrix):
     return np.abs(matrix - matrix.T).max(initial=0.0) <= ROUND_OFF * size and np.linalg.eigvalsh(matrix).min(
         initial=0.0
     ) >= -ROUND_OFF * len(matrix) * size
+
+
+def require_finite(reduced: ReducedModel):
+    """Raise InputError for NaN and Inf in a reduced model, as one that was made by hand may have."""
+    for key in ("M", "D", "K", "B", "C", "frequencies"):
+        numbers = np.asarray(getattr(reduced, key))
+        wrong = numbers.size - np.count_nonzero(np.isfinite(numbers))
+        if wrong:
+            raise InputError(f"reduced model: {key} has {wrong} of {numbers.size} numbers that are NaN or Inf")
