@@ -18,6 +18,7 @@ import psutil
 
 from ..parallel.failures import InputError, unfinished
 
+UNDER_WAY = "another run is about to write it"  # in the refusal of a second run
 HOST = socket.gethostname().replace("/", "-")[:40]
 
 _held: dict[Path, int] = {}  # open files by the names of locks
@@ -55,8 +56,8 @@ def lock(path: Path, called=None):
             who = os.read(file, 200).decode(errors="replace").strip()
             os.close(file)
             raise InputError(
-                f"output {called or path}: another run is about to write it{f' ({who})' if who else ''}; wait for its "
-                "end, or choose another name"
+                f"output {called or path}: {UNDER_WAY}{f' ({who})' if who else ''}; wait for its end, or choose "
+                "another name"
             ) from None
         except OSError:
             os.close(file)
@@ -77,6 +78,23 @@ def lock(path: Path, called=None):
         if process.isdigit() and not psutil.pid_exists(int(process)):
             with suppress(OSError):
                 other.unlink()
+
+
+def holder_of(path: Path) -> str | None:
+    """Which process of another run has the lock of an output, in words; None where no run has it."""
+    try:
+        file = os.open(lock_name(path), os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return os.read(file, 200).decode(errors="replace").strip() or "another process"
+    except OSError:  # a file system without locks
+        pass
+    finally:
+        os.close(file)
+    return None
 
 
 def glob_of(path) -> str:

@@ -66,13 +66,14 @@ class Child:
         return ""
 
 
-def run_all(children, at_once: int = 1, environment=None, wanted=None, ended=None, waiting=None):
+def run_all(children, at_once: int = 1, environment=None, wanted=None, again=None, ended=None, waiting=None):
     """Run the children, so many at the same time, in the order of the list; each is a session of its own.
 
-    `wanted(child)` is asked right before one is begun; one that is not wanted has ended then. `ended(child)` is called
-    when one has ended, `waiting(running)` with those under way at every look. SIGINT and SIGTERM end all of them within
-    seconds and raise Interrupted; SIGUSR1 is handed on to them, no other is started, and Stopped is raised when they
-    have ended. Where this process is killed the system ends them.
+    `wanted(child)` is asked right before one is begun: one that is not wanted has ended then, and where the answer is
+    None it is asked again later. `again(child)` says of one that has ended whether it is to be begun once more, behind
+    the others. `ended(child)` is called when one has ended, `waiting(running)` with those under way at every look.
+    SIGINT and SIGTERM end all of them within seconds and raise Interrupted; SIGUSR1 is handed on to them, no other is
+    started, and Stopped is raised when they have ended. Where this process is killed the system ends them.
     """
     environment = {**os.environ, **(UNBOUND if at_once > 1 else {}), **(environment or {})}
     left, running, passed_on = deque(children), [], False
@@ -85,10 +86,16 @@ def run_all(children, at_once: int = 1, environment=None, wanted=None, ended=Non
                     passed_on = True
                     for child in running:
                         child.process.send_signal(signal.SIGUSR1)
-                while left and len(running) < at_once and not passed_on:
+                for _ in range(len(left)):
+                    if len(running) >= at_once or passed_on:
+                        break
                     child = left.popleft()
-                    if wanted is None or wanted(child):
+                    begin = True if wanted is None else wanted(child)
+                    if begin:
                         running.append(_start(child, environment))
+                        continue
+                    if begin is None:
+                        left.append(child)
                         continue
                     child.status = 0
                     if ended is not None:
@@ -96,7 +103,9 @@ def run_all(children, at_once: int = 1, environment=None, wanted=None, ended=Non
                 for child in [child for child in running if child.process.poll() is not None]:
                     running.remove(child)
                     child.status, child.seconds = child.process.returncode, time.monotonic() - child.begun
-                    if ended is not None:
+                    if again is not None and again(child):
+                        left.append(child)
+                    elif ended is not None:
                         ended(child)
                 if waiting is not None:
                     waiting(running)

@@ -18,6 +18,7 @@ from mpi4py import MPI
 from ..formats.contents import content_of
 from ..formats.hdf5 import atomic_output, check_writable, reading
 from ..formats.job_file import plain
+from ..formats.locks import UNDER_WAY, holder_of
 from ..formats.outputs import check_kept
 from ..formats.result_file import FORMAT, VERSION
 from ..formats.sweep_file import Run, Sweep, read_sweep
@@ -27,6 +28,7 @@ from ..parallel.stopping import Stopped
 from .children import Child, run_all
 
 SELF = MPI.COMM_SELF
+BETWEEN = 0.5  # seconds between two looks at a run of another sweep
 
 
 @dataclass(frozen=True)
@@ -110,13 +112,14 @@ def run_sweep(
                 for run in left]  # fmt: skip
     runs, content = {run.name: run for run in left}, _contents()
 
-    def wanted(child):
-        """Whether another sweep in this folder has not done it meanwhile."""
+    def done(child):
+        """Whether another sweep in this folder has done it meanwhile."""
         if _state(runs[child.name], content).done:
             skipped.add(child.name)
-        return child.name not in skipped
+        return child.name in skipped
 
-    run_all(children, at_once, sweep.launch.environment, wanted=wanted, **_told(progress, len(children)))
+    others = _beside_others(progress, done, lambda child: runs[child.name].output)
+    run_all(children, at_once, sweep.launch.environment, **others, **_told(progress, len(children)))
     after = states_of(sweep)
     ended = {child.name: child for child in children}
     if any(child.status == Stopped.exit_status for child in children):
@@ -165,6 +168,31 @@ def _launcher(sweep) -> list[str]:
 def _child(sweep, name, *arguments, log):
     """A command of hpcred on the ranks of the sweep."""
     return Child(name, [*_launcher(sweep), sys.executable, "-m", "hpcred", *arguments], log)
+
+
+def _beside_others(progress, done, output):
+    """What keeps this sweep from what another one computes at the same moment: that is waited for, behind what is left,
+    and begun here where the other has not brought it to an end. `done(child)`, `output(child)`: its result."""
+    asked = {}
+
+    def wanted(child):
+        if time.monotonic() - asked.get(child.name, -BETWEEN) < BETWEEN:
+            return None
+        holder = holder_of(output(child))
+        if holder is None:
+            return not done(child)
+        if child.name not in asked:
+            progress.say(f"{child.name}: is being computed by another sweep ({holder}), which is waited for")
+        asked[child.name] = time.monotonic()
+        return None
+
+    def again(child):
+        refused = child.status not in (0, Stopped.exit_status) and UNDER_WAY in child.last_line
+        if refused and done(child):
+            child.status = 0
+        return refused and child.status != 0
+
+    return {"wanted": wanted, "again": again}
 
 
 def _told(progress, total):
@@ -249,7 +277,7 @@ def responses_of(sweep) -> dict[str, Path]:
 
 def _full_responses(sweep, chosen, states, at_once, progress):
     """Compute the full responses that are not there yet; of several shares the one with the first run that needs it."""
-    wanted, children = {}, []
+    wanted, children, outputs = {}, [], {}
     names = {run.name for run in chosen}
     for name, file in responses_of(sweep).items():
         wanted.setdefault(file, []).append(name)
@@ -266,8 +294,10 @@ def _full_responses(sweep, chosen, states, at_once, progress):
             grid = ["--band", f"{band[0]!r},{band[1]!r}", "--points", str(asked.points)]
         full = os.path.abspath(asked.full or run.job.model)
         given = [str(result.absolute()), "--full", full, "-o", str(file.absolute()), *grid]
+        outputs[file.stem] = file
         children.append(_child(sweep, file.stem, "evaluate", *given, log=file.with_suffix(".log")))
     if children:
         make_folder(sweep)
-    run_all(children, at_once, sweep.launch.environment, **_told(progress, len(children)))
+    others = _beside_others(progress, lambda child: outputs[child.name].exists(), lambda child: outputs[child.name])
+    run_all(children, at_once, sweep.launch.environment, **others, **_told(progress, len(children)))
     return {child.name: child for child in children}

@@ -1,6 +1,7 @@
 """`hpcred sweep` and `hpcred collect`: the documented example, interruptions, what is skipped, failures, scripts."""
 
 import csv
+import fcntl
 import json
 import os
 import re
@@ -23,6 +24,7 @@ from mpi4py import MPI
 
 import hpcred as package
 from hpcred.cli import run
+from hpcred.formats.locks import UNDER_WAY
 from hpcred.parallel.stopping import Stopped
 from hpcred.workflows import sweep
 from hpcred.workflows.children import Child, Interrupted, run_all
@@ -145,6 +147,46 @@ def test_what_another_sweep_has_done_meanwhile_is_finished(linkage_folder, launc
     assert [row["status"] for row in report["runs"]] == ["finished", "skipped"] and not report["failed"]
     assert not Path("sweep/order-1.log").exists()
     assert "2 of 2" in said[-1]
+
+
+@pytest.mark.parametrize("finishes", [True, False])
+def test_a_run_that_another_sweep_computes_is_waited_for(linkage_folder, finishes):
+    """Also where its lock is there before it is begun here; what the other leaves undone is done here."""
+    text = SWEEP.format(last=1, count=2)
+    Path("sweep.toml").write_text(text)
+    package.run_sweep("sweep.toml")
+    Path("sweep/order-0.h5").rename("order-0.h5")
+    Path("sweep/order-1.h5").unlink()
+    locked, said = [], []
+
+    class Other(package.Progress):
+        def say(self, line):
+            said.append(line)
+            if "order-1: done" in line:  # behind which the other one is waited for
+                if finishes:
+                    Path("order-0.h5").rename("sweep/order-0.h5")
+                os.close(locked.pop())
+
+    locked.append(os.open("sweep/.order-0.h5.lock", os.O_RDWR | os.O_CREAT))
+    fcntl.flock(locked[0], fcntl.LOCK_EX)
+    os.write(locked[0], b"process 7 on elsewhere")
+    report = package.run_sweep("sweep.toml", progress=Other(MPI.COMM_SELF, show=False))
+    assert [row["status"] for row in report["runs"]] == ["skipped" if finishes else "finished", "finished"]
+    assert not report["failed"] and len(results("sweep")) == 2
+    (line,) = [line for line in said if "computed by another sweep" in line]
+    assert line.startswith("order-0: is being computed by another sweep (process 7 on elsewhere)")
+
+
+def test_a_run_that_is_refused_by_a_lock_is_begun_again(tmp_path):
+    """Where two sweeps begin it at the same moment."""
+    (tmp_path / "a.sh").write_text(f"if [ -e {tmp_path}/there ]; then exit 0; fi; touch {tmp_path}/there; "
+                                   f"echo 'hpcred: error: output a.h5: {UNDER_WAY} (process 1)'; exit 2")  # fmt: skip
+    child = Child("a", ["sh", str(tmp_path / "a.sh")], tmp_path / "a.log")
+    silent = package.Progress(MPI.COMM_SELF, show=False)
+    others = sweep._beside_others(silent, lambda _: False, lambda _: tmp_path / "a.h5")
+    ended = []
+    run_all([child], ended=ended.append, **others)
+    assert child.status == 0 and ended == [child]
 
 
 def test_failed_runs_are_listed_with_their_sentence(linkage_folder, capsys):
