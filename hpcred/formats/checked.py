@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from ..parallel.failures import InputError
-from .checksums import CHUNK, hashed, sums_of, tag_of
+from .checksums import ROWS_OF_SUM, hashed, sums_of, tag_of
 
 SUMS = "checksums"
 CHECKSUM = "xxh3"  # the attribute
@@ -194,7 +194,7 @@ class CheckedDataset:
             self.axis = int(self._guarded(lambda: sums.attrs["axis"]))
             if not -1 <= self.axis < self.ndim:
                 raise damaged(path, f"{self.name} does not have its checksum")
-            leading, chunks = prod(self.shape[: max(self.axis, 0)]), -(-self.rows // CHUNK)
+            leading, chunks = prod(self.shape[: max(self.axis, 0)]), -(-self.rows // ROWS_OF_SUM)
             if sums.shape != (leading, chunks) or sums.dtype != np.uint64:
                 raise damaged(path, f"{self.name} does not have its checksum")
             self._tag = tag_of(self.dtype, self.shape, self.axis)
@@ -232,7 +232,7 @@ class CheckedDataset:
 
     def verify(self, low, high):
         """Read the rows low .. high and check them."""
-        step = max(CHUNK, 2**26 // max(self._dataset.nbytes // max(self.rows, 1), 1) // CHUNK * CHUNK)
+        step = max(ROWS_OF_SUM, 2**26 // max(self._dataset.nbytes // max(self.rows, 1), 1) // ROWS_OF_SUM * ROWS_OF_SUM)
         if self.axis < 0:
             low, high, step = (0, self.rows, self.rows) if low == 0 else (0, 0, 1)
         for start in range(low, high, max(step, 1)):
@@ -242,9 +242,10 @@ class CheckedDataset:
         """Rows by their numbers, from the chunks that they are in."""
         parts = [np.zeros((*self.shape[: self.axis], 0, *self.shape[self.axis + 1 :]), self.dtype)]
         order = np.argsort(rows, kind="stable")
-        for chunk in np.unique(rows // CHUNK):
-            block = self._between(chunk * CHUNK, min((chunk + 1) * CHUNK, self.rows), leading)
-            parts.append(np.take(block, np.sort(rows[rows // CHUNK == chunk]) - chunk * CHUNK, axis=self.axis))
+        for chunk in np.unique(rows // ROWS_OF_SUM):
+            block = self._between(chunk * ROWS_OF_SUM, min((chunk + 1) * ROWS_OF_SUM, self.rows), leading)
+            mine = np.sort(rows[rows // ROWS_OF_SUM == chunk]) - chunk * ROWS_OF_SUM
+            parts.append(np.take(block, mine, axis=self.axis))
         found = np.concatenate([part for part in parts if part.shape[self.axis]] or parts, axis=self.axis)
         return np.take(found, np.argsort(order), axis=self.axis)
 
@@ -252,7 +253,7 @@ class CheckedDataset:
         """Rows low .. high along the axis, with the chunks that they are in checked; `leading`: slices before it."""
         if self.axis < 0:
             return self._whole()
-        begin, end = low // CHUNK * CHUNK, min(-(-high // CHUNK) * CHUNK, self.rows)
+        begin, end = low // ROWS_OF_SUM * ROWS_OF_SUM, min(-(-high // ROWS_OF_SUM) * ROWS_OF_SUM, self.rows)
         place = (*leading, *[slice(None)] * (self.axis - len(leading)))
         ends = [item.indices(size)[:2] for item, size in zip(place, self.shape, strict=False)]
         sizes = (*(b - a for a, b in ends), end - begin, *self.shape[self.axis + 1 :])
@@ -261,7 +262,7 @@ class CheckedDataset:
             part = found[start - begin : stop - begin] if self.axis == 0 else found
             self._guarded(partial(self._read, part, [*ends, (start, stop)]))
             sums.append(self._guarded(partial(sums_of, part, self.axis, self._tag)))
-        chunks = (place[0] if place else slice(None), slice(begin // CHUNK, -(-end // CHUNK)))
+        chunks = (place[0] if place else slice(None), slice(begin // ROWS_OF_SUM, -(-end // ROWS_OF_SUM)))
         self._compare(np.concatenate(sums, axis=1), chunks)
         return found[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
 
@@ -276,7 +277,7 @@ class CheckedDataset:
         they are summed."""
         if self.axis > 0:
             return [(begin, end)]
-        step = max(HAND // max(prod(self.shape[1:]) * self.dtype.itemsize * CHUNK, 1), 1) * CHUNK
+        step = max(HAND // max(prod(self.shape[1:]) * self.dtype.itemsize * ROWS_OF_SUM, 1), 1) * ROWS_OF_SUM
         return [(start, min(start + step, end)) for start in range(begin, end, step)] or [(begin, end)]
 
     def _read(self, part, ends):

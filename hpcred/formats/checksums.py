@@ -11,7 +11,7 @@ from math import prod
 import numpy as np
 from xxhash import xxh3_64_intdigest as hashed
 
-CHUNK = 8192  # rows under one sum; files keep such sums. Fewer cost more, a call each; more are read for a single row
+ROWS_OF_SUM = 8192  # files keep sums of so many. Fewer cost more, a call each; more are read for a single row
 MESSAGE = 2**28  # bytes that ranks send of a chunk at a time
 
 
@@ -24,9 +24,9 @@ def sums_of(array: np.ndarray, axis: int, tag: int, low: int = 0, high: int | No
     content = memoryview(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
     width = len(content) // max(leading * rows, 1)  # bytes of a row
     high = rows if high is None else high
-    starts = range(low, high, CHUNK)
+    starts = range(low, high, ROWS_OF_SUM)
     found = [
-        hashed(content[(line + start) * width : (line + min(start + CHUNK, high)) * width])
+        hashed(content[(line + start) * width : (line + min(start + ROWS_OF_SUM, high)) * width])
         for line in range(0, leading * rows, max(rows, 1))
         for start in starts
     ]
@@ -44,11 +44,11 @@ def sums_of_parts(comm, local: np.ndarray, axis: int, first: int, tag: int) -> n
     Ranks with later rows of a chunk send them to the rank where it begins. Collective.
     """
     local, leading, rows = np.ascontiguousarray(local), prod(local.shape[:axis]), local.shape[axis]
-    head = min(-first % CHUNK, rows)  # rows of a chunk that begins on an earlier rank
-    last = head + (rows - head) // CHUNK * CHUNK
-    beginner = np.searchsorted(comm.allgather(first), first // CHUNK * CHUNK, side="right") - 1
+    head = min(-first % ROWS_OF_SUM, rows)  # rows of a chunk that begins on an earlier rank
+    last = head + (rows - head) // ROWS_OF_SUM * ROWS_OF_SUM
+    beginner = np.searchsorted(comm.allgather(first), first // ROWS_OF_SUM * ROWS_OF_SUM, side="right") - 1
     lines = local.reshape(leading, rows, prod(local.shape[axis + 1 :]))
-    step = max(MESSAGE // max(CHUNK * lines.shape[2] * lines.itemsize, 1), 1)
+    step = max(MESSAGE // max(ROWS_OF_SUM * lines.shape[2] * lines.itemsize, 1), 1)
     tails = []
     for low in range(0, max(leading, 1), step):
         part = lines[low : low + step]

@@ -4,7 +4,7 @@ from xxhash import xxh3_128, xxh3_128_digest
 
 from ..parallel.failures import InputError, agreed
 
-CHUNK = 2**25  # bytes; each rank reads every size-th of them
+BYTES_OF_A_PIECE = 2**25  # bytes; each rank reads every size-th of them
 
 
 def content_of(path, comm) -> str:
@@ -14,9 +14,9 @@ def content_of(path, comm) -> str:
         try:
             with open(path, "rb") as file:
                 end = file.seek(0, 2)
-                for start in range(comm.rank * CHUNK, end, comm.size * CHUNK):
+                for start in range(comm.rank * BYTES_OF_A_PIECE, end, comm.size * BYTES_OF_A_PIECE):
                     file.seek(start)
-                    own.append((start, xxh3_128_digest(file.read(CHUNK))))
+                    own.append((start, xxh3_128_digest(file.read(BYTES_OF_A_PIECE))))
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     chunks = sorted(sum(comm.allgather(own), []))

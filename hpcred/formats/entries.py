@@ -14,7 +14,7 @@ from ..parallel.lookup import look_up
 STRIDE = 16  # label of a row: 16 times its node number plus its direction, a place in DIRECTIONS
 
 HUGE = 1e100  # so much larger than its diagonals nothing is; its square is still a number
-CHUNK = 2**20  # entries looked at in one step
+ENTRIES_AT_A_TIME = 2**20  # entries looked at in one step
 SMALL = 1e-10
 LARGEST_VALUE = 1e60  # more than any stiffness in any units
 
@@ -82,8 +82,8 @@ def asymmetry(comm, entries: Entries | LabelledEntries) -> float:
 
 def chunks(comm, length: int) -> list[slice]:
     """Slices of the entries of this rank, as many on all ranks, for what must be done together in little memory."""
-    count = max(comm.allgather(-(-length // CHUNK)))
-    return [slice(CHUNK * k, CHUNK * (k + 1)) for k in range(count)]
+    count = max(comm.allgather(-(-length // ENTRIES_AT_A_TIME)))
+    return [slice(ENTRIES_AT_A_TIME * k, ENTRIES_AT_A_TIME * (k + 1)) for k in range(count)]
 
 
 def _mixed(number, seed):

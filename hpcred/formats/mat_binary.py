@@ -20,7 +20,7 @@ NUMERIC = range(6, 16)
 COMPLEX = 0x0800
 DEPTH, MOST_ITEMS = 12, 1000  # structs in structs, and items of a cell or struct array, that are looked into
 VERSION_4 = {0: "f8", 1: "f4", 2: "i4", 3: "i2", 4: "u2", 5: "u1"}
-CHUNK = 2**22  # bytes unpacked at a time
+BYTES_AT_A_TIME = 2**22  # bytes unpacked at a time
 
 
 def begins_version_5(start: bytes) -> bool:
@@ -69,7 +69,7 @@ class _Element:
     def read(self, count) -> bytes:
         parts = []
         while count:
-            part = self._some(min(count, CHUNK))
+            part = self._some(min(count, BYTES_AT_A_TIME))
             if not part:
                 raise damaged(self._path, self._place.start + self.position, "an element that ends too early")
             parts.append(part)
@@ -85,7 +85,7 @@ class _Element:
             text = self._rest
             if not text and not self._unpack.eof:
                 self._file.seek(self._place.start + self._taken)
-                text = self._file.read(min(CHUNK, self._place.size - self._taken))
+                text = self._file.read(min(BYTES_AT_A_TIME, self._place.size - self._taken))
                 self._taken += len(text)
             if self._unpack.eof:
                 return b""
@@ -103,7 +103,7 @@ class _Element:
             self.position += count
             return
         while count:
-            count -= len(self.read(min(count, CHUNK)))
+            count -= len(self.read(min(count, BYTES_AT_A_TIME)))
 
     def numbers(self, run, first, last) -> np.ndarray:
         """The numbers first..last of a run that begins at or behind the present position."""
@@ -114,7 +114,7 @@ class _Element:
     def finish(self):
         """Read a packed element to its end, so that its checksum is looked at."""
         if self._unpack is not None:
-            while found := self._some(CHUNK):
+            while found := self._some(BYTES_AT_A_TIME):
                 self.position += len(found)
             if not self._unpack.eof or self._unpack.unused_data or self._taken < self._place.size:
                 raise damaged(self._path, self._place.start, "a packed element of another length than it says")
@@ -365,7 +365,7 @@ def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndar
 def dense_entries(rows, first, last, numbers):
     """Rows, columns and values that are not zero of the columns first..last; `numbers(low, high)` in column order."""
     parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
-    step = max(1, CHUNK // max(rows, 1))
+    step = max(1, BYTES_AT_A_TIME // max(rows, 1))
     for low in range(first, last, step):
         high = min(low + step, last)
         values = numbers(low * rows, high * rows).astype(float)

@@ -25,7 +25,7 @@ NO_USET = (
     "put the OP2 of the run (tables BGPDT and USET) or the input file of the same name beside it; without nodes there "
     "are no rigid-body modes, pictures or exports"
 )
-SYMMETRIC_TO = 1e-8
+SYMMETRIC_IN_FILE = 1e-8  # ||A - A^T|| / ||A||, for the digits that files have
 LOOSE = (
     "matrices of the G-set have no supports (SPC) and no rigid elements or constraints (RBE, MPC) applied: what these "
     "join is loose; export {} to have them"
@@ -150,7 +150,7 @@ def _check(comm, matrices, said):
     """Refuse matrices that do not fit each other, or a stiffness or mass that is not symmetric. Collective."""
     for key in ("K", "M"):
         defect = asymmetry(comm, matrices[key])
-        if not defect <= SYMMETRIC_TO:
+        if not defect <= SYMMETRIC_IN_FILE:
             raise InputError(
                 f"{said[key]}: found ||A - A^T|| / ||A|| = {defect:.1e} (scaled to a diagonal of 1), expected a "
                 "symmetric matrix; the file is damaged, or the model has follower forces or the like"

@@ -57,7 +57,7 @@ SCHEMA = NODES | {
     "floating_frame/masses": Entry("real", (3,)), "floating_frame/integrals": Entry("text", ()),
     "record": Entry("text", (), needed=True),
 }  # fmt: skip
-CHUNK = 2**22  # rows looked through at a time
+ROWS_AT_A_TIME = 2**22  # that are looked through
 LARGE = 100_000  # dofs of a body whose surface is no longer drawn without being asked for
 
 
@@ -118,7 +118,8 @@ class Result:
             found = {name: sets[name][...] for name in names}
             wanted = np.unique(np.concatenate(list(found.values())))
             nodes = file["dofs/node"]
-            there = [np.intersect1d(nodes[low : low + CHUNK], wanted) for low in range(0, len(nodes), CHUNK)]
+            starts = range(0, len(nodes), ROWS_AT_A_TIME)
+            there = [np.intersect1d(nodes[low : low + ROWS_AT_A_TIME], wanted) for low in starts]
             if "held" in file:
                 there.append(np.intersect1d(file["held/node"][...], wanted))
         there = np.concatenate(there)
@@ -136,8 +137,8 @@ class Result:
                 )
             columns, dofs = file["basis/V"], file["dofs"]
             rows = np.concatenate([
-                low + np.flatnonzero(np.isin(dofs["node"][low : low + CHUNK], nodes))
-                for low in range(0, columns.shape[1], CHUNK)
+                low + np.flatnonzero(np.isin(dofs["node"][low : low + ROWS_AT_A_TIME], nodes))
+                for low in range(0, columns.shape[1], ROWS_AT_A_TIME)
             ])  # fmt: skip
             parts = [dofs[key][rows] for key in LABELS] if len(rows) else [np.zeros((0, *dofs[key].shape[1:]))
                                                                            for key in LABELS]  # fmt: skip

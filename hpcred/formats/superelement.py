@@ -11,7 +11,7 @@ from ..model.interfaces import InterfaceNode
 from ..parallel.failures import InputError
 from ..reduction.reduced_model import ReducedModel, require_finite
 
-SYMMETRIC_TO = 1e-8
+SYMMETRIC_ELEMENT = 1e-8  # relative to the largest entry
 FREE = 1e-3  # of the first elastic frequency, below which those of rigid-body motions count as zero
 LARGEST_NODE = 99_999_999  # of the eight columns that Nastran has for it
 
@@ -113,7 +113,7 @@ def superelement(reduced: ReducedModel) -> Superelement:
 
 
 def _symmetric(key, matrix, floor):
-    if np.abs(matrix - matrix.T).max() > max(SYMMETRIC_TO * np.abs(matrix).max(), floor):
+    if np.abs(matrix - matrix.T).max() > max(SYMMETRIC_ELEMENT * np.abs(matrix).max(), floor):
         raise InputError(
             f"found a matrix {key} that is not symmetric, expected a symmetric one; no superelement holds gyroscopic "
             "or circulatory terms: reduce without them, or take the arrays by format 'npz'"
@@ -127,7 +127,7 @@ def _lost(reduced):
     sides = ("inputs", reduced.input_names, reduced.B), ("outputs", reduced.output_names, reduced.C.T)
     for kind, names, columns in sides:
         place = np.abs(columns[:count]).argmax(axis=0)
-        other = np.abs(columns - np.eye(len(columns))[:, place]).max(axis=0) > SYMMETRIC_TO
+        other = np.abs(columns - np.eye(len(columns))[:, place]).max(axis=0) > SYMMETRIC_ELEMENT
         lost = [name for name, is_other in zip(names, other, strict=True) if is_other]
         if lost:
             yield f"{kind} that are no direction of an interface node are left out: {', '.join(lost)}"

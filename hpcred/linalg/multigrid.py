@@ -18,7 +18,7 @@ from .options import temporary_options
 COARSEST = 2000  # rows that every rank can have the eigenvectors of
 LOW, HIGH = 0.1, 1.1  # what a smoother damps, of the largest eigenvalue estimated
 LANCZOS = 12  # steps of that estimate
-DEPENDENT = 1e-12  # square of a combination of unit near null vectors that is round-off
+DEPENDENT_NEAR_NULL = 1e-12  # square of a combination of unit near null vectors that is round-off
 SINGULAR = 1e-11  # of the largest eigenvalue of the coarsest matrix: a motion that meets no force
 
 
@@ -193,7 +193,7 @@ def _set_near_null(matrix, near_null):
     with local_rows(near_null) as rows:
         basis = rows.real
         for _ in range(2):
-            factor, squares = decided(comm, independent, comm.allreduce(basis.T @ basis), DEPENDENT)
+            factor, squares = decided(comm, independent, comm.allreduce(basis.T @ basis), DEPENDENT_NEAR_NULL)
             basis = basis @ (factor / np.sqrt(squares))
         for column in basis.T:
             vectors.append(matrix.createVecRight())

@@ -32,7 +32,7 @@ SIX = DIRECTIONS[:6]
 NAME = re.compile(r"[A-Za-z_][\w.\-]{0,62}")
 FAR = 20.0  # times the size of the body, beyond which a reference node is not meant
 FLAT = 1e-9  # of the radius of gyration of a set, or of the size of the body, below which a distance is round-off
-DEPENDENT = 1e-10  # eigenvalue of sum w E^T E, scaled, below which a motion of the reference node is not defined
+UNDEFINED_MOTION = 1e-10  # eigenvalue of sum w E^T E, scaled, below which a motion of the reference node is not defined
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -351,8 +351,8 @@ def _inverse(gram, length, engaged, item):
     scale = np.array([1.0] * 3 + [1 / length] * 3) / np.sqrt(max(np.diag(gram)[:3].max(), 1e-300))
     # an eigenvalue of one stands for a direction that has no part
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale) + np.diag(1.0 - engaged))
-    if values[0] < DEPENDENT:
-        free = (vectors[:, values < DEPENDENT] ** 2).sum(axis=1)
+    if values[0] < UNDEFINED_MOTION:
+        free = (vectors[:, values < UNDEFINED_MOTION] ** 2).sum(axis=1)
         named = ", ".join(name for name, part in zip(SIX, free, strict=True) if part > 0.1)
         advice = "take several nodes around the place, not all on one line; at = [x, y, z] puts its node there" + (
             "; a single node of beams or shells, which has rotations, can be named in `inputs` as it is, or be of kind "

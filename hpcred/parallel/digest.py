@@ -8,11 +8,11 @@ import numpy as np
 
 from .exchange import exchange
 
-CHUNK = 4096  # rows under one digest; files keep such digests, so that another number needs another version of them
+ROWS_OF_DIGEST = 4096  # files keep digests of so many, so that another number needs another version of them
 
 
 def digest(comm, first: int, parts) -> str:
-    """SHA-256 over the digests of CHUNK rows each (hexadecimal), the same on all ranks. Collective.
+    """SHA-256 over the digests of ROWS_OF_DIGEST rows each (hexadecimal), the same on all ranks. Collective.
 
     The ranks hold the rows in order, this one from row `first` on. `parts`: arrays as pairs (starts (rows + 1,),
     values): row i of this rank has values[starts[i] : starts[i + 1]]. Values count as bytes, and so does their type.
@@ -20,8 +20,8 @@ def digest(comm, first: int, parts) -> str:
     rows = len(parts[0][0]) - 1
     held = comm.allgather((int(first), rows))
     # rows of a chunk that begins on an earlier rank go there
-    head = min(-first % CHUNK, rows)
-    begin = first - first % CHUNK
+    head = min(-first % ROWS_OF_DIGEST, rows)
+    begin = first - first % ROWS_OF_DIGEST
     owner = next((rank for rank, (low, count) in enumerate(held) if low <= begin < low + count), 0)
     lengths = [np.diff(starts).astype("<i8") for starts, _ in parts]
     more = []
@@ -29,8 +29,8 @@ def digest(comm, first: int, parts) -> str:
         for sent in (length[:head], values[starts[0] : starts[head]]):
             more += exchange(comm, np.full(len(sent), owner), [sent])
     found = []
-    for low in range(head, rows, CHUNK):
-        high = min(low + CHUNK, rows)
+    for low in range(head, rows, ROWS_OF_DIGEST):
+        high = min(low + ROWS_OF_DIGEST, rows)
         chunk = hashlib.sha256()
         for i, (length, (starts, values)) in enumerate(zip(lengths, parts, strict=True)):
             chunk.update(length[low:high].data)
@@ -47,8 +47,8 @@ def digest(comm, first: int, parts) -> str:
 def digest_of_slices(rows: int, read) -> str:
     """The same as digest_of_block, on one rank, of `rows` rows of which read(low, high) gives some at a time."""
     found = []
-    for low in range(0, rows, CHUNK):
-        values = read(low, min(low + CHUNK, rows))
+    for low in range(0, rows, ROWS_OF_DIGEST):
+        values = read(low, min(low + ROWS_OF_DIGEST, rows))
         lengths = np.full(len(values), values.shape[1], "<i8")
         found.append(hashlib.sha256(lengths.tobytes() + values.tobytes()).digest())
     return hashlib.sha256(b"".join(found)).hexdigest()

@@ -3,7 +3,7 @@
 import numpy as np
 from mpi4py import MPI
 
-CHUNK = 2**27  # entries sent to one rank in one message, below MPI's 32-bit counts
+ENTRIES_OF_MESSAGE = 2**27  # entries sent to one rank in one message, below MPI's 32-bit counts
 
 
 def exchange(comm, owner: np.ndarray, arrays: list[np.ndarray]) -> list[np.ndarray]:
@@ -21,12 +21,12 @@ def exchange(comm, owner: np.ndarray, arrays: list[np.ndarray]) -> list[np.ndarr
         start_in = np.concatenate([[0], np.cumsum(incoming)])
         requests = []
         for rank in range(comm.size):
-            for low in range(0, incoming[rank], CHUNK):
-                part = receive[start_in[rank] + low : start_in[rank] + min(low + CHUNK, incoming[rank])]
+            for low in range(0, incoming[rank], ENTRIES_OF_MESSAGE):
+                part = receive[start_in[rank] + low : start_in[rank] + min(low + ENTRIES_OF_MESSAGE, incoming[rank])]
                 requests.append(comm.Irecv(part, source=rank))
         for rank in range(comm.size):
-            for low in range(0, counts[rank], CHUNK):
-                part = send[start_out[rank] + low : start_out[rank] + min(low + CHUNK, counts[rank])]
+            for low in range(0, counts[rank], ENTRIES_OF_MESSAGE):
+                part = send[start_out[rank] + low : start_out[rank] + min(low + ENTRIES_OF_MESSAGE, counts[rank])]
                 requests.append(comm.Isend(part, dest=rank))
         MPI.Request.Waitall(requests)
         results.append(receive)

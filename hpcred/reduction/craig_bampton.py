@@ -29,7 +29,7 @@ from .ingredient import Ingredient
 from .modes import all_between, kept_modes, lowest_modes_by
 from .run import Run
 
-DEPENDENT = 1e-12  # eigenvalue of the scaled G K^+ G^T below which a direction of the interfaces depends on others
+DEPENDENT_DIRECTION = 1e-12  # eigenvalue of the scaled G K^+ G^T below which one of the interfaces depends on others
 
 
 @dataclass(frozen=True)
@@ -240,7 +240,7 @@ def _interface_system(flexibility, rigid, interfaces):
     matrix = np.block([[flexibility, rigid], [rigid.T, np.zeros((count, count))]]) * np.outer(scale, scale)
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
     weakest = np.abs(values).argmin()
-    if np.abs(values[weakest]) < DEPENDENT:
+    if np.abs(values[weakest]) < DEPENDENT_DIRECTION:
         place = int(np.abs(vectors[: len(flexibility), weakest]).argmax())
         raise InputError(
             f"interface '{interfaces[place // 6].name}': its direction {DIRECTIONS[place % 6]} cannot be moved by "

@@ -9,7 +9,7 @@ from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 
 GONE = 1e-12  # of the norm of a load: what is left without its rigid-body part is round-off
-DEPENDENT = 1e-13  # of the square of a load: what others leave of it, below which it is a combination of them
+DEPENDENT_PORT = 1e-13  # of the square of a load: what others leave of it, below which it is a combination of them
 
 
 def loads_and_ports(run):
@@ -48,7 +48,7 @@ def _independent_columns(gram, before):
     scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > GONE * before)
     unit = gram * np.outer(scale, scale)
     rest, kept = unit.copy(), []
-    while len(kept) < len(unit) and np.diag(rest).max() > DEPENDENT:
+    while len(kept) < len(unit) and np.diag(rest).max() > DEPENDENT_PORT:
         k = int(np.diag(rest).argmax())
         kept.append(k)
         rest = rest - np.outer(rest[:, k], rest[k]) / rest[k, k]

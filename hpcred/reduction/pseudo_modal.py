@@ -17,7 +17,7 @@ import numpy as np
 
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
 NOTHING = 1e-3  # of the geometric mean of the largest responses of an output and of an input
-CHUNK = 2**22  # complex numbers of states held at a time
+NUMBERS_AT_A_TIME = 2**22  # complex numbers of states held at a time
 
 
 class Law(NamedTuple):
@@ -129,7 +129,8 @@ def solve(model: PseudoModal, law: Law, frequencies, right: np.ndarray, transpos
             if (norms(rest) <= accuracy * scale).all():
                 break
         wrong = np.flatnonzero(~(norms(rest) <= 1e3 * accuracy * scale))
-    for part in np.array_split(wrong, 1 + len(wrong) * len(model.squares) ** 2 // CHUNK) if len(wrong) else ():
+    parts = 1 + len(wrong) * len(model.squares) ** 2 // NUMBERS_AT_A_TIME
+    for part in np.array_split(wrong, parts) if len(wrong) else ():
         matrices = coefficients(law, frequencies[part])[2][:, None, None] * (model.D.T if transposed else model.D)
         index = np.arange(len(model.squares))
         matrices[:, index, index] += _diagonal(model, law, frequencies[part])
@@ -150,7 +151,7 @@ def chunks(model: PseudoModal, frequencies: np.ndarray):
     """Parts of the frequencies whose states (and matrices, with a given D) fit."""
     m, l = model.L.shape
     width = l if model.D is None else l + m
-    return np.array_split(frequencies, max(1, -(-len(frequencies) * m * width // CHUNK)))
+    return np.array_split(frequencies, max(1, -(-len(frequencies) * m * width // NUMBERS_AT_A_TIME)))
 
 
 def response(model: PseudoModal, law: Law, frequencies: np.ndarray, ports) -> np.ndarray:

@@ -27,7 +27,7 @@ from .ports import loads_and_ports
 
 NEAR_ZERO = 0.01  # of a frequency of interest, below which a pseudo-mode may be a motion without force
 FOR_IMAGES = 0.1  # of the memory of a rank may go to images of columns
-DEPENDENT = 1e-14  # square of a combination of unit loads below which they count as dependent
+DEPENDENT_LOAD = 1e-14  # square of a combination of unit loads below which they count as dependent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,7 +210,7 @@ class Run:
             self._loads = from_dense(self.model.B)
             if self.rigid is not None:
                 self.rigid.equilibrate(self._loads)
-            factor, _ = decided(self.model.comm, independent, inner(self._loads, self._loads), DEPENDENT)
+            factor, _ = decided(self.model.comm, independent, inner(self._loads, self._loads), DEPENDENT_LOAD)
             count, kept = factor.shape
             if kept < count:
                 multiply(self._loads, factor)

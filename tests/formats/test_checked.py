@@ -12,7 +12,7 @@ import hpcred
 from hpcred.cli import run
 from hpcred.formats import checksums, model_file, response_file, result_file, simulation_file
 from hpcred.formats.checked import CheckedFile
-from hpcred.formats.checksums import CHUNK, sums_of, sums_of_parts, tag_of
+from hpcred.formats.checksums import ROWS_OF_SUM, sums_of, sums_of_parts, tag_of
 from hpcred.formats.hdf5 import reading, writing
 from hpcred.formats.response_file import read_responses
 from hpcred.model.second_order_model import row_range
@@ -252,8 +252,8 @@ def test_sums_do_not_depend_on_ranks(comm, folder):
     """Parts of rows on any ranks, numbers of one word and of several, and chunks with rows of several ranks."""
     draw = np.random.default_rng(4)
     arrays = {
-        "line": (draw.normal(size=3 * CHUNK + 5), 0), "wide": (draw.normal(size=(3, 2 * CHUNK + 1)), 1),
-        "points": (draw.normal(size=(CHUNK + 7, 3)), 0), "small": (np.arange(2, dtype=np.int32), 0),
+        "line": (draw.normal(size=3 * ROWS_OF_SUM + 5), 0), "wide": (draw.normal(size=(3, 2 * ROWS_OF_SUM + 1)), 1),
+        "points": (draw.normal(size=(ROWS_OF_SUM + 7, 3)), 0), "small": (np.arange(2, dtype=np.int32), 0),
         "complex": (draw.normal(size=(40, 2)) + 1j, 0), "none": (np.zeros((0, 4)), 0),
     }  # fmt: skip
     write_rows(folder / "a.h5", comm, arrays)
@@ -264,9 +264,9 @@ def test_sums_do_not_depend_on_ranks(comm, folder):
                 sums = plain[f"checksums/{name}"][...]
             assert (sums == sums_of(array, axis, tag_of(array.dtype, array.shape, axis))).all()
             assert (file[name][...] == array).all()
-        line, wide, end = file["line"], file["wide"], 2 * CHUNK
+        line, wide, end = file["line"], file["wide"], 2 * ROWS_OF_SUM
         assert (line[1000:end] == arrays["line"][0][1000:end]).all() and line[5:5].size == 0
-        assert (line[np.array([end + 9, 2, CHUNK])] == arrays["line"][0][[end + 9, 2, CHUNK]]).all()
+        assert (line[np.array([end + 9, 2, ROWS_OF_SUM])] == arrays["line"][0][[end + 9, 2, ROWS_OF_SUM]]).all()
         assert (wide[:, 7 : end - 5] == arrays["wide"][0][:, 7 : end - 5]).all()
         assert (wide[2] == arrays["wide"][0][2]).all() and (wide[:, end] == arrays["wide"][0][:, end]).all()
         assert (wide[:, np.array([3, end])] == arrays["wide"][0][:, [3, end]]).all()
@@ -277,30 +277,30 @@ def test_sums_do_not_depend_on_ranks(comm, folder):
 def test_chunks_with_rows_of_several_ranks_are_sent_in_parts(comm, monkeypatch):
     """Also where ranks have no rows, one, or whole chunks only: the sums are those of one rank."""
     monkeypatch.setattr(checksums, "MESSAGE", 1)  # line by line
-    whole = np.random.default_rng(7).normal(size=(5, 2 * CHUNK + 3, 2))
+    whole = np.random.default_rng(7).normal(size=(5, 2 * ROWS_OF_SUM + 3, 2))
     alone = sums_of(whole, 1, 9)
     total = whole.shape[1]
-    for ends in ([0, 0, total], [1, 2, total], [CHUNK, CHUNK, total], [5, total - 1, total], [total] * 3):
+    for ends in ([0, 0, total], [1, 2, total], [ROWS_OF_SUM, ROWS_OF_SUM, total], [5, total - 1, total], [total] * 3):
         bounds = [0, *ends[: comm.size - 1], total]
         low, high = bounds[comm.rank], bounds[comm.rank + 1]
         found = sums_of_parts(comm, whole[:, low:high], 1, low, 9)
-        assert (found == alone[:, -(-low // CHUNK) : -(-high // CHUNK)]).all()
-        assert found.shape == (5, -(-high // CHUNK) + -low // CHUNK)
+        assert (found == alone[:, -(-low // ROWS_OF_SUM) : -(-high // ROWS_OF_SUM)]).all()
+        assert found.shape == (5, -(-high // ROWS_OF_SUM) + -low // ROWS_OF_SUM)
 
 
 def test_sums_are_hashes_of_the_bytes_of_chunks():
     """As another program would compute them; and the hash is XXH3, by the value that its authors give for no bytes."""
-    array = np.random.default_rng(8).normal(size=(2, CHUNK + 3, 3)).astype("f4")
+    array = np.random.default_rng(8).normal(size=(2, ROWS_OF_SUM + 3, 3)).astype("f4")
     found = sums_of(array, 1, 12345)
     for line in range(2):
-        for chunk, content in enumerate((array[line, :CHUNK], array[line, CHUNK:])):
+        for chunk, content in enumerate((array[line, :ROWS_OF_SUM], array[line, ROWS_OF_SUM:])):
             assert found[line, chunk] == xxhash.xxh3_64(content.tobytes()).intdigest() ^ 12345
     assert sums_of(np.zeros((1, 0)), 0, 0).tolist() == [[0x2D06800538D394C2]]
 
 
 def test_a_changed_bit_changes_the_sum():
     """Also the highest bit of a word alone, those of two words, and two words that are exchanged."""
-    values = np.arange(CHUNK, dtype=np.uint64)
+    values = np.arange(ROWS_OF_SUM, dtype=np.uint64)
     before, highest = sums_of(values, 0, 1), np.uint64(1) << np.uint64(63)
     for bit in range(64):
         changed = values.copy()
@@ -317,10 +317,10 @@ def test_a_changed_bit_changes_the_sum():
 def test_damage_to_several_words_changes_the_sum():
     """Two to five words of a chunk, each by one bit, the same bit for all, or to 0: none of 3,000 goes unseen."""
     draw = np.random.default_rng(5)
-    values = draw.normal(size=CHUNK).view(np.uint64)
+    values = draw.normal(size=ROWS_OF_SUM).view(np.uint64)
     before, unseen = sums_of(values, 0, 1), 0
     for number in range(3000):
-        places = draw.choice(CHUNK, 2 + number % 4, replace=False)
+        places = draw.choice(ROWS_OF_SUM, 2 + number % 4, replace=False)
         changed = values.copy()
         if number % 3 == 2:
             changed[places] = 0
@@ -333,7 +333,7 @@ def test_damage_to_several_words_changes_the_sum():
 @pytest.mark.mpi
 def test_parts_along_any_axis_and_of_any_type_are_read_as_h5py_reads_them(comm, folder):
     """The last axis, more than one of them before it, and numbers, texts and flags of several types."""
-    draw, rows = np.random.default_rng(6), CHUNK + 9
+    draw, rows = np.random.default_rng(6), ROWS_OF_SUM + 9
     arrays = {
         "points": (draw.normal(size=(rows, 3)), 0), "page": (draw.normal(size=(2, 4, rows)), 2),
         "half": (draw.normal(size=rows).astype("f4"), 0), "flags": (draw.normal(size=rows) > 0, 0),
@@ -342,7 +342,7 @@ def test_parts_along_any_axis_and_of_any_type_are_read_as_h5py_reads_them(comm, 
     write_rows(folder / "a.h5", comm, arrays)
     with reading(folder / "a.h5", "test") as file:
         for name, (array, axis) in arrays.items():
-            place = (*[slice(None)] * axis, slice(5, CHUNK + 3))
+            place = (*[slice(None)] * axis, slice(5, ROWS_OF_SUM + 3))
             found = file[name][place]
             assert found.dtype == array.dtype and (found == array[place]).all()
             if array.dtype.kind in "fc":

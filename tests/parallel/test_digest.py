@@ -8,13 +8,13 @@ import scipy.sparse
 
 import hpcred as package
 from hpcred.model.interfaces import Interface
-from hpcred.parallel.digest import CHUNK, digest, digest_of_block, digest_of_slices
+from hpcred.parallel.digest import ROWS_OF_DIGEST, digest, digest_of_block, digest_of_slices
 from hpcred.parallel.petsc import MPI
 
 
 def by_hand(rows):
     """The digest of a list of rows, each a list of arrays, without any distribution."""
-    chunks = [rows[low : low + CHUNK] for low in range(0, len(rows), CHUNK)]
+    chunks = [rows[low : low + ROWS_OF_DIGEST] for low in range(0, len(rows), ROWS_OF_DIGEST)]
     found = b""
     for chunk in chunks:
         text = b""
@@ -29,7 +29,7 @@ def by_hand(rows):
 def test_digest_does_not_depend_on_the_ranks(cuts, comm):
     """Ranks that end within a chunk, that are within one, that have no row."""
     random = np.random.default_rng(0)
-    count = 2 * CHUNK + 1000
+    count = 2 * ROWS_OF_DIGEST + 1000
     starts = np.concatenate([[0], np.cumsum(random.integers(0, 4, count))])
     values, numbers = random.standard_normal(starts[-1]), random.integers(0, 99, starts[-1]).astype("<u4")
     rows = [[values[a:b], numbers[a:b]] for a, b in zip(starts[:-1], starts[1:], strict=True)]
@@ -45,7 +45,7 @@ def test_digest_does_not_depend_on_the_ranks(cuts, comm):
 
 @pytest.mark.mpi
 def test_digest_of_a_block_in_slices(comm):
-    values = np.random.default_rng(1).standard_normal((CHUNK + 7, 3))
+    values = np.random.default_rng(1).standard_normal((ROWS_OF_DIGEST + 7, 3))
     first, last = (len(values) * rank // comm.size for rank in (comm.rank, comm.rank + 1))
     found = digest_of_block(comm, first, values[first:last])
     assert found == digest_of_slices(len(values), lambda low, high: values[low:high])

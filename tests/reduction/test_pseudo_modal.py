@@ -116,7 +116,7 @@ def test_frequencies_come_in_parts_that_fit(monkeypatch):
     outer, inner = diagonalised(K, L, D), diagonalised(K[:5, :5], L[:5], D[:5, :5])
     arguments = inner, outer, nested(inner, outer), Law(), F, ports("same")
     whole = difference(*arguments), response(outer, Law(), F, ports("same"))
-    monkeypatch.setattr(pseudo_modal, "CHUNK", 2000)
+    monkeypatch.setattr(pseudo_modal, "NUMBERS_AT_A_TIME", 2000)
     assert len(pseudo_modal.chunks(outer, F)) > 1
     parts = difference(*arguments), response(outer, Law(), F, ports("same"))
     for a, b in zip(whole, parts, strict=True):
