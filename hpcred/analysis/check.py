@@ -10,6 +10,7 @@ from ..model.dofs import DIRECTIONS, SCALAR
 from ..model.rigid_body_modes import (
     FORCE_FREE,
     doubts_of_nodes,
+    exchange_of_matrices,
     rigid_body_quantities,
     rigid_body_residuals,
 )
@@ -58,7 +59,10 @@ def check(model) -> dict:
         if model.converted_from:
             report["converted_from"] = model.converted_from
         sentences.append(_on_rigid_motions(residuals, free))
-        warnings += on_held_dofs(model, body) + doubts_of_nodes(model) + doubts_of_units(model, body.mass)
+        if exchanged := exchange_of_matrices(model):
+            warnings.insert(0, exchanged)  # all other doubts follow from it
+        else:
+            warnings += on_held_dofs(model, body) + doubts_of_nodes(model) + doubts_of_units(model, body.mass)
         if report["units"]:
             sentences.append(
                 f"looks like {report['units']}: from the mass, the size, and the speed of waves between neighbouring "

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..linalg.factorisation import Factoring, Factorisation, SingularMatrix
 from ..linalg.solvers import ShiftedSolver
-from ..model.rigid_body_modes import RigidBodyModes, doubts_of_nodes, rigid_body_quantities
+from ..model.rigid_body_modes import RigidBodyModes, doubts_of_nodes, exchange_of_matrices, rigid_body_quantities
 from ..model.second_order_model import require_model
 from ..parallel.declared import declared
 from ..parallel.failures import ComputationError
@@ -67,7 +67,10 @@ def inspect(
             }
             if count := held_count(model):
                 report["held_dofs"] = count
-        warnings += on_held_dofs(model, body) + doubts_of_nodes(model) + doubts_of_units(model, body.mass, first)
+        if exchanged := exchange_of_matrices(model):
+            warnings.insert(0, exchanged)  # all other doubts follow from it
+        else:
+            warnings += on_held_dofs(model, body) + doubts_of_nodes(model) + doubts_of_units(model, body.mass, first)
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
     if not is_complex() and (limits or rigid_count is None):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:

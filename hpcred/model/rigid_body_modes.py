@@ -19,6 +19,8 @@ SAME_MASS = 1e-6  # relative difference of the masses in x, y, z that the digits
 ROUND_OFF = 1e-10
 FORCE_FREE = 1e-8  # ||K R|| / (||K|| ||R||) below which a rigid-body motion counts as free of force
 EXACTLY_FREE = 1e-12  # the same for motions that are guessed, without nodes
+SILENT = 1e-6  # sum of a row over that of its absolute values, below which it is zero to the digits of a file
+FEW = 0.02  # share of rows of a mass matrix that may be so
 MOST_ROWS = 0.6  # share of rows in which supports are not believed
 
 
@@ -96,7 +98,8 @@ def rigid_body_quantities(model) -> RigidBody:
         if found.masses.min() < 0 or found.mass == 0:
             listed = ", ".join(f"{mass:g}" for mass in found.masses)
             raise InputError(
-                f"{model.name}: the translational masses in x, y, z are {listed} kg, expected none negative and not "
+                exchange_of_matrices(model)
+                or f"{model.name}: the translational masses in x, y, z are {listed} kg, expected none negative and not "
                 "all zero; check the mass matrix and the order of its rows"
             )
         centre = centre + np.nan_to_num(found.centre)
@@ -280,6 +283,8 @@ def doubts_of_nodes(model) -> list[str]:
     A direction in which no node has a dof has no mass to compare. Dofs that are held in some directions only make a
     difference of masses that is none of the nodes.
     """
+    if exchanged := exchange_of_matrices(model):
+        return [exchanged]  # all else follows from it
     misfit, masses = misfit_of_nodes(model), rigid_body_quantities(model).masses
     found = [misfit] if misfit else []
     there = masses[masses > 0]
@@ -292,6 +297,33 @@ def doubts_of_nodes(model) -> list[str]:
             "matrix is not one of a body"
         )
     return found
+
+
+def exchange_of_matrices(model) -> str | None:
+    """A sentence where M is a stiffness and K a mass matrix, or None. Collective. Raises InputError without nodes.
+
+    A translation loads a stiffness at supports only, and a mass matrix in all rows of its direction: where it loads K
+    in nearly all and M in few they have been exchanged.
+    """
+    with Owned(model.comm) as owned:
+        motions = owned.owns(rigid_motions(model, _middle(model)))
+        with local_rows(motions) as rows:
+            moved = rows.real[:, :3] > 0
+        silent = []
+        for mat in (model.K, model.M):
+            product = owned.owns(create_block(mat, 6))
+            apply(mat, motions, product)
+            indptr, _, values = mat.getValuesCSR()
+            sizes = np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)), np.abs(values), len(indptr) - 1)
+            with local_rows(product) as rows:
+                silent.append(int((moved & (np.abs(rows.real[:, :3]) <= SILENT * sizes[:, None])).sum()))
+        of_k, of_m, total = (model.comm.allreduce(count) for count in (*silent, int(moved.sum())))
+    if of_k > FEW * total or of_m <= (1 - MOST_ROWS) * total:
+        return None
+    return (
+        f"{model.name}: K AND M ARE EXCHANGED: a translation meets nothing in {100 * of_m / total:.0f} % of the rows "
+        f"of M, as in a stiffness matrix, and in {100 * of_k / total:.0f} % of those of K; give each for the other"
+    )
 
 
 def _enumerated(words) -> str:

@@ -16,6 +16,7 @@ from ..formats.outputs import PICTURES, PNG, check_outputs
 from ..formats.result_file import Shapes
 from ..linalg.blocks import local_rows
 from ..linalg.factorisation import Factoring
+from ..model.rigid_body_modes import exchange_of_matrices
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
@@ -50,7 +51,9 @@ def modes_of_file(
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm)
     with loaded, closing(natural_modes(loaded, count, frame, factoring=factoring, progress=progress)) as found:
-        report = {"model": str(model), "size": loaded.size, **_numbers(found), "warnings": list(loaded.remarks)}
+        report = {"model": str(model), "size": loaded.size, **_numbers(found)}
+        exchanged = exchange_of_matrices(loaded) if loaded.dofs is not None else None
+        report["warnings"] = [*([exchanged] if exchanged else []), *loaded.remarks]
         if figure is not None:
             with progress.stage("figure"):
                 _draw(figure, loaded, found)

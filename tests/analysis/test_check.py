@@ -133,3 +133,25 @@ def test_motions_that_no_node_can_make_are_not_called_free(comm, directions, lef
 def test_masses_are_compared_in_the_directions_that_nodes_have(comm):
     with truss(comm, (0, 1), left_out=[(3, 0)]) as model:
         assert any("the masses in x and y are 6 and 9 kg" in line for line in hpcred.check(model)["warnings"])
+
+
+def test_exchanged_matrices_are_said_first(comm):
+    """Of clamped and free bodies, by the digits of a file too; not of the same bodies as they are."""
+    for clamped in (True, False):
+        with hpcred.solid((6, 2, 2), clamped=clamped, comm=comm) as model:
+            indptr, indices, K = model.K.getValuesCSR()
+            values = {"K": model.M.getValuesCSR()[2].real, "M": np.array([float(f"{v:.8e}") for v in K.real])}
+            assert not any("EXCHANGED" in line for line in hpcred.check(model)["warnings"])
+            with SecondOrderModel.from_csr(
+                comm, model.size, indptr, indices, values, dofs=model.dofs, remarks=("a remark",)
+            ) as other:
+                for ask in (hpcred.check, hpcred.inspect):
+                    if clamped:
+                        warnings = ask(other)["warnings"]
+                        assert "K AND M ARE EXCHANGED" in warnings[0] and warnings[1] == "a remark"
+                    else:  # whose masses are round-off, of whatever sign
+                        try:
+                            said = ask(other)["warnings"][0]
+                        except hpcred.InputError as error:
+                            said = str(error)
+                        assert "K AND M ARE EXCHANGED" in said
