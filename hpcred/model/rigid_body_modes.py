@@ -316,7 +316,8 @@ def exchange_of_matrices(model) -> str | None:
             indptr, _, values = mat.getValuesCSR()
             sizes = np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)), np.abs(values), len(indptr) - 1)
             with local_rows(product) as rows:
-                silent.append(int((moved & (np.abs(rows.real[:, :3]) <= SILENT * sizes[:, None])).sum()))
+                none = np.abs(rows.real[:, :3]) <= SILENT * sizes[:, None]
+                silent.append(int((moved & none & (sizes > 0)[:, None]).sum()))
         of_k, of_m, total = (model.comm.allreduce(count) for count in (*silent, int(moved.sum())))
     if of_k > FEW * total or of_m <= (1 - MOST_ROWS) * total:
         return None
