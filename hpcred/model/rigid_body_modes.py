@@ -18,8 +18,9 @@ NO_MASS = 1e-12  # of the largest mass: round-off
 SAME_MASS = 1e-6  # relative difference of the masses in x, y, z that the digits of a text file explain
 ROUND_OFF = 1e-10
 FORCE_FREE = 1e-8  # ||K R|| / (||K|| ||R||) below which a rigid-body motion counts as free of force
-EXACTLY_FREE = 1e-12  # the same for motions that are guessed, without nodes
+EXACTLY_FREE = 32 * np.finfo(float).eps  # of the entries of a row: what motions that are guessed may meet of force
 SILENT = 1e-6  # sum of a row over that of its absolute values, below which it is zero to the digits of a file
+ON_DIAGONAL = 0.5  # of the diagonal of a mass matrix: less than any element's mass, more than what supports resist
 FEW = 0.02  # share of rows of a mass matrix that may be so
 MOST_ROWS = 0.6  # share of rows in which supports are not believed
 
@@ -244,14 +245,21 @@ def _translations_of_rows(model) -> SLEPc.BV:
 
 
 def _exactly_free(model, motions):
-    """A selection (columns, count) of the columns that meet no force, but for round-off. Collective."""
+    """A selection (columns, count) of the columns that meet no force in any row, but for its round-off. Collective."""
     with Owned(model.comm) as owned:
         product = owned.owns(create_block(model.K, motions.getActiveColumns()[1]))
         apply(model.K, motions, product)
-        sizes = column_norms(motions)
-        limit = EXACTLY_FREE * model.K.norm(PETSc.NormType.INFINITY) * sizes
-        free = (column_norms(product) <= limit) & (sizes > 0)
-    return np.eye(len(sizes))[:, model.comm.bcast(free)]
+        with local_rows(product) as rows, local_rows(motions) as moved:
+            forced = (np.abs(rows) > EXACTLY_FREE * _sizes_of_rows(model.K)[:, None]).any(axis=0)
+            moves = (moved != 0).any(axis=0)
+        forced, moves = (model.comm.allreduce(part, op=MPI.BOR) for part in (forced, moves))
+    return np.eye(len(forced))[:, moves & ~forced]
+
+
+def _sizes_of_rows(mat):
+    """Sums of the absolute values of the rows of this rank."""
+    indptr, _, values = mat.getValuesCSR()
+    return np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)), np.abs(values), len(indptr) - 1)
 
 
 def _force_free(forces, overlaps, sizes):
@@ -309,12 +317,13 @@ def exchange_of_matrices(model) -> str | None:
         motions = owned.owns(rigid_motions(model, _middle(model)))
         with local_rows(motions) as rows:
             moved = rows.real[:, :3] > 0
+        if _weighs(model, motions, moved):
+            return None
         silent = []
         for mat in (model.K, model.M):
             product = owned.owns(create_block(mat, 6))
             apply(mat, motions, product)
-            indptr, _, values = mat.getValuesCSR()
-            sizes = np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)), np.abs(values), len(indptr) - 1)
+            sizes = _sizes_of_rows(mat)
             with local_rows(product) as rows:
                 none = np.abs(rows.real[:, :3]) <= SILENT * sizes[:, None]
                 silent.append(int((moved & none & (sizes > 0)[:, None]).sum()))
@@ -325,6 +334,17 @@ def exchange_of_matrices(model) -> str | None:
         f"{model.name}: K AND M ARE EXCHANGED: a translation meets nothing in {100 * of_m / total:.0f} % of the rows "
         f"of M, as in a stiffness matrix, and in {100 * of_k / total:.0f} % of those of K; give each for the other"
     )
+
+
+def _weighs(model, motions, moved) -> bool:
+    """Whether M gives translations about the mass that is on its diagonal, which is quick to see. Collective."""
+    with Owned(model.comm) as owned:
+        product, diagonal = owned.owns(create_block(model.M, 6)), owned.owns(model.M.getDiagonal())
+        apply(model.M, motions, product)
+        with local_rows(product) as rows:
+            masses = (rows.real[:, :3] * moved).sum(axis=0)
+        masses, sizes = model.comm.allreduce(np.array([masses, np.abs(diagonal.getArray()) @ moved]))
+    return model.comm.bcast(bool((masses >= ON_DIAGONAL * sizes).all()))
 
 
 def _enumerated(words) -> str:

@@ -117,7 +117,7 @@ def test_simulations_are_refused_on_all_ranks(made, comm):
         ("force.0.node=99", "result.h5: node 99 does not exist"),
         ("body=model.h5", "found an HDF5 file of format 'hpcred-model', expected 'hpcred-result'"),
         ("output=nowhere/out.h5", "nowhere does not exist"),
-        ("force.0.node='pin'", "node 'pin': no interface of this name; no node of the body has a name"),
+        ("force.0.node='pin'", "node 'pin': no interface or node set of this name; interfaces: none; node sets: none"),
         ("ende=1.0", "sim.toml: ende: unknown key"),
         ("start=static", "they leave 1 rigid motions free"),
     ):
