@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..linalg.free_motions import free_motions_refused
-from ..model.rigid_body_modes import pushed_motions
+from ..model.rigid_body_modes import FORCE_FREE, pushed_motions
 from ..model.second_order_model import massless
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
@@ -49,9 +49,10 @@ def check_response(projections, model, frequencies, found):
 
 def _infinite(model):
     nodes = "" if model.dofs is not None else ", which needs nodes"
+    by_nodes = f" (or held by springs that meet less than {FORCE_FREE:g} of K)" if model.dofs is not None else ""
     return InputError(
-        f"{model.name}: the response at 0 Hz is infinite, for the body is free; take frame 'buckens'{nodes}, hold the "
-        "body, or give a band that begins above 0"
+        f"{model.name}: the response at 0 Hz is infinite, for the body is free{by_nodes}; take frame "
+        f"'buckens'{nodes}, hold the body, or give a band that begins above 0"
     )
 
 
