@@ -59,16 +59,20 @@ def check(model) -> dict:
         if model.converted_from:
             report["converted_from"] = model.converted_from
         sentences.append(_on_rigid_motions(residuals, free))
-        if exchanged := exchange_of_matrices(model):
-            warnings.insert(0, exchanged)  # all other doubts follow from it
-        else:
-            warnings += on_held_dofs(model, body) + doubts_of_nodes(model) + doubts_of_units(model, body.mass)
+        warnings = with_doubts(warnings, model, body)
         if report["units"]:
             sentences.append(
                 f"looks like {report['units']}: from the mass, the size, and the speed of waves between neighbouring "
                 "nodes"
             )
     return report | {"sentences": sentences, "warnings": list(dict.fromkeys(warnings))}
+
+
+def with_doubts(warnings, model, body, first=None) -> list[str]:
+    """The warnings with what is doubtful of nodes, supports and units; `first`: as in doubts_of_units. Collective."""
+    if exchanged := exchange_of_matrices(model):
+        return [exchanged, *warnings]  # all other doubts follow from it
+    return [*warnings, *on_held_dofs(model, body), *doubts_of_nodes(model), *doubts_of_units(model, body.mass, first)]
 
 
 def _on_symmetry(model):

@@ -6,13 +6,13 @@ import numpy as np
 
 from ..linalg.factorisation import Factoring, Factorisation, SingularMatrix
 from ..linalg.solvers import ShiftedSolver
-from ..model.rigid_body_modes import RigidBodyModes, doubts_of_nodes, exchange_of_matrices, rigid_body_quantities
+from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
 from ..model.second_order_model import require_model
 from ..parallel.declared import declared
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import MPI, PETSc, is_complex
 from ..parallel.ranges import FREQUENCY, within
-from .check import doubts_of_units, held_count, on_held_dofs
+from .check import held_count, with_doubts
 from .frequency_response import checked_frequencies
 from .natural_modes import natural_modes
 
@@ -67,10 +67,7 @@ def inspect(
             }
             if count := held_count(model):
                 report["held_dofs"] = count
-        if exchanged := exchange_of_matrices(model):
-            warnings.insert(0, exchanged)  # all other doubts follow from it
-        else:
-            warnings += on_held_dofs(model, body) + doubts_of_nodes(model) + doubts_of_units(model, body.mass, first)
+        warnings = with_doubts(warnings, model, body, first)
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
     if not is_complex() and (limits or rigid_count is None):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:

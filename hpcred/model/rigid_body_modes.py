@@ -291,8 +291,6 @@ def doubts_of_nodes(model) -> list[str]:
     A direction in which no node has a dof has no mass to compare. Dofs that are held in some directions only make a
     difference of masses that is none of the nodes.
     """
-    if exchanged := exchange_of_matrices(model):
-        return [exchanged]  # all else follows from it
     misfit, masses = misfit_of_nodes(model), rigid_body_quantities(model).masses
     found = [misfit] if misfit else []
     there = masses[masses > 0]

@@ -11,7 +11,7 @@ from ..linalg.blocks import apply, copy_of, create_block
 from ..linalg.factorisation import DoesNotFit, Factoring
 from ..model.damping import ModalDamping, NoDamping, Structural
 from ..model.frames import Buckens, NoFrame, apply_frame, inputs_without_effect
-from ..model.rigid_body_modes import doubts_of_nodes
+from ..model.rigid_body_modes import doubts_of_nodes, exchange_of_matrices
 from ..model.scales import scaled, scales_of
 from ..model.second_order_model import SYMMETRIC_TO, require_inputs, require_model
 from ..parallel.decisions import decided
@@ -204,7 +204,10 @@ def check_symmetric(model):
 
 def warnings_of(model, frame) -> tuple[str, ...]:
     """What is doubtful of the model; refused where the frame depends on it."""
-    doubts = tuple(doubts_of_nodes(model)) if model.dofs is not None else ()
+    if model.dofs is None:
+        return ()
+    exchanged = exchange_of_matrices(model)
+    doubts = (exchanged,) if exchanged else tuple(doubts_of_nodes(model))  # all else follows from it
     if doubts and isinstance(frame, Buckens):
         raise InputError(doubts[0])
     return doubts
