@@ -49,9 +49,9 @@ def check(model) -> dict:
         body = rigid_body_quantities(model)
         low, high = extent(model)
         report |= {
-            "rigid_body_residuals": _known(residuals),
+            "rigid_body_residuals": known(residuals),
             "masses_in_x_y_z": body.masses.tolist(),
-            "centre_of_mass": _known(body.centre),
+            "centre_of_mass": known(body.centre),
             "extent": [low.tolist(), high.tolist()],
             "held_dofs": held_count(model),
             "units": likely_units(model, body.mass, high - low),
@@ -117,8 +117,9 @@ class _Diagonal:
         self._vector.destroy()
 
 
-def _known(values):
-    return [None if np.isnan(value) else value for value in values.tolist()]
+def known(values):
+    """Numbers as nested lists, None for what is not known."""
+    return np.where(np.isnan(values), None, values).tolist()
 
 
 def _on_rigid_motions(residuals, count):

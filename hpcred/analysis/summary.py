@@ -12,7 +12,7 @@ from ..parallel.declared import declared
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import MPI, PETSc, is_complex
 from ..parallel.ranges import FREQUENCY, within
-from .check import held_count, with_doubts
+from .check import held_count, known, with_doubts
 from .frequency_response import checked_frequencies
 from .natural_modes import natural_modes
 
@@ -60,8 +60,8 @@ def inspect(
             report |= {
                 "mass_kg": body.mass,
                 "masses_in_x_y_z_kg": body.masses.tolist(),
-                "centre_of_mass_m": _known(body.centre),
-                "inertia_kg_m2": _known(body.inertia),
+                "centre_of_mass_m": known(body.centre),
+                "inertia_kg_m2": known(body.inertia),
                 "rigid_body_modes": rigid.count,
                 "rigid_body_defect": rigid.defect,
             }
@@ -86,11 +86,6 @@ def inspect(
     if band_top and counts[2 * band_top] is not None:
         report["size_hint"] = counts[2 * band_top] + len(model.input_names)
     return report | {"warnings": warnings}
-
-
-def _known(values):
-    """Numbers as nested lists, None for what is not known."""
-    return np.where(np.isnan(values), None, values).tolist()
 
 
 def _definiteness(mass, factoring):
