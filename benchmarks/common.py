@@ -15,7 +15,7 @@ PEER_PYTHON = os.environ.get("HPCRED_PEER_PYTHON", str(HERE.parent / ".venv-peer
 CHECK = [50.0, 700.0, 2500.0, 5000.0]  # Hz, where transfer functions are compared
 ENVIRONMENT = {
     **os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    "OMPI_MCA_rmaps_base_oversubscribe": "1", "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1",  # of peers, too
 }  # fmt: skip
 POINTS = (100.0, 3000.0, 6000.0, 9000.0)
 
@@ -82,7 +82,7 @@ def responses(result):
 
 def peer(script, *arguments, threads=2):
     """Run a script of peers/ in the peers' environment; its last line is JSON."""
-    environment = {**os.environ, **{f"{name}_NUM_THREADS": str(threads) for name in ("MKL", "OMP", "OPENBLAS")}}
+    environment = {**ENVIRONMENT, **{f"{name}_NUM_THREADS": str(threads) for name in ("MKL", "OMP", "OPENBLAS")}}
     command = [PEER_PYTHON, str(HERE / "peers" / script), *map(str, arguments)]
     run = subprocess.run(command, check=True, env=environment, stdout=subprocess.PIPE, text=True)
     return json.loads(run.stdout.strip().splitlines()[-1])

@@ -9,12 +9,11 @@ run; the figure the error over the size. pyMOR takes bodies that are held only, 
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 
-from common import HERE, PEER_PYTHON, finish, job, workspace
+from common import ENVIRONMENT, HERE, PEER_PYTHON, finish, job, workspace
 
 EPS = (1e-2, 1e-4, 1e-6)
 SECONDS = 120
@@ -103,7 +102,7 @@ def ours(name):
 def peer(folder, method, order):
     """A run of pyMOR, or None where it fails or takes too long."""
     command = [PEER_PYTHON, HERE / "peers/pymor_size.py", folder / "framed.h5", folder / "reference.npz", method]
-    environment = {**os.environ, **{f"{name}_NUM_THREADS": "2" for name in ("MKL", "OMP", "OPENBLAS")}}
+    environment = {**ENVIRONMENT, **{f"{name}_NUM_THREADS": "2" for name in ("MKL", "OMP", "OPENBLAS")}}
     environment.pop("PYTHONPATH", None)
     try:
         run = subprocess.run([*map(str, command), str(order)], check=True, env=environment, timeout=SECONDS,

@@ -1,4 +1,4 @@
-"""What is made of the processor: the kernels of the BLAS that MUMPS computes with, and cores for its threads."""
+"""What is made of the machine: the kernels of the BLAS that MUMPS computes with, cores for its threads, huge pages."""
 
 import ctypes
 import os
@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 
 UNKNOWN = "Prescott"  # of 2004: what OpenBLAS may take on an x86-64 that it does not know
+PAGES = Path("/sys/kernel/mm/transparent_hugepage/enabled")
+HUGE_PAGES = "glibc.malloc.hugetlb=1"  # asks for them, since glibc 2.35
 KERNELS = (("avx512_bf16", "Cooperlake"), ("avx512bw", "SkylakeX"), ("avx2", "Haswell"))  # flag, who had it first
 
 
@@ -64,6 +66,19 @@ def shared_cores(threads, cores) -> str | None:
         f"OPENBLAS_NUM_THREADS={threads}, but a rank may use {cores} core{'s' * (cores > 1)}: where there are more, "
         "Open MPI gives it more by `mpiexec --bind-to none`, and SLURM by --cpus-per-task"
     )
+
+
+def small_pages() -> str | None:
+    """The hint for a Linux that gives huge pages to those only who ask, where this process does not."""
+    try:
+        on_request = "[madvise]" in PAGES.read_text()
+        name, _, version = (os.confstr("CS_GNU_LIBC_VERSION") or "").partition(" ")
+    except (OSError, ValueError, AttributeError):
+        return None
+    able = name == "glibc" and tuple(map(int, re.findall(r"\d+", version))) >= (2, 35)
+    if not (on_request and able) or "glibc.malloc.hugetlb" in os.environ.get("GLIBC_TUNABLES", ""):
+        return None
+    return f"memory comes in small pages: GLIBC_TUNABLES={HUGE_PAGES} saves large models a twentieth of the time"
 
 
 def _library():

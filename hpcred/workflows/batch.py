@@ -50,6 +50,7 @@ index=${{PBS_ARRAY_INDEX{single}}}
 """
 
 BODY = """{setup}export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 HDF5_USE_FILE_LOCKING=FALSE PYTHONUNBUFFERED=1
+export GLIBC_TUNABLES=${{GLIBC_TUNABLES:-glibc.malloc.hugetlb=1}}  # memory in large pages, where they must be asked for
 
 # SIGTERM comes ahead of the time limit; by USR1 the runs end after the current point, which a store keeps
 {command} --index "$index" --of {shares} &

@@ -116,6 +116,8 @@ def _hints(report) -> list[str]:
         found.append(
             f"{report['ranks']} ranks on a machine with {os.cpu_count()} cores: try mpiexec -n {os.cpu_count()}"
         )
+    if pages := processor.small_pages():
+        found.append(pages)
     return found
 
 

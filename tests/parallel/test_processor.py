@@ -119,3 +119,28 @@ def test_a_result_says_it(hpcred, tmp_path):
     record = json.loads((tmp_path / "record.json").read_text())
     assert record["versions"]["blas"] == (found()[0] or "unknown")
     assert not record["versions"]["blas"].startswith("OpenBLAS") or f"OPENBLAS_NUM_THREADS={most}" in run.stdout
+
+
+@pytest.mark.parametrize(
+    ("enabled", "glibc", "tunables", "said"),
+    [
+        ("always [madvise] never", "glibc 2.36", "", True),
+        ("always [madvise] never", "glibc 2.36", "glibc.malloc.check=1", True),
+        ("always [madvise] never", "glibc 2.36", "glibc.malloc.hugetlb=1", False),
+        ("always [madvise] never", "glibc 2.36", "glibc.malloc.check=1:glibc.malloc.hugetlb=0", False),  # it was chosen
+        ("always [madvise] never", "glibc 2.34", "", False),
+        ("always [madvise] never", None, "", False),  # another C library
+        ("[always] madvise never", "glibc 2.36", "", False),
+        ("always madvise [never]", "glibc 2.36", "", False),
+        (None, "glibc 2.36", "", False),  # a Linux without them
+    ],
+)  # fmt: skip
+def test_pages_that_a_setting_makes_large(monkeypatch, tmp_path, enabled, glibc, tunables, said):
+    if enabled is not None:
+        (tmp_path / "enabled").write_text(enabled)
+    monkeypatch.setattr(processor, "PAGES", tmp_path / "enabled")
+    monkeypatch.setattr(os, "confstr", lambda name: glibc)
+    monkeypatch.setenv("GLIBC_TUNABLES", tunables)
+    found = processor.small_pages()
+    assert (found is not None) == said
+    assert not said or "GLIBC_TUNABLES=glibc.malloc.hugetlb=1 saves" in found
