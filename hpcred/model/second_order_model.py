@@ -97,7 +97,9 @@ class SecondOrderModel:
         kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
         other = replace(self, **kept, **changed)
-        other._digests.update({key: value for key, value in self._digests.items() if key not in changed})
+        for name in ("_digests", "_defects"):
+            known = getattr(self, name)
+            getattr(other, name).update({key: known[key] for key in known if key not in changed})
         return other
 
     @cached_property
@@ -146,10 +148,13 @@ class SecondOrderModel:
     def output_names(self) -> tuple[str, ...]:
         return self.input_names if self.Ct is None else self.own_output_names
 
-    @cached_property
+    @property
     def symmetry_defects(self) -> dict[str, float]:
         """Estimated ||A - A^T||_F / ||A||_F of M, K and D, from two random vectors. Collective."""
-        return {key: symmetry_defect(mat) for key, mat in self.matrices.items()}
+        for key, mat in self.matrices.items():
+            if key not in self._defects:
+                self._defects[key] = symmetry_defect(mat)
+        return {key: self._defects[key] for key in self.matrices}
 
     @property
     def symmetric(self) -> bool:
@@ -157,6 +162,10 @@ class SecondOrderModel:
 
     @cached_property
     def _digests(self):
+        return {}
+
+    @cached_property
+    def _defects(self):
         return {}
 
     def digest_of(self, key: str) -> str | None:

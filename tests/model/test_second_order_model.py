@@ -40,6 +40,8 @@ def test_what_follows_from_a_damping_matrix_goes_with_it(solid):
         assert not model.symmetric
         with model.with_damping_matrix(None) as undamped:
             assert undamped.symmetric
+            with undamped.with_damping_matrix(model.K.copy()) as damped:
+                assert damped.symmetric and set(damped.symmetry_defects) == {"M", "D", "K"}
         assert not model.symmetric
 
 
