@@ -19,6 +19,7 @@ from .abaqus_sets import GROUP, read_sets
 from .node_table import LARGEST_COORDINATE, Nodes, finite
 from .text import (
     COMMENT,
+    CONTROL,
     LARGEST_LABEL,
     Piece,
     first_line,
@@ -34,6 +35,8 @@ from .text import (
 
 KEYWORD = re.compile(rb"(?m)^[ \t]*\*(?!\*)")
 EMPTY_FIELD = re.compile(rb",(?=[ \t]*,)")
+TYPE = re.compile(r"\w+")  # of elements
+WITH_NORMAL = 7  # numbers of a node
 CHANGES_NODES = {"ngen", "nfill", "ncopy", "nmap", "import", "imperfection", "symmetricmodelgeneration"}
 TOLERATED = {"nset", "input", "system"}  # parameters of *Node
 
@@ -163,11 +166,16 @@ def _keywords(path, positions):
         if first_line(head.removeprefix(b"\xef\xbb\xbf")):
             found = shown(first_line(head))
             raise InputError(f"{path}: found '{found}' above the first keyword, expected a keyword such as *Node")
-        for position, stop in zip(positions, [*positions[1:], size], strict=True):
+        for position, stop in zip(positions, [*positions, size][1:], strict=True):
             file.seek(position)
             line = file.readline()
             while line.rstrip().endswith(b",") and file.tell() < stop:
                 line = line.rstrip() + file.readline()
+            if CONTROL.search(line):
+                raise InputError(
+                    f"{path}, line {line_number(path, position)}: found '{shown(line)}', expected a keyword without "
+                    "control characters"
+                )
             keyword, *parameters = _fields(line.decode("latin-1").strip().lstrip("*")) or [""]
             if not keyword.strip():
                 raise InputError(f"{path}: found a line with nothing behind its asterisk, expected a keyword")
@@ -332,16 +340,19 @@ def _nodes(path, comm, blocks, named):
 
 
 def _node_lines(piece, block):
-    """Labels, and Cartesian coordinates in the system of the part, of data lines; what is left out is zero."""
+    """Labels, and Cartesian coordinates in the system of the part, of data lines; what is left out is zero.
+
+    Behind the coordinates may stand the normal of a beam or shell, which does not count.
+    """
     filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
     values, counts, lines = ragged(filled, expected="node, x, y, z")
-    wrong = np.flatnonzero((counts < 2) | (counts > 4))
+    wrong = np.flatnonzero((counts < 2) | (counts > WITH_NORMAL))
     if wrong.size:
-        raise piece.refusal(lines[wrong[0]], "node, x, y, z (2 to 4 numbers a line)")
-    table = padded(values, counts, 4)
+        raise piece.refusal(lines[wrong[0]], f"node, x, y, z and a normal (2 to {WITH_NORMAL} numbers a line)")
+    table = padded(values, counts, WITH_NORMAL)
     finite(piece, table[:, 1:], lines)
     label = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
-    position = table[:, 1:]
+    position = table[:, 1:4]
     if block.section.parameters.get("system", "r").lower() == "c":  # radius, angle in degrees, z
         radius, angle = position[:, 0].copy(), np.deg2rad(position[:, 1])
         position[:, 0], position[:, 1] = radius * np.cos(angle), radius * np.sin(angle)
@@ -363,16 +374,20 @@ def _elements(comm, blocks, groups, named, calculix):
         for block in blocks:
             if "type" not in block.section.parameters:
                 raise block.section.refusal("found *Element without type=, expected the type of its elements")
-            kind = abaqus_kind(block.section.parameters["type"])
+            name = block.section.parameters["type"]
+            if not TYPE.fullmatch(name):
+                raise block.section.refusal(f"found type={name}, expected the type of elements")
+            kind = abaqus_kind(name)
             if kind is None:
                 continue
             width = NODES[kind] + 1
-            surplus = calculix and _numbers_in_first_line(block) > width
+            middle = name.upper() == "S8R5"  # which may name the node that it has in its middle
+            surplus = (calculix or middle) and _numbers_in_first_line(block) > width
             for piece in pieces(block.path, comm, block.start, block.stop, continued=not surplus):
                 lines = _element_lines(piece, width, surplus)
                 found.setdefault(kind, []).append(lines[:, 1:])
                 keys.setdefault(kind, []).append(GROUP * groups.index(block.group) + lines[:, 0])
-                counts[block.section.parameters["type"].upper()] += len(lines)
+                counts[name.upper()] += len(lines)
                 _name(named, block, "elset", keys[kind][-1])
     kinds = sorted(set().union(*comm.allgather(set(found))))
     return (

@@ -12,7 +12,7 @@ import numpy as np
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, sort_over_ranks
 from ..parallel.petsc import MPI
-from .text import LARGEST_LABEL, Piece, pieces, ragged, shown, whole
+from .text import LARGEST_LABEL, Piece, pieces, ragged, refuse_empty_fields, shown, whole, without_comments
 
 WORD = re.compile(rb'"[^"\n]*"|[^\s,][^,\n]*[A-Za-z_][^,\n]*|[A-Za-z_][^,\n]*')
 IN_INSTANCE = re.compile(r".+\.(\d{1,18})")
@@ -77,8 +77,10 @@ def _read_block(comm, block, offset, found):
             members.numbers.append(offset + _ranges(piece)[comm.rank :: comm.size])
         return
     for piece in pieces(block.path, comm, block.start, block.stop):
-        words = [word.decode("latin-1").strip().strip('"') for word in WORD.findall(piece.text)]
-        plain = Piece(piece.path, WORD.sub(b" ", piece.text).replace(b",", b" "), piece.start)
+        text = without_comments(piece.text)
+        words = [word.decode("latin-1").strip().strip('"') for word in WORD.findall(text)]
+        refuse_empty_fields(piece, WORD.sub(b"1", text))
+        plain = Piece(piece.path, WORD.sub(b" ", text).replace(b",", b" "), piece.start)
         values, counts, lines = ragged(plain, expected="whole numbers")
         numbers = whole(plain, values, np.repeat(lines, counts), "a number", 1, LARGEST_LABEL)
         inside = [int(match[1]) for match in map(IN_INSTANCE.fullmatch, words) if match]

@@ -108,7 +108,7 @@ def _header(path):
             raise InputError(f"{path}, line 4: found a format of {name} for other numbers, expected "
                              f"{'integers' if whole_numbers else 'floating-point numbers'}")  # fmt: skip
     numbers = [columns + 1, entries, entries, 0]
-    cards = cards[1:] + [0] * rutherford
+    total, *cards = cards + [0] * rutherford
     right = cards[3]
     if right:
         about = lines[4][:3].decode("latin-1").upper()
@@ -130,6 +130,11 @@ def _header(path):
                 f"{path}, line 2: found {found} lines of {name}, expected {-(-number // len(line))} for {number} "
                 "numbers; the file is damaged"
             )
+    if total != sum(cards):
+        raise InputError(
+            f"{path}, line 2: found {total} lines in all, expected {sum(cards)}, those of the parts together; the file "
+            "is damaged"
+        )
     return Header(kind[1], (rows, columns), entries, 4 + bool(right), tuple(fields), tuple(numbers), tuple(cards))
 
 

@@ -36,8 +36,9 @@ START = re.compile(
 )
 MARK = re.compile(
     rb"(?mi)^[ \t]*(?:(?P<begin>BEGIN\b[^\n$]*)|(?P<end>ENDDATA\b)|(?P<cend>CEND\b)|"
-    rb"INCLUDE[ \t]*(?:'(?P<one>[^'\n]*)'|\"(?P<two>[^\"\n]*)\"|(?P<bare>[^'\"\n$ \t]+)))"
+    rb"INCLUDE[ \t]*(?:'(?P<one>[^'\n]*)'|\"(?P<two>[^\"\n]*)\"|(?P<bare>[^'\"\n$ \t]+)|(?P<open>['\"])))"
 )
+LONGEST_NAME = 4096  # bytes of a file's name over several lines
 CASE = re.compile(rb"(?mi)^[ \t]*(?P<word>SPC|MPC)(?:[ \t]*\([^)\n]*\))?[ \t]*=[ \t]*(?P<number>\d+)|^[ \t]*SUBCASE\b")
 SYSTEMS = {"R": RECTANGULAR, "C": CYLINDRICAL, "S": SPHERICAL}
 SMALL = re.compile(
@@ -201,12 +202,25 @@ def _segments(path, comm, including=()):
             continue
         result.append((str(path), at, low))
         with agreed(comm):
-            file = _included(path, groups["one"] or groups["two"] or groups["bare"], including)
+            name = groups["one"] or groups["two"] or groups["bare"]
+            if groups["open"]:
+                name, high = _name_on_lines(path, high, groups["open"])
+            file = _included(path, name, including)
         result += _segments(file, comm, (*including, path))[0]
         with open(path, "rb") as text:
             text.seek(high)
             at = high + len(text.readline())
     return [item for item in [*result, (str(path), at, size)] if item[1] < item[2]], case
+
+
+def _name_on_lines(path, start, quote):
+    """The name that goes on, from the byte `start`, to a quote on a later line, and the byte where that stands."""
+    with open(path, "rb") as file:
+        file.seek(start)
+        name, end, _ = file.read(LONGEST_NAME).partition(quote)
+    if not end:
+        raise InputError(f"{path}, line {line_number(path, start)}: found an INCLUDE without its second quote")
+    return b"".join(line.strip() for line in name.splitlines()), start + len(name)
 
 
 def _included(path, name, including):

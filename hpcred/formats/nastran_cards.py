@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .text import LARGEST_LABEL, Piece, parse
+from .text import CONTROL, LARGEST_LABEL, Piece, parse
 
 CARD = re.compile(rb"(?m)^[A-Za-z]")
 REMARK = re.compile(rb"\$[^\n]*")
-CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 # an exponent without its letter, 1.5-3, and Fortran's 1.5D-3
 EXPONENT = re.compile(rb"(?<=[0-9.])([+-])")
 WIDTH = 24  # of a field in free form, without blanks around
@@ -107,7 +106,11 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     mine = (card >= 0) & np.asarray(fits, bool)[card] if len(names) else np.zeros(len(card), bool)
     stray = (card < 0) | (~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8)))
     if stray.any():
-        raise piece.refusal(int(number[stray][0]), "a card, or a line that continues one")
+        repeats = head[stray][0, 0] == ord("=")
+        expected = "each card in full, without the = that repeats fields" if repeats else (
+            "a card, or a line that continues one"
+        )
+        raise piece.refusal(int(number[stray][0]), expected)
     lines = piece.text.split(b"\n") if strict and b"$" in piece.text else ()
     for k in [k for k, line in enumerate(lines) if b"$" in line and not line.startswith(b"$")]:
         place = np.searchsorted(number, k, side="right") - 1  # of the line itself, or the last in front of a remark

@@ -25,6 +25,7 @@ PIECE = 2**21  # bytes of text parsed at a time: what is copied on the way stays
 LONGEST_LINE = 2**26  # bytes; a small gzip file may hold one of any length
 BLOCK = 2**16  # bytes looked at in one step of numpy: four times as fast as the whole piece
 COMMENT = re.compile(rb"(?m)^[ \t]*(?:%|#|\*\*).*$")
+CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")  # characters that are neither signs nor blanks
 EMPTY_FIELD = re.compile(rb"(?m)(?:,|^)[ \t]*,")
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 LARGEST_WHOLE = 2**53  # up to here a float is exact
@@ -251,7 +252,8 @@ def numbers(piece: Piece, columns: int, commas=True) -> tuple[np.ndarray, np.nda
 
 def ragged(piece: Piece, commas=True, expected="numbers") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All numbers of the lines in one array, how many are in each line, and which line of the piece each is."""
-    _refuse_empty_fields(piece, commas)
+    if commas:
+        refuse_empty_fields(piece, piece.text)
     plain = _plain(piece.text, commas)
     values = parse(plain)
     bytes_ = np.frombuffer(plain, np.uint8)
@@ -276,16 +278,23 @@ def padded(values, counts, width) -> np.ndarray:
     return table
 
 
-def _refuse_empty_fields(piece, commas):
-    """Raise InputError where nothing stands between two commas, or in front of one: what is left out is not known."""
-    if commas and b"," in piece.text and (empty := EMPTY_FIELD.search(piece.text)):
-        raise piece.refusal(piece.text[: empty.end()].count(b"\n"), "a number between two commas")
+def refuse_empty_fields(piece: Piece, text: bytes):
+    """Raise InputError where nothing stands between two commas, or in front of one: what is left out is not known.
+
+    `text`: that of the piece, or as many lines made of it.
+    """
+    if b"," in text and (empty := EMPTY_FIELD.search(text := without_comments(text))):
+        raise piece.refusal(text[: empty.end()].count(b"\n"), "a number between two commas")
+
+
+def without_comments(text: bytes) -> bytes:
+    """The text, with nothing in the lines that are comments."""
+    return COMMENT.sub(b"", text) if any(mark in text for mark in (b"%", b"#", b"**")) else text
 
 
 def _plain(text, commas):
     """The text with blanks between the numbers, with e for the exponent, and without comments."""
-    if any(mark in text for mark in (b"%", b"#", b"**")):
-        text = COMMENT.sub(b"", text)
+    text = without_comments(text)
     if commas:
         text = text.replace(b",", b" ")
     return text.replace(b"D", b"e").replace(b"d", b"e")
@@ -319,7 +328,8 @@ def triples(piece: Piece, commas=False) -> tuple[np.ndarray, np.ndarray, np.ndar
     And which line of the piece each is, or None where each line is one. By fast_matrix_market where it is installed
     and the text is plain, else as `numbers`. Raises InputError that names the line.
     """
-    _refuse_empty_fields(piece, commas)
+    if commas:
+        refuse_empty_fields(piece, piece.text)
     if fast_matrix_market is not None:
         found = _plain_triples(piece.text.replace(b",", b" ") if commas else piece.text)
         if found is not None:

@@ -6,6 +6,7 @@ elements (2412) and the shapes (55, displacements of normal modes). A dataset st
 
 import os
 import re
+from bisect import bisect_left
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from .node_table import Nodes, finite
 from .text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, ragged, records, refuse_packed, shown, whole
 
 MARK = re.compile(rb"(?m)^ {0,4}-1[ \t]*\r?$")
-START = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{1,5}[ \tb]*\r?\n")
+START = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{1,5}[ \t]*(?:b[^\n]*)?\r?\n")
 NUMBER = re.compile(rb"[ \t]*(\d{1,5})[ \t]*(?P<binary>b[^\n]*)?\r?\n?")
 # numbers in the lines of a node: label, two systems and a colour, and the coordinates
 NODE_LINES = {15: (7,), 781: (4, 3), 2411: (4, 3)}
@@ -86,33 +87,55 @@ def read(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
 
 
 def _datasets(path, marks):
-    """Number, first and last byte of the lines of the datasets."""
-    found = []
+    """Number, first and last byte of the lines of the datasets of text."""
+    found, at, size = [], 0, os.path.getsize(path)  # at: the byte up to which all is understood
     with open(path, "rb") as file:
-        if len(marks) % 2:
-            raise InputError(f"{path}: found {len(marks)} lines of -1, expected two a dataset; the file is cut off")
-        for low, high in zip([0, *marks[1::2]], [*marks[::2], os.path.getsize(path)], strict=True):
-            file.seek(low)
-            if low:
-                file.readline()  # the end of a dataset
-            if between := file.read(high - file.tell()).removeprefix(BYTE_ORDER_MARK).strip():
-                line = shown(between.splitlines()[0])
-                raise InputError(
-                    f"{path}: found '{line}' outside of a dataset, expected two lines of -1 "
-                    "around each; the file is damaged"
-                )
-        for low, high in zip(marks[::2], marks[1::2], strict=True):
-            file.seek(low)
+        while (place := bisect_left(marks, at)) < len(marks):
+            _require_nothing(path, file, at, marks[place])
             file.readline()
             line = file.readline()
             match = NUMBER.fullmatch(line)
             if match is not None and match["binary"] and int(match[1]) not in (*NODE_LINES, *ELEMENTS):
-                continue  # binary functions
+                at = _end_of_functions(path, file, line)
+                continue
             if match is None or match["binary"]:
                 below = shown(line, 20)
                 raise InputError(f"{path}: found '{below}' below a line of -1, expected the number of a dataset")
-            found.append((int(match[1]), file.tell(), high))
+            if place + 1 == len(marks):
+                raise InputError(
+                    f"{path}: found {len(marks)} lines of -1, expected two a dataset; the file is cut off"
+                )
+            found.append((int(match[1]), file.tell(), marks[place + 1]))
+            file.seek(marks[place + 1])
+            file.readline()
+            at = file.tell()
+        _require_nothing(path, file, at, size)
     return found
+
+
+def _require_nothing(path, file, low, high):
+    """Raise InputError where something stands outside of a dataset; leaves the file at `high`."""
+    file.seek(low)
+    if between := file.read(high - low).removeprefix(BYTE_ORDER_MARK).strip():
+        raise InputError(
+            f"{path}: found '{shown(between.splitlines()[0])}' outside of a dataset, expected two lines of -1 around "
+            "each; the file is damaged"
+        )
+
+
+def _end_of_functions(path, file, line):
+    """The byte behind a dataset of binary functions (58b), whose first line says how many lines and bytes it has."""
+    words = line.split()[1:]
+    if len(words) < 4 or not all(word.isdigit() and len(word) < 16 for word in words[:4]) or int(words[2]) > LINES:
+        raise InputError(f"{path}: found the binary dataset '{shown(line)}', expected its number of lines and bytes")
+    for _ in range(int(words[2])):
+        file.readline()
+    file.seek(int(words[3]), os.SEEK_CUR)
+    while (end := file.readline()) and not end.strip():  # the last line may begin behind the last byte
+        pass
+    if end.strip() != b"-1":
+        raise InputError(f"{path}: found no line of -1 behind the binary dataset '{shown(line)}'; the file is cut off")
+    return file.tell()
 
 
 def _nodes(path, comm, number, start, stop):

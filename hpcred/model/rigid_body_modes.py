@@ -197,7 +197,8 @@ def _forces(model, motions):
         apply(model.K, motions, product)
         sizes = column_norms(motions)
         far = model.comm.allreduce(float(np.abs(model.dofs.position).max(initial=0.0)), op=MPI.MAX)
-        sizes[sizes <= ROUND_OFF * sizes[:3].max() * far] = np.inf
+        nothing = ROUND_OFF * sizes[:3].max()
+        sizes[sizes <= nothing * np.array([1, 1, 1, far, far, far])] = np.inf
         scale = np.outer(sizes, sizes)
         norm = model.K.norm(PETSc.NormType.INFINITY)
         return inner(product, product) / scale / norm**2, inner(motions, motions) / scale, sizes

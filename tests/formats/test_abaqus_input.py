@@ -112,8 +112,8 @@ def test_cylindrical_nodes(comm, folder):
 @pytest.mark.parametrize(
     "text, says",
     [
-        ("*Node\n1, 1., 2., 3.\n2, 1., 2., 3., 4.\n", r"line 3: found '2, 1., 2., 3., 4.', expected .*2 to 4 numbers"),
-        ("*Node\n1, 1., 2., 3.\n2\n", "line 3: found '2', expected .*2 to 4 numbers"),
+        ("*Node\n1, 1., 2., 3.\n2, 1., 2., 3., 4., 5., 6., 7.\n", r"line 3: found '2, 1., .*expected .*2 to 7 numbers"),
+        ("*Node\n1, 1., 2., 3.\n2\n", "line 3: found '2', expected .*2 to 7 numbers"),
         ("*Node\n1.5, 1., 2., 3.\n", "line 2: found '1.5, 1., 2., 3.', expected the node number as a whole number"),
         ("*Node\n0, 1., 2., 3.\n", "expected the node number as a whole number of 1 to 2147483647"),
         ("*Node\n-1, 1., 2., 3.\n", "expected the node number as a whole number"),
@@ -141,6 +141,9 @@ def test_cylindrical_nodes(comm, folder):
         (ASSEMBLY.replace("10., 0., 0.", "10., x, 0."), "found the data line '10., x, 0.', expected 3 numbers"),
         (ASSEMBLY.replace("10., 0., 0.", "10., 0., 0., 0."), "found the data line '10., 0., 0., 0.', expected 3"),
         ("*Node\n1, 1.\n*Element, elset=E\n1, 1, 1\n", r"line 3: found \*Element without type="),
+        ("*Node\n1, 1.\n*Element, type=B31 elset=E\n1, 1, 1\n", r"line 3: found type=B31 elset=E, expected the type"),
+        ("*Node\n1, 1.\n*Nset\x0c, nset=a\n1\n", r"line 3: found '\*Nset.*, expected a keyword without control"),
+        ("\n", "found no nodes"),
         ("*Node\n1, 1.\n*Element, type=B31\n1, 1\n", "line 4: found '1, 1', expected 3 numbers an element"),
         ("*Node\n1, 1.\n*Element, type=B31\n1, 1, 2, 3\n2, 1\n", "expected 3 numbers an element"),
         ("*Node\n1, 1.\n*Element, type=B31\n1, 1, 1, 2, 1, 1\n", "line 4: .* expected 3 numbers an element"),
@@ -151,6 +154,18 @@ def test_what_would_put_nodes_elsewhere_is_refused(comm, folder, text, says):
     path = write(folder / "a.inp", text, comm)
     with pytest.raises(InputError, match=says):
         read(path, comm)
+
+
+def test_normals_and_middle_nodes_do_not_count(comm, folder):
+    numbers = range(1, 10)
+    text = "*Node\n" + "".join(f"{n}, {n}., 0., ,0., 0., 1.\n" for n in numbers)
+    text += "*Element, type=S8R5\n" + "".join(f"{k}, {', '.join(map(str, numbers))}\n" for k in (1, 2))
+    path = write(folder / "a.inp", text, comm)
+    assert nodes_of(path, comm) == {n: [n, 0, 0] for n in numbers}
+    (found,) = gathered(comm, read(path, comm).elements["quad8"])
+    assert found.tolist() == [[*range(1, 9)]] * 2
+    with pytest.raises(InputError, match="expected 9 numbers an element"):
+        read(write(folder / "b.inp", text.replace("S8R5", "S8R"), comm), comm)
 
 
 def test_elements_of_several_lines(comm, folder, monkeypatch):
@@ -203,9 +218,10 @@ ends, 2
 
 
 def test_sets_of_nodes_and_elements(comm, folder, monkeypatch):
-    for size in (2**21, 8):
+    remarked = SETS.replace("\n", "\n** Section: a,, b\n")
+    for size, text in ((2**21, SETS), (8, SETS), (2**21, remarked), (8, remarked)):
         monkeypatch.setattr("hpcred.formats.text.PIECE", size)
-        sets = read(write(folder / "a.inp", SETS, comm), comm).sets
+        sets = read(write(folder / "a.inp", text, comm), comm).sets
         found = {name: np.sort(np.concatenate(comm.allgather(part))).tolist() for name, part in sets.items()}
         assert found == {
             "r-1.every": [1, 2, 3], "r-1.ends": [1, 3], "r-1.both": [1, 2, 3], "row": [11, 13],
@@ -219,6 +235,8 @@ def test_sets_of_nodes_and_elements(comm, folder, monkeypatch):
     "lines, says",
     [
         ("*Nset\n1\n", "found \\*Nset without a name"),
+        ("*Nset, nset=a\n1, , 1\n", "line 4: found '1, , 1', expected a number between two commas"),
+        ("*Nset, nset=a\n, 1\n", "line 4: found ', 1', expected a number between two commas"),
         ("*Nset, nset=a\n1.5\n", "line 4: found '1.5', expected a number as a whole number"),
         ("*Nset, nset=a, generate\n1, 2, 3, 4\n", "expected first, last and step"),
         ("*Nset, nset=a, generate\n5, 2\n", "the first not above the last"),

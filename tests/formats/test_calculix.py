@@ -207,6 +207,12 @@ def test_damaged_and_incomplete_sets_are_refused(comm, folder, changed, says):
         load_export(folder / "a.inp", comm)
 
 
+def test_an_input_file_without_keywords_is_refused(comm, folder):
+    put(comm, folder, inp="\n")
+    with pytest.raises(InputError, match="a.inp: found no nodes"):
+        load_export(folder / "a.sti", comm)
+
+
 def test_cyclic_symmetry_is_refused(comm, folder):
     double = np.block([[K, 0 * K], [0 * K, K]])
     text = triangle(double, double)

@@ -149,6 +149,7 @@ GOOD = hb(SYMMETRIC, "RSA")
         (changed(GOOD, 5, "     2", "     1"), "entries on both sides of the diagonal"),
         (changed(hb(DENSE), 5, "     7", "     4"), "two entries of row 4, column 1"),
         (changed(GOOD, 1, "     6", "     7"), "lines of"),
+        (changed(GOOD, 1, GOOD.split("\n")[1][:14], f"{999:14d}"), "found 999 lines in all"),
         (GOOD + "1.0\n", "expected the end of the file"),
         (GOOD[:-30], "expected"),
         (GOOD[: GOOD.rindex("\n", 0, -1) + 1], "the file is damaged"),
@@ -157,7 +158,7 @@ GOOD = hb(SYMMETRIC, "RSA")
         (hb(np.diag([1.0, np.nan]), "RSA"), "fields of"),
         (changed(GOOD, 7, "E+0", "E+9"), "the value"),
     ],
-    ids=range(21),
+    ids=range(22),
 )
 def test_files_that_cannot_be_are_refused(comm, folder, text, says):
     path = write(folder / "a.hb", text, comm)

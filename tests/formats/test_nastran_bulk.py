@@ -172,11 +172,16 @@ def test_includes_are_followed(comm, folder):
         (folder / "parts").mkdir()
         (folder / "parts" / "Grids.DAT").write_text("$ nodes\nGRID,2,,1.,0.,0.\nINCLUDE 'more.dat'\nGRID,4,,3.,0.,0.\n")
         (folder / "more.dat").write_text("GRID,3,,2.,0.,0.\n")
-    deck = "BEGIN BULK\nGRID,1\nINCLUDE parts\\grids.dat\n$ INCLUDE none\nGRID,5\nENDDATA\nGRID,6\n"
-    path = write(folder / "a.bdf", deck, comm)
-    nodes, _ = read_nodes(path, comm)
-    label, place = gathered(comm, nodes.label, nodes.place)
-    assert label.tolist() == [1, 2, 3, 4, 5] and place.tolist() == [0, 1, 2, 3, 4]
+    deck = "BEGIN BULK\nGRID,1\nINCLUDE {}\n$ INCLUDE none\nGRID,5\nENDDATA\nGRID,6\n"
+    for name in ("parts\\grids.dat", "'parts/grids.dat'", "'parts/\ngrids.dat'", '"par\n  ts/ \nGrids.DAT"'):
+        path = write(folder / "a.bdf", deck.format(name), comm)
+        nodes, _ = read_nodes(path, comm)
+        label, place = gathered(comm, nodes.label, nodes.place)
+        assert label.tolist() == [1, 2, 3, 4, 5] and place.tolist() == [0, 1, 2, 3, 4]
+    with pytest.raises(InputError, match="d.bdf, line 2: found an INCLUDE without its second quote"):
+        read_nodes(write(folder / "d.bdf", "GRID,1\nINCLUDE 'parts/\ngrids.dat\n", comm), comm)
+    with pytest.raises(InputError, match="line 2: found '=,.*expected each card in full, without the = that repeats"):
+        read_nodes(write(folder / "e.bdf", "GRID,1,,0.,0.,0.\n=,*1,=,*1.,==\n", comm), comm)
     with pytest.raises(InputError, match="found INCLUDE 'nothing.dat', which is no file"):
         read_nodes(write(folder / "b.bdf", "INCLUDE nothing.dat\nGRID,1\n", comm), comm)
     with pytest.raises(InputError, match="which includes itself"):

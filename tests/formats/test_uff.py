@@ -128,6 +128,24 @@ def test_damaged_files_are_refused(comm, folder, old, new, says):
     assert says in str(error.value) and str(path) in str(error.value)
 
 
+@pytest.mark.parametrize("behind", [b"", b"\r\n"])
+def test_nodes_beside_binary_functions(comm, folder, behind):
+    """What looks like the end of a dataset among the bytes of functions is none."""
+    rubbish = b"\n    -1\n    15\n\xff\x00\n    -1"
+    head = f"    -1\n    58b     1     2{2:12d}{len(rubbish):12d}     0     0           0           0\na\nb\n"
+    text = head.encode() + rubbish + behind + b"    -1\n"
+    for content in (text + NODES_15.encode(), NODES_15.encode() + text):
+        nodes, _ = uff.read(write(folder / "a.uff", content, comm), comm)
+        assert gathered(comm, nodes.label)[0].tolist() == [1, 5]
+        comm.Barrier()
+    unknown = text.replace(f"{2:12d}".encode(), b"           x")
+    for cut, says in ((text[:-8], "found no line of -1 behind the binary"), (unknown, "number of lines and bytes")):
+        assert cut != text
+        with pytest.raises(InputError, match=says):
+            uff.read(write(folder / "b.uff", NODES_15.encode() + cut, comm), comm)
+        comm.Barrier()
+
+
 def test_damaged_elements_are_refused(comm, folder):
     content = FILE.read_text()
     for old, new in (("         1         3         6         7\n", "         1         3         6\n"),

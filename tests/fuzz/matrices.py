@@ -72,6 +72,12 @@ def text(lines, rng=None):
     return (end.join(lines) + end).encode()
 
 
+def remarked(lines, rng, remark="** NODES: a,, b"):
+    """The lines, in some cases with remarks behind any of them."""
+    share = chosen(rng, 0.0, 0.0, 0.3)
+    return [item for line in lines for item in [line, *[remark] * (rng.random() < share)]]
+
+
 def matrix_market(matrix, rng):
     symmetric = matrix.shape[0] == matrix.shape[1] and (matrix == matrix.T).all()
     form = chosen(rng, "%.17g", "%.16e", "%.9E", "%.15D", "%+.6e")
@@ -202,13 +208,13 @@ def row_table(labels, rng):
 def input_file(places, rng, step=False):
     """A tetrahedron, or bars, between the nodes; with a step of CalculiX."""
     labels = list(places)
-    return text([
+    return text(remarked([
         "*HEADING", "a chain, 1 2 3", "** a remark", chosen(rng, "*NODE, NSET=ALL", "*Node", "*node,nset=Nall"),
         *(", ".join((str(node), *(number(x, form=chosen(rng, "%.17g", "%.6f")) for x in place)))
           for node, place in places.items()),
         "*ELEMENT, TYPE=T3D2, ELSET=E", *(f"{k + 1}, {labels[k]}, {labels[k + 1]}" for k in range(len(labels) - 1)),
         "*NSET, NSET=END", str(labels[-1]), *(["*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE", "2", "*END STEP"] * step),
-    ])  # fmt: skip
+    ], rng))  # fmt: skip
 
 
 def mapping(labels, rng):

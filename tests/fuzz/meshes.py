@@ -9,7 +9,7 @@ import numpy as np
 from conftest import DATA
 
 from . import node_readings, readings
-from .matrices import case, chosen, matrix_market, number, places, text
+from .matrices import case, chosen, matrix_market, number, places, remarked, text
 
 REAL = {
     "UFF": ["uff/heat_engine_housing.uff"], "ANSYS .cdb": ["ansys/HexBeam.cdb.gz"],
@@ -85,7 +85,7 @@ def bulk(where, rng):
             lines.append(",".join(map(str, fields)))
     lines += ["CTRIA3,1,1," + ",".join(map(str, list(where)[:3])), "PARAM,POST,-1"]
     lines += chosen(rng, [], ["SPOINT,7001"])
-    return text([*lines, *["ENDDATA"] * ended], rng)
+    return text([*remarked(lines, rng, "$ a remark, 1"), *["ENDDATA"] * ended], rng)
 
 
 def listed(where, rng):
@@ -105,9 +105,10 @@ def assembly(where, rng):
     move = chosen(rng, [], ["1., 2., -0.5"], ["0.5, 0., 0.", "0., 0., 0., 0., 0., 1., 90."])
     inside = rng.random() < 0.5
     sets = ["*Nset, nset=Some, instance=bar-1", f" {labels[1]},", "*Nset, nset=Both", " Some, bar-1.END"]
-    return text(["*Heading", "** a remark", "*Part, name=bar", *nodes * (not inside), "*End Part", "*Assembly, name=A",
-                 "*Instance, name=bar-1, part=bar", *move, *nodes * inside, "*End Instance", *sets, "*End Assembly",
-                 "*Material, name=steel", "*Elastic", "2.1e11, 0.3"], rng)  # fmt: skip
+    lines = ["*Heading", "** a remark", "*Part, name=bar", *nodes * (not inside), "*End Part", "*Assembly, name=A",
+             "*Instance, name=bar-1, part=bar", *move, *nodes * inside, "*End Instance", *sets, "*End Assembly",
+             "*Material, name=steel", "*Elastic", "2.1e11, 0.3"]  # fmt: skip
+    return text(remarked(lines, rng), rng)
 
 
 def grounded(size):

@@ -95,9 +95,9 @@ def cdb(text: bytes):
         match = re.fullmatch(rb"\((\d*)[iI](\d+)(?:,(\d*)[eE](\d+)\.(\d+)(?:[eE]\d+)?)?\)", form)
         require(match, "no format")
         wholes, width, reals, wide = (int(item or 1) for item in match.group(1, 2, 3, 4))
-        widths = [width] * wholes + [wide] * (reals if match[4] else 0)
         form = words[1], wholes, reals if match[4] else 0
         require(form in ((b"6", 3, 6), (b"3", 1, 3), (b"19", 19, 0)), "no block of nodes or elements")
+        widths = [width] * wholes + [wide] * form[2]
         block, at = [], at + 1
         while at < len(lines) and not re.match(rb"\s*-1\s*$|N,(R5\.\d|UNBL),LOC,\s*-1", lines[at].upper()):
             line = plain(lines[at])
@@ -348,8 +348,8 @@ def nodes_and_sets(blocks):
 def node_line(line):
     words = [word.strip() or b"0" for word in plain(line).strip().removesuffix(b",").split(b",")]
     words = [word for item in words for word in item.split()]
-    require(2 <= len(words) <= 4, "not two to four numbers")
-    return [whole(words[0], 1, LARGEST_LABEL), *(real(word) for word in words[1:]), *[0.0] * (4 - len(words))]
+    require(2 <= len(words) <= 7, "not two to seven numbers")
+    return [whole(words[0], 1, LARGEST_LABEL), *[*(real(word) for word in words[1:]), *[0.0] * (4 - len(words))][:3]]
 
 
 def member(sets, keyword, name, prefix, *items):

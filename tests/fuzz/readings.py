@@ -214,9 +214,9 @@ def input_file(text: bytes) -> dict[int, tuple]:
             words = [word.strip() for word in plain(line).strip().removesuffix(b",").split(b",")]
             words = [word or b"0" for word in words]
             words = [word for item in words for word in item.split()]
-            require(2 <= len(words) <= 4, "not two to four numbers")
+            require(2 <= len(words) <= 7, "not two to seven numbers")
             label = whole(words[0], 1, LARGEST_LABEL)
-            place = tuple(real(word) for word in words[1:]) + (0.0,) * (4 - len(words))
+            place = (tuple(real(word) for word in words[1:]) + (0.0,) * (4 - len(words)))[:3]
             require(found.setdefault(label, place) == place, "a node at two places")
         elif keyword == b"element":
             used |= {whole(word) for word in words_of(plain(line))[1:]}

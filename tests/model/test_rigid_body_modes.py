@@ -7,7 +7,7 @@ import pytest
 from helpers import columns_of, dense_model  # noqa: F401
 
 import hpcred
-from hpcred.model.rigid_body_modes import doubts_of_nodes, misfit_of_nodes
+from hpcred.model.rigid_body_modes import doubts_of_nodes, misfit_of_nodes, rigid_body_residuals
 
 pytestmark = pytest.mark.mpi
 
@@ -47,6 +47,11 @@ def test_a_doubt_is_kept_in_the_record_where_the_frame_does_not_need_the_nodes(s
     mixed = relabelled(solid, position=solid.dofs.position[:, [1, 0, 2]] + 0.0)
     with mixed, hpcred.reduce(mixed, [hpcred.Krylov(100.0)]) as reduced:
         assert len(reduced.record.warnings) == 1
+
+
+def test_translations_far_from_the_origin_are_motions(free):
+    with relabelled(free, position=free.dofs.position + 1e12) as far:
+        assert (rigid_body_residuals(far)[0][:3] < 1e-10).all()
 
 
 def test_masses_that_differ_are_noticed(comm):
