@@ -41,6 +41,7 @@ ORDER = {
     "hexahedron20": [0, 8, 1, 9, 2, 10, 3, 11, 16, 17, 18, 19, 4, 12, 5, 13, 6, 14, 7, 15],
 }  # fmt: skip
 LINES = 2**16  # written at a time
+ABOVE = 1000  # lines above the bytes of functions, of which there are 11
 UNITS = """    -1
    164
          1  SI: Meter (newton)         2
@@ -126,7 +127,7 @@ def _require_nothing(path, file, low, high):
 def _end_of_functions(path, file, line):
     """The byte behind a dataset of binary functions (58b), whose first line says how many lines and bytes it has."""
     words = line.split()[1:]
-    if len(words) < 4 or not all(word.isdigit() and len(word) < 16 for word in words[:4]) or int(words[2]) > LINES:
+    if len(words) < 4 or not all(word.isdigit() and len(word) < 16 for word in words[:4]) or int(words[2]) > ABOVE:
         raise InputError(f"{path}: found the binary dataset '{shown(line)}', expected its number of lines and bytes")
     for _ in range(int(words[2])):
         file.readline()
