@@ -18,7 +18,6 @@ from ..parallel.lookup import look_up, sort_over_ranks
 from .abaqus_sets import GROUP, read_sets
 from .node_table import LARGEST_COORDINATE, Nodes, finite
 from .text import (
-    COMMENT,
     CONTROL,
     LARGEST_LABEL,
     Piece,
@@ -31,6 +30,7 @@ from .text import (
     require_file,
     shown,
     whole,
+    without_comments,
 )
 
 KEYWORD = re.compile(rb"(?m)^[ \t]*\*(?!\*)")
@@ -199,7 +199,7 @@ def _data_lines(section):
     """The few data lines of a keyword, without comments and blank lines, as lists of fields."""
     with open(section.path, "rb") as file:
         file.seek(section.start)
-        text = COMMENT.sub(b"", file.read(section.stop - section.start))
+        text = without_comments(file.read(section.stop - section.start))
     lines = ([item.strip().decode("latin-1") for item in line.split(b",")] for line in text.splitlines())
     return [fields for fields in lines if fields != [""]]
 

@@ -36,9 +36,9 @@ START = re.compile(
 )
 MARK = re.compile(
     rb"(?mi)^[ \t]*(?:(?P<begin>BEGIN\b[^\n$]*)|(?P<end>ENDDATA\b)|(?P<cend>CEND\b)|"
-    rb"INCLUDE[ \t]*(?:'(?P<one>[^'\n]*)'|\"(?P<two>[^\"\n]*)\"|(?P<bare>[^'\"\n$ \t]+)|(?P<open>['\"])))"
+    rb"INCLUDE[ \t]*(?:(?P<quote>['\"])|(?P<bare>[^'\"\n$ \t]+)))"
 )
-LONGEST_NAME = 4096  # bytes of a file's name over several lines
+LONGEST_NAME = 4096  # bytes of a file's name in quotes, perhaps over several lines
 CASE = re.compile(rb"(?mi)^[ \t]*(?P<word>SPC|MPC)(?:[ \t]*\([^)\n]*\))?[ \t]*=[ \t]*(?P<number>\d+)|^[ \t]*SUBCASE\b")
 SYSTEMS = {"R": RECTANGULAR, "C": CYLINDRICAL, "S": SPHERICAL}
 SMALL = re.compile(
@@ -202,9 +202,9 @@ def _segments(path, comm, including=()):
             continue
         result.append((str(path), at, low))
         with agreed(comm):
-            name = groups["one"] or groups["two"] or groups["bare"]
-            if groups["open"]:
-                name, high = _name_on_lines(path, high, groups["open"])
+            name = groups["bare"]
+            if groups["quote"]:
+                name, high = _name_in_quotes(path, high, groups["quote"])
             file = _included(path, name, including)
         result += _segments(file, comm, (*including, path))[0]
         with open(path, "rb") as text:
@@ -213,8 +213,8 @@ def _segments(path, comm, including=()):
     return [item for item in [*result, (str(path), at, size)] if item[1] < item[2]], case
 
 
-def _name_on_lines(path, start, quote):
-    """The name that goes on, from the byte `start`, to a quote on a later line, and the byte where that stands."""
+def _name_in_quotes(path, start, quote):
+    """The name from the byte `start` to the next quote, perhaps on a later line, and the byte where that stands."""
     with open(path, "rb") as file:
         file.seek(start)
         name, end, _ = file.read(LONGEST_NAME).partition(quote)

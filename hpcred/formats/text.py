@@ -122,7 +122,7 @@ def first_bytes(path, count=4096) -> bytes:
 
 def first_line(start: bytes) -> bytes:
     """The first line of a text that is neither blank nor a comment."""
-    for line in COMMENT.sub(b"", start).splitlines():
+    for line in without_comments(start).splitlines():
         if line.strip():
             return line.strip()
     return b""
@@ -252,9 +252,10 @@ def numbers(piece: Piece, columns: int, commas=True) -> tuple[np.ndarray, np.nda
 
 def ragged(piece: Piece, commas=True, expected="numbers") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All numbers of the lines in one array, how many are in each line, and which line of the piece each is."""
+    text = without_comments(piece.text)
     if commas:
-        refuse_empty_fields(piece, piece.text)
-    plain = _plain(piece.text, commas)
+        refuse_empty_fields(piece, text)
+    plain = _plain(text, commas)
     values = parse(plain)
     bytes_ = np.frombuffer(plain, np.uint8)
     blank = bytes_ <= ord(" ")
@@ -281,9 +282,9 @@ def padded(values, counts, width) -> np.ndarray:
 def refuse_empty_fields(piece: Piece, text: bytes):
     """Raise InputError where nothing stands between two commas, or in front of one: what is left out is not known.
 
-    `text`: that of the piece, or as many lines made of it.
+    `text`: that of the piece without comments, or as many lines made of it.
     """
-    if b"," in text and (empty := EMPTY_FIELD.search(text := without_comments(text))):
+    if b"," in text and (empty := EMPTY_FIELD.search(text)):
         raise piece.refusal(text[: empty.end()].count(b"\n"), "a number between two commas")
 
 
@@ -293,8 +294,7 @@ def without_comments(text: bytes) -> bytes:
 
 
 def _plain(text, commas):
-    """The text with blanks between the numbers, with e for the exponent, and without comments."""
-    text = without_comments(text)
+    """The text with blanks between the numbers, and with e for the exponent."""
     if commas:
         text = text.replace(b",", b" ")
     return text.replace(b"D", b"e").replace(b"d", b"e")
@@ -329,7 +329,7 @@ def triples(piece: Piece, commas=False) -> tuple[np.ndarray, np.ndarray, np.ndar
     and the text is plain, else as `numbers`. Raises InputError that names the line.
     """
     if commas:
-        refuse_empty_fields(piece, piece.text)
+        refuse_empty_fields(piece, without_comments(piece.text))
     if fast_matrix_market is not None:
         found = _plain_triples(piece.text.replace(b",", b" ") if commas else piece.text)
         if found is not None:

@@ -97,9 +97,8 @@ class SecondOrderModel:
         kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
         other = replace(self, **kept, **changed)
-        for name in ("_digests", "_defects"):
-            known = getattr(self, name)
-            getattr(other, name).update({key: known[key] for key in known if key not in changed})
+        for known, shared in ((self._digests, other._digests), (self._defects, other._defects)):
+            shared.update({key: value for key, value in known.items() if key not in changed})
         return other
 
     @cached_property

@@ -178,6 +178,8 @@ def test_includes_are_followed(comm, folder):
         nodes, _ = read_nodes(path, comm)
         label, place = gathered(comm, nodes.label, nodes.place)
         assert label.tolist() == [1, 2, 3, 4, 5] and place.tolist() == [0, 1, 2, 3, 4]
+    with pytest.raises(InputError, match="found INCLUDE '', which is no file"):
+        read_nodes(write(folder / "f.bdf", "GRID,1\nINCLUDE ''\n", comm), comm)
     with pytest.raises(InputError, match="d.bdf, line 2: found an INCLUDE without its second quote"):
         read_nodes(write(folder / "d.bdf", "GRID,1\nINCLUDE 'parts/\ngrids.dat\n", comm), comm)
     with pytest.raises(InputError, match="line 2: found '=,.*expected each card in full, without the = that repeats"):
