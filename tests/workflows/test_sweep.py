@@ -284,7 +284,8 @@ def test_kill_9_of_launchers_and_sweeps_at_random_moments(tmp_path, monkeypatch)
         launchers = [item for item in family if item.is_running() and item.name().startswith(("mpiexec", "orterun"))]
         if launchers and number % 2:
             launchers[0].kill()
-            assert process.wait(300) == 1
+            status = process.wait(300)  # 0 only where the job was done when its launcher was killed
+            assert status == 1 or (status == 0 and len(list(Path("sweep").glob("*.h5"))) == 12)
         else:
             process.kill()
             process.wait()
