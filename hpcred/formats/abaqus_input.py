@@ -18,6 +18,7 @@ from ..parallel.lookup import look_up, sort_over_ranks
 from .abaqus_sets import GROUP, read_sets
 from .node_table import LARGEST_COORDINATE, Nodes, finite
 from .text import (
+    BYTE_ORDER_MARK,
     CONTROL,
     LARGEST_LABEL,
     Piece,
@@ -35,9 +36,14 @@ from .text import (
 
 KEYWORD = re.compile(rb"(?m)^[ \t]*\*(?!\*)")
 EMPTY_FIELD = re.compile(rb",(?=[ \t]*,)")
+REDIRECTED = re.compile(rb"(?m)^[ \t]*>[ \t]*\*\*.*$")
 TYPE = re.compile(r"\w+")  # of elements
 WITH_NORMAL = 7  # numbers of a node
 CHANGES_NODES = {"ngen", "nfill", "ncopy", "nmap", "import", "imperfection", "symmetricmodelgeneration"}
+MAKES_ELEMENTS = {"elgen", "elcopy"}
+# what CalculiX leaves out with its data lines, as all that it does not know
+UNKNOWN_TO_CALCULIX = {"part", "endpart", "assembly", "endassembly", "instance", "endinstance", "system",
+                       *CHANGES_NODES, *MAKES_ELEMENTS}  # fmt: skip
 TOLERATED = {"nset", "input", "system"}  # parameters of *Node
 
 
@@ -104,16 +110,20 @@ class Mesh:
 
 def begins(start: bytes) -> bool:
     """Whether a text that starts so is an input file: its first line that is no comment is a keyword."""
-    return first_line(start)[:1] == b"*"
+    return first_line(REDIRECTED.sub(b"", start))[:1] == b"*"
 
 
 def read(path, comm, calculix=False) -> Mesh:
     """The mesh of an input file. Collective. Raises InputError.
 
-    `calculix`: whether it is read as CalculiX does: matrices are in global directions in spite of *Transform, and what
-    stands on a line behind the nodes of an element does not count.
+    `calculix`: whether it is read as CalculiX does. Then matrices are in global directions in spite of *Transform;
+    what stands on a line behind the nodes of an element does not count, nor do keywords that CalculiX does not know
+    (one without a name is among them), and a node may have no coordinates, which are zero; no keyword goes on in the
+    next line; lines of >** above the first keyword are comments.
     """
-    sections = _sections(Path(path), comm, ())
+    sections = _sections(Path(path), comm, (), calculix)
+    if calculix:
+        sections = [section for section in sections if section.keyword not in UNKNOWN_TO_CALCULIX]
     with agreed(comm):
         blocks = _blocks(path, sections, calculix) if comm.rank == 0 else None
     blocks = comm.bcast(blocks)
@@ -123,13 +133,13 @@ def read(path, comm, calculix=False) -> Mesh:
         for keywords in (("node",), ("element",), ("nset", "elset"))
     )
     named = {}
-    nodes = _nodes(path, comm, nodes, named)
+    nodes = _nodes(path, comm, nodes, named, 1 if calculix else 2)
     elements, keys, counts = _elements(comm, elements, groups, named, calculix)
     _require_nodes(path, comm, nodes, elements)
     return Mesh(nodes, elements, read_sets(path, comm, sets, groups, named, elements, keys), sections, counts)
 
 
-def _sections(path, comm, including):
+def _sections(path, comm, including, calculix):
     """All keywords of a file and of those it includes, in order. Collective."""
     with agreed(comm):
         require_file(path)
@@ -137,7 +147,7 @@ def _sections(path, comm, including):
         found = [piece.start + match.start() for piece in pieces(path, comm) for match in KEYWORD.finditer(piece.text)]
     positions = sum(comm.allgather(found), [])
     with agreed(comm):
-        sections = _keywords(path, positions) if comm.rank == 0 else None
+        sections = _keywords(path, positions, calculix) if comm.rank == 0 else None
     result = []
     for section in comm.bcast(sections):
         if section.keyword != "include":
@@ -154,22 +164,24 @@ def _sections(path, comm, including):
                 raise section.refusal(f"found *Include of {file}, which includes itself")
             if _data_lines(section):
                 raise section.refusal("found data lines below *Include, expected a keyword")
-        result += _sections(file, comm, (path, *including))
+        result += _sections(file, comm, (path, *including), calculix)
     return result
 
 
-def _keywords(path, positions):
-    """The Sections of a file from the bytes where its keywords begin; a line that ends with a comma goes on."""
+def _keywords(path, positions, calculix):
+    """The Sections of a file from the bytes where its keywords begin; for Abaqus a line that ends with a comma goes on.
+    """
     sections, size = [], path.stat().st_size
     with open(path, "rb") as file:
-        head = file.read(positions[0] if positions else size)
-        if first_line(head.removeprefix(b"\xef\xbb\xbf")):
+        head = file.read(positions[0] if positions else size).removeprefix(BYTE_ORDER_MARK)
+        head = REDIRECTED.sub(b"", head) if calculix else head
+        if first_line(head):
             found = shown(first_line(head))
             raise InputError(f"{path}: found '{found}' above the first keyword, expected a keyword such as *Node")
         for position, stop in zip(positions, [*positions, size][1:], strict=True):
             file.seek(position)
             line = file.readline()
-            while line.rstrip().endswith(b",") and file.tell() < stop:
+            while not calculix and line.rstrip().endswith(b",") and file.tell() < stop:
                 line = line.rstrip() + file.readline()
             if CONTROL.search(line):
                 raise InputError(
@@ -177,8 +189,11 @@ def _keywords(path, positions):
                     "control characters"
                 )
             keyword, *parameters = _fields(line.decode("latin-1").strip().lstrip("*")) or [""]
-            if not keyword.strip():
-                raise InputError(f"{path}: found a line with nothing behind its asterisk, expected a keyword")
+            if not keyword.strip() and not calculix:
+                raise InputError(
+                    f"{path}, line {line_number(path, position)}: found a line with nothing behind its asterisk, "
+                    "expected a keyword"
+                )
             pairs = (item.partition("=") for item in parameters)
             given = {_word(key): value.strip().strip("\"'") for key, _, value in pairs if key.strip()}
             sections.append(Section(path, position, _word(keyword), given, file.tell(), stop))
@@ -231,9 +246,19 @@ def _blocks(path, sections, calculix):
                 f"found *{keyword.capitalize()}, which makes or moves nodes; write the input file with all nodes in "
                 "*Node lines, or give the nodes as lines of node, x, y, z"
             )
+        if keyword in MAKES_ELEMENTS:
+            raise section.refusal(
+                f"found *{keyword.capitalize()}, which makes elements; write the input file with all elements in "
+                "*Element lines, or give the nodes as lines of node, x, y, z"
+            )
         if keyword == "transform" and not calculix:
             raise section.refusal(
                 "found *Transform, which turns the directions of dofs; take the matrices from a model without it"
+            )
+        if keyword == "node" and calculix and given.get("system", "r").lower() != "r":
+            raise section.refusal(
+                f"found *Node with system={given['system']}, which CalculiX does not know; its matrices belong to x, "
+                "y, z as they are written"
             )
         if keyword == "system" and any(_numbers(section, line, 6).any() for line in _data_lines(section)):
             raise section.refusal("found *System with a system of its own, expected nodes in the global one")
@@ -304,14 +329,17 @@ def _placement(section):
     return Placement(translation, a, rotation)
 
 
-def _nodes(path, comm, blocks, named):
-    """The nodes of all blocks, ascending by number over the ranks; each number once. Fills `named`, see abaqus_sets."""
+def _nodes(path, comm, blocks, named, least):
+    """The nodes of all blocks, ascending by number over the ranks; each number once. Fills `named`, see abaqus_sets.
+
+    `least`: how many numbers a line has.
+    """
     groups = sorted({block.group for block in blocks})
     with agreed(comm):
         parts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.int64))]
         for block in blocks:
             for piece in pieces(block.path, comm, block.start, block.stop):
-                label, position = _node_lines(piece, block)
+                label, position = _node_lines(piece, block, least)
                 _name(named, block, "nset", label)
                 parts.append((label, block.placement(position), np.full(len(label), groups.index(block.group))))
         label, position, group = (np.concatenate(items) for items in zip(*parts, strict=True))
@@ -339,16 +367,16 @@ def _nodes(path, comm, blocks, named):
     return Nodes(label, position[once], (comm.exscan(len(label)) or 0) + np.arange(len(label)))
 
 
-def _node_lines(piece, block):
+def _node_lines(piece, block, least):
     """Labels, and Cartesian coordinates in the system of the part, of data lines; what is left out is zero.
 
     Behind the coordinates may stand the normal of a beam or shell, which does not count.
     """
     filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
     values, counts, lines = ragged(filled, expected="node, x, y, z")
-    wrong = np.flatnonzero((counts < 2) | (counts > WITH_NORMAL))
+    wrong = np.flatnonzero((counts < least) | (counts > WITH_NORMAL))
     if wrong.size:
-        raise piece.refusal(lines[wrong[0]], f"node, x, y, z and a normal (2 to {WITH_NORMAL} numbers a line)")
+        raise piece.refusal(lines[wrong[0]], f"node, x, y, z and a normal ({least} to {WITH_NORMAL} numbers a line)")
     table = padded(values, counts, WITH_NORMAL)
     finite(piece, table[:, 1:], lines)
     label = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)

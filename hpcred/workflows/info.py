@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 
 from ..analysis.summary import inspect
-from ..formats import abaqus_input, node_table
+from ..formats import abaqus_input, calculix, node_table
 from ..formats.checked import CHECKSUM, CheckedFile
 from ..formats.entries import LabelledEntries
 from ..formats.hdf5 import opened, require_whole
@@ -127,7 +127,7 @@ def _export(path, export, comm, variables):
     except InputError as error:
         if not abaqus_input.begins(first_bytes(path)):
             raise
-        mesh = abaqus_input.read(path, comm, calculix=True)
+        mesh = abaqus_input.read(path, comm, calculix="K" in calculix.files_of(path))
         report["format"] = "Abaqus or CalculiX input file"
         return report | _mesh(comm, mesh.nodes, mesh.elements, mesh.sets) | {"warnings": [str(error)]}
     report |= {key: f"{parts.files[key]}: {_size(comm, item)}" for key, item in parts.matrices.items()}

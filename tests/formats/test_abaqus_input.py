@@ -5,7 +5,7 @@ import pytest
 from foreign import gathered, write
 
 from hpcred import InputError
-from hpcred.formats.abaqus_input import read
+from hpcred.formats.abaqus_input import begins, read
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
 
@@ -125,6 +125,10 @@ def test_cylindrical_nodes(comm, folder):
         ("*Node\n1, 1.\n*Ngen\n1, 9, 1\n", r"line 3: found \*Ngen, which makes or moves nodes"),
         ("*Node\n1, 1.\n*NFILL\n1, 9, 1\n", r"line 3: found \*Nfill"),
         ("*Node\n1, 1.\n*Ncopy, change number=1\n", r"found \*Ncopy"),
+        ("*Node\n1, 1.\n*Elgen, elset=E\n1, 9\n", r"line 3: found \*Elgen, which makes elements"),
+        ("*Node\n1, 1.\n*EL COPY, old set=E\n1, 9\n", r"line 3: found \*Elcopy, which makes elements"),
+        ("*Node\n1, 1.\n*\n*Nset, nset=A\n1\n", "line 3: found a line with nothing behind its asterisk"),
+        (">**\n*Node\n1, 1.\n", "found '>..' above the first keyword"),
         ("*Node, system=S\n1, 1.\n", r"line 1: found \*Node with system=S"),
         ("*Node, write=no\n1, 1.\n", r"line 1: found \*Node with the parameter write"),
         ("*System\n1., 0., 0.\n*Node\n1, 1.\n", r"line 1: found \*System with a system of its own"),
@@ -154,6 +158,53 @@ def test_what_would_put_nodes_elsewhere_is_refused(comm, folder, text, says):
     path = write(folder / "a.inp", text, comm)
     with pytest.raises(InputError, match=says):
         read(path, comm)
+
+
+OF_CALCULIX = """>**
+>** a shell wrote the first sign
+*
+ a line that no keyword has
+*Part, name=p
+*Node, nset=a,
+1
+2, , 3.
+3,
+*System
+1., 0., 0.
+*Element, type=C3D4, elset=E,
+1, 1, 2, 3, 4
+*Ngen
+1, 3, 1
+*Elgen
+1, 4
+*Node
+4, 0., 0., 5.
+*Nset, nset=a
+4
+*End Part
+*Assembly, name=A
+*Instance, name=i, part=p
+10., 0., 0.
+*End Instance
+"""
+
+
+def test_calculix_leaves_out_what_it_does_not_know(comm, folder):
+    """As readinput.c, calinput.f, nodes.f and elements.f of CalculiX read it."""
+    path = write(folder / "a.inp", OF_CALCULIX, comm)
+    assert begins(OF_CALCULIX.encode())
+    mesh = read(path, comm, calculix=True)
+    label, position, members = gathered(comm, mesh.nodes.label, mesh.nodes.position, mesh.sets["a"])
+    assert dict(zip(label.tolist(), position.tolist(), strict=True)) == {
+        1: [0, 0, 0], 2: [0, 3, 0], 3: [0, 0, 0], 4: [0, 0, 5]}  # fmt: skip
+    assert gathered(comm, mesh.elements["tetra"])[0].tolist() == [[1, 2, 3, 4]] and sorted(members) == [1, 2, 3, 4]
+    for old, new, says in (
+        (">**", "> *", "found '> .' above the first keyword, expected a keyword"),
+        ("*Node, nset=a,", "*Node, system=C", r"line 6: found \*Node with system=C, which CalculiX does not know"),
+        ("\n1\n2", "\n1.5\n2", "line 7: found '1.5', expected the node number"),
+    ):
+        with pytest.raises(InputError, match=says):
+            read(write(folder / "b.inp", OF_CALCULIX.replace(old, new, 1), comm), comm, calculix=True)
 
 
 def test_normals_and_middle_nodes_do_not_count(comm, folder):

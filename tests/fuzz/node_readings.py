@@ -225,7 +225,7 @@ def in_basic(frame, values):
 
 
 CHANGING = (b"ngen", b"nfill", b"ncopy", b"nmap", b"import", b"imperfection", b"symmetricmodelgeneration", b"transform",
-            b"include")  # fmt: skip
+            b"include", b"elgen", b"elcopy")  # fmt: skip
 TYPES = {b"t3d2": 3, b"c3d8": 9, b"c3d10": 11}
 
 
