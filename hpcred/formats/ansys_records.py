@@ -16,7 +16,8 @@ from .text import require_file
 WORD = np.dtype("<i4")
 INTEGER, SHORT, ZIPPED, WINDOWS, BITS = (1 << k for k in (31, 30, 29, 28, 27))
 STANDARD = 100  # words of the first header
-NUMBERS = {2: "element", 3: "element", 4: ".full", 8: "substructure", 12: "result"}  # what a file is
+NUMBERS = {2: "element", 3: "element", 4: ".full", 8: "substructure", 9: "mode shape", 12: "result"}  # what a file is
+FULL = 4
 BLOCKS = [2**k for k in range(10, 23)]  # words; the end of a file is filled up to a multiple of one of them
 PIECE = 2**21  # words of columns looked at in one step
 FEW = 2**14
@@ -58,6 +59,7 @@ class RecordFile:
             raise InputError(
                 f"{path}: found a binary file of ANSYS of kind {found} ({NUMBERS.get(found, 'unknown')} file), "
                 f"expected the {NUMBERS[number]} file"
+                f"{' of a modal analysis (ANTYPE,MODAL with WRFULL,1), which may lie beside it' * (number == FULL)}"
             )
         if bytes_ % 4:
             raise InputError(f"{path}: found {bytes_} bytes, expected words of 4 bytes; the file is damaged")

@@ -36,6 +36,7 @@ from . import (
 )
 from .entries import Entries, LabelledEntries
 from .text import first_bytes, first_line, refuse_packed, shown
+from .unread import refuse_unread
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,8 @@ def read_entries(path, comm, key="K", variables=None) -> Entries | LabelledEntri
     """
     with agreed(comm):
         found = format_of(path)
+        if found is None or found.module in (abaqus_matrices, npz):  # which take what begins with a number, or PK
+            refuse_unread(path)
         if found is None:
             start = first_bytes(path)
             if first_line(start)[:1] == b"*":

@@ -53,6 +53,7 @@ from .outputs import HDF5, hdf5_kind, kind_of
 from .parts import Parts
 from .source import Source
 from .text import doubts_of_end, first_bytes
+from .unread import refuse_unread
 
 OF_LINES = (matrix_market, nastran_dmig, abaqus_matrices)  # formats whose numbers end where their lines do
 HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports, and what counts as that
@@ -92,6 +93,7 @@ def _no_export(path) -> InputError:
             f"{path}: found an OP2 of Nastran, of which only nodes and sets of dofs are read; give the .op4 or .pch of "
             "the run, and leave this one beside it"
         )
+    refuse_unread(path)
     if start.startswith(HDF5):
         what = kind_of(path)
         if what == hdf5_kind(OF_MODELS):
@@ -138,6 +140,8 @@ def read_source(source: Source, comm) -> Parts:
             turned = ansys_nodes.read_nodes(source.nodes, comm)
             parts.nodes, parts.elements = turned.nodes, turned.elements
         else:
+            with agreed(comm):
+                refuse_unread(source.nodes)
             parts.nodes = node_table.read(source.nodes, comm)
     if source.dofs:
         with agreed(comm):

@@ -17,6 +17,7 @@ from ..formats.model_source import export_of, read_export
 from ..formats.outputs import HDF5, hdf5_kind
 from ..formats.sid import begins as begins_sid
 from ..formats.text import first_bytes, first_line
+from ..formats.unread import refuse_unread
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
@@ -62,6 +63,8 @@ def describe_file(
         if export and written is table:  # an input file of Nastran may begin with words between commas
             written = None
         single = None if export or of_sid else format_of(path)
+        if not (kind or export or of_sid or written):
+            refuse_unread(path)
         if kind != MODEL and (frequencies or band_top or modes):
             raise InputError(f"{path}: modes can be found in a model file only; convert it first")
     if kind == MODEL:

@@ -161,7 +161,7 @@ def description_of(path):
             names = archive.namelist()
         if "modelDescription.xml" in names:
             return fmu
-        return arrays if len(names) > 1 and "data.npy" not in names else None
+        return arrays if sum(name.endswith(".npy") for name in names) > 1 and "data.npy" not in names else None
     if kind == outputs.SUPERELEMENT:
         with open(path, "rb") as file:
             start = file.read(30).decode(errors="replace")
