@@ -87,7 +87,8 @@ class Interface:
     the centre of the surface that the set is, where elements have faces on all its nodes, or else the mean of its
     nodes, with given weights the weighted one. `weights` of the nodes: "equal", "area" (of the surface that belongs to
     a node, where elements are known), or one number a node in the order of `nodes`. `directions`: those in which the
-    nodes of a rigid set follow. `node`: the number of the reference node, by default the next one that no node has.
+    nodes of a rigid set follow. `node`: the number of the reference node, by default the next one that nothing of the
+    model names.
     """
 
     name: str
@@ -154,8 +155,10 @@ def with_interfaces(model, interfaces):
     if len(set(names)) < len(names):
         raise InputError(f"interface: found the names {', '.join(names)}, expected each once")
     dofs = require_dofs(model, "an interface")
-    own = model.comm.allreduce(max((int(part.node.max()) for part in (dofs, model.held)
-                                    if part is not None and part.node.size), default=0), op=MPI.MAX)  # fmt: skip
+    # also of nodes without rows, such as those that follow a rigid body
+    known = [part.node for part in (dofs, model.held) if part is not None] + [*model.sets.values()]
+    known += [part.ravel() for part in model.elements.values()]
+    own = model.comm.allreduce(max((int(part.max(initial=0)) for part in known), default=0), op=MPI.MAX)
     own = max(own, *(item.node or 0 for item in interfaces), 0)
     unnamed = numbers_from(own + 1)
     numbers = [next(unnamed) if item.node is None else item.node for item in interfaces]
@@ -178,6 +181,17 @@ def with_interfaces(model, interfaces):
 def find_interface(model, node) -> int | None:
     """The place of an interface node, given by its name or number, in the list of the model; None for another node."""
     return next((i for i, item in enumerate(model.interfaces) if node in (item.name, item.node)), None)
+
+
+def doubts_of_interfaces(model) -> list[str]:
+    """Sentences on sets of which some nodes have no row, and so no part in the motion of the interface. Collective."""
+    made = [item for item in model.interfaces if item.definition and isinstance(item.definition.nodes, Nodes)]
+    sizes = model.set_sizes if made else {}
+    return [
+        f"interface '{item.name}': {total - item.count} of the {total} nodes of the set '{name}' have no row in "
+        f"{model.name}, since they follow others; it moves with the {item.count} that have"
+        for item in made if (name := item.definition.nodes.set) and item.count < (total := sizes.get(name, 0))
+    ]  # fmt: skip
 
 
 def node_number(model, node) -> int:

@@ -11,6 +11,7 @@ from ..linalg.blocks import apply, copy_of, create_block
 from ..linalg.factorisation import DoesNotFit, Factoring
 from ..model.damping import ModalDamping, NoDamping, Structural
 from ..model.frames import Buckens, NoFrame, apply_frame, inputs_without_effect
+from ..model.interfaces import doubts_of_interfaces
 from ..model.rigid_body_modes import doubts_of_nodes, exchange_of_matrices
 from ..model.scales import scaled, scales_of
 from ..model.second_order_model import SYMMETRIC_TO, require_inputs, require_model
@@ -210,7 +211,7 @@ def warnings_of(model, frame) -> tuple[str, ...]:
     doubts = (exchanged,) if exchanged else tuple(doubts_of_nodes(model))  # all else follows from it
     if doubts and isinstance(frame, Buckens):
         raise InputError(doubts[0])
-    return doubts
+    return (*doubts, *doubts_of_interfaces(model))
 
 
 def _to_tolerance(vectors, run, adaptive, groups, settings) -> Accuracy:

@@ -233,6 +233,24 @@ def test_a_set_of_nodes_without_rows_is_refused(comm):
             marked.with_interfaces([Interface(name="a", nodes=Nodes(set="BORE"))])
 
 
+def test_nodes_without_rows_are_said_and_keep_their_numbers(comm):
+    """Nodes of a set that follow others, as those of a rigid body, and a ROT node of CalculiX: no row, but a number."""
+    with hpcred.solid((4, 2, 2), clamped=True, comm=comm) as model:
+        part = np.unique(model.dofs.node[model.dofs.position[:, 0] > 0.0399])
+        count = len(set(np.concatenate(comm.allgather(part)).tolist()))
+        mine = np.append(part, 1000 + comm.rank)
+        with (
+            replace(model.shared(), sets={"END": mine, "ROT": np.array([2000 + comm.rank])}) as marked,
+            marked.with_interfaces([Interface(name="a", nodes=Nodes(set="END")), face("b", 0.04)]) as loaded,
+            loaded.with_inputs([("a", "x")]) as loaded,
+        ):
+            assert [item.node for item in loaded.interfaces] == [2000 + comm.size, 2001 + comm.size]
+            assert [item.count for item in loaded.interfaces] == [count, count]
+            with hpcred.reduce(loaded, [Modes(count=2)]) as rom:
+                (said,) = [line for line in rom.record.warnings if "no row" in line]
+            assert f"interface 'a': {comm.size} of the {count + comm.size} nodes of the set 'END' have no row" in said
+
+
 @pytest.mark.parametrize(("interfaces", "words"), REFUSALS, ids=[words[:20] for _, words in REFUSALS])
 def test_what_defines_no_interface_is_refused(comm, interfaces, words):
     with hpcred.solid((4, 2, 2), clamped=True, comm=comm) as model, pytest.raises(hpcred.InputError, match=words):
