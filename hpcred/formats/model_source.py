@@ -39,7 +39,6 @@ from . import (
     mat_matrices,
     matrix_market,
     nastran,
-    nastran_dmig,
     nastran_op2,
     nastran_op4,
     node_table,
@@ -55,7 +54,7 @@ from .source import Source
 from .text import doubts_of_end, first_bytes
 from .unread import refuse_unread
 
-OF_LINES = (matrix_market, nastran_dmig, abaqus_matrices)  # formats whose numbers end where their lines do
+OF_LINES = (matrix_market, abaqus_matrices)  # formats whose numbers end where their lines do
 HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports, and what counts as that
 
 

@@ -17,7 +17,7 @@ from .abaqus_matrices import is_one_triangle
 from .entries import LabelledEntries, joined, label_name, label_of
 from .nastran_cards import CARD, lines_of, reals, wholes
 from .nastran_names import single
-from .text import doubts_of_end, first_bytes, first_line, records, refuse_packed, shown
+from .text import first_bytes, first_line, records, refuse_packed, shown
 
 NAME = re.compile(rb"DMIG")
 START = re.compile(rb"(?mi)^DMIG[ ,*\t]")
@@ -114,14 +114,12 @@ def read_matrices(path, comm, wanted: dict[str, Matrix]) -> tuple[dict[str, Labe
                 part, most = _entries(piece, found, matrix)
                 parts[key].append(part)
                 digits = max(digits, most)
-        doubts = doubts_of_end(path)
     digits = max(comm.allgather(digits))
     warnings = [
         f"{path}: the numbers have {digits} digits, of which few are left where stiff parts cancel: rigid-body modes "
         "of a free body come out at up to about +-1 Hz (real or imaginary), and its first elastic modes may be off in "
         "the third digit; binary OP4 has all digits",
-        *doubts,
-    ]  # fmt: skip
+    ]
     result = {}
     for key, matrix in wanted.items():
         i, j, v = joined(parts.pop(key), (np.int64, np.int64, float))
@@ -167,8 +165,9 @@ def _pieces(path, comm):
         yield piece
         if piece.start + len(piece.text) == size and not piece.text.endswith(b"\n"):
             last = piece.text.rsplit(b"\n", 1)[-1]
-            if not re.match(rb"(?i)[ \t]*(?:ENDDATA|\$|$)", last):
-                raise InputError(f"{path}: found the last line '{shown(last)}' without an end; the file is cut off")
+            if not re.match(rb"(?i)[ \t]*ENDDATA\b", last):
+                found = f"'{shown(last)}'" if last.strip() else f"of {len(last)} blanks"
+                raise InputError(f"{path}: found the last line {found} without an end; the file is cut off")
 
 
 def _entries(piece, lines, matrix):

@@ -104,6 +104,9 @@ CUT = LARGE.index("DMIG*   KAAX                           9")
     "damage, says",
     [
         (lambda t: t[:-8], "without an end; the file is cut off"),
+        (lambda t: t + "     ", "the last line of 5 blanks without an end; the file is cut off"),
+        (lambda t: t + "$ nothing", "the last line '$ nothing' without an end; the file is cut off"),
+        (lambda t: t + "*", "the last line '*' without an end; the file is cut off"),
         (lambda t: t[:CUT], "expected a stiffness and a mass matrix"),
         (lambda t: t[:CUT] + t[t.index("DMIG    MAAX") :], "found 2 columns of the matrix KAAX, expected 3"),
         (lambda t: t.replace("1-1.0", "1 1,0"), "in"),
