@@ -10,6 +10,7 @@ import numpy as np
 from ..linalg.blocks import apply, create_block, inner
 from ..linalg.factorisation import Factoring, SingularMatrix
 from ..linalg.refinement import IllConditioned
+from ..model.digits import doubts_of_digits
 from ..model.frames import Buckens, NoFrame, apply_frame
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities, rigid_motions
 from ..model.second_order_model import require_model
@@ -32,6 +33,7 @@ class NaturalModes:
     `participation` (m, 6), the factors x^T M r_k in kg^(1/2) and kg^(1/2) m; `masses` (6,), r_k^T M r_k in kg and
     kg m^2; both None without nodes. `residual`: largest ||K x - lambda M x|| / (lambda ||M x||) of the elastic modes.
     `shapes`: the elastic modes in all dofs as a block (n, m - rigid), or None where there is none: call close().
+    `doubts`: sentences on frequencies that the digits of K do not hold.
     """
 
     frequencies: np.ndarray
@@ -40,6 +42,7 @@ class NaturalModes:
     masses: np.ndarray | None
     residual: float
     shapes: object = None
+    doubts: tuple[str, ...] = ()
 
     @property
     def effective_masses(self) -> np.ndarray | None:
@@ -94,10 +97,12 @@ def natural_modes(
         shapes = None if block is None else everywhere(model, framed, block)
         participation, masses = _participation(model, [*found, *([] if shapes is None else [shapes])])
         frequencies = np.sqrt(np.where(still, 0.0, values)) / (2 * np.pi)
+        elastic = np.where(still, np.inf, values)
+        doubts = [] if shapes is None else doubts_of_digits(model, model.K, elastic, shapes)
         return NaturalModes(
             frequencies=np.append(np.zeros(rigid), frequencies)[:count], rigid=min(rigid + int(still.sum()), count),
             participation=None if participation is None else participation[:count], masses=masses, residual=residual,
-            shapes=shapes,
+            shapes=shapes, doubts=tuple(doubts),
         )  # fmt: skip
 
 

@@ -47,10 +47,11 @@ def inspect(
         report["converted_from"] = model.converted_from
     if sets := model.set_sizes:
         report["sets"] = sets
-    first = None
+    first, rounded = None, ()
     if modes is not None:
         with closing(natural_modes(model, min(modes, model.size), factoring=factoring, progress=progress)) as found:
             report["lowest_frequencies_hz"] = found.frequencies.tolist()
+            rounded = found.doubts
             first = next(iter(found.frequencies[found.rigid :].tolist()), None)
     rigid_count, warnings = None, list(model.remarks)
     if model.dofs is not None:
@@ -85,7 +86,7 @@ def inspect(
         report["elastic_modes_below_hz"] = [[limit, counts[limit]] for limit in limits]
     if band_top and counts[2 * band_top] is not None:
         report["size_hint"] = counts[2 * band_top] + len(model.input_names)
-    return report | {"warnings": warnings}
+    return report | {"warnings": [*warnings, *rounded]}
 
 
 def _definiteness(mass, factoring):

@@ -10,6 +10,7 @@ from ..linalg.basis import Basis
 from ..linalg.blocks import apply, copy_of, create_block
 from ..linalg.factorisation import DoesNotFit, Factoring
 from ..model.damping import ModalDamping, NoDamping, Structural
+from ..model.digits import doubts_of_digits
 from ..model.frames import Buckens, NoFrame, apply_frame, inputs_without_effect
 from ..model.interfaces import doubts_of_interfaces
 from ..model.rigid_body_modes import doubts_of_nodes, exchange_of_matrices
@@ -277,6 +278,7 @@ def _project(model, framed, vectors, run, settings):
             f"the basis has lost its orthonormality: max |V^T M V - I| = {defect:.1e}, allowed is {ORTHONORMAL_TO:g}"
         )
     columns = vectors.columns
+    run.remarks += doubts_of_digits(model, full.K, squares, columns)
     small = {"M": mass, "K": np.diag(squares)}
     if "D" in full.matrices:
         small["D"] = project(full.matrices["D"], columns)

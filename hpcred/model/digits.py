@@ -1,0 +1,67 @@
+"""The digits of a stiffness matrix: a model and its lowest modes enter; what the digits leave of their frequencies.
+
+A text of a finite-element program has fewer digits than the numbers had. Rounding the entries of K moves an eigenvalue
+by x^T dK x with x^T M x = 1: nothing where the body is as stiff as its elements, and all of it where a frequency is
+far below those of single elements, since little is left of entries that cancel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..linalg.blocks import local_rows
+
+ROWS = 64  # of a rank that are looked at
+FEWEST, MOST = 8, 15  # digits that say something: fewer have models made by hand, more have all
+DISTINCT = 30  # values, below which nothing is said
+NEARLY_ALL, MANY = 0.99, 0.5  # shares of values
+SAME = 5e-16  # relative: a number times a power of ten, as in other units
+ROUNDED = 0.13  # mean error of a rounded number, in units of its last digit and of its first
+BESIDE = 6.0  # of all entries of a row to that of the diagonal, with those of equal elements, which are rounded alike
+MODES = 12  # that are looked at
+DOUBTFUL = 1e-5  # relative error of a frequency
+
+
+def digits_of(mat) -> int | None:
+    """How many decimal digits the entries of a matrix were rounded to, or None where they have all. Collective."""
+    first, last = mat.getOwnershipRange()
+    rows = np.unique(np.linspace(first, last - 1, ROWS).astype(int)) if last > first else []
+    values = np.unique(np.abs(np.concatenate([np.zeros(1), *(mat.getRow(int(row))[1].real for row in rows)])))[1:]
+    values = values[:: 1 + len(values) // 500]
+    needed = np.full(len(values), MOST + 1)
+    for digits in range(MOST, 0, -1):
+        rounded = np.array([float(f"{value:.{digits - 1}e}") for value in values])
+        needed[np.abs(rounded - values) <= SAME * values] = digits
+    counts = mat.comm.tompi4py().allreduce(np.bincount(needed, minlength=MOST + 2))
+    total = counts.sum()
+    digits = int(np.searchsorted(np.cumsum(counts), NEARLY_ALL * total))
+    rounded = FEWEST <= digits <= MOST and total >= DISTINCT and counts[digits] >= MANY * total
+    return digits if rounded else None
+
+
+def doubts_of_digits(model, K, squares: np.ndarray, block) -> list[str]:
+    """Sentences on frequencies that the digits of a file do not hold. Collective.
+
+    `squares` (m,): eigenvalues in (rad/s)^2, ascending, and Inf for those that do not count, of the columns of `block`
+    (n, m), of which each has x^T M x = 1, and of K, which may be that of `model` without the dofs of a frame.
+    """
+    squares = squares[:MODES]
+    digits = digits_of(model.K) if len(squares) else None
+    if digits is None:
+        return []
+    diagonal = K.getDiagonal()
+    with local_rows(block) as rows:
+        moved = ((np.abs(rows[:, : len(squares)]) ** 2 * diagonal.getArray().real[:, None]) ** 2).sum(axis=0)
+    diagonal.destroy()
+    moved = BESIDE * ROUNDED * 10.0 ** (1 - digits) * np.sqrt(model.comm.allreduce(moved))
+    errors = moved / np.maximum(squares, np.finfo(float).tiny) / 2
+    worst = int(np.argmax(errors))
+    if errors[worst] <= DOUBTFUL:
+        return []
+    frequency = np.sqrt(max(squares[worst], 0.0)) / (2 * np.pi)
+    uncertain = f"by up to about {errors[worst]:.0e} of itself" if errors[worst] < 1 else "altogether"
+    return [
+        f"{model.name}: K has {digits} digits, and little is left of them where stiff parts cancel: the frequency "
+        f"{frequency:.4g} Hz is uncertain {uncertain}, whatever its residual; take a form of the export with more "
+        "digits, or larger elements"
+    ]
