@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .nastran_replication import REPEATED, in_full
 from .text import CONTROL, LARGEST_LABEL, Piece, parse
 
 CARD = re.compile(rb"(?m)^[A-Za-z]")
@@ -88,12 +89,15 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
         raise piece.refusal(plain.count(b"\n", 0, control.start()), "a card, without control characters")
     if b"\t" in plain:
         plain = plain.expandtabs(8)
+    origin = None
+    if not strict and REPEATED.search(plain):
+        plain, origin = in_full(piece, plain)
     text = np.frombuffer(plain if plain.endswith(b"\n") else plain + b"\n", np.uint8)
     stop = np.flatnonzero(text == ord("\n"))
     start = np.concatenate([[0], stop[:-1] + 1])
     visible = np.concatenate([[0], np.cumsum(text > ord(" "))])
     used = visible[stop] > visible[start]
-    number = np.flatnonzero(used)
+    number = np.flatnonzero(used) if origin is None else origin[np.flatnonzero(used)]
     start, stop = start[used], stop[used]
     head = _gather(text, start, np.minimum(start + 8, stop), 8)
     starts = (head[:, 0] >= ord("A")) & (head[:, 0] <= ord("Z"))

@@ -182,8 +182,6 @@ def test_includes_are_followed(comm, folder):
         read_nodes(write(folder / "f.bdf", "GRID,1\nINCLUDE ''\n", comm), comm)
     with pytest.raises(InputError, match="d.bdf, line 2: found an INCLUDE without its second quote"):
         read_nodes(write(folder / "d.bdf", "GRID,1\nINCLUDE 'parts/\ngrids.dat\n", comm), comm)
-    with pytest.raises(InputError, match="line 2: found '=,.*expected each card in full, without the = that repeats"):
-        read_nodes(write(folder / "e.bdf", "GRID,1,,0.,0.,0.\n=,*1,=,*1.,==\n", comm), comm)
     with pytest.raises(InputError, match="found INCLUDE 'nothing.dat', which is no file"):
         read_nodes(write(folder / "b.bdf", "INCLUDE nothing.dat\nGRID,1\n", comm), comm)
     with pytest.raises(InputError, match="which includes itself"):
@@ -257,3 +255,70 @@ def test_a_turned_matrix(comm):
     assert (label[2, [0, 2]] % 16).tolist() == [1, 2]
     assert (label[3] % 16).tolist() == [0, OWN + 1, OWN + 2, 3, 4, 5]
     assert comm.allreduce(turn.own) == 2
+
+
+REPLICATED = """CORD2R,3,,0.,0.,0.,0.,0.,1.
+,1.,0.,0.
+GRID    101             1.0     10.5            0       3456
+=,*(1),=,*(.2),==  $ the rest as above
+$ a remark between
+=(3)
+
+=       *(1)    =       =       *-5.-1  ==
+GRID, 201, 3, -1., 45., 5.+1
+= ,*(10),=,=,*(15.),*(-2.5+0)
+=2
+=,300,,7.,=,=
+CQUAD4,1,1,101,102,103,104
+=,*1,=,*1,*1,*1,*1
+=(1)
+"""
+IN_FULL = """CORD2R,3,,0.,0.,0.,0.,0.,1.
+,1.,0.,0.
+GRID,101,,1.,10.5,,0,3456
+GRID,102,,1.2,10.5,,0,3456
+GRID,103,,1.4,10.5,,0,3456
+GRID,104,,1.6,10.5,,0,3456
+GRID,105,,1.8,10.5,,0,3456
+GRID,106,,1.8,10.,,0,3456
+GRID,201,3,-1.,45.,50.
+GRID,211,3,-1.,60.,47.5
+GRID,221,3,-1.,75.,45.
+GRID,231,3,-1.,90.,42.5
+GRID,300,,7.,90.,42.5
+CQUAD4,1,1,101,102,103,104
+CQUAD4,2,1,102,103,104,105
+CQUAD4,3,1,103,104,105,106
+"""
+
+
+def test_replicated_cards_are_those_in_full(comm, folder, monkeypatch):
+    for size in (2**21, 30):
+        monkeypatch.setattr(text_module, "PIECE", size)
+        read = [points(comm, write(folder / f"{k}.bdf", lines, comm)) for k, lines in enumerate((REPLICATED, IN_FULL))]
+        (found, deck), (expected, other) = read
+        for key in ("label", "position", "marks"):
+            assert np.array_equal(*(gathered(comm, getattr(item, key))[0] for item in (found, expected)))
+        assert np.array_equal(*(gathered(comm, item.elements["quad"])[0] for item in (deck, other)))
+        comm.Barrier()
+
+
+@pytest.mark.parametrize(
+    ("lines", "number"),
+    [
+        ("=,*1,==\n", 1), ("GRID,1,,0.\n=(2)\n", 2), ("GRID,1,,0.\n=,*1.,==\n", 2), ("GRID,1,,0.\n=,*1,,*1,==\n", 2),
+        ("GRID,1,,0.\n=,*1,,*(1.\n", 2), ("GRID,1,,0.\n=,*1,*1,==\n", 2), ("GRID,1,,0.\n=,*1,==,1.\n", 2),
+        ("GRID,1,,0.\n==\n", 2), ("GRID,1,,0.\n=RID,1\n", 2), ("GRID,1,,0.\n=,*1,==\n=(0)\n", 3),
+        ("GRID,1,,0.\n=,*1,==\n=(2),1\n", 3), ("GRID,1,,0.\n=,%(5),==\n", 2), ("GRID*,1,,0.\n*,1.\n=,*1,==\n", 3),
+        ("GRID,1,,0.\n,\n=,*1,==\n", 3), ("GRID,1,,0.\n=,*1,=1,==\n", 2), ("GRID,1,,0.\n=,*1,==\nGRID,9\n=(2)\n", 4),
+    ],
+)  # fmt: skip
+def test_replication_that_is_none_is_refused(comm, folder, lines, number):
+    with pytest.raises(InputError, match=f"a.bdf, line {number}: found '=.*expected a line that repeats the card"):
+        nastran_bulk.read_deck(write(folder / "a.bdf", lines, comm), comm)
+
+
+def test_lines_below_replicated_cards_keep_their_numbers(comm, folder):
+    path = write(folder / "a.bdf", "GRID,1,,0.\n=,*1,==\n=(7)\nGRID,x\n", comm)
+    with pytest.raises(InputError, match="line 4: found 'GRID,x', expected the number of a grid point"):
+        nastran_bulk.read_deck(path, comm)
