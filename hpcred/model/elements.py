@@ -7,6 +7,9 @@ ABAQUS = {
     "C3D4": "tetra", "C3D10": "tetra10", "C3D8": "hexahedron", "C3D20": "hexahedron20", "C3D6": "wedge",
     "C3D15": "wedge15", "C3D5": "pyramid", "S3": "triangle", "S4": "quad", "S8": "quad8", "STRI3": "triangle",
     "STRI65": "triangle6", "B31": "line", "B33": "line", "B32": "line3", "T3D2": "line", "T3D3": "line3",
+    "SC6R": "wedge", "SC8R": "hexahedron", "M3D3": "triangle", "M3D4": "quad", "M3D6": "triangle6", "M3D8": "quad8",
+    "CPS3": "triangle", "CPS4": "quad", "CPS6": "triangle6", "CPS8": "quad8", "CPE3": "triangle", "CPE4": "quad",
+    "CPE6": "triangle6", "CPE8": "quad8", "B21": "line", "B23": "line", "B22": "line3", "T2D2": "line", "T2D3": "line3",
 }  # fmt: skip
 NODES = {
     "line": 2, "line3": 3, "triangle": 3, "triangle6": 6, "quad": 4, "quad8": 8, "tetra": 4, "tetra10": 10,

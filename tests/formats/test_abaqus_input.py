@@ -219,6 +219,25 @@ def test_normals_and_middle_nodes_do_not_count(comm, folder):
         read(write(folder / "b.inp", text.replace("S8R5", "S8R"), comm), comm)
 
 
+@pytest.mark.parametrize(
+    "name, kind, count",
+    [
+        ("CPS3", "triangle", 3), ("CPE4RH", "quad", 4), ("cps6m", "triangle6", 6), ("CPE8R", "quad8", 8),
+        ("M3D4R", "quad", 4), ("M3D8", "quad8", 8), ("SC8R", "hexahedron", 8), ("SC6R", "wedge", 6),
+        ("B21H", "line", 2), ("B22", "line3", 3), ("T2D2", "line", 2), ("CPEG4", None, 5),
+        ("CPS40", None, 4), ("M3D9R", None, 9),
+    ],
+)  # fmt: skip
+def test_kinds_of_elements(comm, folder, name, kind, count):
+    numbers = range(1, count + 1)
+    text = "*Node\n" + "".join(f"{n}, {n}.\n" for n in numbers)
+    text += f"*Element, type={name}, elset=E\n7, {', '.join(map(str, numbers))}\n"
+    mesh = read(write(folder / "a.inp", text, comm), comm)
+    assert set(mesh.elements) == ({kind} if kind else set()) and ("elements of E" in mesh.sets) == bool(kind)
+    if kind:
+        assert sorted(gathered(comm, mesh.elements[kind])[0].ravel().tolist()) == [*numbers]
+
+
 def test_elements_of_several_lines(comm, folder, monkeypatch):
     monkeypatch.setattr("hpcred.formats.text.PIECE", 10)
     numbers = np.arange(1, 21)
