@@ -188,6 +188,11 @@ def _keywords(path, positions, calculix):
                     f"{path}, line {line_number(path, position)}: found '{shown(line)}', expected a keyword without "
                     "control characters"
                 )
+            if line.count(b'"') % 2:
+                raise InputError(
+                    f"{path}, line {line_number(path, position)}: found '{shown(line)}', expected a keyword with a "
+                    "second quote for each first one"
+                )
             keyword, *parameters = _fields(line.decode("latin-1").strip().lstrip("*")) or [""]
             if not keyword.strip() and not calculix:
                 raise InputError(

@@ -128,6 +128,7 @@ def test_cylindrical_nodes(comm, folder):
         ("*Node\n1, 1.\n*Elgen, elset=E\n1, 9\n", r"line 3: found \*Elgen, which makes elements"),
         ("*Node\n1, 1.\n*EL COPY, old set=E\n1, 9\n", r"line 3: found \*Elcopy, which makes elements"),
         ("*Node\n1, 1.\n*\n*Nset, nset=A\n1\n", "line 3: found a line with nothing behind its asterisk"),
+        ('*Node"nset=A\n1, 1.\n', "line 1: found '.Node\"nset=A', expected a keyword with a second quote"),
         (">**\n*Node\n1, 1.\n", "found '>..' above the first keyword"),
         ("*Node, system=S\n1, 1.\n", r"line 1: found \*Node with system=S"),
         ("*Node, write=no\n1, 1.\n", r"line 1: found \*Node with the parameter write"),

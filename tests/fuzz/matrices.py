@@ -330,7 +330,7 @@ def calculix(rng, kind):
 
     def second(files):
         mats = {key: readings.triangle(files[f"a.{suffix}"]) for key, suffix in (("K", "sti"), ("M", "mas"))}
-        found, labels = readings.input_file(files["a.inp"]), readings.calculix_dofs(files["a.dof"])
+        found, labels = readings.input_file(files["a.inp"], True), readings.calculix_dofs(files["a.dof"])
         require_places(found)
         # nodes that CalculiX made, or several rows of one name: the rows have no names, which is said
         if {node for node, _ in labels} - found.keys() or len(set(labels)) < len(labels):

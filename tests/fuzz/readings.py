@@ -199,22 +199,27 @@ def calculix_dofs(text: bytes) -> list[tuple[int, int]]:
     return found
 
 
-def input_file(text: bytes) -> dict[int, tuple]:
-    """Places by node number, ascending, of the *Node blocks of an input file without parts; elements have nodes."""
+def input_file(text: bytes, of_calculix=False) -> dict[int, tuple]:
+    """Places by node number, ascending, of the *Node blocks of an input file without parts; elements have nodes.
+
+    CalculiX knows no keywords of several lines, leaves out those that it does not know, also one without a name, and
+    takes a node without coordinates.
+    """
     found, used, keyword = {}, set(), None
-    text = re.sub(rb"(?m)^([ \t]*\*[^\n]*,)[ \t]*\r?\n(?![ \t]*\*)", rb"\1", text)  # keywords that go on
+    if not of_calculix:
+        text = re.sub(rb"(?m)^([ \t]*\*[^\n]*,)[ \t]*\r?\n(?![ \t]*\*)", rb"\1", text)  # keywords that go on
     for line in text.removeprefix(b"\xef\xbb\xbf").split(b"\n"):
         if not line.strip() or line.strip().startswith((b"**", b"%", b"#")):
             continue
         if line.strip().startswith(b"*"):
             words = [word.strip().lower() for word in line.strip()[1:].split(b",")]
             keyword = words[0].replace(b" ", b"")
-            require(keyword, "no keyword")
+            require(keyword or of_calculix, "no keyword")
         elif keyword == b"node":
             words = [word.strip() for word in plain(line).strip().removesuffix(b",").split(b",")]
             words = [word or b"0" for word in words]
             words = [word for item in words for word in item.split()]
-            require(2 <= len(words) <= 7, "not two to seven numbers")
+            require((1 if of_calculix else 2) <= len(words) <= 7, "not two to seven numbers")
             label = whole(words[0], 1, LARGEST_LABEL)
             place = (tuple(real(word) for word in words[1:]) + (0.0,) * (4 - len(words)))[:3]
             require(found.setdefault(label, place) == place, "a node at two places")
