@@ -179,7 +179,7 @@ def bulk(text: bytes):
     require(sum(name == b"GRDSET" for name, _ in cards) < 2, "two defaults")
     defaults = next((words for name, words in cards if name == b"GRDSET"), [])
     defaults = defaults + 8 * [b""]
-    frames = systems([(name, words) for name, words in cards if name.startswith(b"CORD")])
+    frames = systems([(name, words) for name, words in cards if re.match(rb"CORD\d", name)])
     scalars = {digits(word, 1, LARGEST_LABEL) for name, words in cards if name == b"SPOINT" for word in words if word}
     found = []
     for name, words in cards:

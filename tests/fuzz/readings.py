@@ -213,7 +213,7 @@ def input_file(text: bytes, of_calculix=False) -> dict[int, tuple]:
             continue
         if line.strip().startswith(b"*"):
             words = [word.strip().lower() for word in line.strip()[1:].split(b",")]
-            keyword = words[0].replace(b" ", b"")
+            keyword = b"".join(words[0].split())
             require(keyword or of_calculix, "no keyword")
         elif keyword == b"node":
             words = [word.strip() for word in plain(line).strip().removesuffix(b",").split(b",")]
