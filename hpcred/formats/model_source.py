@@ -48,7 +48,7 @@ from .abaqus_matrices import files_beside
 from .entries import LARGEST_VALUE, Entries, LabelledEntries, label_name, label_of, node_and_direction, require_sane
 from .matrix_formats import format_of, read_entries
 from .model_file import FORMAT as OF_MODELS
-from .outputs import HDF5, hdf5_kind, kind_of
+from .outputs import HDF5, OTHER, hdf5_kind, kind_of
 from .parts import Parts
 from .source import Source
 from .text import doubts_of_end, first_bytes
@@ -99,6 +99,8 @@ def _no_export(path) -> InputError:
             return InputError(f"{path}: found a model of hpcred, which needs no conversion; a job names its inputs")
     elif (single := format_of(path)) is not None:
         what = f"{single.name}: give single matrices by -K and -M"
+    elif (kind := kind_of(path)) != OTHER:
+        what = kind
     expected = ", ".join(item.name for item in EXPORTS)
     return InputError(
         f"{path}: found a file that begins with {start[:12]!r}{f' ({what})' if what else ''}, expected {expected}"

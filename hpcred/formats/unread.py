@@ -31,6 +31,7 @@ BEGINNINGS = tuple(
         (rb"\x89HDF(?!\r\n\x1a\n)", "an HDF5 file whose ends of lines were changed", "copy it again as binary"),
         (rb"ISO-10303-21", "a drawing (STEP)", MESH), (rb"solid |facet ", "a surface (STL)", MESH),
         (rb"# vtk |(?:<\?xml[^>]*>\s*)?<VTKFile", "a VTK file", MESH),
+        (rb"(?:\s*#[^\n]*\n|\s)*model\s*=", "a job of hpcred", "run it by `hpcred reduce`"),
         (rb"7z\xbc\xaf\x27\x1c|Rar!\x1a\x07|BZh\d|\xfd7zXZ|\x28\xb5\x2f\xfd|\x1f\x9d", "a packed file", UNPACK),
         (rb"[\s\S]{257}ustar", "a tar archive", UNPACK),
         (rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a file of Office", SHEET),

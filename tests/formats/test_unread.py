@@ -44,6 +44,7 @@ FILES = {
     "a.stl": (b"solid part\n facet normal 0 0 1\n", "a surface", "for this mesh"),
     "a.msh": (b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "a mesh of Gmsh", "for this mesh"),
     "a.vtu": (b'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid">\n', "a VTK file", "for this mesh"),
+    "a.toml": (b'# a job\n\nmodel = "model.h5"\n', "a job of hpcred", "hpcred reduce"),
     "a.h5": (b"\x89HDF\n\x1a\n" + 60 * b"\0", "an HDF5 file whose ends of lines", "copy it again"),
 }  # fmt: skip
 
