@@ -118,8 +118,8 @@ def read(path, comm, calculix=False) -> Mesh:
 
     `calculix`: whether it is read as CalculiX does. Then matrices are in global directions in spite of *Transform;
     what stands on a line behind the nodes of an element does not count, nor do keywords that CalculiX does not know
-    (one without a name is among them), and a node may have no coordinates, which are zero; no keyword goes on in the
-    next line; lines of >** above the first keyword are comments.
+    (one without a name is among them, if it has no data lines), and a node may have no coordinates, which are zero; no
+    keyword goes on in the next line; lines of >** above the first keyword are comments.
     """
     sections = _sections(Path(path), comm, (), calculix)
     if calculix:
@@ -193,7 +193,8 @@ def _keywords(path, positions, calculix):
                     f"{path}, line {line_number(path, position)}: found '{shown(line)}', expected a keyword with a "
                     "second quote for each first one"
                 )
-            keyword, *parameters = _fields(line.decode("latin-1").strip().lstrip("*")) or [""]
+            text = line.decode("latin-1").strip().lstrip("*").strip()
+            keyword, *parameters = ["", *_fields(text)] if text[:1] in ("", ",") else _fields(text)
             if not keyword.strip() and not calculix:
                 raise InputError(
                     f"{path}, line {line_number(path, position)}: found a line with nothing behind its asterisk, "
@@ -202,6 +203,10 @@ def _keywords(path, positions, calculix):
             pairs = (item.partition("=") for item in parameters)
             given = {_word(key): value.strip().strip("\"'") for key, _, value in pairs if key.strip()}
             sections.append(Section(path, position, _word(keyword), given, file.tell(), stop))
+            if not sections[-1].keyword and sections[-1].has_data():
+                raise sections[-1].refusal(
+                    "found data lines below a line with nothing behind its asterisk, expected a keyword above them"
+                )
     return sections
 
 

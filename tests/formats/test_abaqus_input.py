@@ -164,7 +164,8 @@ def test_what_would_put_nodes_elsewhere_is_refused(comm, folder, text, says):
 OF_CALCULIX = """>**
 >** a shell wrote the first sign
 *
- a line that no keyword has
+
+** nothing below
 *Part, name=p
 *Node, nset=a,
 1
@@ -201,8 +202,9 @@ def test_calculix_leaves_out_what_it_does_not_know(comm, folder):
     assert gathered(comm, mesh.elements["tetra"])[0].tolist() == [[1, 2, 3, 4]] and sorted(members) == [1, 2, 3, 4]
     for old, new, says in (
         (">**", "> *", "found '> .' above the first keyword, expected a keyword"),
-        ("*Node, nset=a,", "*Node, system=C", r"line 6: found \*Node with system=C, which CalculiX does not know"),
-        ("\n1\n2", "\n1.5\n2", "line 7: found '1.5', expected the node number"),
+        ("*Node, nset=a,", "*Node, system=C", r"line 7: found \*Node with system=C, which CalculiX does not know"),
+        ("\n1\n2", "\n1.5\n2", "line 8: found '1.5', expected the node number"),
+        ("*Nset", "*", "line 21: found data lines below a line with nothing behind its asterisk"),
     ):
         with pytest.raises(InputError, match=says):
             read(write(folder / "b.inp", OF_CALCULIX.replace(old, new, 1), comm), comm, calculix=True)

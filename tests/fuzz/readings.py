@@ -215,6 +215,8 @@ def input_file(text: bytes, of_calculix=False) -> dict[int, tuple]:
             words = [word.strip().lower() for word in line.strip()[1:].split(b",")]
             keyword = b"".join(words[0].split())
             require(keyword or of_calculix, "no keyword")
+        elif keyword == b"":
+            raise Nonsense("data without a keyword")
         elif keyword == b"node":
             words = [word.strip() for word in plain(line).strip().removesuffix(b",").split(b",")]
             words = [word or b"0" for word in words]
