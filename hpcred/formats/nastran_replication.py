@@ -13,10 +13,10 @@ import numpy as np
 from .text import Piece
 
 REPEATED = re.compile(rb"(?m)^=")
-AGAIN = re.compile(rb"=\(?([1-9]\d{0,5})\)?")
+AGAIN = re.compile(rb"=\(?([1-9]\d{0,4})\)?")
 INCREMENT = re.compile(rb"\*(?:\(([^()]*)\)|([^()]*))")
-WHOLE = re.compile(rb"[+-]?\d+")
-REAL = re.compile(rb"([+-]?(?:\d+\.\d*|\.\d+))(?:[ED]?([+-]\d+)|[ED](\d+))?")
+WHOLE = re.compile(rb"[+-]?\d{1,18}")
+REAL = re.compile(rb"([+-]?(?:\d+\.\d*|\.\d+))(?:[ED]?([+-]\d{1,3})|[ED](\d{1,3}))?")
 DATA = 9  # fields of a line with its name
 EXPECTED = "a line that repeats the card of one line above it: =, fields with =, ==, *(x), or =(n) alone"
 

@@ -23,7 +23,7 @@ BEGINNINGS = tuple(
         (rb"[01]?\s[^%#]{,1500}?(?:NASTRAN|N A S T R A N|MSC\.SOFTWARE)", "a listing of Nastran (.f06, .f04)", NASTRAN),
         (rb"\$(?:MeshFormat|Comments|NOD)\b", "a mesh of Gmsh", MESH),
         (rb"\$TITLE +=[^\n]*\n\$SUBTITLE *=", "results of Nastran (.pch), no DMIG cards", NASTRAN),
-        (rb"\$[^\n]*\n(?:\$[^\n]*\n|[A-Z]\w*\*? |\*)", "cards of Nastran, but neither DMIG nor GRID", NASTRAN),
+        (rb"\$[^\n]*\n(?:\$[^\n]*\n|[A-Z]\w*\*? |\*)", "cards of Nastran, but first no DMIG or GRID", NASTRAN),
         (rb" {4}1C", "results of CalculiX (.frd)", CALCULIX),
         (rb"\s*(?:S T E P|E I G E N V A L U E) ", "printed results of CalculiX (.dat)", CALCULIX),
         (rb"(?:1\n)?\s*Abaqus[ /]", "a listing of Abaqus (.dat, .msg, .sta)", ABAQUS),

@@ -310,7 +310,8 @@ def test_replicated_cards_are_those_in_full(comm, folder, monkeypatch):
         ("GRID,1,,0.\n=,*1,,*(1.\n", 2), ("GRID,1,,0.\n=,*1,*1,==\n", 2), ("GRID,1,,0.\n=,*1,==,1.\n", 2),
         ("GRID,1,,0.\n==\n", 2), ("GRID,1,,0.\n=RID,1\n", 2), ("GRID,1,,0.\n=,*1,==\n=(0)\n", 3),
         ("GRID,1,,0.\n=,*1,==\n=(2),1\n", 3), ("GRID,1,,0.\n=,%(5),==\n", 2), ("GRID*,1,,0.\n*,1.\n=,*1,==\n", 3),
-        ("GRID,1,,0.\n,\n=,*1,==\n", 3), ("GRID,1,,0.\n=,*1,=1,==\n", 2), ("GRID,1,,0.\n=,*1,==\nGRID,9\n=(2)\n", 4),
+        ("GRID,1,,0.\n,\n=,*1,==\n", 3), ("GRID,1,,0.\n=,*1,=1,==\n", 2), ("GRID,1,,1.+9999\n=,*1,,*1.,==\n", 2),
+        ("GRID,1\n=,*%s,==\n" % (5000 * "9"), 2), ("GRID,1,,0.\n=,*1,==\nGRID,9\n=(2)\n", 4),
     ],
 )  # fmt: skip
 def test_replication_that_is_none_is_refused(comm, folder, lines, number):

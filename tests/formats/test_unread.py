@@ -27,7 +27,7 @@ FILES = {
     "a.f06": (b"1\n \n \n  TRADE SECRET OF MSC.SOFTWARE CORPORATION\n", "a listing of Nastran", "the .op4"),
     "b.f06": (b"1    MODES    MAY  16, 2018  MSC NASTRAN   PAGE 1\n", "a listing of Nastran", "the .op4"),
     "a.pch": (b"$TITLE   = ROD  1\n$SUBTITLE=    2\n   1   G   0.0\n", "results of Nastran", "or .pch"),
-    "b.pch": (b"$\n$  UPDATED ENTRIES\n$\nDESVAR *              10PBAR101\n", "cards of Nastran, but", "or .pch"),
+    "b.pch": (b"$\n$  UPDATED ENTRIES\n$\nDESVAR *              10PBAR101\n", "cards of Nastran, but first", "or .pch"),
     "a.xdb": (b"\x00\x04\x00\x00" + 60 * b"\0", "results of Nastran", "the .op4"),
     "a.frd": (b"    1C\n    1UUSER\n", "results of CalculiX", r"SOLVER=MATRIXSTORAGE"),
     "a.dat": (b"\n                        S T E P       1\n\n", "printed results of CalculiX", "SOLVER=MATRIXSTORAGE"),
