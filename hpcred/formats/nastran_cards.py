@@ -109,12 +109,9 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     fits = np.array([wanted.fullmatch(name) is not None for name in distinct], bool)[back] if len(names) else []
     mine = (card >= 0) & np.asarray(fits, bool)[card] if len(names) else np.zeros(len(card), bool)
     stray = (card < 0) | (~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8)))
+    stray &= (card < 0) | mine | (head[:, 0] != ord("="))  # cards that are not wanted may be repeated
     if stray.any():
-        repeats = head[stray][0, 0] == ord("=")
-        expected = "each card in full, without the = that repeats fields" if repeats else (
-            "a card, or a line that continues one"
-        )
-        raise piece.refusal(int(number[stray][0]), expected)
+        raise piece.refusal(int(number[stray][0]), "a card, or a line that continues one")
     lines = piece.text.split(b"\n") if strict and b"$" in piece.text else ()
     for k in [k for k, line in enumerate(lines) if b"$" in line and not line.startswith(b"$")]:
         place = np.searchsorted(number, k, side="right") - 1  # of the line itself, or the last in front of a remark

@@ -70,7 +70,8 @@ def _next(above, steps):
 
 
 def _sum(old, step):
-    """A number plus an increment of the same kind, or None."""
+    """A number, an empty one being zero, plus an increment of the same kind; or None."""
+    old = old or (b"0" if WHOLE.fullmatch(step) else b"0.")
     if WHOLE.fullmatch(old) and WHOLE.fullmatch(step):
         return b"%d" % (int(old) + int(step))
     numbers = [REAL.fullmatch(item) for item in (old, step)]

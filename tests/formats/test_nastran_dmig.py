@@ -148,6 +148,8 @@ def test_both_halves_of_a_symmetric_matrix_are_refused(comm, folder):
     [
         (f"{'':8}{1:<8}{6:<8}3.0\n" + LARGE, "line 1: found .*expected a card"),
         (LARGE + "1 1 1 1 1\n", "expected a card, or a line that continues one"),
+        (LARGE + "=,*1,==\n", "expected a card, or a line that continues one"),
+        ("=,*1,==\n" + LARGE, "line 1: found .*expected a card"),
         (LARGE + "ENDDATA\n\n*                      9               0 2.000000000D+00\n", "nothing below ENDDATA"),
     ],
 )
@@ -155,3 +157,10 @@ def test_lines_that_belong_to_no_card(comm, folder, text, says):
     write(folder / "a.pch", text, comm)
     with pytest.raises(InputError, match=says):
         load_source(Source(folder / "a.pch", folder / "a.pch", variables={"K": "KAAX", "M": "MAAX"}), comm)
+
+
+def test_other_cards_may_be_repeated(comm, folder):
+    """An input file that is looked into for DMIG."""
+    found = [nastran_dmig.contents(write(folder / name, lines + LARGE, comm), comm)
+             for name, lines in (("a.bdf", "GRID,1,,0.\n=,*1,==\n=3\n"), ("b.bdf", ""))]  # fmt: skip
+    assert found[0] == found[1]
