@@ -212,13 +212,21 @@ def relative(blocks: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
 
 def worst_pair(full: np.ndarray, reduced: np.ndarray) -> tuple[int, int, float]:
-    """Output and input (from 0) whose response is worst by itself, and its error: max |H - Hr| / max |H| over f.
+    """Output and input (from 0) whose response is worst by itself, and its error: max |H - Hr| / max |H| over f, or
+    the median of |H - Hr| / |H| where that is larger. Arrays (S, r, p).
 
     eps weighs all pairs by the size of their responses, in SI units, so that stiff directions may be less accurate. A
-    pair that symmetry makes nothing of is set beside the responses of the same output and of the same input.
+    resonance that such a direction hardly takes part in is right, and so large that beside it nothing else counts:
+    the median is that of the band between. A pair that symmetry makes nothing of is set beside the responses of the
+    same output and of the same input.
     """
-    largest = np.abs(full).max(axis=0)
-    beside = np.sqrt(largest.max(axis=1)[:, None] * largest.max(axis=0))
-    errors = np.abs(full - reduced).max(axis=0) / np.maximum(largest, np.maximum(NOTHING * beside, 1e-300))
+    size, error = np.abs(full), np.abs(full - reduced)
+    peaks = _by_itself(error.max(axis=0, keepdims=True), size.max(axis=0, keepdims=True))[0]
+    errors = np.maximum(peaks, np.median(_by_itself(error, size), axis=0))
     i, j = np.unravel_index(errors.argmax(), errors.shape)
     return int(i), int(j), float(errors[i, j])
+
+
+def _by_itself(error: np.ndarray, size: np.ndarray) -> np.ndarray:
+    beside = np.sqrt(size.max(axis=2, keepdims=True) * size.max(axis=1, keepdims=True))
+    return error / np.maximum(size, np.maximum(NOTHING * beside, 1e-300))

@@ -20,6 +20,18 @@ def test_the_worst_pair_is_relative_to_itself_and_not_to_the_largest():
     assert (i, j) == (1, 1) and error == pytest.approx(0.3)
 
 
+def test_a_resonance_that_is_right_does_not_hide_a_pair_that_is_wrong_in_all_of_the_band():
+    """A stiff direction that is off everywhere but where it takes a small part in a resonance."""
+    full = np.ones((9, 2, 2), dtype=complex)
+    full[:, 1, 1] = 1e-2
+    full[4] *= 1e4
+    reduced = full.copy()
+    reduced[:, 1, 1] -= 0.9e-2
+    assert np.median(relative_error(full, reduced)) < 1e-2
+    i, j, error = worst_pair(full, reduced)
+    assert (i, j) == (1, 1) and error == pytest.approx(0.9)
+
+
 def test_an_error_of_nothing_is_none_and_that_of_no_number_is_no_number():
     full = np.array([0.0, 0.0, np.nan, 1.0])[:, None, None]
     found = relative_error(full, np.array([0.0, 1.0, 1.0, np.nan])[:, None, None])
