@@ -80,8 +80,9 @@ def _on_symmetry(model):
     if not worst:
         return f"{', '.join(model.matrices)} are symmetric"
     listed = ", ".join(f"{key} {defect:.1e}" for key, defect in worst.items())
-    what = "symmetric to round-off" if model.symmetric else "not symmetric"
-    return f"{', '.join(model.matrices)} are {what}: ||A - A^T|| / ||A|| is {listed}"
+    if model.symmetric:
+        return f"{', '.join(model.matrices)} are symmetric to round-off: ||A - A^T|| / ||A|| is {listed}"
+    return f"not all of {', '.join(model.matrices)} are symmetric: ||A - A^T|| / ||A|| is {listed}"
 
 
 def _on_signs(model):

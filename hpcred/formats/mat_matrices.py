@@ -53,7 +53,7 @@ def read_parts(path, comm, variables=None) -> Parts:
     with agreed(comm):
         unknown = sorted(set(variables or {}) - {"K", "M", "D"})
         if unknown:
-            raise InputError(f"--variables: found {unknown[0]} for {path}, expected K, M or D; give B and C by -B, -C")
+            raise InputError(f"--variables: found {unknown[0]} for {path}, expected K, M or D; {_by_options(path)}")
         chosen = {key: _chosen(path, found, key, (variables or {}).get(key)) for key in ("K", "M")}
         damping = _chosen(path, found, "D", (variables or {}).get("D"), needed=False)
         if damping is not None and (damping.shape == chosen["K"].shape or (variables or {}).get("D")):
@@ -72,12 +72,33 @@ def read_parts(path, comm, variables=None) -> Parts:
         parts.warnings.append(
             f"{path}: took {taken}; not read, though of the same size: {', '.join(others[:8])}; choose by --variables"
         )
+    if ports := _ports(found, chosen["K"].shape[0]):
+        parts.warnings.append(f"{path}: not read as inputs and outputs: {ports}; {_by_options(path)}")
     nodes, dofs = (_named(path, found, name, width) for name, width in (("nodes", 4), ("dofs", 2)))
     if nodes is not None:
         parts.nodes = _nodes(path, comm, nodes)
     if dofs is not None and nodes is not None:
         parts.row_labels = _row_labels(path, comm, dofs, chosen["K"].shape[0])
     return parts
+
+
+def _ports(found, rows) -> str:
+    """B (n, p) and C (r, n), in words; those of the size of K may be anything."""
+    fitting = [
+        item
+        for key, along in (("B", 0), ("C", 1))
+        for item in found
+        if item.name.lower() in NAMES[key] and len(item.shape) == 2
+        and item.shape[along] == rows != item.shape[1 - along]
+    ]  # fmt: skip
+    return ", ".join(f"{item.name} ({item.in_words()})" for item in fitting)
+
+
+def _by_options(path):
+    return (
+        f"for B or C of a file name each matrix: -K {path} -M {path} -B {path} -C {path}, with --nodes and --dofs from "
+        "text files; unit loads go by --inputs"
+    )
 
 
 def _reader(path):

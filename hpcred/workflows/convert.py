@@ -53,7 +53,10 @@ def convert(
             report = check(model)
         with progress.stage("write", str(output)):
             rescued(lambda place: write_model(place, model), output, comm)
-        return {"output": str(output), "inputs": list(model.input_names), **report}
+        ports = {"inputs": list(model.input_names)}
+        if model.output_names != model.input_names:
+            ports["outputs"] = list(model.output_names)
+        return {"output": str(output), **ports, **report}
 
 
 def list_formats() -> list[dict]:

@@ -132,6 +132,17 @@ def test_empty_sparse_matrices(comm, folder):
         assert not to_dense(model.D).any()
 
 
+def test_inputs_and_outputs_that_stand_in_the_file_are_not_passed_over_in_silence(comm, folder):
+    """They are read from a .mat that is named by -B and -C, as the remark says."""
+    B, C = np.eye(SIZE)[:, :2], np.eye(SIZE)[3:6]
+    path = saved(comm, folder, "v5", {"K": K, "M": M, "B": B, "C": C})
+    with load_export(path, comm) as model:
+        says = model.remarks[-1]
+        assert f"B ({SIZE} x 2 dense), C (3 x {SIZE} dense)" in says and f"-B {path} -C {path}" in says
+    with load_source(Source(K=path, M=path, B=path, C=path), comm) as model:
+        assert len(model.input_names) == 2 and len(model.output_names) == 3
+
+
 def test_lists_of_other_types_and_a_damping_of_another_size(comm, folder):
     sparse = scipy.sparse.csc_matrix(K)
     with load_export(saved(comm, folder, "v7.3", {"K": sparse, "M": M, "D": M[:3]}), comm) as model:
@@ -187,7 +198,7 @@ def test_names_that_are_not_there_are_refused(comm, folder):
     path = saved(comm, folder, "v5", {"K": K, "M": M})
     with pytest.raises(InputError, match="found no variable 'kk' for K; the file has K .*, M "):
         load_export(path, comm, variables={"K": "kk"})
-    with pytest.raises(InputError, match="--variables: found B for"):
+    with pytest.raises(InputError, match="--variables: found B for .* expected K, M or D; .* -B "):
         read_parts(path, comm, {"B": "K"})
     mtx = write(folder / "K.mtx", "1 1 1.0\n", comm)
     with pytest.raises(InputError, match="give single matrices by -K and -M"):

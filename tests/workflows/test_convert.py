@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
+import scipy.sparse
 from conftest import DATA
 from helpers import refused, write_matrices
 
@@ -49,6 +51,15 @@ def test_convert_ends_with_a_check(capsys):
     assert report["held_dofs"] == 27 and report["units"] == "m, kg, s" and report["inputs"] == ["99:z"]
     again = said(capsys, "info", "model.h5")
     assert "held dofs 27" in again and "9 of 99 nodes have no row" in again and "the mass of 73.2667" in again
+
+
+def test_outputs_of_their_own_and_a_damping_that_is_not_symmetric_are_said(capsys):
+    write_matrices(lambda K, M: None)
+    scipy.io.mmwrite("D.mtx", scipy.sparse.diags([[0.5, 0.0, 0.0]], [1]))
+    matrices = ("-K", "K.mtx", "-M", "M.mtx", "-D", "D.mtx")
+    text = said(capsys, "convert", *matrices, "m.h5", "--inputs", "1", "--outputs", "2,3")
+    assert "inputs dof 1 outputs dof 2, dof 3 size 4" in text
+    assert "not all of M, K, D are symmetric: ||A - A^T|| / ||A|| is D " in text
 
 
 @pytest.mark.parametrize(
