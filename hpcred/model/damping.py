@@ -110,6 +110,18 @@ class Structural:
         within("damping.loss_factor", self.loss_factor, RATIO)
 
 
+def doubts_of_damping(damping) -> tuple[str, ...]:
+    """Ratios and loss factors that look like per cent: a body that does not vibrate at all is no use of either."""
+    if isinstance(damping, ModalDamping):
+        largest = max([ratio for _, ratio in damping.table or ()] or damping.ratios or [damping.ratio])
+        what = "the ratio {:g}, where 1 is critical damping, beyond which nothing vibrates"
+    elif isinstance(damping, Structural):
+        largest, what = damping.loss_factor, "the loss factor {:g}, twice the damping ratio at a resonance"
+    else:
+        return ()
+    return (f"damping: found {what.format(largest)}; 0.01 is 1 %",) if largest >= 1 else ()
+
+
 def with_damping(model, damping):
     """The model with the D of a damping law, without one for the laws that have no sparse matrix. Collective.
 

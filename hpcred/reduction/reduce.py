@@ -9,7 +9,7 @@ import numpy as np
 from ..linalg.basis import Basis
 from ..linalg.blocks import apply, copy_of, create_block
 from ..linalg.factorisation import DoesNotFit, Factoring
-from ..model.damping import ModalDamping, NoDamping, Structural
+from ..model.damping import ModalDamping, NoDamping, Structural, doubts_of_damping
 from ..model.digits import doubts_of_digits
 from ..model.frames import Buckens, NoFrame, apply_frame, inputs_without_effect
 from ..model.interfaces import doubts_of_interfaces
@@ -134,7 +134,7 @@ def _check(model, frame, damping, adaptive, settings) -> tuple[str, ...]:
         _check_two_sided(settings, damping, adaptive)
     if settings.coordinates == "interface":
         check_interface_coordinates(model, frame)
-    return warnings_of(model, frame)
+    return warnings_of(model, frame) + doubts_of_damping(damping)
 
 
 def _is_two_sided(model, settings):

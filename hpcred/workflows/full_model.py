@@ -72,7 +72,12 @@ def factoring_of(record) -> Factoring:
 
 def _model_of_record(path, record, result, comm):
     """The model of a model file with the inputs and outputs of a reduction, checked to be the one that was reduced."""
-    model = with_interfaces(read_model(path, comm), record.interfaces)
+    model = read_model(path, comm)
+    if model.size != record.size:  # before interfaces are looked for, which another model does not have
+        with model:
+            raise InputError(f"{path}: has {model.size} dofs, and the model that {result} was reduced from has "
+                             f"{record.size}; take that model, or reduce this one again")  # fmt: skip
+    model = with_interfaces(model, record.interfaces)
     for key, names in (("input", record.inputs), ("output", record.outputs)):
         model = _as_recorded(model, key, names, record, path)
     key = difference_of(signature_of(model), record)

@@ -12,7 +12,7 @@ from hpcred import (
     Rayleigh,
     SecondOrderKrylov,
 )
-from hpcred.model.damping import is_proportional
+from hpcred.model.damping import doubts_of_damping, is_proportional
 
 pytestmark = pytest.mark.mpi
 
@@ -51,3 +51,27 @@ def test_proportional_damping_is_recognised(solid):
         assert is_proportional(model)
     with pytest.raises(hpcred.InputError, match="'krylov' fits"):
         hpcred.reduce(solid, [SecondOrderKrylov(300.0)], damping=Caughey((1.0, 1e-6, 1e-16)))
+
+
+@pytest.mark.parametrize(
+    "damping, says",
+    [
+        (hpcred.ModalDamping(ratio=2.0), "the ratio 2, where 1 is critical"),
+        (hpcred.ModalDamping(ratios=(0.01, 1.5)), "the ratio 1.5"),
+        (hpcred.ModalDamping(table=((0.0, 1.0), (9.0, 0.5))), "the ratio 1,"),
+        (hpcred.Structural(loss_factor=3.0), "the loss factor 3"),
+        (hpcred.ModalDamping(ratio=0.99), None),
+        (Rayleigh(2.0, 1e-5), None),
+    ],
+)
+def test_ratios_in_per_cent_are_doubted(damping, says):
+    found = doubts_of_damping(damping)
+    assert found == () if says is None else says in found[0] and "0.01 is 1 %" in found[0]
+
+
+def test_a_reduction_records_the_doubt(comm):
+    with (
+        hpcred.solid((2, 2, 2), inputs=2, comm=comm) as model,
+        hpcred.reduce(model, [Krylov(0.0, 0)], damping=hpcred.ModalDamping(ratio=1.0)) as rom,
+    ):
+        assert "0.01 is 1 %" in rom.record.warnings[-1]

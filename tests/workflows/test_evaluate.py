@@ -91,6 +91,11 @@ def test_another_model_or_other_inputs_are_noticed(linkage_folder, capsys):
     capsys.readouterr()
     assert run(["evaluate", "result.h5", "--full", "other.h5", "--points", "3"]) == 2
     assert "its matrix M differs from what result.h5 was reduced from" in capsys.readouterr().err
+    with package.solid((1, 1, 1), inputs=1) as model:
+        package.write_model("small.h5", model)
+        size = model.size
+    assert run(["evaluate", "result.h5", "--full", "small.h5", "--points", "3"]) == 2
+    assert f"small.h5: has {size} dofs, and the model that result.h5 was reduced from" in capsys.readouterr().err
     columns = np.zeros((120, 1))
     columns[116] = 1.0
     scipy.io.mmwrite("B.mtx", columns)
