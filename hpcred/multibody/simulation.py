@@ -22,6 +22,7 @@ MOST_STEPS = 1e8  # that a simulation may need; they take weeks
 OUTPUTS = (1, 10_000_000, "")  # output intervals, all of which are kept in memory
 SPEED = (-3e8, 3e8, "m/s")
 ENERGIES = ("kinetic", "elastic", "gravity", "springs")
+LARGE_GRAVITY = 1e3  # m/s^2: above what is asked for in earnest, below 9810
 POWERS = ("work", "drives", "dissipated")
 MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
 
@@ -72,6 +73,12 @@ class Simulation:
             raise InputError(f"start: found '{self.start[:40]}', expected 'given' or 'static'")
         if self.start == "static" and any(any(getattr(self, key)) for key in moving):
             raise InputError(f"start: 'static' is a state of rest; leave out {', '.join(moving)}")
+
+    @property
+    def doubts(self) -> list[str]:
+        """What looks like numbers in mm; in sentences."""
+        size = float(np.linalg.norm(self.gravity))
+        return [f"gravity: found {size:g} m/s^2; in SI it is 9.81"] if size > LARGE_GRAVITY else []
 
     @property
     def nodes(self) -> list:
@@ -172,7 +179,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         [element_of(item, *start[item.node]) for item in setup.spring],
         holds_of(setup.constraint, setup.drive, start),
     )  # fmt: skip
-    notes = remarks(body)
+    notes = setup.doubts + remarks(body)
     if setup.start == "static":
         r, p, q = system.equilibrium(r, p)
     else:

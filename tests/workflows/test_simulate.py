@@ -26,6 +26,13 @@ def made(reduced_linkage, folder, comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.parametrize("gravity, doubted", [("[0.0, 0.0, -9810.0]", True), ("[-9.81, 0.0, 0.0]", False)])
+def test_gravity_in_mm_is_doubted(made, gravity, doubted):
+    notes = simulate_file(made(), overrides=["end=1e-4", f"gravity={gravity}"])["notes"]
+    assert ("gravity: found 9810 m/s^2; in SI it is 9.81" in notes) == doubted
+
+
+@pytest.mark.mpi
 def test_files_of_a_simulation(made):
     path = made()
     report = simulate_file(path, overrides=["velocity=[0.0, 0.0, 1.0]"])
