@@ -448,10 +448,8 @@ def reduce(
         show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
         print(f"{accuracy.measured}; {accuracy.missing_modes} modes missing; round-off {accuracy.noise:.0e}; "
               f"{accuracy.big_size} columns before the compression")  # fmt: skip
-        output, input_, own = accuracy.worst_pair
-        if own > 10 * accuracy.tolerance:
-            print(f"eps is the error of all responses together, in SI units; that of output {output} to input {input_} "
-                  f"by itself is {own:.1g}: ask for a smaller tolerance where it matters")  # fmt: skip
+        if accuracy.caveat:
+            print(accuracy.caveat)
     residual = max((item.residual for item in record.factorisations), default=0.0)
     print(
         f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "

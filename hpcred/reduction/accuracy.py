@@ -156,6 +156,17 @@ class Accuracy:
         doubt = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
         return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{doubt}"
 
+    @property
+    def caveat(self) -> str:
+        """What eps hides of the pair that is worst by itself; "" where that is of no account."""
+        if self.worst_pair is None or self.worst_pair[2] <= 10 * self.tolerance:
+            return ""
+        output, input_, own = self.worst_pair
+        return (
+            f"eps is the error of all responses together, in SI units; that of output {output} to input {input_} by "
+            f"itself is {own:.1g}: ask for a smaller tolerance where it matters"
+        )
+
 
 def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
     """How the response of a model with a damping law is measured: its proportional part, whether a given D comes on

@@ -310,6 +310,7 @@ def _shown(sheet):
         "name": sheet.name,
         "sentence": accuracy.sentence if accuracy is not None else "",
         "reached": accuracy is not None and accuracy.reached,
+        "caveat": accuracy.caveat if accuracy is not None else "",
         "facts": _facts(sheet),
         "warnings": list(record.warnings),
         "exact": [] if sheet.eps is None else [

@@ -131,6 +131,24 @@ def test_what_is_drawn_is_what_the_files_say(linkage_report):
     assert not drawn["full_as_before"] and data["results"][1]["full_as_before"] and not data["several_full"]
 
 
+def test_a_stiff_direction_that_eps_hides_is_named(folder):
+    """Along its axis a rod is a thousand times stiffer than in bending: 1e-2 of all leaves nothing right there."""
+    bearings = [package.Interface(name=name, nodes=package.Nodes(set=name)) for name in ("BIG_EYE", "SMALL_EYE")]
+    with (
+        package.crank(dofs=600) as rod,
+        rod.with_interfaces(bearings) as jointed,
+        jointed.with_inputs([(name, "all") for name in ("BIG_EYE", "SMALL_EYE")]) as loaded,
+        package.reduce(loaded, tolerance=1e-2, band=(0, 2000), frame=package.Buckens()) as rom,
+    ):
+        package.write_result(folder / "rod.h5", rom, loaded)
+        accuracy = rom.record.accuracy
+    output, input_, own = accuracy.worst_pair
+    assert own > 0.5 and f"output {output} to input {input_} by itself is {own:.1g}" in accuracy.caveat
+    assert replace(accuracy, worst_pair=(output, input_, 0.1)).caveat == ""
+    report_file([folder / "rod.h5"], output=folder / "rod.html")
+    assert f"rod: {accuracy.caveat}" in page_of(folder / "rod.html")[0].texts
+
+
 def test_bodies_move_as_the_shapes_say(linkage_report):
     folder, _ = linkage_report
     drawn = json.loads(page_of(folder / "report.html")[0].data)["results"][0]["shape"]
