@@ -17,6 +17,7 @@ from . import nastran_bulk, nastran_dmig, nastran_op2, nastran_op4
 from .entries import STRIDE, Entries, LabelledEntries, asymmetry, chunks, label_of
 from .nastran_names import STRUCTURAL, Choice, letter_of, named, none_found, pairs
 from .nastran_points import HELD, SETS, Points, present, refined, turn_of, turned_entries
+from .nastran_sets import hold_rotations_of_solids, mark_sets
 from .node_table import Nodes
 from .parts import Parts
 from .text import first_bytes
@@ -234,11 +235,11 @@ def _rows_of_deck(deck, comm, letter, size):
     """_Rows of a set from the input file, or why not."""
     points = nastran_bulk.points_of(deck, comm)
     if letter != "G":
-        reason = nastran_bulk.mark_sets(deck, comm, points)
+        reason = mark_sets(deck, comm, points)
         if reason:
             return None, reason
     counts = [points.count(comm, points.of_set(letter))]
-    if counts[0] != size and letter != "G" and nastran_bulk.hold_rotations_of_solids(deck, comm, points):
+    if counts[0] != size and letter != "G" and hold_rotations_of_solids(deck, comm, points):
         counts.append(points.count(comm, points.of_set(letter)))
     if counts[-1] != size:
         return None, f"{' or '.join(map(str, dict.fromkeys(counts)))} dofs in the set {letter}"
@@ -398,14 +399,13 @@ def _read_beside(path, comm, variables):
 def _label_entries(comm, parts, deck):
     """Labelled entries in x, y, z as far as they go, with the nodes of an input file."""
     points = nastran_bulk.points_of(deck, comm)
-    labels = np.concatenate([end for item in parts.matrices.values() for end in (item.rows, item.columns)])
     _name_scalars(comm, parts, points)
     labels = np.concatenate([end for item in parts.matrices.values() for end in (item.rows, item.columns)])
     mask = present(comm, points, labels)
     turn = turn_of(points, mask, points.local_labels(), by_label=True)
     for key, item in parts.matrices.items():
         parts.matrices[key] = LabelledEntries(*turned_entries(comm, turn, item.rows, item.columns, item.values))
-    reason = nastran_bulk.mark_sets(deck, comm, points)
+    reason = mark_sets(deck, comm, points)
     parts.warnings.append(f"nodes are those of {deck.path}")
     held = points.count(comm, points.there() & ~mask & (points.marks & HELD > 0))
     if held and not reason:

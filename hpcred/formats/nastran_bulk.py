@@ -1,8 +1,8 @@
-"""Input files of Nastran and OptiStruct (.bdf, .dat, .fem): a file enters, its points, their sets and elements leave.
+"""Input files of Nastran and OptiStruct (.bdf, .dat, .fem): a file enters, its points, elements and few cards leave.
 
 Read are the grid and scalar points, coordinate systems, elements as far as pictures need them, and the cards that tell
-which dofs have no row: supports, rigid elements, multi-point constraints, ASET and OMIT. Each rank reads its share of
-the lines; the cards of systems and constraints, which are few, are collected on all ranks.
+which dofs have no row (see nastran_sets). Each rank reads its share of the lines; the cards of systems and constraints,
+which are few, are collected on all ranks.
 """
 
 import re
@@ -13,20 +13,9 @@ import numpy as np
 
 from ..model.elements import NODES
 from ..parallel.failures import InputError, agreed
-from ..parallel.lookup import look_up, number_over_ranks, repeated_key, sort_over_ranks
+from ..parallel.lookup import repeated_key, sort_over_ranks
 from .nastran_cards import CARD, components, lines_of, number_of, reals, whole_of, wholes
-from .nastran_points import (
-    CYLINDRICAL,
-    DEPENDENT,
-    HELD,
-    OMITTED,
-    RECTANGULAR,
-    SPHERICAL,
-    SUPPORTED,
-    TINY,
-    Points,
-    System,
-)
+from .nastran_points import CYLINDRICAL, HELD, RECTANGULAR, SPHERICAL, TINY, Points, System
 from .node_table import LARGEST_COORDINATE
 from .text import first_bytes, first_line, line_number, records, refuse_packed, require_file
 
@@ -45,7 +34,6 @@ SMALL = re.compile(
     rb"CORD[12][RCS]|GRDSET|SPC|SPC1|SPCADD|MPC|MPCADD|RBE1|RBE2|RBE3|RBAR|RBAR1|RROD|RTRPLT1?|RSPLINE|RSSCON|RJOINT|"
     rb"[ABCQ]SET1?|OMIT1?|SUPORT1?|SPOINT|EPOINT|SEQGP|CSUPER|SESET|SEBULK|EXTRN"
 )
-UNTOLD = ("RROD", "RTRPLT", "RTRPLT1", "RSPLINE", "RSSCON", "RJOINT", "EPOINT", "SEQGP", "CSUPER", "SESET", "SEBULK")
 # number of the field of the first node, and nodes by kind, the largest first
 ELEMENTS = {
     "CTETRA": (2, ("tetra10", "tetra")), "CHEXA": (2, ("hexahedron20", "hexahedron")),
@@ -55,14 +43,12 @@ ELEMENTS = {
     "CBAR": (2, ("line",)), "CBEAM": (2, ("line",)), "CROD": (2, ("line",)), "CTUBE": (2, ("line",)),
     "CBEND": (2, ("line",)), "CONROD": (1, ("line",)), "CBUSH": (2, ("line",)),
 }  # fmt: skip
-SOLID = ("tetra", "tetra10", "hexahedron", "hexahedron20", "wedge", "wedge15", "pyramid")
 # Nastran numbers the vertical edges before those of the top
 VTK = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)], "wedge15": [*range(9), 12, 13, 14, 9, 10, 11]}
 WITH_NODES = {"CONM2": (1,), "CONM1": (1,), "CELAS1": (2, 4), "CELAS2": (2, 4), "CBUSH": (2, 3), "CDAMP1": (2, 4),
               "CDAMP2": (2, 4), "CMASS1": (2, 4), "CMASS2": (2, 4), "CVISC": (2, 3)}  # fmt: skip
 ANY_ELEMENT = re.compile(rb"C(?!ORD[12][RCS]$|SET1?$|SUPER$|REEP$|LOAD$|YJOIN$)[A-Z]+[0-9]*")
 FLUID = -1
-ANALYSIS = 16  # in the analysis set: what is not named is omitted
 
 
 @dataclass(frozen=True)
@@ -97,6 +83,26 @@ class Card:
         if not set(self.text(k)) <= set("0123456"):
             raise self.error(f"found the directions '{self.text(k)}', expected digits of 1 to 6")
         return np.array([str(d) in self.text(k) for d in range(1, 7)])
+
+    def points(self, first: int) -> tuple[list[int], list[int]]:
+        """Lowest and highest numbers of a list of points that may say THRU, from the field `first` on."""
+        words = [word for word in self.fields[first:] if word]
+        low, high = [], []
+        k = 0
+        while k < len(words):
+            number = whole_of(words[k], self.error, "a point")
+            last = number
+            if k + 2 < len(words) and words[k + 1] == "THRU":
+                last = whole_of(words[k + 2], self.error, "a point")
+                k += 2
+                if k + 1 < len(words) and words[k + 1] in ("BY", "EXCEPT"):
+                    raise self.error(f"found '{words[k + 1]}' behind THRU, which is not read; list the points")
+            if last < number:
+                raise self.error(f"found {number} THRU {last}, expected ascending numbers")
+            low.append(number)
+            high.append(last)
+            k += 1
+        return low, high
 
 
 @dataclass
@@ -358,30 +364,9 @@ def _scalars(cards):
     found = []
     for card in cards:
         if card.name == "SPOINT":
-            low, high = _ranges(card, 0)
+            low, high = card.points(0)
             found += [np.arange(a, b + 1) for a, b in zip(low, high, strict=True)]
     return np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
-
-
-def _ranges(card, first):
-    """Lowest and highest numbers of a list of points that may say THRU."""
-    words = [word for word in card.fields[first:] if word]
-    low, high = [], []
-    k = 0
-    while k < len(words):
-        number = whole_of(words[k], card.error, "a point")
-        last = number
-        if k + 2 < len(words) and words[k + 1] == "THRU":
-            last = whole_of(words[k + 2], card.error, "a point")
-            k += 2
-            if k + 1 < len(words) and words[k + 1] in ("BY", "EXCEPT"):
-                raise card.error(f"found '{words[k + 1]}' behind THRU, which is not read; list the points")
-        if last < number:
-            raise card.error(f"found {number} THRU {last}, expected ascending numbers")
-        low.append(number)
-        high.append(last)
-        k += 1
-    return low, high
 
 
 def _systems(comm, deck, label, system, coordinates):
@@ -443,144 +428,3 @@ def _definitions(deck, grids):
                 define(card, card.whole(start, "the number of the system"),
                        [(grids[point][0], grids[point][1].tolist()) for point in points])  # fmt: skip
     return found
-
-
-def mark_sets(deck: Deck, comm, points: Points) -> str | None:
-    """Mark the dofs that supports, rigid elements, constraints, ASET and OMIT remove. Collective. Raises InputError.
-
-    Returns why this cannot be told, or None.
-    """
-    with agreed(comm):
-        reason, removed = _removed(deck)
-    if reason:
-        return reason
-    analysis = np.zeros(points.marks.shape, bool)
-    chosen = False
-    for low, high, directions, mark in removed:
-        at = np.concatenate([np.arange(np.searchsorted(points.label, a), np.searchsorted(points.label, b, side="right"))
-                             for a, b in zip(low, high, strict=True)] or [np.zeros(0, np.int64)])  # fmt: skip
-        at = at.astype(np.int64)
-        which = np.where(points.scalar[at][:, None], np.arange(6) == 0, directions)
-        if mark == ANALYSIS:
-            analysis[at] |= which
-            chosen = True
-        else:
-            points.marks[at] |= np.where(which, mark, 0).astype(np.uint8)
-    if chosen:
-        supported = points.marks & SUPPORTED > 0
-        points.marks[points.there() & ~analysis & ~supported & (points.marks == 0)] |= OMITTED
-    return None
-
-
-def _removed(deck):
-    """Ranges of points, directions (6,) and marks of all dofs that a card removes; or why they are not known."""
-    rows = [(*([card.whole(k, "a point")],) * 2, card.directions(k + 1), ANALYSIS)
-            for card in deck.cards if card.name == "EXTRN" for k in range(0, len(card.fields), 2) if card.text(k)]
-    if rows:  # what an external superelement says of its rows
-        return None, rows
-    untold = next((card for card in deck.cards if card.name in UNTOLD), None)
-    if untold is not None:
-        return f"{untold.name} in {untold.file}, whose dofs are not known from the input file alone", []
-    chosen = {}
-    for key in ("SPC", "MPC"):
-        chosen[key] = _chosen(deck, key)
-        if chosen[key] is None:
-            return f"more than one set of {key} in {deck.path}, and no word on which one was used", []
-    found = []
-    for card in deck.cards:
-        name = card.name
-        if name in ("SPC", "SPC1") and card.whole(0, "the number of the set") in chosen["SPC"]:
-            if name == "SPC":
-                found += [([card.whole(k, "a point")] * 2, card.directions(k + 1), HELD)
-                          for k in (1, 4) if card.text(k)]  # fmt: skip
-            else:
-                found.append((*_ranges(card, 2), card.directions(1), HELD))
-        elif name == "MPC" and card.whole(0, "the number of the set") in chosen["MPC"]:
-            found.append(([card.whole(1, "a point")] * 2, card.directions(2), DEPENDENT))
-        elif name.startswith("RB"):
-            found += _dependent(card)
-        elif name in ("ASET1", "BSET1", "CSET1", "QSET1", "OMIT1"):
-            found.append((*_ranges(card, 1), card.directions(0), OMITTED if name == "OMIT1" else ANALYSIS))
-        elif name in ("ASET", "BSET", "CSET", "QSET", "OMIT", "SUPORT", "SUPORT1"):
-            mark = OMITTED if name == "OMIT" else SUPPORTED if name.startswith("SUP") else ANALYSIS
-            for k in range(name == "SUPORT1", len(card.fields), 2):
-                if card.text(k):
-                    found.append(([card.whole(k, "a point")] * 2, card.directions(k + 1), mark))
-    return None, [item if len(item) == 4 else ([item[0][0]], [item[0][1]], *item[1:]) for item in found]
-
-
-def _chosen(deck, key):
-    """Numbers of the sets of SPC or MPC that are in force, or None where that is not known."""
-    numbers = {card.whole(0, "the number of the set") for card in deck.cards if card.name in (key, f"{key}1")}
-    added = {card.whole(0, "the number of the set"): {whole_of(word, card.error, "a set") for word in card.fields[1:]
-                                                      if word} for card in deck.cards if card.name == f"{key}ADD"}
-    if deck.case is not None:
-        wanted = deck.case[key]
-        if len(wanted) > 1:
-            return None
-    else:
-        wanted = set(added) or numbers
-        if len(wanted) > 1:
-            return None
-    return set().union(*(added.get(number, {number}) for number in wanted))
-
-
-def _dependent(card):
-    """Ranges, directions and mark of the dependent dofs of a rigid element."""
-    words, name = list(card.fields), card.name
-    every = np.ones(6, bool)
-
-    def pairs(start):
-        found = []
-        k = start
-        while k + 1 < len(words) and words[k] and words[k].isdecimal():
-            found.append(([card.whole(k, "a point")] * 2, card.directions(k + 1), DEPENDENT))
-            k += 2
-        return found
-
-    if name == "RBE2":
-        points = words[3:-1] if "." in words[-1] else words[3:]
-        low = [whole_of(word, card.error, "a point") for word in points if word]
-        return [(low, low, card.directions(2), DEPENDENT)]
-    if name == "RBE3":
-        if "UM" in words:
-            return pairs(words.index("UM") + 1)
-        return [([card.whole(2, "the reference point")] * 2, card.directions(3), DEPENDENT)]
-    if name == "RBE1":
-        if "UM" not in words:
-            raise card.error("found no UM, expected the dependent dofs behind it")
-        found, k = [], words.index("UM") + 1
-        while k < len(words):  # three pairs a line, the first field of a line further down is empty
-            if words[k] and words[k].isdecimal() and k + 1 < len(words):
-                found.append(([card.whole(k, "a point")] * 2, card.directions(k + 1), DEPENDENT))
-                k += 1
-            k += 1
-        return found
-    a, b = card.whole(1, "a point"), card.whole(2, "a point")
-    if name == "RBAR1":
-        return [([b] * 2, card.directions(3) if card.text(3) else every, DEPENDENT)]
-    if card.text(5) or card.text(6):
-        return [([a] * 2, card.directions(5), DEPENDENT), ([b] * 2, card.directions(6), DEPENDENT)]
-    return [([a] * 2, ~card.directions(3), DEPENDENT), ([b] * 2, ~card.directions(4), DEPENDENT)]
-
-
-def hold_rotations_of_solids(deck: Deck, comm, points: Points) -> bool:
-    """Mark rotations of points of nothing but solids, and points of nothing, as AUTOSPC does. Collective.
-
-    Returns whether that can be told.
-    """
-    if deck.unknown:
-        return False
-    solid, other = ([part.ravel() for kind, part in deck.elements.items() if (kind in SOLID) == which]
-                    for which in (True, False))  # fmt: skip
-    rigid = [whole_of(word, card.error, "a point") for card in deck.cards if card.name.startswith("RB")
-             for word in card.fields[1:] if word.isdecimal()] if comm.rank == 0 else []  # fmt: skip
-    other += [deck.other, np.array(rigid, dtype=np.int64)]
-    touched = []
-    for part in (solid, other):
-        distinct, _ = number_over_ranks(comm, np.concatenate([np.zeros(0, np.int64), *part]))
-        touched.append(look_up(comm, distinct, [distinct], points.label)[0])
-    rotations, loose = touched[0] & ~touched[1] & ~points.scalar, ~touched[0] & ~touched[1] & ~points.scalar
-    points.marks[rotations, 3:] |= HELD
-    points.marks[loose] |= HELD
-    return True

@@ -8,6 +8,7 @@ from hpcred import InputError
 from hpcred.formats import nastran_bulk, nastran_points
 from hpcred.formats import text as text_module
 from hpcred.formats.nastran import read_nodes
+from hpcred.formats.nastran_sets import hold_rotations_of_solids, mark_sets
 from hpcred.model.dofs import OWN
 from hpcred.model.second_order_model import row_range
 
@@ -120,6 +121,8 @@ ENDDATA
         ("RBE2,7,1,456,2,4,1.-5", "A", {1: "123", 2: "3456", 3: "6", 4: "1456"}),
         ("RBE3,7,,3,123,1.,123,1,2", "A", {1: "123", 2: "3", 3: "1236", 4: "1"}),
         ("RBE3,7,,3,123,1.,123,1,2\n,UM,1,56", "A", {1: "12356", 2: "3", 3: "6", 4: "1"}),
+        ("RBE3,7,,3,1234,1.,123,1,2\n,UM,1,56,2,4,2,5\n,,3,1,\n,ALPHA,1", "A",
+         {1: "12356", 2: "345", 3: "16", 4: "1"}),
         ("RBE1,7,1,123456\n,UM,2,12,3,4,4,6", "A", {1: "123", 2: "123", 3: "46", 4: "16"}),
         ("RBAR,7,1,2,123456,,,456", "A", {1: "123", 2: "3456", 3: "6", 4: "1"}),
         ("RBAR,7,1,2,123456", "A", {1: "123", 2: "123456", 3: "6", 4: "1"}),
@@ -131,7 +134,7 @@ ENDDATA
 def test_sets_of_dofs(comm, folder, cards, letter, missing):
     path = write(folder / "a.bdf", DECK.format(cards), comm)
     found, deck = points(comm, path)
-    assert nastran_bulk.mark_sets(deck, comm, found) is None
+    assert mark_sets(deck, comm, found) is None
     label, there, kept = gathered(comm, found.label, found.there(), found.of_set(letter))
     assert label.tolist() == [1, 2, 3, 4, 101, 102, 103]
     gone = {int(node): "".join("0" if node > 100 else str(k + 1) for k in np.flatnonzero(have & ~keep))
@@ -141,12 +144,12 @@ def test_sets_of_dofs(comm, folder, cards, letter, missing):
 
 def test_what_cannot_be_told_is_said(comm, folder):
     found, deck = points(comm, write(folder / "a.bdf", DECK.format("RSPLINE,1,,2,3,,4"), comm))
-    assert "RSPLINE" in nastran_bulk.mark_sets(deck, comm, found)
+    assert "RSPLINE" in mark_sets(deck, comm, found)
     found, deck = points(comm, write(folder / "b.bdf", DECK.split("BULK\n")[1].format(""), comm))
-    assert "more than one set of MPC" in nastran_bulk.mark_sets(deck, comm, found)  # of SPC there is one SPCADD
+    assert "more than one set of MPC" in mark_sets(deck, comm, found)  # of SPC there is one SPCADD
     subcases = DECK.replace("SPC = 4", "SPC = 4\nSUBCASE 2\nSPC=5").format("")
     found, deck = points(comm, write(folder / "c.bdf", subcases, comm))
-    assert "more than one set of SPC" in nastran_bulk.mark_sets(deck, comm, found)
+    assert "more than one set of SPC" in mark_sets(deck, comm, found)
 
 
 def test_rotations_of_solids(comm, folder):
@@ -160,7 +163,7 @@ CTETRA,1,1,1,2,3,4
 CBAR,2,1,4,5,0.,0.,1.
 """
     found, deck = points(comm, write(folder / "a.bdf", deck, comm))
-    assert nastran_bulk.hold_rotations_of_solids(deck, comm, found)
+    assert hold_rotations_of_solids(deck, comm, found)
     label, kept = gathered(comm, found.label, found.of_set("A"))
     assert kept.sum(axis=1).tolist() == [3, 3, 3, 6, 6, 0]
     elements = {kind: comm.allreduce(nodes.tolist()) for kind, nodes in deck.elements.items()}
