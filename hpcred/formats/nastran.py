@@ -78,10 +78,8 @@ def _op4_files(path, comm):
     files = [path] * len(contents)
     if not pairs([matrix.name for matrix in contents]):
         with agreed(comm):
-            beside = [file for file in sorted(path.parent.iterdir())
-                      if file.stem.lower() == path.stem.lower() and file != path and file.is_file()
-                      and nastran_op4.begins(first_bytes(file))]  # fmt: skip
-        for file in comm.bcast(beside):
+            others = [file for file in nastran_bulk.beside(path) if nastran_op4.begins(first_bytes(file))]
+        for file in comm.bcast(others):
             more = nastran_op4.contents(file, comm)
             contents, files = contents + more, files + [file] * len(more)
     return files, contents
@@ -173,8 +171,7 @@ def _rows_of(path, comm, candidates, insisted):
     Returns _Rows or None, the choice, and warnings. Raises InputError where companions contradict the matrices.
     """
     with agreed(comm):
-        beside = [file for file in sorted(path.parent.iterdir())
-                  if file.stem.lower() == path.stem.lower() and file != path and file.is_file()]  # fmt: skip
+        beside = nastran_bulk.beside(path)
         op2 = next((file for file in beside if nastran_op2.begins(first_bytes(file))), None)
         other = next((file for file in beside if op2 is None and file.suffix.lower() == ".op2"), None)
         if other is not None:
@@ -381,8 +378,7 @@ def read_nodes(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
 def _read_beside(path, comm, variables):
     """The matrices beside an input file."""
     with agreed(comm):
-        beside = [file for file in sorted(path.parent.iterdir())
-                  if file.stem.lower() == path.stem.lower() and file != path and file.is_file()]  # fmt: skip
+        beside = nastran_bulk.beside(path)
         op4 = [file for file in beside if nastran_op4.begins(first_bytes(file))]
         punch = [file for file in beside if nastran_dmig.begins(first_bytes(file))]
     op4, punch = comm.bcast((op4, punch))

@@ -132,13 +132,17 @@ def begins(start: bytes) -> bool:
     return first_line(start)[:1] != b"*" and b"\0" not in start and START.search(start) is not None
 
 
-def companions(path) -> list[Path]:
-    """Input files of the same name beside a file, in any case of letters, that of an external superelement first."""
+def beside(path) -> list[Path]:
+    """The other files of the same name in the folder of a file, in any case of letters."""
     path = Path(path)
+    return [file for file in sorted(path.parent.iterdir())
+            if file.stem.lower() == path.stem.lower() and file != path and file.is_file()]  # fmt: skip
+
+
+def companions(path) -> list[Path]:
+    """The input files beside a file, that of an external superelement first."""
     suffixes = (".pch", ".bdf", ".dat", ".nas", ".fem", ".blk", ".asm")
-    found = [file for file in sorted(path.parent.iterdir())
-             if file.stem.lower() == path.stem.lower() and file.suffix.lower() in suffixes and file != path
-             and begins(first_bytes(file))]  # fmt: skip
+    found = [file for file in beside(path) if file.suffix.lower() in suffixes and begins(first_bytes(file))]
     return sorted(found, key=lambda file: suffixes.index(file.suffix.lower()))
 
 
