@@ -13,7 +13,7 @@ from ..model.dofs import direction_index
 from ..model.frames import Frame, NoFrame
 from ..model.interfaces import Interface
 from ..parallel.failures import InputError
-from ..parallel.ranges import COORDINATE, FREQUENCY, LABEL, within
+from ..parallel.ranges import COORDINATE, LABEL, require_band, within
 from ..reduction.accuracy import Adaptive, Limits
 from ..reduction.record import AnyIngredient
 from ..reduction.settings import Reduction
@@ -83,9 +83,7 @@ class Job:
             raise InputError("basis: expected at least one [[basis]] table, or a tolerance with a band")
         if self.tolerance is not None and self.band is None:
             raise InputError("band: missing; a tolerance is over a band, [lower, upper] in Hz")
-        if self.band is not None and not 0 <= self.band[0] < self.band[1]:
-            raise InputError(f"band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
-        within("band", self.band, FREQUENCY)
+        require_band("band", self.band)
         self.settings, self.search  # noqa: B018  (refused early)
 
     @property

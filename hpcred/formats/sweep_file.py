@@ -27,6 +27,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..parallel.failures import InputError
+from ..parallel.ranges import require_band
 from .hdf5 import kind_of_file
 from .job_file import Job, job_from, plain
 from .result_file import FORMAT as RESULT
@@ -138,8 +139,7 @@ class Evaluation:
 
     def __post_init__(self):
         check_file_names(**{"evaluate.full": self.full})
-        if self.band is not None and not 0 <= self.band[0] < self.band[1]:
-            raise InputError(f"evaluate.band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
+        require_band("evaluate.band", self.band)
         if self.points < 2:
             raise InputError(f"evaluate.points: found {self.points}, expected at least 2 frequencies over the band")
         if self.frequencies is not None and not (self.frequencies and min(self.frequencies) >= 0):

@@ -14,6 +14,13 @@ RATE = (-1e13, 1e13, "1/s")
 ANYTHING = (-1e30, 1e30, "")
 
 
+def require_band(key: str, band: tuple[float, float] | None):
+    """Raise InputError unless a band (Hz) is finite and ascends from 0 or more. None is no band, and passes."""
+    if band is not None and not 0 <= band[0] < band[1]:
+        raise InputError(f"{key}: found {list(band)}, expected 0 <= lower < upper in Hz")
+    within(key, band, FREQUENCY)
+
+
 def within(key: str, value, range_: tuple):
     """Raise InputError unless a number, or every number in nested tuples, is finite and in a range (low, high, unit).
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
-from ..parallel.ranges import COUNT, FREQUENCY, within
+from ..parallel.ranges import COUNT, FREQUENCY, require_band, within
 from .error_estimate import UNIFORM
 from .pseudo_modal import Law
 
@@ -57,11 +57,9 @@ class Adaptive(Limits):
     def __post_init__(self):
         as_declared(self, keys=("tolerance", "band"))
         super().__post_init__()
-        within("band", self.band, FREQUENCY)
+        require_band("band", self.band)
         if not 1e-15 <= self.tolerance < 1:
             raise InputError(f"tolerance: found {self.tolerance:g}, expected a relative error such as 1e-4")
-        if not 0 <= self.band[0] < self.band[1] < np.inf:
-            raise InputError(f"band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ from ..model.dofs import DIRECTIONS
 from ..parallel.decisions import decided
 from ..parallel.declared import as_declared
 from ..parallel.failures import HpcredError, InputError, Owned
-from ..parallel.ranges import COUNT, FREQUENCY, within
+from ..parallel.ranges import COUNT, require_band, within
 from .chain import Entry
 from .ingredient import Ingredient
 from .modes import all_between, kept_modes, lowest_modes_by
@@ -70,9 +70,7 @@ class FixedInterfaceModes(Ingredient):
         if (self.count is None) == (self.band is None):
             raise InputError(f"{self.kind}: expected exactly one of count and band")
         within(f"{self.kind}.count", self.count, COUNT)
-        within(f"{self.kind}.band", self.band, FREQUENCY)
-        if self.band is not None and not 0 <= self.band[0] < self.band[1]:
-            raise InputError(f"{self.kind}.band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
+        require_band(f"{self.kind}.band", self.band)
 
     def columns(self, inputs, rigid):
         return self.count or 0

@@ -15,7 +15,7 @@ from ..parallel.decisions import decided
 from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import is_complex
-from ..parallel.ranges import COUNT, FREQUENCY, within
+from ..parallel.ranges import COUNT, require_band, within
 from .chain import Entry
 from .ingredient import Ingredient
 from .projection import diagonalise, project, project_columns
@@ -47,9 +47,7 @@ class Modes(Ingredient):
         as_declared(self, "modes.")
         if sum(value is not None for value in (self.count, self.band, self.index)) != 1:
             raise InputError("modes: expected exactly one of count, band and index")
-        if self.band is not None and not 0 <= self.band[0] < self.band[1]:
-            raise InputError(f"modes.band: found {list(self.band)}, expected 0 <= lower < upper in Hz")
-        within("modes.band", self.band, FREQUENCY)
+        require_band("modes.band", self.band)
         if self.count is not None and self.count < 1:
             raise InputError(f"modes.count: found {self.count}, expected at least 1")
         if self.index is not None and (not self.index or min(self.index) < 1):
