@@ -148,8 +148,7 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
             warnings += inputs_without_effect(framed)
         room, deflation = min(ROOM, adaptive.columns), deflation_of_search(framed.model)
         run = owned.owns(Run(framed, progress, deflation, factoring, inertia=True, columns=room))
-        rigid = framed.rigid.R if framed.rigid is not None else None
-        basis = owned.owns(Basis(run.mass, rigid, deflation, room, run.keeps_images))
+        basis = owned.owns(Basis(run.mass, framed.rigid_columns, deflation, room, run.keeps_images))
         search = Search(basis, run, adaptive)
         reason, projections = search.search(), search.projections
         with progress.stage("evaluate"):

@@ -102,6 +102,11 @@ class FramedModel:
         """The number of rigid-body modes that are deflated."""
         return 0 if self.rigid is None else self.rigid.count
 
+    @property
+    def rigid_columns(self):
+        """The rigid-body modes that are deflated, as a block, or None."""
+        return None if self.rigid is None else self.rigid.R
+
     def close(self):
         self.model.close()
         if self.restore is not None:

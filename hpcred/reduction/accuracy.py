@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -131,6 +131,12 @@ class Accuracy:
     worst_pair: tuple[str, str, float] | None = None
     unproven: str = ""
     multigrid: bool = False
+
+    def with_noise(self, noise: float) -> Accuracy:
+        """The same with so much round-off, which may be more than the claim bears."""
+        if self.reached and not self.largest + noise <= self.tolerance:
+            return replace(self, noise=noise, reached=False, stopped=ROUND_OFF)
+        return replace(self, noise=noise)
 
     @property
     def factorisations(self) -> int:

@@ -28,7 +28,7 @@ from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import counted
 from ..parallel.stopping import stop_if_asked
-from .accuracy import ROUND_OFF, Accuracy, Adaptive, Point, Proof, law_of
+from .accuracy import Accuracy, Adaptive, Point, Proof, law_of
 from .chains_in_groups import chains_in_groups, join_round
 from .compression import compress
 from .error_estimate import apart, missing, rounded
@@ -304,8 +304,7 @@ class Search:
         """The blocks of a point on the ranks of a group, and what is known of the point."""
         low, high = self.settings.band
         part = max(low, f - width), min(high, f + width)
-        rigid = run.rigid.R if run.rigid is not None else None
-        vectors = Basis(run.mass, rigid, run.tolerance, room=CHAIN, keeps=run.keeps_images)
+        vectors = Basis(run.mass, run.framed.rigid_columns, run.tolerance, room=CHAIN, keeps=run.keeps_images)
         search = Search(vectors, run, replace(self.settings, band=part, points=(f,)))
         search._expand(f)
         parts = [Part(f"{f:.6g} Hz", stop - start, start, stop) for start, stop in search.projections.blocks]
@@ -358,21 +357,19 @@ class Search:
 
         `curve` (S,): its error at frequencies (S,) in Hz, with the `largest` to be claimed. Others as in Accuracy.
         """
-        band, eps, multigrid = self.settings.band, self.settings.tolerance, self.solver.multigrid
-        reached = not reason and largest + noise <= eps
-        if not reason and not reached:
-            reason = ROUND_OFF
-        unproven = []
+        band, multigrid, unproven = self.settings.band, self.solver.multigrid, []
         if not self.proofs and (multigrid or reason):  # no exact value stands behind the estimate
             unproven.append(UNPROVEN if multigrid else ENDED)
         if reason and self.lack > 0:
             unproven.append(f"{counted(self.lack, 'mode')} of the band not found")
-        return Accuracy(
-            tolerance=eps, band=band, reached=reached, stopped=reason or "reached", largest=largest,
-            worst=float(frequencies[curve.argmax()]), noise=noise, measured=self.measured, highest=highest,
+        found = Accuracy(
+            tolerance=self.settings.tolerance, band=band, reached=not reason, stopped=reason or "reached",
+            largest=largest, worst=float(frequencies[curve.argmax()]), noise=noise, measured=self.measured,
+            highest=highest,
             mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(frequencies)).sum() / (band[1] - band[0])),
             big_size=self.projections.basis.size, missing_modes=max(self.lack, 0), points=tuple(self.points),
             worst_pair=worst_pair, proofs=tuple(self.proofs), frequencies=tuple(frequencies.tolist()),
             eps=tuple(curve.tolist()), loss_factor=self.projections.law.eta, multigrid=multigrid,
             unproven="; ".join(unproven),
         )  # fmt: skip
+        return found.with_noise(noise)

@@ -21,6 +21,13 @@ def estimate(inner: PseudoModal, outer: PseudoModal, embedding: np.ndarray, law:
     return relative(E, H), relative(noise, H)
 
 
+def error_seen(inner: PseudoModal, outer: PseudoModal, embedding, law: Law, frequencies, ports) -> np.ndarray:
+    """Relative error (S,) of `inner` seen from `outer`."""
+    return relative(
+        difference(inner, outer, embedding, law, frequencies, ports), response(outer, law, frequencies, ports)
+    )
+
+
 def ratios(model: PseudoModal, law: Law) -> np.ndarray:
     """Damping ratios (m,) of the pseudo-modes, 0 at squares <= 0."""
     omega = np.sqrt(np.maximum(model.squares, 0.0))
@@ -68,12 +75,12 @@ def around_peaks(frequencies: np.ndarray, curve: np.ndarray, above: float, parts
 
 def largest(inner: PseudoModal, outer: PseudoModal, embedding, law: Law, frequencies, ports, rounds=3):
     """Grid and relative error of `inner` seen from `outer` on it, refined `rounds` times around the highest maxima."""
-    curve = _error(inner, outer, embedding, law, frequencies, ports)
+    curve = error_seen(inner, outer, embedding, law, frequencies, ports)
     for _ in range(rounds):
         more = around_peaks(frequencies, curve, curve.max() / 10)
         if not more.size:
             break
-        frequencies, curve = _merged(frequencies, curve, more, _error(inner, outer, embedding, law, more, ports))
+        frequencies, curve = _merged(frequencies, curve, more, error_seen(inner, outer, embedding, law, more, ports))
     return frequencies, curve
 
 
@@ -90,14 +97,8 @@ def resolved(inner, outer, embedding, law: Law, frequencies, curve, ports, above
         if not halved.any():
             break
         more = ((frequencies[:-1] + frequencies[1:]) / 2)[halved]
-        frequencies, curve = _merged(frequencies, curve, more, _error(inner, outer, embedding, law, more, ports))
+        frequencies, curve = _merged(frequencies, curve, more, error_seen(inner, outer, embedding, law, more, ports))
     return frequencies, curve
-
-
-def _error(inner, outer, embedding, law, frequencies, ports):
-    return relative(
-        difference(inner, outer, embedding, law, frequencies, ports), response(outer, law, frequencies, ports)
-    )
 
 
 def _merged(frequencies, curve, more, found):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from ..linalg.blocks import add_product, create_block
 from ..parallel.decisions import decided
 from ..parallel.failures import Owned
-from .error_estimate import grid, missing, unsettled
+from .error_estimate import error_seen, grid, missing, unsettled
 from .point_solver import PointSolver
-from .pseudo_modal import difference, nested, relative, response
+from .pseudo_modal import nested
 from .search_checks import check_complete
 
 HIDDEN = 60  # random columns at most
@@ -55,5 +55,4 @@ def _change(projections, before, band, counted):
     model, old = projections.model(), projections.model(before)
     law, ports = projections.law, projections.ports
     S = grid([model], law, band)
-    E = difference(old, model, nested(old, model), law, S, ports)
-    return missing(model, counted), float(relative(E, response(model, law, S, ports)).max())
+    return missing(model, counted), float(error_seen(old, model, nested(old, model), law, S, ports).max())

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linalg.blocks import create_block, local_rows
+from ..linalg.blocks import create_block, inner, local_rows
 from ..model.damping import GivenDamping
 from ..model.dofs import DIRECTIONS
 from ..model.frames import Chord, NoFrame, Tangent
@@ -25,7 +25,7 @@ from ..model.rigid_body_modes import RigidBodyModes
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 from .craig_bampton import check_directions, interface_forces
-from .projection import inner, project, project_columns
+from .projection import project, project_columns
 from .reduced_model import ReducedModel
 
 UNMOVED = 1e-9  # singular value of G V, its rows scaled, below which a direction of the interfaces cannot move

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .accuracy import Adaptive, Proof
-from .error_estimate import UNIFORM, estimate, grid, next_point, rounded
+from .error_estimate import UNIFORM, error_seen, estimate, grid, next_point, rounded
 from .projections import HELD_BACK, Projections, places
-from .pseudo_modal import difference, nested, relative, response
+from .pseudo_modal import nested
 from .search_checks import check_response
 
 MARGIN = 0.1  # of the tolerance that the big basis is made for; the rest is for the compression
@@ -140,8 +140,7 @@ class Judge:
         which, among = (places(columns) for columns in self.before)
 
         def error(one, other, columns):
-            E = difference(one, other, nested(one, other, columns), law, at, ports)
-            return float(relative(E, response(other, law, at, ports))[0])
+            return float(error_seen(one, other, nested(one, other, columns), law, at, ports)[0])
 
         return Proof(
             frequency=f, exact=error(old, outer, which), said=error(old, seen_from, np.searchsorted(among, which)),

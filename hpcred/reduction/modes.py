@@ -78,7 +78,7 @@ class Modes(Ingredient):
 
     def extend(self, basis, run):
         """Add the modes to the basis. Collective."""
-        rigid = run.rigid.count if run.rigid is not None else 0
+        rigid = run.framed.rigid_size
         self.check(run.model.size, rigid)
         more = {}
         with run.progress.stage("modes", self._name()):
@@ -117,7 +117,7 @@ class Modes(Ingredient):
             values, block = modes_in_interval(run.model.K, run.model.M, low, high, settings=settings)
             return _without_rigid(run, values, block)
         # no inertia in complex builds, or by multigrid
-        most = run.model.size - (run.rigid.count if run.rigid is not None else 0)
+        most = run.model.size - run.framed.rigid_size
         return all_between(run, low, high, most, lambda count: _lowest(run, count))
 
 
@@ -184,8 +184,7 @@ def lowest(run, count, shift=0.0):
     Found by solves with K + shift M. Raises SingularMatrix.
     """
     run.factored(shift, "0 Hz" if not shift else "a shift")
-    rigid = 0 if run.rigid is None else run.rigid.count
-    return lowest_modes_by(run, count, run.model.size - rigid, run.solver.solve)
+    return lowest_modes_by(run, count, run.model.size - run.framed.rigid_size, run.solver.solve)
 
 
 def lowest_modes_by(run, count, most, solve):

@@ -84,7 +84,7 @@ class PointSolver:
                         "'buckens' (inertia relief), 'chord' or 'tangent'"
                     ) from error
                 continue
-            rigid = run.rigid.count if run.rigid is not None and trial else 0
+            rigid = run.framed.rigid_size if trial else 0
             return float(trial), pivots - rigid if self.counts else None
         raise ComputationError(f"no point near {f:g} Hz could be factored: is it among many eigenfrequencies?")
 

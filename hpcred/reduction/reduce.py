@@ -98,8 +98,7 @@ def _reduce(model, basis, frame, damping, adaptive, settings, factoring, store, 
                 run.store, run.identity = store, identity_of_model(model, framed, **asked)
         if _is_two_sided(model, settings):
             runs.append(owned.owns(run.dual()))
-        rigid = framed.rigid.R if framed.rigid is not None else None
-        bases = [owned.owns(Basis(run.mass, rigid, deflation, columns, run.keeps_images)) for _ in runs]
+        bases = [owned.owns(Basis(run.mass, framed.rigid_columns, deflation, columns, run.keeps_images)) for _ in runs]
         points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
         groups = number_of_groups(settings.groups, run, points)
         _extend_by_all(basis, bases, runs, groups, last=adaptive is None)

@@ -8,13 +8,12 @@ round-off of K and D on them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from ..linalg.basis import Basis
 from ..parallel.petsc import MPI
-from .accuracy import ROUND_OFF, Accuracy, Adaptive, law_of
+from .accuracy import Accuracy, Adaptive, law_of
 from .projections import Projections
 from .pseudo_modal import Law, PseudoModal, diagonalised, relative, response
 from .reduced_model import ReducedModel, as_measured
@@ -51,7 +50,4 @@ def with_round_off(accuracy: Accuracy, elastic: ReducedModel, basis: Basis, run:
         for part, values in zip(parts, H, strict=True):
             found = response(again, law, part, ports)
             noise = max(noise, float(relative(found - values, found).max()))
-    noise = comm.allreduce(noise, op=MPI.MAX)
-    if accuracy.reached and accuracy.largest + noise > accuracy.tolerance:
-        return replace(accuracy, noise=noise, reached=False, stopped=ROUND_OFF)
-    return replace(accuracy, noise=noise)
+    return accuracy.with_noise(comm.allreduce(noise, op=MPI.MAX))
