@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import redirect_stdout, suppress
+from contextlib import redirect_stdout
 from dataclasses import asdict
 from typing import Annotated
 
@@ -12,13 +12,13 @@ import typer
 
 import hpcred
 
+from . import words
 from .formats.locks import unlock_all
 from .formats.outputs import JSON, check_outputs, keep_files
 from .formats.toml_file import check_file_names
 from .parallel import startup
 from .parallel.failures import InputError, fail, printable
 from .parallel.progress import counted
-from .parallel.ranges import ANYTHING, FREQUENCY, within
 from .report.profile import show_profile, start_profile
 from .report.tables import as_json, in_words, show_table, show_timing, told_apart, write_json
 
@@ -35,7 +35,6 @@ app = typer.Typer(
 )
 example = typer.Typer(help="Write a model to try things on.", rich_markup_mode=None, context_settings=HELP)
 app.add_typer(example, name="example")
-
 
 
 def _checked(path: str | None):
@@ -56,6 +55,13 @@ Overrides = Annotated[
 Pairs = Annotated[
     str | None, typer.Option(metavar="OUT/IN,...", help="Responses to draw, such as 20:z/20:z,20:z/1:x.")
 ]
+Full = Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")]
+Band = Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")]
+Points = Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")]
+Groups = Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")]
+Seed = Annotated[int | None, typer.Option(help="The fresh frequencies of an earlier --check.")]
+Inputs = Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")]
+Outputs = Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
 FORMATS = (
@@ -183,89 +189,15 @@ def _warn(sentences):
             print(f"warning: {printable(sentence)}", file=sys.stderr if _Session.quiet else sys.stdout)
 
 
-def _hint(sentences):
-    for sentence in sentences:
-        print(f"hint: {sentence}")
+def _list(word, items):
+    for item in items:
+        print(f"{word}: {item}")
 
 
 def _verdict(sentence, good):
     """Say what the exit status says too: where it is bad, also with --quiet."""
     if not (_Session.quiet and good) and _Session.progress.comm.rank == 0:
         print(sentence, file=sys.stderr if _Session.quiet else sys.stdout)
-
-
-def _numbers(text, option):
-    """Finite numbers separated by commas."""
-    try:
-        numbers = [float(part) for part in text.split(",")] if text else []
-    except ValueError as error:
-        raise InputError(f"{option}: found '{text[:80]}', expected numbers separated by commas") from error
-    within(option, numbers, ANYTHING)
-    return numbers
-
-
-def _targets(text, option):
-    """Dof numbers and node:direction pairs, separated by commas."""
-    try:
-        return [(int(part.partition(":")[0]), part.partition(":")[2].strip()) if ":" in part else int(part)
-                for part in text.split(",")] if text else None  # fmt: skip
-    except ValueError as error:
-        raise InputError(f"{option}: found '{text}', expected such as 20:z,1:x or dof numbers 115,1") from error
-
-
-def _amount(text, option, units):
-    """A number with a unit, or None."""
-    if text is None:
-        return None
-    with suppress(ValueError):
-        if text[-1:] in units and 0 <= (number := float(text[:-1])) < float("inf"):
-            return number * units[text[-1]]
-    raise InputError(f"{option}: found '{text}', expected a number and one of the units {', '.join(units)}")
-
-
-def _band(text):
-    """Two frequencies, or None."""
-    limits = _numbers(text, "--band")
-    within("--band", limits, FREQUENCY)
-    if limits and (len(limits) != 2 or not 0 <= limits[0] < limits[1]):
-        raise InputError(f"--band: found '{text}', expected two frequencies in Hz, the lower one first, such as 0,300")
-    return tuple(limits) or None
-
-
-def _factoring(out_of_core, low_rank):
-    if out_of_core is None and low_rank is None:
-        return None
-    return hpcred.Factoring(out_of_core=out_of_core, low_rank=low_rank)
-
-
-def _frame(text):
-    """A reference frame from none, buckens, tangent:7 or chord:1,7,14:yxz."""
-    kind, *parts = text.split(":")
-    try:
-        if kind in ("none", "buckens") and not parts:
-            return hpcred.Buckens() if kind == "buckens" else hpcred.NoFrame()
-        if kind == "tangent" and len(parts) == 1:
-            return hpcred.Tangent(node=int(parts[0]))
-        if kind == "chord" and len(parts) in (1, 2):
-            first, second, third = (int(node) for node in parts[0].split(","))
-            return hpcred.Chord(nodes=(first, second, third), axes=parts[1] if parts[1:] else None)
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-    raise InputError(f"--frame: found '{text}', expected none, buckens, tangent:NODE or chord:N1,N2,N3[:AXES]")
-
-
-def _damping(text):
-    """A damping law from none, given, rayleigh:20,1e-7 or loss:0.02."""
-    kind, colon, rest = text.partition(":")
-    numbers = _numbers(rest, "--damping")
-    if kind in ("none", "given") and not colon:
-        return hpcred.GivenDamping() if kind == "given" else hpcred.NoDamping()
-    if kind == "rayleigh" and len(numbers) == 2:
-        return hpcred.Rayleigh(*numbers)
-    if kind == "loss" and len(numbers) == 1:
-        return hpcred.Structural(*numbers)
-    raise InputError(f"--damping: found '{text}', expected none, given, rayleigh:ALPHA,BETA or loss:FACTOR")
 
 
 @app.callback(invoke_without_command=True)
@@ -286,15 +218,6 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
         raise InputError("--json: found before the command; write it after the command")
 
 
-def _names(text, option):
-    """Names by K, M, D, B, C, from such as K=kaa,M=maa."""
-    pairs = [part.partition("=") for part in text.split(",")] if text else []
-    found = {key.strip(): name.strip() for key, _, name in pairs}
-    if not all(found.values()) or not set(found) <= set("KMDBC") or len(found) < len(pairs):
-        raise InputError(f"{option}: found '{text}', expected such as K=nas.kaa,M=nas.maa (K, M, D, B or C)")
-    return found or None
-
-
 @app.command()
 def convert(
     files: Annotated[list[str] | None, typer.Argument(metavar="[EXPORT] MODEL.h5")] = None,
@@ -306,8 +229,8 @@ def convert(
     output_file: Annotated[str | None, typer.Option("-C", help="Matrix file of C (r, n).")] = None,
     nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or .inp, .bdf, .unv.")] = None,
     dofs: Annotated[str | None, typer.Option(help="Lines of node, direction (1-6), one a row.")] = None,
-    inputs: Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")] = None,
-    outputs: Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")] = None,
+    inputs: Inputs = None,
+    outputs: Outputs = None,
     variables: Annotated[str | None, typer.Option(metavar="K=...,M=...", help="Names of matrices in a file.")] = None,
     units: Annotated[str, typer.Option(help="Units of the files: SI; mm,t,s; mm-kg-ms; inch-lbf-s; ...")] = "SI",
     list_formats: Annotated[bool, typer.Option("--list-formats", help="Say what can be read, and stop.")] = False,
@@ -334,11 +257,11 @@ def convert(
     given = {"-D": damping, "-B": input_file, "-C": output_file, "--nodes": nodes, "--dofs": dofs}
     if files and (besides := [option for option, value in given.items() if value]):
         raise InputError(f"convert: {', '.join(besides)} belong to -K and -M only, found with {files[0]}")
-    names = _names(variables, "--variables")
+    names = words.names(variables, "--variables")
     source = files[0] if files else hpcred.Source(stiffness, mass, damping, input_file, output_file, nodes, dofs, names)
     report = hpcred.convert(
-        source, output, inputs=_targets(inputs, "--inputs"), outputs=_targets(outputs, "--outputs"), variables=names,
-        units=units, progress=_progress(),
+        source, output, inputs=words.targets(inputs, "--inputs"), outputs=words.targets(outputs, "--outputs"),
+        variables=names, units=units, progress=_progress(),
     )  # fmt: skip
     told = ("output", "sentences", "warnings")
     show_table(None, [{"": key.replace("_", " "), output: in_words(value)} for key, value in report.items()
@@ -362,7 +285,7 @@ def info(
     if verify and (below or band_top or modes):
         raise InputError("--verify: cannot be combined with other questions; call info twice")
     report = hpcred.verify_file(file) if verify else hpcred.describe_file(
-        file, frequencies=_numbers(below, "--below"), band_top=band_top, modes=modes, progress=_progress()
+        file, frequencies=words.numbers(below, "--below"), band_top=band_top, modes=modes, progress=_progress()
     )  # fmt: skip
     below_it = ("sets", "interfaces", "warnings")
     rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
@@ -391,8 +314,8 @@ def modes(
     A free body shows its rigid-body modes at 0 Hz, unless a frame other than auto holds it.
     """
     report = hpcred.modes_of_file(
-        model, count, frame=None if frame == "auto" else _frame(frame), figure=figure,
-        factoring=_factoring(out_of_core, low_rank), progress=_progress(),
+        model, count, frame=None if frame == "auto" else words.frame(frame), figure=figure,
+        factoring=words.factoring(out_of_core, low_rank), progress=_progress(),
     )  # fmt: skip
     f = report["frequencies_hz"]
     if "masses" in report:
@@ -460,7 +383,7 @@ def reduce(
     _warn(record.warnings)
     print(f"{record.scalar} PETSc {record.versions['petsc']}, {record.ranks} rank(s)")
     show_timing(record.timing, record.factorisations)
-    _hint(record.hints)
+    _list("hint", record.hints)
     _write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
                       "frequencies_hz": found.frequencies})  # fmt: skip
     return int(accuracy is not None and not accuracy.reached)
@@ -485,8 +408,8 @@ def store(
         raise InputError(f"{next(key for key in given if given[key] is not None)}: belongs to --prune")
     if prune:
         rows = hpcred.prune_store(
-            folder, older=_amount(older, "--older", {"m": 60, "h": 3600, "d": 86400, "w": 604800}),
-            below=_amount(below, "--below", {"k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12}), model=model, broken=broken,
+            folder, older=words.amount(older, "--older", {"m": 60, "h": 3600, "d": 86400, "w": 604800}),
+            below=words.amount(below, "--below", {"k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12}), model=model, broken=broken,
         )  # fmt: skip
     else:
         rows = hpcred.list_store(folder, check=check)
@@ -563,8 +486,7 @@ def collect(
     known = [key for key in rows[0] if any(row[key] is not None for row in rows)]
     rows = [{short.get(key, key): "" if row[key] is None else row[key] for key in known} for row in rows]
     show_table(file, _named_shortly(rows))
-    for line in report["remarks"]:
-        print(f"note: {line}")
+    _list("note", report["remarks"])
     for name in (*([output] if output else []), *report["figures"]):
         print(f"written to {name}")
     if report["missing"]:
@@ -577,10 +499,10 @@ def collect(
 @app.command()
 def evaluate(
     results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
-    full: Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")] = None,
+    full: Full = None,
     frequencies: Frequencies = None,
-    band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
-    points: Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")] = 61,
+    band: Band = None,
+    points: Points = 61,
     output: Annotated[
         str | None, typer.Option("-o", "--output", metavar="FILE", help="Write the responses: a .csv or HDF5 file.")
     ] = None,
@@ -588,8 +510,8 @@ def evaluate(
     pairs: Pairs = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
     check: Annotated[int | None, typer.Option(help="Set said against exact at so many fresh frequencies.")] = None,
-    seed: Annotated[int | None, typer.Option(help="The fresh frequencies of an earlier --check.")] = None,
-    groups: Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")] = None,
+    seed: Seed = None,
+    groups: Groups = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
     json: JsonFile = None,
@@ -618,9 +540,9 @@ def evaluate(
         raise InputError("--check: the model file is missing; give it by --full MODEL.h5")
     if seed is not None and check is None:
         raise InputError("--seed: belongs to --check")
-    limits = _band(band)
-    factoring = _factoring(out_of_core, low_rank)
-    chosen = {"frequencies": _numbers(frequencies, "--frequencies")}
+    limits = words.band(band)
+    factoring = words.factoring(out_of_core, low_rank)
+    chosen = {"frequencies": words.numbers(frequencies, "--frequencies")}
     if estimate:
         _write_json(json, _show_estimate(result, parts=points, **chosen))
         return 0
@@ -669,8 +591,7 @@ def _show_responses(result, full, **keywords):
         worst = report["worst_pair"]
         print(f"worst pair by itself: output {worst['output']}, input {worst['input']}: {worst['error']:.2g}")
     drawn = report.get("figures", ())
-    for name in drawn:
-        print(f"drawn: {name}")
+    _list("drawn", drawn)
     if len(drawn) < report.get("responses", 0):
         print(f"the {len(drawn)} largest of {report['responses']} responses are drawn; --pairs OUTPUT/INPUT,... "
               "draws others")  # fmt: skip
@@ -680,28 +601,27 @@ def _show_responses(result, full, **keywords):
 @app.command()
 def report(
     results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
-    full: Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")] = None,
+    full: Full = None,
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="The HTML file.")] = "report.html",
-    band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")] = None,
+    band: Band = None,
     exact: Annotated[int, typer.Option(help="Frequencies at which the full model is solved.")] = 21,
     pairs: Pairs = None,
     modes: Annotated[int, typer.Option(help="Number of shapes to look at.")] = 10,
     png: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
     svg: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
     csv: Annotated[str | None, typer.Option(metavar="DIR", help="The numbers as tables, too.")] = None,
-    groups: Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")] = None,
+    groups: Groups = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
     json: JsonFile = None,
 ):
     """Write a report on results beside each other, one HTML file to look at in a browser, without a network."""
     told = hpcred.report_file(
-        results, full, output=output, band=_band(band), exact=exact, pairs=pairs.split(",") if pairs else (),
-        modes=modes, png=png, svg=svg, csv=csv, groups=groups, factoring=_factoring(out_of_core, low_rank),
+        results, full, output=output, band=words.band(band), exact=exact, pairs=pairs.split(",") if pairs else (),
+        modes=modes, png=png, svg=svg, csv=csv, groups=groups, factoring=words.factoring(out_of_core, low_rank),
         progress=_progress(),
     )  # fmt: skip
-    for line in told["notes"]:
-        print(f"note: {line}")
+    _list("note", told["notes"])
     for name in told["files"]:
         print(name)
     print(f"{told['output']}: {told['megabytes']:.1f} MB")
@@ -712,18 +632,18 @@ def report(
 def response(
     model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz.")] = None,
-    points: Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")] = 2001,
+    points: Points = 2001,
     frequencies: Frequencies = None,
     tolerance: Annotated[float, typer.Option(help="Relative error of the response.")] = 1e-6,
     frame: Annotated[str, typer.Option(help="none, buckens, tangent:NODE or chord:N1,N2,N3[:AXES].")] = "none",
     damping: Annotated[str, typer.Option(help="none, given, rayleigh:ALPHA,BETA or loss:FACTOR.")] = "none",
-    inputs: Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")] = None,
-    outputs: Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")] = None,
+    inputs: Inputs = None,
+    outputs: Outputs = None,
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="A .csv or HDF5 file.")] = None,
     polar: Annotated[bool, typer.Option("--polar", help="Magnitude and phase in the .csv.")] = False,
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png, .svg or .pdf.")] = None,
     check: Annotated[int, typer.Option(help="Factor at so many fresh frequencies, and compare.")] = 0,
-    seed: Annotated[int | None, typer.Option(help="The fresh frequencies of an earlier --check.")] = None,
+    seed: Seed = None,
     groups: Annotated[int | None, typer.Option(help="Groups of ranks that share those of --check.")] = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
@@ -731,10 +651,11 @@ def response(
 ):
     """Frequency response of the full model at many frequencies, to a tolerance, from a handful of factorisations."""
     report = hpcred.response_file(
-        model, frequencies=_numbers(frequencies, "--frequencies"), band=_band(band), points=points,
-        tolerance=tolerance, frame=_frame(frame), damping=_damping(damping), inputs=_targets(inputs, "--inputs"),
-        outputs=_targets(outputs, "--outputs"), check=check, seed=seed, groups=groups,
-        factoring=_factoring(out_of_core, low_rank), output=output, polar=polar, figure=figure, progress=_progress(),
+        model, frequencies=words.numbers(frequencies, "--frequencies"), band=words.band(band), points=points,
+        tolerance=tolerance, frame=words.frame(frame), damping=words.damping(damping),
+        inputs=words.targets(inputs, "--inputs"), outputs=words.targets(outputs, "--outputs"), check=check, seed=seed,
+        groups=groups, factoring=words.factoring(out_of_core, low_rank), output=output, polar=polar, figure=figure,
+        progress=_progress(),
     )  # fmt: skip
     told = [*([] if report["reached"] else ["NOT REACHED everywhere:"]), *report["sentences"]]
     _verdict("\n".join(told), report["reached"])
@@ -767,7 +688,7 @@ def export(
 ):
     """Hand a reduced body over to another program."""
     chosen = [int(word) if word.strip().isdecimal() else word.strip() for word in nodes.split(",")] if nodes else None
-    shapes = [int(number) for number in _numbers(modes, "--modes")] if modes else None
+    shapes = [int(number) for number in words.numbers(modes, "--modes")] if modes else None
     report = hpcred.export_result(
         result, kind, output, nodes=chosen, units=units, modes=shapes, progress=_progress()
     )
@@ -779,8 +700,7 @@ def export(
         print(f"{report['output']}: {report['coordinates']} coordinates, {ends}")
         for name in report.get("files", ()):
             print(f"with {name}")
-        for line in report["remarks"]:
-            print(f"note: {line}")
+        _list("note", report["remarks"])
     _write_json(json, report)
 
 
@@ -800,8 +720,7 @@ def simulate(
     show_table(", ".join(report["output"]), rows)
     print(f"constraint drift {report['constraint_drift_m']:.1e} m and {report['constraint_drift_rad']:.1e} rad, "
           f"energy defect {report['energy_defect']:.1e}")  # fmt: skip
-    for line in report["notes"]:
-        print(f"note: {line}")
+    _list("note", report["notes"])
     _write_json(json, report)
 
 
@@ -833,7 +752,7 @@ def bench(
     report = hpcred.bench(cells, folder=folder, progress=_progress())
     show_table("This machine", [{"": key.replace("_", " "), " ": in_words(item)} for key, item in report.items()
                                 if key != "hints"])  # fmt: skip
-    _hint(report["hints"])
+    _list("hint", report["hints"])
     _write_json(json, report)
 
 

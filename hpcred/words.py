@@ -1,0 +1,94 @@
+"""Words of a command line enter; the numbers, dofs, frames and laws that they stand for leave. Raises InputError."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import hpcred
+
+from .parallel.failures import InputError
+from .parallel.ranges import ANYTHING, FREQUENCY, within
+
+
+def numbers(text, option):
+    """Finite numbers separated by commas."""
+    try:
+        found = [float(part) for part in text.split(",")] if text else []
+    except ValueError as error:
+        raise InputError(f"{option}: found '{text[:80]}', expected numbers separated by commas") from error
+    within(option, found, ANYTHING)
+    return found
+
+
+def targets(text, option):
+    """Dof numbers and node:direction pairs, separated by commas."""
+    try:
+        return [(int(part.partition(":")[0]), part.partition(":")[2].strip()) if ":" in part else int(part)
+                for part in text.split(",")] if text else None  # fmt: skip
+    except ValueError as error:
+        raise InputError(f"{option}: found '{text}', expected such as 20:z,1:x or dof numbers 115,1") from error
+
+
+def amount(text, option, units):
+    """A number with a unit, or None."""
+    if text is None:
+        return None
+    with suppress(ValueError):
+        if text[-1:] in units and 0 <= (number := float(text[:-1])) < float("inf"):
+            return number * units[text[-1]]
+    raise InputError(f"{option}: found '{text}', expected a number and one of the units {', '.join(units)}")
+
+
+def band(text):
+    """Two frequencies, or None."""
+    limits = numbers(text, "--band")
+    within("--band", limits, FREQUENCY)
+    if limits and (len(limits) != 2 or not 0 <= limits[0] < limits[1]):
+        raise InputError(f"--band: found '{text}', expected two frequencies in Hz, the lower one first, such as 0,300")
+    return tuple(limits) or None
+
+
+def factoring(out_of_core, low_rank):
+    """How to factor, None where nothing is said."""
+    if out_of_core is None and low_rank is None:
+        return None
+    return hpcred.Factoring(out_of_core=out_of_core, low_rank=low_rank)
+
+
+def frame(text):
+    """A reference frame from none, buckens, tangent:7 or chord:1,7,14:yxz."""
+    kind, *parts = text.split(":")
+    try:
+        if kind in ("none", "buckens") and not parts:
+            return hpcred.Buckens() if kind == "buckens" else hpcred.NoFrame()
+        if kind == "tangent" and len(parts) == 1:
+            return hpcred.Tangent(node=int(parts[0]))
+        if kind == "chord" and len(parts) in (1, 2):
+            first, second, third = (int(node) for node in parts[0].split(","))
+            return hpcred.Chord(nodes=(first, second, third), axes=parts[1] if parts[1:] else None)
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+    raise InputError(f"--frame: found '{text}', expected none, buckens, tangent:NODE or chord:N1,N2,N3[:AXES]")
+
+
+def damping(text):
+    """A damping law from none, given, rayleigh:20,1e-7 or loss:0.02."""
+    kind, colon, rest = text.partition(":")
+    values = numbers(rest, "--damping")
+    if kind in ("none", "given") and not colon:
+        return hpcred.GivenDamping() if kind == "given" else hpcred.NoDamping()
+    if kind == "rayleigh" and len(values) == 2:
+        return hpcred.Rayleigh(*values)
+    if kind == "loss" and len(values) == 1:
+        return hpcred.Structural(*values)
+    raise InputError(f"--damping: found '{text}', expected none, given, rayleigh:ALPHA,BETA or loss:FACTOR")
+
+
+def names(text, option):
+    """Names by K, M, D, B, C, from such as K=kaa,M=maa."""
+    pairs = [part.partition("=") for part in text.split(",")] if text else []
+    found = {key.strip(): name.strip() for key, _, name in pairs}
+    if not all(found.values()) or not set(found) <= set("KMDBC") or len(found) < len(pairs):
+        raise InputError(f"{option}: found '{text}', expected such as K=nas.kaa,M=nas.maa (K, M, D, B or C)")
+    return found or None
