@@ -397,7 +397,19 @@ class _Lines:
 
     def whole(self, lines, place, width):
         """The whole numbers in a field of some lines."""
-        return _whole(self.piece, self.text, self.start, self.size, lines, place, width)
+        stop = (self.start + self.size)[lines][:, None]
+        at = (self.start[lines] + place * width)[:, None] + np.arange(width)
+        fields = np.where(at < stop, self.text[np.minimum(at, stop)], ord(" "))  # at most the end of the line
+        digit = (fields >= ord("0")) & (fields <= ord("9"))
+        after = np.maximum.accumulate(digit, axis=1)
+        wrong = ~(digit | (fields == ord(" "))).all(axis=1) | ~digit.any(axis=1) | (digit.sum(axis=1) > 18)
+        wrong |= (after & ~digit & np.maximum.accumulate(digit[:, ::-1], axis=1)[:, ::-1]).any(axis=1)
+        if wrong.any():
+            raise self.piece.refusal(int(lines[wrong][0]), "whole numbers")
+        value = np.zeros(len(fields), np.int64)
+        for k in range(width):
+            value = np.where(digit[:, k], 10 * value + fields[:, k] - ord("0"), value)
+        return value
 
 
 class _Heads(NamedTuple):
@@ -487,29 +499,16 @@ def _fixed_numbers(piece, text, start, counts, width):
     fields[:, :-1] = text[(start[line] + width * place)[:, None] + np.arange(width)]
     plain = fields.tobytes()
     values = parse(plain.replace(b"D", b"E").replace(b"d", b"e"))
-    if values is None:  # three digits leave no room for the letter: 1.5-100
-        values = parse(NUMBER.sub(rb"e\1", plain.upper().replace(b"D", b"E")))
+    if values is None:
+        values = _without_letter(plain)
     if values is None or len(values) != len(line):
         for k, field in enumerate(fields):
-            found = parse(NUMBER.sub(rb"e\1", field.tobytes().upper().replace(b"D", b"E")))
+            found = _without_letter(field.tobytes())
             if found is None or len(found) != 1:
                 raise piece.refusal(int(np.count_nonzero(text[: start[line[k]]] == ord("\n"))), "numbers")
     return values
 
 
-def _whole(piece, text, start, size, lines, place, width):
-    """The whole number in a field of the lines."""
-    low = start[lines] + place * width
-    at = np.minimum(low[:, None] + np.arange(width), (start + size)[lines][:, None])  # at most the end of the line
-    fields = np.where(low[:, None] + np.arange(width) < (start + size)[lines][:, None], text[at], ord(" "))
-    fields = np.ascontiguousarray(fields, dtype=np.uint8)
-    digit = (fields >= ord("0")) & (fields <= ord("9"))
-    after = np.maximum.accumulate(digit, axis=1)
-    wrong = ~(digit | (fields == ord(" "))).all(axis=1) | ~digit.any(axis=1) | (digit.sum(axis=1) > 18)
-    wrong |= (after & ~digit & np.maximum.accumulate(digit[:, ::-1], axis=1)[:, ::-1]).any(axis=1)
-    if wrong.any():
-        raise piece.refusal(int(lines[wrong][0]), "whole numbers")
-    value = np.zeros(len(fields), np.int64)
-    for k in range(width):
-        value = np.where(digit[:, k], 10 * value + fields[:, k] - ord("0"), value)
-    return value
+def _without_letter(text):
+    """The numbers of a text, or None; three digits of an exponent leave no room for its letter: 1.5-100."""
+    return parse(NUMBER.sub(rb"e\1", text.upper().replace(b"D", b"E")))

@@ -274,13 +274,8 @@ def _remove(model, held, rotated):
         restore = rotation.matMult(selection)
         selection.destroy()
         rotation.destroy()
-    B, Ct, Gt = (None if mat is None else restore.transposeMatMult(mat) for mat in (model.B, model.Ct, model.Gt))
-    free_model = SecondOrderModel(
-        mats["M"], mats["K"], mats.get("D"), B, Ct,
-        model.dofs.take(free - first) if model.dofs is not None else None,
-        model.input_names, model.output_names, model.name, Gt=Gt, interfaces=model.interfaces,
-    )  # fmt: skip
-    return free_model, restore
+    dofs = None if model.dofs is None else model.dofs.take(free - first)
+    return model.in_coordinates(mats, restore, dofs), restore
 
 
 def _selection(model, free, total):

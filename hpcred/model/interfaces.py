@@ -434,13 +434,7 @@ def couple(model):
     if not rigid:
         return model.shared(), None
     T, dofs = _coupling(model, rigid)
-    mats = {key: mat.ptap(T) for key, mat in model.matrices.items()}
-    B, Ct, Gt = (None if mat is None else T.transposeMatMult(mat) for mat in (model.B, model.Ct, model.Gt))
-    coupled = type(model)(
-        mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, model.input_names, model.own_output_names, model.name,
-        Gt=Gt, interfaces=model.interfaces,
-    )  # fmt: skip
-    return coupled, T
+    return model.in_coordinates({key: mat.ptap(T) for key, mat in model.matrices.items()}, T, dofs), T
 
 
 def _coupling(model, rigid):

@@ -261,6 +261,15 @@ class SecondOrderModel:
             self.D.transpose(changed["D"])
         return self._with(**changed)
 
+    def in_coordinates(self, matrices, T, dofs):
+        """The model in coordinates q^ with q = T q^: of its `matrices` T^T A T by name, which it takes over, and labels
+        `dofs` of the rows. Collective."""
+        B, Ct, Gt = (None if mat is None else T.transposeMatMult(mat) for mat in (self.B, self.Ct, self.Gt))
+        return SecondOrderModel(
+            matrices["M"], matrices["K"], matrices.get("D"), B, Ct, dofs, self.input_names, self.own_output_names,
+            self.name, Gt=Gt, interfaces=self.interfaces,
+        )  # fmt: skip
+
     def _unit_columns(self, key, targets):
         """Rows of this rank of a matrix of unit columns, or of columns of G^T, and their names."""
         targets = declared(key, targets, tuple[int | tuple[int | str, str], ...])
