@@ -7,13 +7,14 @@ error is estimated as in the search, from the model without the newest columns.
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..linalg.basis import Basis
 from ..linalg.factorisation import Factoring, FactorRecord
-from ..model.damping import Caughey, ModalDamping, NoDamping, Rayleigh, Structural
+from ..model.damping import Caughey, ModalDamping, NoDamping, Rayleigh, Structural, caughey_terms
 from ..model.frames import NoFrame, apply_frame, inputs_without_effect
 from ..model.rigid_body_modes import RigidBodyModes
 from ..model.scales import scaled, scales_of, unscaled
@@ -168,23 +169,20 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
 
 def _law_of_response(damping) -> Law:
     """The proportional part of the damping of the response."""
-    if isinstance(damping, ModalDamping) or (isinstance(damping, Caughey) and len(damping.coefficients) > 2):
+    if isinstance(damping, ModalDamping) or caughey_terms(damping) is not None:
         kind = "modal ratios belong" if isinstance(damping, ModalDamping) else "a Caughey series of more terms belongs"
         raise InputError(f"damping: {kind} to a reduced model; reduce to a tolerance and take its frequency response")
     if isinstance(damping, Structural):
         return Law(eta=damping.loss_factor)
-    if isinstance(damping, Rayleigh):
-        return Law(damping.alpha, damping.beta)
-    return Law(*(*damping.coefficients, 0.0)[:2]) if isinstance(damping, Caughey) else Law()
+    return Law(*(*damping.coefficients, 0.0)[:2]) if isinstance(damping, Rayleigh | Caughey) else Law()
 
 
 def _check_support(model, frame, frequencies):
     """Refuse the response at rest of a body that nothing holds, which is infinite. Collective."""
     if frequencies[0] > 0 or not isinstance(frame, NoFrame) or model.dofs is None:
         return
-    rigid = RigidBodyModes(model)
-    count = rigid.count
-    rigid.close()
+    with closing(RigidBodyModes(model)) as rigid:
+        count = rigid.count
     if count:
         raise InputError(f"frequencies: found 0 Hz, where {model.name}, which is free, has none; begin above, "
                          "or take frame kind 'buckens' for the elastic part")  # fmt: skip

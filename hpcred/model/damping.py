@@ -45,6 +45,11 @@ class Rayleigh:
         within("damping.alpha", self.alpha, ALPHA)
         within("damping.beta", self.beta, BETA)
 
+    @property
+    def coefficients(self) -> tuple[float, float]:
+        """Those of the Caughey series that it is."""
+        return self.alpha, self.beta
+
 
 @dataclass(frozen=True)
 class Caughey:
@@ -132,12 +137,9 @@ def with_damping(model, damping):
         if model.D is None:
             raise InputError(f"damping.kind: 'given' needs a damping matrix, {model.name} has none")
         return model.with_damping_matrix(copy(model.D))
-    if isinstance(damping, Rayleigh):
-        alpha, beta = damping.alpha, damping.beta
-    elif isinstance(damping, Caughey) and len(damping.coefficients) <= 2:
-        alpha, beta = (*damping.coefficients, 0.0)[:2]
-    else:
+    if not isinstance(damping, Rayleigh | Caughey) or caughey_terms(damping) is not None:
         return model.with_damping_matrix(None)
+    alpha, beta = (*damping.coefficients, 0.0)[:2]
     mat = model.M.duplicate(copy=True)
     mat.scale(alpha)
     mat.axpy(beta, model.K, structure=SAME)

@@ -179,11 +179,7 @@ def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
         return Law(), True, "measured with the damping matrix of the model"
     if isinstance(damping, Structural) and damping.loss_factor:
         return Law(eta=damping.loss_factor), False, f"measured with the loss factor {damping.loss_factor:g}"
-    series = ()
-    if isinstance(damping, Rayleigh):
-        series = damping.alpha, damping.beta
-    elif isinstance(damping, Caughey):
-        series = damping.coefficients
+    series = damping.coefficients if isinstance(damping, Rayleigh | Caughey) else ()
     if any(series) and not any(series[2:]):
         return Law(*(*series, 0.0)[:2]), False, "measured with the damping of the model"
     ratio = zeta0
