@@ -14,7 +14,8 @@ from ..parallel.declared import declared
 from ..parallel.digest import digest, digest_of_block
 from ..parallel.failures import InputError, Owned, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
-from .dofs import DIRECTIONS, SCALAR, Dofs, check_labels, row_of, target_name
+from .checked_arrays import check_finite, check_rows, coordinates, named_columns, real_columns, real_values, row_name
+from .dofs import SCALAR, Dofs, check_labels, row_of, target_name
 from .interfaces import InterfaceNode, interface_column, single_targets, with_interfaces
 from .petsc_matrices import decoupled, labels, taken
 
@@ -231,7 +232,7 @@ class SecondOrderModel:
 
     def with_input_columns(self, local, names):
         """The model with B from the rows of this rank (rows, p), and p names. Collective. Raises InputError."""
-        local, names = _columns(self.comm, self.local_rows, local, names, f"{self.name}: inputs")
+        local, names = named_columns(self.comm, self.local_rows, local, names, f"{self.name}: inputs")
         return self._with(B=None if local is None else dense_matrix(self.K, local), input_names=names)
 
     def with_output_columns(self, local, names):
@@ -239,7 +240,7 @@ class SecondOrderModel:
 
         Raises InputError.
         """
-        local, names = _columns(self.comm, self.local_rows, local, names, f"{self.name}: outputs")
+        local, names = named_columns(self.comm, self.local_rows, local, names, f"{self.name}: outputs")
         return self._with(Ct=None if local is None else dense_matrix(self.K, local), own_output_names=names)
 
     def with_damping_matrix(self, D):
@@ -250,7 +251,7 @@ class SecondOrderModel:
         if declared("D", D, PETSc.Mat | None) is not None:
             with agreed(self.comm):
                 indptr, _, values = D.getValuesCSR()
-                _check_finite(indptr, {"D": values}, D.getOwnershipRange()[0], self.name, self.dofs)
+                check_finite(indptr, {"D": values}, D.getOwnershipRange()[0], self.name, self.dofs)
         return self._with(D=D)
 
     def as_dual(self):
@@ -322,13 +323,13 @@ class SecondOrderModel:
                 if key not in values:
                     raise InputError(f"{name}: no matrix {key}; a model needs K and M")
             check_labels(dofs, rows, name)
-            _check_rows(indptr, indices, values, first, name, dofs)
+            check_rows(indptr, indices, values, first, name, dofs)
         if comm.size > size:
             raise InputError(
                 f"{name}: {size} rows cannot be distributed over {comm.size} ranks; start at most {size} ranks"
             )
-        inputs, input_names = _columns(comm, rows, inputs, input_names, f"{name}: inputs")
-        outputs, output_names = _columns(comm, rows, outputs, output_names, f"{name}: outputs")
+        inputs, input_names = named_columns(comm, rows, inputs, input_names, f"{name}: inputs")
+        outputs, output_names = named_columns(comm, rows, outputs, output_names, f"{name}: outputs")
         mats = {}
         indptr = np.asarray(indptr, dtype=PETSc.IntType)
         indices = np.asarray(indices, dtype=PETSc.IntType)
@@ -346,7 +347,7 @@ class SecondOrderModel:
 
         Other keywords as for from_csr, with `inputs` (n, p), `outputs` (n, r) and `dofs` of all rows.
         """
-        given = {key: _coordinates(key, mat) for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
+        given = {key: coordinates(key, mat) for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
         sizes = {key: item[3] for key, item in given.items()}
         size = max(sizes.values(), default=0)
         if len(set(sizes.values())) > 1:
@@ -358,7 +359,7 @@ class SecondOrderModel:
         first, last = row_range(comm, size, per_node)
         for key in ("inputs", "outputs"):
             if keywords.get(key) is not None:
-                keywords[key] = _real_columns(keywords[key], size, f"from_scipy: {key}")[first:last]
+                keywords[key] = real_columns(keywords[key], size, f"from_scipy: {key}")[first:last]
         if dofs is not None:
             keywords["dofs"] = dofs.take(slice(first, last))
         mine = {}
@@ -404,27 +405,19 @@ class SecondOrderModel:
             first = mats["K"].getOwnershipRange()[0]
             with agreed(comm):
                 indptr, indices, _ = mats["K"].getValuesCSR()
-                values = {key: _real(mat.getValuesCSR()[2], f"{name}: {key}") for key, mat in mats.items()}
-                _check_rows(indptr, indices, values, first, name, dofs)
+                values = {key: real_values(mat.getValuesCSR()[2], f"{name}: {key}") for key, mat in mats.items()}
+                check_rows(indptr, indices, values, first, name, dofs)
                 alone = [] if choice_made else decoupled(indptr, indices, values.values(), first)
                 if len(alone):
                     raise InputError(
                         f"{name}: found {len(alone)} rows with nothing beside the diagonal, the first is "
-                        f"{_row_name(alone[0], first, dofs)}, as boundary conditions leave them; name such rows by "
+                        f"{row_name(alone[0], first, dofs)}, as boundary conditions leave them; name such rows by "
                         "`held`, or give held=[] to keep them"
                     )
             return cls(
                 copy(mats["M"]), copy(mats["K"]), copy(mats["D"]) if "D" in mats else None, None, None, dofs,
                 name=name, elements=elements or {}, held=away, sets=sets or {},
             )  # fmt: skip
-
-
-def _real(values, what):
-    if np.iscomplexobj(values) and values.imag.any():
-        raise InputError(
-            f"{what}: found {np.count_nonzero(values.imag)} entries with imaginary parts, expected real ones"
-        )
-    return values.real
 
 
 def require_model(model):
@@ -494,97 +487,7 @@ def symmetry_defect(mat: PETSc.Mat) -> float:
     return float(defect / norm) if norm else 0.0
 
 
-def _columns(comm, rows, local, names, what):
-    """The rows of B or C^T of this rank (rows, columns), and the names of the columns; None and () for None.
-
-    `what` they are, such as "model: inputs". Collective. Raises InputError.
-    """
-    if local is None:
-        return None, ()
-    with agreed(comm):
-        local = _real_columns(local, rows, what)
-    widths = comm.allgather(local.shape[1])
-    if len(set(widths)) > 1:
-        raise InputError(f"{what}: found {min(widths)} to {max(widths)} columns on the ranks, expected as many on each")
-    key = what.rpartition(" ")[2].removesuffix("s")
-    names = tuple(names) or tuple(f"{key} {k + 1}" for k in range(widths[0]))
-    names = declared(f"{what}: names", names, tuple[str, ...])
-    if len(names) != widths[0]:
-        raise InputError(f"{what}: found {len(names)} names for {widths[0]} columns, expected one for each")
-    return local, names
-
-
-def _real_columns(columns, rows, what) -> np.ndarray:
-    """Columns (rows, c) of finite real numbers, from an array, lists or a SciPy sparse matrix. Raises InputError."""
-    columns = np.asarray(columns.toarray() if hasattr(columns, "toarray") else columns)
-    if columns.ndim != 2 or len(columns) != rows or columns.dtype.kind not in "iuf":
-        raise InputError(
-            f"{what}: found an array {columns.shape} of {columns.dtype}, expected real numbers ({rows}, columns)"
-        )
-    if not np.isfinite(columns).all():
-        raise InputError(f"{what}: found NaN or Inf in column {np.argwhere(~np.isfinite(columns))[0, 1] + 1}")
-    return columns.astype(float)
-
-
-def _coordinates(key, mat):
-    """Rows, columns, real values and size of a SciPy sparse or a dense matrix. Raises InputError."""
-    mat = mat if hasattr(mat, "tocoo") else np.asarray(mat)
-    if mat.ndim != 2 or mat.shape[0] != mat.shape[1] or mat.dtype.kind not in "biufc":
-        raise InputError(f"from_scipy: {key}: found {mat.shape} of {mat.dtype}, expected a square matrix of numbers")
-    if hasattr(mat, "tocoo"):
-        mat = mat.tocoo()
-        i, j, v = mat.row.astype(np.int64), mat.col.astype(np.int64), mat.data
-    else:
-        i, j = np.nonzero(mat)
-        v = mat[i, j]
-    if np.iscomplexobj(v) and v.imag.any():
-        raise InputError(f"from_scipy: {key}: found a matrix with imaginary parts, expected real ones")
-    return i, j, v.real.astype(float), mat.shape[0]
-
-
 def listed(names, most=4) -> str:
     """Names in a line, the first few of many."""
     shown = ", ".join(names[:most]) + (f", ... ({len(names)})" if len(names) > most else "")
     return shown or "none"
-
-
-def _row_name(row, first, dofs):
-    if dofs is None:
-        return f"dof {first + row + 1}"
-    return f"dof {first + row + 1} (node {dofs.node[row]}, {DIRECTIONS[dofs.direction[row]]})"
-
-
-def _check_finite(indptr, values, first, name, dofs):
-    for key, data in values.items():
-        bad = np.flatnonzero(~np.isfinite(data))
-        if bad.size:
-            row = np.searchsorted(indptr, bad[0], side="right") - 1
-            raise InputError(
-                f"{name}: matrix {key} has {bad.size} entries that are NaN or Inf, "
-                f"the first in the row of {_row_name(row, first, dofs)}"
-            )
-
-
-def _check_rows(indptr, indices, values, first, name, dofs):
-    """Refuse rows that no mechanical model has."""
-
-    def row_of_entry(place):
-        return np.searchsorted(indptr, place, side="right") - 1
-
-    _check_finite(indptr, values, first, name, dofs)
-    below = np.flatnonzero(values["M"] < 0)
-    negative = below[indices[below] == row_of_entry(below) + first]
-    if negative.size:
-        raise InputError(
-            f"{name}: the mass matrix has {negative.size} negative diagonal entries, the first at "
-            f"{_row_name(row_of_entry(negative[0]), first, dofs)}: {values['M'][negative[0]]:g}; expected none"
-        )
-    touched = np.diff(indptr) > 0
-    stored = (values["K"] != 0) | (values["M"] != 0)
-    touched[touched] = np.logical_or.reduceat(stored, indptr[:-1][touched]) if len(stored) else False
-    empty = np.flatnonzero(~touched)
-    if empty.size:
-        raise InputError(
-            f"{name}: {empty.size} dofs have no entry in K nor in M, the first is {_row_name(empty[0], first, dofs)}; "
-            "no element touches them: remove them from the model"
-        )
