@@ -184,24 +184,14 @@ def _rows_of(path, comm, candidates, insisted):
     groups = nastran_op2.points_by_superelement(op2, comm) if op2 else []
     decks = [nastran_bulk.read_deck(file, comm) for file in files]
     decks = [deck for deck in decks if comm.allreduce(len(deck.label))]
-    elements = next((deck.elements for deck in decks if deck.elements), {})
     reasons = []
     for choice, size, se in candidates:
         letters = [choice.letter] if choice.letter else list(SETS)
         for letter in letters:
-            fitting = [(number, points) for number, points in groups
-                       if (se is None or number is None or number == se)
-                       and points.count(comm, points.of_set(letter)) == size]  # fmt: skip
-            if len(fitting) > 1:
-                fitting = [item for item in fitting if item[0] == 0] or fitting[-1:]
-            if fitting:
-                points, mask = fitting[0][1], fitting[0][1].of_set(letter)
-                for deck in decks if points.rough else ():
-                    points = refined(comm, points, nastran_bulk.points_of(deck, comm)) if points.rough else points
-                rows = _Rows(points, mask, op2, elements)
-                said = [f"{op2} gives places with 7 digits only, in which rigid-body motions of the nodes meet forces; "
-                        "put the input file beside it"] if points.rough else []  # fmt: skip
-                return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter, op2), *said]
+            of_se = [item for item in groups if se is None or item[0] in (None, se)]
+            rows = _rows_of_op2(op2, of_se, decks, comm, letter, size)
+            if rows is not None:
+                return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter, op2)]
         for deck in decks:
             for letter in letters:
                 rows, reason = _rows_of_deck(deck, comm, letter, size)
@@ -228,6 +218,20 @@ def _passed(reasons):
     return [f"matrices with all constraints are there, but {reasons[0]}: their rows cannot be named"] if reasons else []
 
 
+def _rows_of_op2(op2, groups, decks, comm, letter, size):
+    """_Rows of a set from the points of an OP2 by superelement, with the places of input files where those are rough;
+    None where no set has so many rows."""
+    fitting = [(number, points) for number, points in groups if points.count(comm, points.of_set(letter)) == size]
+    if not fitting:
+        return None
+    _, points = next((item for item in fitting if item[0] == 0), fitting[-1])
+    mask = points.of_set(letter)
+    for deck in decks:
+        if points.rough:
+            points = refined(comm, points, nastran_bulk.points_of(deck, comm))
+    return _Rows(points, mask, op2, next((deck.elements for deck in decks if deck.elements), {}))
+
+
 def _rows_of_deck(deck, comm, letter, size):
     """_Rows of a set from the input file, or why not."""
     points = nastran_bulk.points_of(deck, comm)
@@ -249,11 +253,15 @@ def _said_of_rows(comm, rows, letter, source):
     gone = points.count(comm, points.there()) - points.count(comm, rows.mask)
     found = [f"nodes and sets of dofs are those of {source}"]
     if letter == "G":
-        return [*found, LOOSE.format("KAA and MAA")]
-    if held:
-        found.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
-    if gone > held:
-        found.append(f"{gone - held} dofs have no row, since they depend on others or were condensed")
+        found.append(LOOSE.format("KAA and MAA"))
+    else:
+        if held:
+            found.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
+        if gone > held:
+            found.append(f"{gone - held} dofs have no row, since they depend on others or were condensed")
+    if points.rough:
+        found.append(f"{source} gives places with 7 digits only, in which rigid-body motions of the nodes meet forces; "
+                     "put the input file beside it")  # fmt: skip
     return found
 
 
