@@ -119,7 +119,7 @@ def solve(model: PseudoModal, law: Law, frequencies, right: np.ndarray, transpos
     if inverse is not None:
         if transposed:
             inverse = Poles(inverse.poles, inverse.left.T, inverse.right.T)
-        factor = 1 / (coefficients(law, frequencies)[2][:, None, None] - inverse.poles[:, None])
+        factor = _reciprocal(coefficients(law, frequencies)[2][:, None, None] - inverse.poles[:, None])
         size = norms(np.abs(right))
         rest = right
         for _ in range(3):
@@ -134,8 +134,23 @@ def solve(model: PseudoModal, law: Law, frequencies, right: np.ndarray, transpos
         matrices = coefficients(law, frequencies[part])[2][:, None, None] * (model.D.T if transposed else model.D)
         index = np.arange(len(model.squares))
         matrices[:, index, index] += _diagonal(model, law, frequencies[part])
-        states[part] = np.linalg.solve(matrices, right[part])
+        states[part] = _eliminated(matrices, right[part])
     return states
+
+
+def _reciprocal(values):
+    """1 / values, 0 for 0: at a pole elimination follows."""
+    return np.divide(1.0, values, out=np.zeros_like(values), where=values != 0)
+
+
+def _eliminated(matrices, right):
+    """matrices^-1 right (S, m, l), infinite where a matrix (m, m) is singular, as that of a free body is at 0 Hz."""
+    try:
+        return np.linalg.solve(matrices, right)
+    except np.linalg.LinAlgError:  # which does not say where
+        if len(matrices) == 1:
+            return np.full(right.shape, np.inf, dtype=complex)
+        return np.concatenate([_eliminated(*one) for one in zip(matrices[:, None], right[:, None], strict=True)])
 
 
 def multiply(model: PseudoModal, law: Law, frequencies: np.ndarray, states: np.ndarray, transposed=False) -> np.ndarray:

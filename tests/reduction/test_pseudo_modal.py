@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 
-from hpcred.reduction.pseudo_modal import Law, diagonalised, difference, nested, relative, response, restricted, solve
+from hpcred.reduction.pseudo_modal import (
+    Law,
+    PseudoModal,
+    diagonalised,
+    difference,
+    nested,
+    poles,
+    relative,
+    response,
+    restricted,
+    solve,
+)
 
 F = np.linspace(0.0, 8.0, 23)
 LAWS = {"Rayleigh": Law(alpha=0.3, beta=1e-3), "loss factor": Law(eta=0.02), "all": Law(0.1, 1e-3, 0.01)}
@@ -126,3 +137,16 @@ def test_frequencies_come_in_parts_that_fit(monkeypatch):
 def test_an_error_without_a_response_is_infinite_and_nothing_is_zero():
     zero, one = np.zeros((1, 1, 1)), np.ones((1, 1, 1))
     assert relative(zero, zero) == 0 and relative(one, zero) == np.inf and relative(one, 2 * one) == 0.5
+
+
+def test_a_free_motion_beside_a_given_damping_is_infinite_at_0_hz_and_right_elsewhere():
+    """A(0) is singular there, and elimination had ended the search with an error of NumPy."""
+    rng = np.random.default_rng(0)
+    squares, D = np.array([0.0, 1.0, 4.0]), rng.standard_normal((3, 3))
+    model = PseudoModal(squares, rng.standard_normal((3, 2)), D, np.eye(3))
+    frequencies = np.array([0.0, 0.3])
+    for inverse in (None, poles(model, Law())):
+        states = solve(model._replace(inverse=inverse), Law(), frequencies, model.L)
+        s = 2j * np.pi * 0.3
+        assert np.isinf(states[0]).all()
+        assert states[1] == pytest.approx(np.linalg.solve(s * s * np.eye(3) + s * D + np.diag(squares), model.L))
