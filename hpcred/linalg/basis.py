@@ -14,11 +14,25 @@ import numpy as np
 
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, Owned
-from ..parallel.petsc import PETSc, SLEPc
-from .blocks import add_product, apply, copy_of, create_block, dense, fold, inner, multiply, stacked_inner, unfold
+from ..parallel.petsc import MPI, PETSc, SLEPc
+from .blocks import (
+    add_product,
+    apply,
+    copy_of,
+    create_block,
+    dense,
+    fold,
+    inner,
+    local_rows,
+    multiply,
+    stacked_inner,
+    unfold,
+)
 
 RESOLVED = 1e-4  # eigenvalues of a unit-diagonal Gram matrix above this are safe to divide by
 PASSES = 20  # of projection or separation; two or three are usual
+NO_MASS = 1e-13  # of x^T diag(M) x: x^T M x below it is round-off, and x moves no mass
+NEGATIVE = 1e-10  # the same, which is no round-off if negative
 STALE = 10  # how far columns may be cancelled before their images are computed anew
 ORTHONORMAL = 1e-13  # what a block that is taken as it is may differ by from an orthonormal one
 
@@ -29,12 +43,13 @@ class Extension:
 
     A direction's weight is the part of it outside of the basis, relative to the column that brought it, in M-norms:
     `smallest_kept` (inf if none was kept) and `largest_dropped` (0 if none was dropped) lie on both sides of the
-    deflation tolerance.
+    deflation tolerance. `massless`: directions that were dropped since they move no mass (NO_MASS).
     """
 
     kept: int = 0
     smallest_kept: float = np.inf
     largest_dropped: float = 0.0
+    massless: int = 0
 
 
 class Imaged:
@@ -91,6 +106,7 @@ class Basis:
                  keeps: bool = True):  # fmt: skip
         self.mass, self.tolerance = mass, tolerance
         self.comm = mass.comm.tompi4py()
+        self._diagonal = _diagonal_of(mass)
         self._leading = 0
         self.size = 0
         deflated = 0 if deflate is None else np.diff(deflate.getActiveColumns())[0]
@@ -156,15 +172,15 @@ class Basis:
         first, last = block.getActiveColumns()
         if first == last:
             return Extension()
-        start, weight, smallest, largest = self.size, None, np.inf, 0.0
+        start, weight, smallest, largest, massless = self.size, None, np.inf, 0.0, 0
         if images is not None and decided(self.comm, _is_orthonormal, *self._products(block, images)):
             self._append(block, images)
             return Extension(self.size - start, smallest_kept=1.0)
         with Owned(self.comm) as owned:
             pending, taken = self._pending(owned, block, images)
             for _ in range(PASSES):
-                weight, gram, dropped = self._project_and_scale(pending, weight, taken)
-                largest = max(largest, dropped)
+                weight, gram, dropped, none = self._project_and_scale(pending, weight, taken)
+                largest, massless = max(largest, dropped), massless + none
                 if not weight.size:
                     break
                 scaled, rest, weight, resolved, cancelled = decided(self.comm, _separate, gram, weight)
@@ -179,7 +195,7 @@ class Basis:
                 pending.combine(self._factor(rest), np.inf)
             else:
                 raise ComputationError("a block of basis vectors could not be orthonormalised: is M positive definite?")
-        return Extension(self.size - start, float(smallest), float(largest))
+        return Extension(self.size - start, float(smallest), float(largest), massless)
 
     def renew_images(self, start: int, stop: int):
         """Compute the images of the columns start .. stop - 1 anew, of which they then are a function."""
@@ -239,6 +255,12 @@ class Basis:
         self._block.setActiveColumns(0, self._end)
         return tuple(map(self._gram, stacked_inner((self._block, block), images)))
 
+    def _sizes(self, block):
+        """x^T diag(M) x of the columns of a block."""
+        with local_rows(block) as rows:
+            squares = np.einsum("i,ij->j", self._diagonal, np.abs(rows) ** 2)
+        return np.diag(self._gram(np.diag(self.comm.allreduce(squares)))).real
+
     def _project(self, pending):
         """X <- X - V (V^H M X); returns the coefficients and X^H M X from before."""
         inside, gram = self._products(pending.block, pending.images)
@@ -254,18 +276,19 @@ class Basis:
         """Project until the projection takes nothing more, scale to M-norm 1, drop what has become too small.
 
         `taken`: see _pending; counts where no column has a weight yet. Returns the weights of the columns left, their
-        Gram matrix with unit diagonal, and the largest weight dropped.
+        Gram matrix with unit diagonal, the largest weight dropped, and how many columns move no mass.
         """
-        largest = 0.0
+        largest, massless = 0.0, 0
         for _ in range(PASSES):
+            sizes = self._sizes(pending.block)
             found = self._project(pending)
-            scale, weight, gram, done, dropped, cancelled = decided(
-                self.comm, _judge, *found, weight, taken, self.tolerance
+            scale, weight, gram, done, dropped, none, cancelled = decided(
+                self.comm, _judge, *found, sizes, weight, taken, self.tolerance
             )
-            largest = max(largest, dropped)
+            largest, massless = max(largest, dropped), massless + none
             pending.combine(self._factor(scale), cancelled)
             if done:
-                return weight, gram, largest
+                return weight, gram, largest, massless
         raise ComputationError("the projection of basis vectors does not come to rest: is M positive definite?")
 
     def _polish(self, block):
@@ -302,18 +325,29 @@ def _is_orthonormal(inside, gram):
     return all(bool(part <= ORTHONORMAL) for part in parts)  # NaN is not
 
 
-def _judge(inside, gram, weight, taken, tolerance):
+def _diagonal_of(mass):
+    """The rows of this rank of |diag M|, with its smallest entry where there is none."""
+    vector = mass.getDiagonal()
+    values = np.abs(vector.getArray(readonly=True))
+    vector.destroy()
+    smallest = mass.comm.tompi4py().allreduce(values[values > 0].min(initial=np.inf), op=MPI.MIN)
+    return np.where(values > 0, values, smallest if np.isfinite(smallest) else 1.0)
+
+
+def _judge(inside, gram, sizes, weight, taken, tolerance):
     """What one projection left of some columns, which have a weight, or of which something was `taken` before.
 
-    Returns the factor that scales and drops columns, the weights and the Gram matrix of those kept, whether another
-    projection would take next to nothing, the largest weight dropped, and how much smaller a column has become.
+    `sizes`: x^T diag(M) x of the columns before it. Returns the factor that scales and drops columns, the weights and
+    the Gram matrix of those kept, whether another projection would take next to nothing, the largest weight dropped,
+    how many columns move no mass, and how much smaller a column has become.
     """
     squares = np.diag(gram).real
     if not np.isfinite(squares).all():
         raise ComputationError("a basis vector has entries that are not finite")
-    if (squares < -1e-10 * np.abs(squares).max(initial=0.0)).any():
+    if (squares < -NEGATIVE * np.maximum(sizes, np.abs(squares).max(initial=0.0))).any():
         raise ComputationError("a basis vector has a negative M-norm: the mass matrix is indefinite")
-    norms = np.sqrt(np.maximum(squares, 0.0))
+    massless = int(((squares <= NO_MASS * sizes) & (sizes > 0)).sum())
+    norms = np.sqrt(np.where(squares > NO_MASS * sizes, squares, 0.0))
     if weight is None:
         before = squares if taken is None else squares + _squares_taken(taken, inside)
         weight = np.sqrt(np.divide(1.0, before, out=np.ones_like(before), where=before > 0))
@@ -327,9 +361,9 @@ def _judge(inside, gram, weight, taken, tolerance):
     left = np.diag(gram).real
     if not (left > 0.25).all():  # twice is enough
         cancelled = 1.0 / np.sqrt(left.min()) if left.min() > 0 else np.inf
-        return scale, weight, gram, False, dropped, cancelled
+        return scale, weight, gram, False, dropped, massless, cancelled
     unit = 1.0 / np.sqrt(left)
-    return scale * unit, weight / unit, gram * np.outer(unit, unit), True, dropped, 1.0
+    return scale * unit, weight / unit, gram * np.outer(unit, unit), True, dropped, massless, 1.0
 
 
 def _squares_taken(taken, inside):

@@ -249,7 +249,7 @@ class Search:
                 check_complete(self.projections, self.settings.band)
             blocks.take(new)
             with progress.stage("estimate"):
-                judged = decided(self.run.model.comm, self.judge.judge, blocks)
+                judged = self._judged(blocks)
             self._note(judged)
             known = ""
             if np.isfinite(judged.estimate):
@@ -259,6 +259,15 @@ class Search:
             progress.say(f"{blocks.frequency:.6g} Hz, block {blocks.order}: {size} columns{known}")
             if judged.done:
                 return judged
+
+    def _judged(self, blocks) -> Judgement:
+        """What the basis is worth after a block of a point. Raises InputError."""
+        try:
+            return decided(self.run.model.comm, self.judge.judge, blocks)
+        except InputError:  # a response without what moves no mass may be nothing
+            if self.projections.basis.size:
+                check_massless(self.projections, [blocks.frequency])
+            raise
 
     def _extend_by_block(self, blocks, chain) -> int:
         """Add the next block of a point; returns how many columns are new."""

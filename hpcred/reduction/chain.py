@@ -58,7 +58,7 @@ class Chain:
     rule = ""  # names it in the key
 
     def __init__(self, run, wanted: int | None = None, **key):
-        self.run, self.ends, self.offered, self.complete = run, [], [], False
+        self.run, self.ends, self.offered, self.complete, self.massless = run, [], [], False, False
         self.labels = ("", "")  # of the factor, as FactorRecord has them
         self._place, self._residual, self._solver = 0, 0.0, None
         room = wanted * max(self._load_columns(), 1) if wanted else run.columns
@@ -131,10 +131,11 @@ class Chain:
                 self._solver.solve(load, block)
             with progress.stage("orthogonalise"):
                 start = self.vectors.size
-                self.vectors.extend(block)
+                self.massless |= self.vectors.extend(block).massless > 0
                 self.vectors.renew_images(start, self.vectors.size)  # as those that come from a store have them
                 self.complete = self.vectors.size == start
                 self._took(load, block)
+        self.run.see_mass(self.massless)
         self.offered.append(self._offers(columns))
         self.ends.append(self.vectors.size)
         self._residual = max(self._residual, self._solver.records[-1].residual)
@@ -156,7 +157,8 @@ class Chain:
         if len(self.ends) == self.stored:
             return
         width = self.vectors.width
-        facts = {"ends": self.ends, "offered": self.offered, "complete": self.complete, "residual": self._residual}
+        facts = {"ends": self.ends, "offered": self.offered, "complete": self.complete, "residual": self._residual,
+                 "massless": self.massless}  # fmt: skip
         widths = tuple(width * (stop - self._start(j)) for j, stop in enumerate(self.ends))
         self.run.keep(self._key, Entry(facts, widths, self.vectors.columns, self._state()))
 
@@ -175,6 +177,8 @@ class Chain:
                 self.vectors.close()
                 self.vectors = self.kind(self.run.mass, tolerance=self.run.tolerance, keeps=self.run.keeps_images)
                 return
+        self.massless = facts.get("massless", False)
+        self.run.see_mass(self.massless)
         self.ends, self.offered = facts["ends"][:count], facts["offered"][:count]
         if count == len(facts["ends"]):
             self.complete, self._residual = facts["complete"], facts["residual"]

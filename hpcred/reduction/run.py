@@ -28,6 +28,10 @@ from .ports import loads_and_ports
 NEAR_ZERO = 0.01  # of a frequency of interest, below which a pseudo-mode may be a motion without force
 FOR_IMAGES = 0.1  # of the memory of a rank may go to images of columns
 DEPENDENT_LOAD = 1e-14  # square of a combination of unit loads below which they count as dependent
+WITHOUT_MASS = (
+    "M is singular: directions that move no mass were left out of the basis, and with them the static deflection by "
+    "loads on what has no mass; give it a little mass, or take it out by static condensation"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,6 +244,11 @@ class Run:
         apply(self.mass, block, product)
         return product
 
+    def see_mass(self, massless):
+        """Have the result warn of directions that a basis left out since they move no mass, if there were any."""
+        if massless and WITHOUT_MASS not in self.remarks:
+            self.remark(WITHOUT_MASS)
+
     def note(self, where: str, columns: int, found: Extension | int, **more):
         """Record how many of the columns offered were new; shown by the command line, kept in the result."""
         weights = {}
@@ -248,6 +257,7 @@ class Run:
                 weights["smallest_kept"] = found.smallest_kept
             if found.largest_dropped:
                 weights["largest_dropped"] = found.largest_dropped
+            self.see_mass(found.massless)
             found = found.kept
         self.ingredients.append(IngredientRecord(where=where, columns=columns, kept=found, **weights, **more))
         dropped = f", {columns - found} dependent dropped" if columns > found else ""

@@ -14,6 +14,7 @@ from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from .error_estimate import is_free, is_silent
 from .residual_blocks import largest_residual
+from .run import WITHOUT_MASS
 
 ZERO = np.finfo(float).eps  # squares of frequencies, relative to the largest, that are round-off, and
 NEARLY_ZERO = 1e-12  # that may be, where round-off shows in the estimate too
@@ -76,10 +77,14 @@ def check_complete(projections, band):
 
 
 def check_massless(projections, points):
-    """Refuse a basis that has lost solutions of its points (Hz) to round-off on dofs without mass, which it is not
-    orthonormal on."""
-    if massless(projections.run.model) and largest_residual(projections, points, damped=False) > COMPLETE:
+    """Refuse a basis that has lost solutions of its points (Hz): those that move no mass, or to round-off on dofs
+    without mass, which it is not orthonormal on."""
+    run = projections.run
+    if not massless(run.model) and WITHOUT_MASS not in run.remarks:
+        return
+    if largest_residual(projections, points, damped=False) > COMPLETE:
         raise _lost_without_mass(projections)
+    run.remarks = [sentence for sentence in run.remarks if sentence != WITHOUT_MASS]  # nothing was lost
 
 
 def _lost_without_mass(projections):

@@ -54,3 +54,19 @@ def test_basis_stays_orthogonal_to_what_it_deflates(model):
     )
     assert np.abs(held.T @ mass @ gather(basis.columns)).max() < 1e-13
     basis.close()
+
+
+@pytest.mark.parametrize("t", [(0.0, 1.0), (0.6, 0.8)], ids=["axis", "skew"])
+def test_directions_that_move_no_mass_are_left_out_and_counted(comm, t):
+    """Their M-norm is round-off of either sign, which had been scaled to 1, or called the mark of an indefinite M."""
+    n, random = 20, np.random.default_rng(4)
+    mass = np.kron(np.diag(10.0 ** random.uniform(-3, 3, n)), np.eye(2) - np.outer(t, t))
+    without, full = np.kron(np.eye(n)[:, :3], np.array(t)[:, None]), random.standard_normal((2 * n, 3))
+    block = np.hstack([full, 1e3 * without[:, :2], full[:, :1] + 1e3 * without[:, 2:]])
+    with hpcred.SecondOrderModel.from_scipy(np.eye(2 * n), mass, comm=comm) as model:
+        basis = Basis(model.M)
+        found = basis.extend(block_from(model.M, block))
+        V = gather(basis.columns)
+        basis.close()
+    assert (found.kept, found.massless) == (3, 3)
+    assert np.abs(V.T @ mass @ V - np.eye(3)).max() < 1e-12

@@ -382,3 +382,38 @@ def test_forces_on_dofs_without_mass_are_refused_where_the_basis_is_full(comm):
         checked(Case("force at it", K, M, unit(14, 13), band), 1e-4, comm)
     for beside in (5, 12):  # what has no mass follows the others
         assert checked(Case("force beside it", K, M, unit(14, beside), band), 1e-4, comm)[0].reached
+
+
+def massless_along(t, load, n=12):
+    """A chain in two directions whose masses are felt across `t` only, loaded at one node along `load`."""
+    t, (K, M) = np.array(t), chain(n)
+    across = np.array([-t[1], t[0]])
+    K = np.kron(K, np.outer(across, across) + 2 * np.outer(t, t))
+    B = np.zeros((2 * n, 1))
+    B[8:10, 0] = load
+    return Case("directions without mass", K, np.kron(M, np.outer(across, across)), B, (0.0, 8.0))
+
+
+@pytest.mark.parametrize("t", [(0.0, 1.0), (0.6, 0.8)], ids=["axis", "skew"])
+def test_loads_along_directions_without_mass_are_refused_in_these_words(comm, t):
+    """As of torsion of beams without inertia about their axes. M had been called indefinite where t is skew."""
+    t, across = np.array(t), np.array([-t[1], t[0]])
+    with pytest.raises(InputError, match="M is singular, and a basis of"):
+        checked(massless_along(t, t), 1e-4, comm)
+    for load in (across, across + t):  # whose deflection along t has the mass of that across
+        assert checked(massless_along(t, load), 1e-4, comm)[0].reached
+    case = massless_along(t, across)
+    with massless_along(t, t).model(comm) as model, pytest.raises(InputError, match="no vector is left"):
+        hpcred.reduce(model, [Krylov(2.0, 1)])
+    case.B = np.hstack([case.B, massless_along(t, t).B])
+    with case.model(comm) as model, hpcred.reduce(model, [Krylov(2.0, 2)]) as rom:
+        assert any("move no mass" in warning for warning in rom.record.warnings)
+
+
+def test_a_store_remembers_directions_without_mass(comm, tmp_path):
+    case = massless_along((0.6, 0.8), (0.6, 0.8))
+    case.B = np.hstack([case.B, massless_along((0.6, 0.8), (-0.8, 0.6)).B])
+    for _ in range(2):
+        store = hpcred.PointStore(tmp_path)
+        with case.model(comm) as model, hpcred.reduce(model, [Krylov(2.0, 2)], store=store) as rom:
+            assert any("move no mass" in warning for warning in rom.record.warnings)
