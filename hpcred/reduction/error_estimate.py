@@ -36,15 +36,29 @@ def ratios(model: PseudoModal, law: Law) -> np.ndarray:
     return (law.eta + (law.alpha + given) * inverse + law.beta * omega) / 2
 
 
+def resonances(model: PseudoModal, law: Law) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (k,) in Hz, ascending, where the response may peak, and their damping ratios (k,).
+
+    Those of the pseudo-modes; with a given D, which moves them and may leave some of close ones undamped, of the poles.
+    """
+    if model.inverse is None:
+        return model.frequencies, ratios(model, law)
+    poles = model.inverse.poles
+    poles = poles[poles.imag > 0]
+    poles = poles[np.argsort(poles.imag)]
+    return poles.imag / (2 * np.pi), np.abs(poles.real) / np.abs(poles)
+
+
 def grid(models, law: Law, band, uniform=UNIFORM, around=CLUSTER) -> np.ndarray:
-    """S: `uniform` points over the band (Hz) and 7 around every pseudo-frequency of the models, one set a cluster.
+    """S: `uniform` points over the band (Hz) and 7 around every resonance of the models, one set a cluster.
 
     `around`: where, in damping ratios.
     """
     low, high = band
     points = [np.linspace(low, high, uniform)]
     for model in models:
-        f, width = model.frequencies, np.clip(ratios(model, law), 1e-5, 0.1)
+        f, ratio = resonances(model, law)
+        width = np.clip(ratio, 1e-5, 0.1)
         near = np.flatnonzero((f > low * 0.9) & (f < high * 1.1))
         last = -np.inf
         for j in near:  # in ascending order

@@ -10,7 +10,18 @@ from helpers import dense_model, to_dense
 from launch import TWO_BUILDS
 
 import hpcred
-from hpcred import Buckens, Caughey, InputError, Krylov, ModalDamping, Modes, NoDamping, Rayleigh, Structural
+from hpcred import (
+    Buckens,
+    Caughey,
+    GivenDamping,
+    InputError,
+    Krylov,
+    ModalDamping,
+    Modes,
+    NoDamping,
+    Rayleigh,
+    Structural,
+)
 from hpcred.examples.linkage import FRAME, LOAD
 from hpcred.parallel.petsc import is_complex
 from hpcred.reduction.accuracy import Adaptive, law_of
@@ -417,3 +428,24 @@ def test_a_store_remembers_directions_without_mass(comm, tmp_path):
         store = hpcred.PointStore(tmp_path)
         with case.model(comm) as model, hpcred.reduce(model, [Krylov(2.0, 2)], store=store) as rom:
             assert any("move no mass" in warning for warning in rom.record.warnings)
+
+
+@pytest.mark.parametrize("seed", [2, 5, 8])
+def test_modes_of_a_cluster_that_dashpots_leave_alone(comm, seed):
+    """14 dashpots damp all but two combinations of 16 close modes: their sharp resonances lie between the undamped
+    frequencies, where the error was twice the tolerance and more, and nobody looked."""
+    rng, n, close = np.random.default_rng(seed), 40, 16
+    q = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    omega = np.append(100 * (1 + 1e-3 * rng.standard_normal(close)), 10 ** rng.uniform(2.2, 4, n - close))
+    X = rng.standard_normal((n, 14))
+    K, M, D = (q * omega**2) @ q.T, np.eye(n), 30 * X @ X.T
+    case = Case("cluster", (K + K.T) / 2, M, rng.standard_normal((n, 1 + seed % 4)), (1.6, 160.0), D=D,
+                damping=GivenDamping())  # fmt: skip
+    poles = np.linalg.eigvals(np.block([[np.zeros((n, n)), M], [-case.K, -D]]))
+    sharp = poles[(poles.imag > 0) & (poles.imag < 1000) & (np.abs(poles.real) < 1e-3 * poles.imag)].imag / 2 / np.pi
+    assert len(sharp) == 2
+    law = {"damping": GivenDamping(), "tolerance": 1e-3, "band": case.band}
+    with case.model(comm) as model, hpcred.reduce(model, **law) as rom:
+        assert rom.record.accuracy.reached
+        _, true = said_and_true(case, rom, np.outer([0.9999, 1.0, 1.0001], sharp).ravel())
+    assert true.max() <= 1e-3

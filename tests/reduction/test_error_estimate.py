@@ -147,3 +147,15 @@ def test_a_free_body_is_known_by_its_infinite_response(law):
             K[0, 0] -= 1e4
             K[-1, -1] -= 1e4
         assert is_free(diagonalised(K, unit(30, 3, 8)), law, S, PORTS, 1e-12) == free
+
+
+def test_the_grid_has_the_resonances_that_a_given_damping_makes():
+    """A dashpot between two close modes damps their sum and leaves a sharp resonance of their difference."""
+    squares, c = (2 * np.pi * np.array([10.0, 10.02])) ** 2, 2.0
+    model = diagonalised(np.diag(squares), np.eye(2), c * np.ones((2, 2)))
+    sharp = min(model.inverse.poles[model.inverse.poles.imag > 0], key=lambda pole: abs(pole.real))
+    width = abs(sharp.real) / (2 * np.pi)
+    f = sharp.imag / (2 * np.pi)
+    assert width < 1e-4 * f
+    S = grid([model], Law(), (1.0, 100.0))
+    assert (np.abs(S - f) <= 3.1 * width).sum() >= 7
