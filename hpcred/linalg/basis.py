@@ -23,7 +23,6 @@ from .blocks import (
     dense,
     fold,
     inner,
-    local_rows,
     multiply,
     stacked_inner,
     unfold,
@@ -173,7 +172,7 @@ class Basis:
         if first == last:
             return Extension()
         start, weight, smallest, largest, massless = self.size, None, np.inf, 0.0, 0
-        if images is not None and decided(self.comm, _is_orthonormal, *self._products(block, images)):
+        if images is not None and decided(self.comm, _is_orthonormal, *self._products(block, images)[:2]):
             self._append(block, images)
             return Extension(self.size - start, smallest_kept=1.0)
         with Owned(self.comm) as owned:
@@ -251,26 +250,21 @@ class Basis:
         return owned.owns(Imaged(self.mass, rest)), taken
 
     def _products(self, block, images):
-        """V^H M X and X^H M X of a block X with its images."""
+        """V^H M X, X^H M X and x^T diag(M) x of a block X with its images."""
         self._block.setActiveColumns(0, self._end)
-        return tuple(map(self._gram, stacked_inner((self._block, block), images)))
-
-    def _sizes(self, block):
-        """x^T diag(M) x of the columns of a block."""
-        with local_rows(block) as rows:
-            squares = np.einsum("i,ij->j", self._diagonal, np.abs(rows) ** 2)
-        return np.diag(self._gram(np.diag(self.comm.allreduce(squares)))).real
+        *products, squares = stacked_inner((self._block, block), images, self._diagonal)
+        return *map(self._gram, products), np.diag(self._gram(np.diag(squares[0]))).real
 
     def _project(self, pending):
-        """X <- X - V (V^H M X); returns the coefficients and X^H M X from before."""
-        inside, gram = self._products(pending.block, pending.images)
+        """X <- X - V (V^H M X); returns the coefficients, X^H M X and x^T diag(M) x from before."""
+        inside, gram, sizes = self._products(pending.block, pending.images)
         add_product(pending.block, self._block, self._factor(inside), alpha=-1.0)
         if self._images is None:
             pending.renew()
         else:
             self._images.setActiveColumns(0, self._end)
             add_product(pending.images, self._images, self._factor(inside), alpha=-1.0)
-        return inside, (gram + gram.conj().T) / 2
+        return inside, (gram + gram.conj().T) / 2, sizes
 
     def _project_and_scale(self, pending, weight, taken):
         """Project until the projection takes nothing more, scale to M-norm 1, drop what has become too small.
@@ -280,10 +274,9 @@ class Basis:
         """
         largest, massless = 0.0, 0
         for _ in range(PASSES):
-            sizes = self._sizes(pending.block)
             found = self._project(pending)
             scale, weight, gram, done, dropped, none, cancelled = decided(
-                self.comm, _judge, *found, sizes, weight, taken, self.tolerance
+                self.comm, _judge, *found, weight, taken, self.tolerance
             )
             largest, massless = max(largest, dropped), massless + none
             pending.combine(self._factor(scale), cancelled)
@@ -293,7 +286,7 @@ class Basis:
 
     def _polish(self, block):
         """One more projection, and the symmetric orthonormalisation of well-conditioned columns."""
-        inside, gram = self._project(block)
+        inside, gram, _ = self._project(block)
         block.combine(self._factor(decided(self.comm, _inverse_root, gram - inside.conj().T @ inside)))
 
     def _append(self, block, images):

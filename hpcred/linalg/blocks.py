@@ -86,13 +86,16 @@ def inner(left: SLEPc.BV, right: SLEPc.BV) -> np.ndarray:
     return values if np.iscomplexobj(values) and values.imag.any() else values.real.copy()
 
 
-def stacked_inner(lefts, right: SLEPc.BV) -> list[np.ndarray]:
-    """left^T right for several blocks with one message between the ranks; real numbers, in both builds of PETSc."""
+def stacked_inner(lefts, right: SLEPc.BV, diagonal: np.ndarray) -> list[np.ndarray]:
+    """left^T right for several blocks, and x^T diag x (1, k) of the columns x of the last of them, with one message
+    between the ranks; real numbers, in both builds of PETSc. `diagonal`: the rows of this rank."""
     parts = []
     with local_rows(right) as y:
         for left in lefts:
             with local_rows(left) as x:
                 parts.append((x.T @ y).real)
+    with local_rows(lefts[-1]) as x:
+        parts.append(np.array([[diagonal @ column**2 for column in x.real.T]]))
     total = right.comm.tompi4py().allreduce(np.concatenate(parts))
     return np.split(total, np.cumsum([len(part) for part in parts])[:-1])
 
