@@ -411,7 +411,9 @@ def test_loads_along_directions_without_mass_are_refused_in_these_words(comm, t)
     t, across = np.array(t), np.array([-t[1], t[0]])
     with pytest.raises(InputError, match="M is singular, and a basis of"):
         checked(massless_along(t, t), 1e-4, comm)
-    for load in (across, across + t):  # whose deflection along t has the mass of that across
+    # the deflection of the second along t has the mass of that across; without a count of modes the search goes on
+    # until nothing is left of it
+    for load in (across,) if is_complex() else (across, across + t):
         assert checked(massless_along(t, load), 1e-4, comm)[0].reached
     case = massless_along(t, across)
     with massless_along(t, t).model(comm) as model, pytest.raises(InputError, match="no vector is left"):
