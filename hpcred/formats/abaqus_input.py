@@ -28,6 +28,7 @@ from .text import (
     pieces,
     ragged,
     refuse_packed,
+    require_commas,
     require_file,
     shown,
     whole,
@@ -383,6 +384,7 @@ def _node_lines(piece, block, least):
     Behind the coordinates may stand the normal of a beam or shell, which does not count.
     """
     filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
+    require_commas(piece, without_comments(piece.text))
     values, counts, lines = ragged(filled, expected="node, x, y, z")
     wrong = np.flatnonzero((counts < least) | (counts > WITH_NORMAL))
     if wrong.size:
@@ -460,6 +462,7 @@ def _element_lines(piece, width, surplus=False):
 
     With `surplus` an element is the first numbers of each line.
     """
+    require_commas(piece, without_comments(piece.text))
     values, counts, lines = ragged(piece, expected=f"{width} numbers an element")
     if surplus:
         if (counts < width).any():

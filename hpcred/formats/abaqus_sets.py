@@ -12,7 +12,17 @@ import numpy as np
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, sort_over_ranks
 from ..parallel.petsc import MPI
-from .text import LARGEST_LABEL, Piece, pieces, ragged, refuse_empty_fields, shown, whole, without_comments
+from .text import (
+    LARGEST_LABEL,
+    Piece,
+    pieces,
+    ragged,
+    refuse_empty_fields,
+    require_commas,
+    shown,
+    whole,
+    without_comments,
+)
 
 WORD = re.compile(rb'"[^"\n]*"|[^\s,][^,\n]*[A-Za-z_][^,\n]*|[A-Za-z_][^,\n]*')
 IN_INSTANCE = re.compile(r".+\.(\d{1,18})")
@@ -79,7 +89,9 @@ def _read_block(comm, block, offset, found):
     for piece in pieces(block.path, comm, block.start, block.stop):
         text = without_comments(piece.text)
         words = [word.decode("latin-1").strip().strip('"') for word in WORD.findall(text)]
-        refuse_empty_fields(piece, WORD.sub(b"1", text))
+        fields = WORD.sub(b"1", text)
+        refuse_empty_fields(piece, fields)
+        require_commas(piece, fields)
         plain = Piece(piece.path, WORD.sub(b" ", text).replace(b",", b" "), piece.start)
         values, counts, lines = ragged(plain, expected="whole numbers")
         numbers = whole(plain, values, np.repeat(lines, counts), "a number", 1, LARGEST_LABEL)
@@ -91,6 +103,7 @@ def _read_block(comm, block, offset, found):
 
 def _ranges(piece):
     """The numbers of lines of first, last, step; a step that is left out is 1."""
+    require_commas(piece, without_comments(piece.text))
     values, counts, lines = ragged(piece, expected="first, last and step of numbers")
     wrong = np.flatnonzero((counts < 2) | (counts > 3))
     if wrong.size:

@@ -27,6 +27,7 @@ BLOCK = 2**16  # bytes looked at in one step of numpy: four times as fast as the
 COMMENT = re.compile(rb"(?m)^[ \t]*(?:%|#|\*\*).*$")
 CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")  # characters that are neither signs nor blanks
 EMPTY_FIELD = re.compile(rb"(?m)(?:,|^)[ \t]*,")
+TWO_IN_A_FIELD = re.compile(rb"[^\s,][ \t]+[^\s,]")
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 LARGEST_WHOLE = 2**53  # up to here a float is exact
 LARGEST_LABEL = 2**31 - 1
@@ -286,6 +287,15 @@ def refuse_empty_fields(piece: Piece, text: bytes):
     """
     if b"," in text and (empty := EMPTY_FIELD.search(text)):
         raise piece.refusal(text[: empty.end()].count(b"\n"), "a number between two commas")
+
+
+def require_commas(piece: Piece, text: bytes):
+    """Raise InputError where nothing but blanks stands between two numbers, one of which a program would not see.
+
+    `text`: that of the piece without comments, or as many lines made of it.
+    """
+    if two := TWO_IN_A_FIELD.search(text):
+        raise piece.refusal(text[: two.end()].count(b"\n"), "a comma between two numbers")
 
 
 def without_comments(text: bytes) -> bytes:
