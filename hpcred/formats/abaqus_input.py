@@ -28,7 +28,6 @@ from .text import (
     pieces,
     ragged,
     refuse_packed,
-    require_commas,
     require_file,
     shown,
     whole,
@@ -184,31 +183,27 @@ def _keywords(path, positions, calculix):
             line = file.readline()
             while not calculix and line.rstrip().endswith(b",") and file.tell() < stop:
                 line = line.rstrip() + file.readline()
-            if CONTROL.search(line):
-                raise InputError(
-                    f"{path}, line {line_number(path, position)}: found '{shown(line)}', expected a keyword without "
-                    "control characters"
-                )
-            if line.count(b'"') % 2:
-                raise InputError(
-                    f"{path}, line {line_number(path, position)}: found '{shown(line)}', expected a keyword with a "
-                    "second quote for each first one"
-                )
             text = line.decode("latin-1").strip().lstrip("*").strip()
             keyword, *parameters = ["", *_fields(text)] if text[:1] in ("", ",") else _fields(text)
-            if not keyword.strip() and not calculix:
-                raise InputError(
-                    f"{path}, line {line_number(path, position)}: found a line with nothing behind its asterisk, "
-                    "expected a keyword"
-                )
             pairs = (item.partition("=") for item in parameters)
             given = {_word(key): value.strip().strip("\"'") for key, _, value in pairs if key.strip()}
             sections.append(Section(path, position, _word(keyword), given, file.tell(), stop))
-            if not sections[-1].keyword and sections[-1].has_data():
-                raise sections[-1].refusal(
-                    "found data lines below a line with nothing behind its asterisk, expected a keyword above them"
-                )
+            _require_keyword(sections[-1], line, calculix)
     return sections
+
+
+def _require_keyword(section, line, calculix):
+    """Refuse a damaged line of a keyword."""
+    if CONTROL.search(line):
+        raise section.refusal(f"found '{shown(line)}', expected a keyword without control characters")
+    if line.count(b'"') % 2:
+        raise section.refusal(f"found '{shown(line)}', expected a keyword with a second quote for each first one")
+    if not section.keyword and not calculix:
+        raise section.refusal("found a line with nothing behind its asterisk, expected a keyword")
+    if not section.keyword and section.has_data():
+        raise section.refusal(
+            "found data lines below a line with nothing behind its asterisk, expected a keyword above them"
+        )
 
 
 def _fields(line):
@@ -384,8 +379,7 @@ def _node_lines(piece, block, least):
     Behind the coordinates may stand the normal of a beam or shell, which does not count.
     """
     filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
-    require_commas(piece, without_comments(piece.text))
-    values, counts, lines = ragged(filled, expected="node, x, y, z")
+    values, counts, lines = ragged(filled, blanks=False, expected="node, x, y, z")
     wrong = np.flatnonzero((counts < least) | (counts > WITH_NORMAL))
     if wrong.size:
         raise piece.refusal(lines[wrong[0]], f"node, x, y, z and a normal ({least} to {WITH_NORMAL} numbers a line)")
@@ -462,8 +456,7 @@ def _element_lines(piece, width, surplus=False):
 
     With `surplus` an element is the first numbers of each line.
     """
-    require_commas(piece, without_comments(piece.text))
-    values, counts, lines = ragged(piece, expected=f"{width} numbers an element")
+    values, counts, lines = ragged(piece, blanks=False, expected=f"{width} numbers an element")
     if surplus:
         if (counts < width).any():
             raise piece.refusal(lines[np.argmax(counts < width)], f"at least {width} numbers an element")

@@ -103,8 +103,7 @@ def _read_block(comm, block, offset, found):
 
 def _ranges(piece):
     """The numbers of lines of first, last, step; a step that is left out is 1."""
-    require_commas(piece, without_comments(piece.text))
-    values, counts, lines = ragged(piece, expected="first, last and step of numbers")
+    values, counts, lines = ragged(piece, blanks=False, expected="first, last and step of numbers")
     wrong = np.flatnonzero((counts < 2) | (counts > 3))
     if wrong.size:
         raise piece.refusal(lines[wrong[0]], "first, last and step of numbers")

@@ -251,11 +251,16 @@ def numbers(piece: Piece, columns: int, commas=True) -> tuple[np.ndarray, np.nda
     return values.reshape(-1, columns), lines
 
 
-def ragged(piece: Piece, commas=True, expected="numbers") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All numbers of the lines in one array, how many are in each line, and which line of the piece each is."""
+def ragged(piece: Piece, commas=True, expected="numbers", blanks=True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All numbers of the lines in one array, how many are in each line, and which line of the piece each is.
+
+    `commas`, `blanks`: whether these alone may stand between two numbers. Raises InputError that names the line.
+    """
     text = without_comments(piece.text)
     if commas:
         refuse_empty_fields(piece, text)
+    if not blanks:
+        require_commas(piece, text)
     plain = _plain(text, commas)
     values = parse(plain)
     bytes_ = np.frombuffer(plain, np.uint8)
