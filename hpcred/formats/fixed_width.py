@@ -8,7 +8,7 @@ import re
 import numpy as np
 
 from ..parallel.failures import InputError
-from .text import Piece, shown
+from .text import BARE_EXPONENT, Piece, shown
 
 FORMAT = re.compile(
     rb"\s*(?:(?P<scale>[+-]?\d+)\s*P\s*,?\s*)?(?P<repeat>\d*)\s*(?P<kind>[IEDFG])\s*(?P<width>\d+)"
@@ -21,7 +21,6 @@ DIGITS[list(b"0123456789+-.eEdD \r")] = True
 WHOLE = np.zeros(256, bool)
 WHOLE[list(b"0123456789+- ")] = True
 LONGEST = 1000  # characters a line
-BARE_EXPONENT = re.compile(rb"(?<=[0-9.])(?=[+-])")
 SPLIT_EXPONENT = re.compile(rb"([eEdD]) (?=[0-9])")
 
 

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .nastran_replication import REPEATED, in_full
-from .text import CONTROL, LARGEST_LABEL, Piece, parse
+from .text import CONTROL, LARGEST_LABEL, Piece, parse_fortran
 
 CARD = re.compile(rb"(?m)^[A-Za-z]")
 REMARK = re.compile(rb"\$[^\n]*")
-# an exponent without its letter, 1.5-3, and Fortran's 1.5D-3
-EXPONENT = re.compile(rb"(?<=[0-9.])([+-])")
 WIDTH = 24  # of a field in free form, without blanks around
 SMALL, LARGE = 8, 4  # data fields a line
 
@@ -181,11 +179,10 @@ def _gather(text, low, high, width):
 def reals(piece: Piece, fields: np.ndarray, lines: np.ndarray, what: str, empty=0.0) -> np.ndarray:
     """Finite numbers of fields (n,); `lines` (n,) for messages. Raises InputError that names the line."""
     filled = np.where(fields == b"", str(empty).encode(), fields)
-    plain = EXPONENT.sub(rb"e\1", b"\n".join(filled.tolist()).replace(b"D", b"E"))
-    values = parse(plain)
+    values = parse_fortran(b"\n".join(filled.tolist()))
     if values is None or len(values) != len(fields) or not np.isfinite(values).all():
         for field, line in zip(filled.tolist(), lines, strict=True):
-            value = parse(EXPONENT.sub(rb"e\1", field.replace(b"D", b"E")))
+            value = parse_fortran(field)
             if value is None or len(value) != 1 or not np.isfinite(value).all():
                 raise piece.refusal(int(line), f"{what}, a number")
     return values
@@ -223,7 +220,7 @@ def components(piece, fields, lines, what) -> np.ndarray:
 def number_of(field: str, where, what: str, empty=None) -> float:
     """The number in a field of a card of which there are few. Raises InputError; `where` makes it from a sentence."""
     text = field or ("" if empty is None else str(empty))
-    value = parse(EXPONENT.sub(rb"e\1", text.encode().replace(b"D", b"E")))
+    value = parse_fortran(text.encode())
     if not text or value is None or len(value) != 1 or not np.isfinite(value[0]):
         raise where(f"found '{field}' for {what}, expected a number")
     return float(value[0])

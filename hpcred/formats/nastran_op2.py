@@ -23,7 +23,7 @@ MEMBERS = {DEPENDENT: 1, HELD: 1 << 9 | 1 << 10, OMITTED: 1 << 2, SUPPORTED: 1 <
 
 @dataclass(frozen=True)
 class Table:
-    """The records of a table: of each, pieces as (byte, bytes) of the file. `order`, `size`: see nastran_op4."""
+    """The records of a table: of each, pieces as (byte, bytes) of the file. `order` of bytes, `size` of a word."""
 
     path: str
     name: str

@@ -29,6 +29,7 @@ CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")  # characters that ar
 EMPTY_FIELD = re.compile(rb"(?m)(?:,|^)[ \t]*,")
 TWO_IN_A_FIELD = re.compile(rb"[^\s,][ \t]+[^\s,]")
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+BARE_EXPONENT = re.compile(rb"(?<=[0-9.])(?=[+-])")  # 1.5-100
 LARGEST_WHOLE = 2**53  # up to here a float is exact
 LARGEST_LABEL = 2**31 - 1
 # fast_matrix_market stops at the end of a number and leaves the rest of the line: 1.5+02 is 1.5 to it. So each line
@@ -312,7 +313,17 @@ def _plain(text, commas):
     """The text with blanks between the numbers, and with e for the exponent."""
     if commas:
         text = text.replace(b",", b" ")
+    return with_e(text)
+
+
+def with_e(text: bytes) -> bytes:
+    """The text with e for the D of Fortran's exponents, 1.5D-3."""
     return text.replace(b"D", b"e").replace(b"d", b"e")
+
+
+def parse_fortran(text: bytes) -> np.ndarray | None:
+    """As `parse`, where exponents may have D, or no letter, as Nastran and numbers that fill their field do."""
+    return parse(BARE_EXPONENT.sub(b"e", with_e(text)))
 
 
 def parse(text):

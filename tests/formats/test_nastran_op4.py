@@ -7,7 +7,7 @@ import pytest
 from foreign import gathered, unpack, write
 
 from hpcred import InputError
-from hpcred.formats import nastran_op4
+from hpcred.formats import nastran_op4, nastran_op4_binary
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
 
@@ -131,7 +131,7 @@ def binary(matrix, order, size, style, name="A", form=2):
 @pytest.mark.parametrize("size", [4, 8])
 @pytest.mark.parametrize("order", "<>")
 def test_what_is_written_comes_back(comm, folder, monkeypatch, order, size, style):
-    monkeypatch.setattr(nastran_op4, "SHARE", 500)  # many shares
+    monkeypatch.setattr(nastran_op4_binary, "SHARE", 500)  # many shares
     rng = np.random.default_rng(1)
     first = rng.standard_normal((40, 30)) * (rng.random((40, 30)) < 0.4)
     first[:, 7], first[0, 8], first[-1, 8] = 0, 1, 2  # an empty column, and one from top to bottom
