@@ -17,7 +17,9 @@ NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8
 MATRIX, PACKED = 14, 15
 CELL, STRUCT, OBJECT, CHAR, SPARSE = 1, 2, 3, 4, 5
 NUMERIC = range(6, 16)
-COMPLEX = 0x0800
+FUNCTION, OPAQUE = 16, 17  # function handles; strings, tables, times and all other objects of classes
+COMPLEX, LOGICAL = 0x0800, 0x0200
+DOUBLES = 9
 DEPTH, MOST_ITEMS = 12, 1000  # structs in structs, and items of a cell or struct array, that are looked into
 VERSION_4 = {0: "f8", 1: "f4", 2: "i4", 3: "i2", 4: "u2", 5: "u1"}
 BYTES_AT_A_TIME = 2**22  # bytes unpacked at a time
@@ -141,7 +143,8 @@ def variables(path) -> list[Variable]:
             if kind not in (MATRIX, PACKED) or at + 8 + count > size:
                 raise damaged(path, at, f"an element of type {kind} and {count} bytes")
             try:
-                found += _Level5(path, file, Place(at + 8, count, kind == PACKED), order).found
+                these = _Level5(path, file, Place(at + 8, count, kind == PACKED), order).found
+                found += [item for item in these if item.name]  # without: what MATLAB keeps for objects
             except (ValueError, IndexError, OverflowError) as error:
                 if isinstance(error, InputError):
                     raise
@@ -187,12 +190,14 @@ class _Level5:
         self._stream.skip(padding)
         return np.frombuffer(data, self._order + NUMBERS[kind])
 
-    def _run(self) -> Run:
-        return self._run_and_last()[0]
+    def _run(self, truths=None) -> Run:
+        return self._run_and_last(truths)[0]
 
-    def _run_and_last(self) -> tuple[Run, int]:
-        """A run of numbers and the last of them, as a whole number."""
+    def _run_and_last(self, truths=None) -> tuple[Run, int]:
+        """A run of numbers and the last of them, as a whole number; `truths`: how many, of a sparse logical matrix."""
         kind, count, padding = self._tag()
+        if kind == DOUBLES and count == truths:  # MATLAB says doubles, and writes a byte each
+            kind = 2
         width = np.dtype(NUMBERS.get(kind, "u1")).itemsize
         if kind not in NUMBERS or count % width:
             raise self._wrong(f"numbers of type {kind} and {count} bytes")
@@ -206,17 +211,19 @@ class _Level5:
         flags = self._small((6,), 8)
         if len(flags) != 2:
             raise self._wrong("flags of a matrix that are no two numbers")
+        kind, is_complex, is_logical = int(flags[0]) & 0xFF, *(bool(int(flags[0]) & bit) for bit in (COMPLEX, LOGICAL))
+        if kind in (FUNCTION, OPAQUE):  # hold no matrix of their own, and have no shape; whoever called knows their end
+            return
         shape = tuple(int(number) for number in self._small((5,), 8 * 32))
         own = self._small((1, 2), 2**16).astype(np.uint8).tobytes().decode("latin-1")
         if len(shape) < 2 or min(shape) < 0:
             raise self._wrong(f"a matrix of shape {shape}")
         self._require_names([own])
-        kind, is_complex = int(flags[0]) & 0xFF, bool(int(flags[0]) & COMPLEX)
         name, items = name or own, int(np.prod(shape, dtype=object))
         if kind in NUMERIC:
             self._dense(name, shape, is_complex, items)
         elif kind == SPARSE:
-            self._sparse(name, shape, is_complex, int(flags[1]))
+            self._sparse(name, shape, is_complex, is_logical, int(flags[1]))
         elif kind == CHAR:
             self._run_of_text()
         elif kind == CELL:
@@ -237,10 +244,10 @@ class _Level5:
             raise self._wrong(f"{runs[0].count} numbers for the matrix '{name}' of {items}")
         self.found.append(Variable(name, shape, complex=is_complex, place=self._at(runs[0])))
 
-    def _sparse(self, name, shape, is_complex, room):
+    def _sparse(self, name, shape, is_complex, is_logical, room):
         rows = self._run()
         starts, count = self._run_and_last()
-        values = [self._run() for _ in range(1 + is_complex)][0]
+        values = [self._run(room if is_logical else None) for _ in range(1 + is_complex)][0]
         if len(shape) != 2 or starts.count != shape[1] + 1 or not count <= min(rows.count, values.count, room):
             raise self._wrong(f"a sparse matrix '{name}' whose lists do not fit each other,")
         self.found.append(Variable(name, shape, True, count, is_complex, self._at(values, rows, starts)))

@@ -65,6 +65,8 @@ def _look(path, file, item, name, found, depth):
     if depth > DEPTH:
         return
     _require_own_numbers(path, item)
+    if isinstance(item, h5py.Dataset) and "MATLAB_object_decode" in item.attrs:  # numbers that say where an object is
+        return
     if isinstance(item, h5py.Group):
         if "MATLAB_sparse" in item.attrs:
             found.append(_sparse(path, item, name))

@@ -1,5 +1,8 @@
 """MATLAB files of all versions against what was put into them, and against scipy.io."""
 
+import struct
+import zlib
+
 import h5py
 import numpy as np
 import pytest
@@ -223,6 +226,51 @@ def test_sparse_matrices_of_matlab_itself(comm):
     assert set(zip(rows, columns, values, strict=True)) == {(1, 4, 6.0), (3, 7, 7.0)}
     entries = read(folder / "testfile13.mat", comm, "K", {"K": "A"})
     assert entries.shape == (2, 3) and comm.allreduce(len(entries.values)) == 0
+
+
+def element(kind, data):
+    """An element of version 5: its tag, its bytes, and what fills them up to eight."""
+    return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+
+def matrix(flags, room, *parts):
+    return element(14, element(6, struct.pack("<II", flags, room)) + b"".join(parts))
+
+
+# as MATLAB writes them: a string, a function handle, a sparse matrix of truths (of doubles, it says, a byte each), and
+# what it keeps of objects, which has no name
+OF_MATLAB = [
+    matrix(17, 0, element(1, b"unit"), element(1, b"MCOS"), element(1, b"string"),
+           matrix(13, 0, element(5, struct.pack("<ii", 6, 1)), element(1, b""), element(6, bytes(24)))),
+    matrix(16, 0, element(1, b"f"), matrix(2, 0, element(5, struct.pack("<ii", 1, 1)), element(1, b""))),
+    matrix(0x205, 5, element(5, struct.pack("<ii", SIZE, SIZE)), element(1, b"free"),
+           element(5, struct.pack("<5i", *range(5))),
+           element(5, struct.pack("<13i", *range(5), *[5] * 8)), element(9, b"\1" * 5)),
+    matrix(9, 0, element(5, struct.pack("<ii", SIZE, SIZE)), element(1, b""), element(2, bytes(SIZE**2))),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("packed", (False, True))
+def test_objects_of_matlab_beside_the_matrices_are_passed_over(comm, folder, packed):
+    path = saved(comm, folder, "v5 packed" if packed else "v5", {"K": K, "M": M})
+    if comm.rank == 0:
+        with open(path, "ab") as file:
+            for item in OF_MATLAB:
+                file.write(struct.pack("<II", 15, len(zlib.compress(item))) + zlib.compress(item) if packed else item)
+    comm.Barrier()
+    assert contents(path) == {"K": "12 x 12 dense", "M": "12 x 12 dense", "free": "12 x 12 sparse, 5 entries"}
+    found = read(path, comm, "K", {"K": "free"})
+    rows, columns, values = gathered(comm, found.rows, found.columns, found.values)
+    assert np.array_equal([rows, columns, values], [np.arange(5), np.arange(5), np.ones(5)])
+
+
+def test_objects_of_matlab_in_hdf5_are_no_matrices(comm, folder):
+    path = saved(comm, folder, "v7.3", {"K": K, "mass": M, "M": np.ones((SIZE, SIZE), np.uint32)})
+    if comm.rank == 0:
+        with h5py.File(path, "r+") as file:
+            file["M"].attrs["MATLAB_object_decode"] = np.int32(3)
+    comm.Barrier()
+    assert np.array_equal(model_matrices(path, comm)[1], M)
 
 
 @pytest.mark.skipif(is_complex(), reason="modes in a band of a free body without nodes need a real build")
