@@ -19,7 +19,7 @@ def read(path, comm) -> Entries:
     with agreed(comm):
         kind, symmetry, shape, count, start = _header(path)
     if kind == "array":
-        return _read_array(path, comm, shape, start)
+        return _read_array(path, comm, symmetry, shape, start)
     with agreed(comm):
         parts, above = [], None
         below = False
@@ -46,10 +46,7 @@ def read(path, comm) -> Entries:
         if below and above is not None:
             raise above[0].refusal(above[1], f"one triangle only, as the header says {symmetry} and entries below "
                                              "the diagonal were found too")  # fmt: skip
-    off = i != j
-    sign = -1.0 if symmetry == "skew-symmetric" else 1.0
-    i, j, v = (np.concatenate(pair) for pair in ((i, j[off]), (j, i[off]), (v, sign * v[off])))
-    return Entries(shape, i, j, v)
+    return _both_triangles(shape, symmetry, i, j, v)
 
 
 def _check_range(piece: Piece, i, j, lines, shape):
@@ -59,8 +56,8 @@ def _check_range(piece: Piece, i, j, lines, shape):
                             f"an entry of the {shape[0]} x {shape[1]} matrix that the header announces")  # fmt: skip
 
 
-def _read_array(path, comm, shape, start):
-    """A dense matrix, one number a line, column by column."""
+def _read_array(path, comm, symmetry, shape, start):
+    """A dense matrix, one number a line, column by column; of symmetric ones from the diagonal, or below it, down."""
     with agreed(comm):
         parts, counts = [], []
         for piece in pieces(path, comm, start):
@@ -69,11 +66,28 @@ def _read_array(path, comm, shape, start):
         values = np.concatenate([np.zeros(0), *parts])
     place = places(comm, counts)
     total = comm.allreduce(len(values))
-    if total != shape[0] * shape[1]:
+    rows, columns = shape
+    skew = symmetry == "skew-symmetric"
+    expected = rows * columns if symmetry == "general" else rows * (rows - 1 if skew else rows + 1) // 2
+    if total != expected:
         raise InputError(
-            f"{path}: found {total} entries, the header says {shape[0]} x {shape[1]}; the file is damaged"
+            f"{path}: found {total} entries, the header says {rows} x {columns}, {symmetry}: {expected}; the file is "
+            "damaged"
         )
-    return Entries(shape, place % shape[0], place // shape[0], values)
+    if symmetry == "general":
+        return Entries(shape, place % rows, place // rows, values)
+    top = np.arange(columns) + skew  # the first row of each column
+    begin = np.cumsum(rows - top) - (rows - top)
+    j = np.searchsorted(begin, place, side="right") - 1
+    return _both_triangles(shape, symmetry, top[j] + place - begin[j], j, values)
+
+
+def _both_triangles(shape, symmetry, i, j, v):
+    """The entries of one triangle and those that they stand for."""
+    off = i != j
+    sign = -1.0 if symmetry == "skew-symmetric" else 1.0
+    i, j, v = (np.concatenate(pair) for pair in ((i, j[off]), (j, i[off]), (v, sign * v[off])))
+    return Entries(shape, i, j, v)
 
 
 def _header(path):
@@ -103,6 +117,4 @@ def _header(path):
             raise InputError(
                 f"{path}, line {number}: found a {words[4]} matrix of {sizes[0]} x {sizes[1]}, expected a square one"
             )
-        if words[2] == "array" and words[4] != "general":
-            raise InputError(f"{path}: found a {words[4]} dense matrix, expected a general one")
         return words[2], words[4], (sizes[0], sizes[1]), sizes[-1], file.tell()

@@ -43,11 +43,14 @@ def _read(path, archive, comm):
     if len(names) < len(archive.namelist()):
         raise InputError(f"{path}: found an array twice in the archive, expected each name once; the file is damaged")
     if not {"format.npy", "shape.npy", "data.npy"} <= names:
-        raise InputError(f"{path}: found the arrays {sorted(names)}, expected those of scipy.sparse.save_npz")
+        raise InputError(
+            f"{path}: found the arrays {sorted(names)}, expected those of scipy.sparse.save_npz, one matrix a file"
+        )
     kind = _whole_array(path, archive, "format", 1)
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind not in NEEDED:
-        raise InputError(f"{path}: found a sparse matrix of format '{kind[:20]}', expected csr, csc or coo")
+        raise InputError(f"{path}: found a sparse matrix of format '{kind[:20]}', expected csr, csc or coo; save "
+                         "A.tocsr()")  # fmt: skip
     with archive.open("shape.npy") as file:
         _, dtype = _header(path, "shape", file)
     if dtype.kind not in "iu":

@@ -63,10 +63,12 @@ def _header(path, whole, width):
         raise InputError(f"{path}: found {size} bytes, expected a PETSc matrix; the file is cut off")
     rows, columns, count = (int(number) for number in np.fromfile(path, whole, HEADER)[1:])
     if count == -1:
-        raise InputError(f"{path}: found a dense PETSc matrix, expected a sparse one (AIJ)")
+        raise InputError(f"{path}: found a dense PETSc matrix, expected a sparse one (AIJ), or a dense one as Matrix "
+                         "Market or MATLAB file")  # fmt: skip
     expected = width * (HEADER + rows + count) + 8 * count
     if min(rows, columns, count) < 0 or size != expected:
-        hint = "a complex matrix" if size == expected + 8 * count else "a damaged file, or one of more than a matrix"
+        hints = {expected + 8 * count: "a complex matrix", expected - 4 * count: "a matrix of single precision"}
+        hint = hints.get(size, "a damaged file, or one of more than a matrix")
         raise InputError(
             f"{path}: found {size} bytes, expected {expected} for a real sparse matrix of {rows} rows and "
             f"{count} entries; this looks like {hint}"

@@ -62,6 +62,7 @@ def test_packed_binary_files_and_strangers_are_refused(matrix, folder, comm):
         (gzip.compress(b"PK\x03\x04"), "found a gzip file of SciPy .npz; unpack it first"),
         (b"hello\n", "found a file that begins with b'hello\\\\n', expected Matrix Market"),
         (b"", "found a file that begins with b''"),
+        (b"\x93NUMPY\x01\x00", "found an array of NumPy .*save_npz"),
         (gzip.compress(b"1 1 1.0\n")[:-9], "found a damaged gzip file"),
     ):
         with pytest.raises(InputError, match=says):

@@ -33,6 +33,7 @@ def test_a_petsc_matrix(comm, folder, whole):
         (binary()[:10], "found 10 bytes"),
         (binary(count=-1), "found a dense PETSc matrix"),
         (binary() + bytes(32), "this looks like a complex matrix"),
+        (binary()[:-16], "this looks like a matrix of single precision"),
         (binary() + binary(), "a damaged file, or one of more than a matrix"),
         (binary(whole=">i8")[:-1], "found 119 bytes, expected 120"),
         (binary(whole=">i8", indices=(0, 0, 1, 2**33)), "found the column 8589934592"),

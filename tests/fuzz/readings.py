@@ -104,10 +104,17 @@ def matrix_market(text: bytes) -> np.ndarray:
     require(lines, "no sizes")
     sizes = [digits(word) for word in lines[0].split()]
     if words[2] == b"array":
-        require(len(sizes) == 2 and symmetry == b"general", "sizes")
+        require(len(sizes) == 2 and (symmetry == b"general" or sizes[0] == sizes[1]), "sizes")
+        first = {b"general": 0, b"symmetric": 1, b"skew-symmetric": 2}[symmetry]
+        places = [(i, j) for j in range(sizes[1]) for i in range(j + first - 1 if first else 0, sizes[0])]
         values = [real(line.strip()) for line in lines[1:]]
-        require(len(values) == sizes[0] * sizes[1], "another number of values")
-        return np.array(values).reshape(sizes[1], sizes[0]).T
+        require(len(values) == len(places), "another number of values")
+        found = np.zeros(sizes)
+        for (i, j), value in zip(places, values, strict=True):
+            found[i, j] = value
+            if first:
+                found[j, i] = value if first == 1 or i == j else -value
+        return found
     require(len(sizes) == 3 and len(lines) - 1 == sizes[2], "another number of entries")
     entries = []
     for line in lines[1:]:
