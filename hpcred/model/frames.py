@@ -18,9 +18,10 @@ from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import LABEL, within
+from .coupling import couple
 from .damping import with_damping
 from .dofs import DIRECTIONS, INTERFACE_THERE, direction_index, position_of_node, row_of, rows_of_node
-from .interfaces import couple, node_number
+from .interfaces import node_number
 from .rigid_body_modes import RigidBodyModes
 from .second_order_model import SecondOrderModel, listed
 

@@ -16,7 +16,8 @@ from ..parallel.failures import InputError, Owned, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
 from .checked_arrays import check_finite, check_rows, coordinates, named_columns, real_columns, real_values, row_name
 from .dofs import SCALAR, Dofs, check_labels, row_of, target_name
-from .interfaces import InterfaceNode, interface_column, single_targets, with_interfaces
+from .interface_motion import with_interfaces
+from .interfaces import InterfaceNode, interface_column, single_targets
 from .petsc_matrices import decoupled, labels, taken
 
 SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
