@@ -9,6 +9,7 @@ import numpy as np
 
 from ..linalg.blocks import apply, create_block, inner
 from ..linalg.factorisation import Factoring, SingularMatrix
+from ..linalg.free_motions import ZERO
 from ..linalg.refinement import IllConditioned
 from ..model.digits import doubts_of_digits
 from ..model.frames import Buckens, NoFrame, apply_frame
@@ -21,8 +22,7 @@ from ..reduction.modes import lowest, residuals
 from ..reduction.reduce import check_symmetric, everywhere
 from ..reduction.run import Run
 
-ZERO = 1e-12  # eigenvalue relative to trace(K) / trace(M) that counts as zero
-SHIFT = 1e-6  # in the same measure, where K is singular
+SHIFT = 1e-6  # of trace(K) / trace(M), where K is singular
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -5,6 +5,7 @@ from contextlib import closing
 import numpy as np
 
 from ..linalg.factorisation import Factoring, Factorisation, SingularMatrix
+from ..linalg.free_motions import ZERO
 from ..linalg.solvers import ShiftedSolver
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
 from ..model.second_order_model import require_model
@@ -17,7 +18,6 @@ from .frequency_response import checked_frequencies
 from .natural_modes import natural_modes
 
 NEGATIVE = 1e-9  # eigenvalue of M relative to its diagonal that files of ten digits make of zero
-ZERO = 1e-12  # eigenvalue relative to trace(K) / trace(M) that counts as zero
 
 
 def inspect(

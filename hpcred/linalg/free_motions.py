@@ -11,7 +11,8 @@ from .factorisation import SingularMatrix
 from .solvers import ShiftedSolver
 
 MOST = 24  # motions that are counted
-SHIFT, ZERO = 1e-10, 1e-12  # of eigenvalues relative to their mean, trace(K) / trace(M)
+ZERO = 1e-12  # eigenvalue relative to their mean, trace(K) / trace(M), that counts as zero
+SHIFT = 1e-10  # in the same measure
 
 
 def check_free_motions(model, rigid, factoring=None):
