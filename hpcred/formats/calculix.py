@@ -86,7 +86,12 @@ def read_parts(path, comm) -> Parts:
         raise InputError(f"{files['dofs']}: found {count} lines, expected one for each of the {K.size} rows")
     parts = Parts({key: triangles.pop(key).mirrored() for key in ("K", "M")}, {key: files[key] for key in ("K", "M")})
     del K, M
-    _name_rows(comm, parts, files, label, row)
+    try:
+        _name_rows(comm, parts, files, label, row)
+    except _Unnamed as reason:
+        parts.warnings.append(
+            f"{files['dofs']}: {reason}; the rows have no names, and inputs are named by the number of their row"
+        )
     return parts
 
 
@@ -114,55 +119,15 @@ def read_dofs(path, comm) -> tuple[np.ndarray, np.ndarray]:
     return label, places(comm, counts)
 
 
+class _Unnamed(Exception):
+    """Why the rows cannot have names; raised on all ranks."""
+
+
 def _name_rows(comm, parts, files, label, row):
-    """Fill in nodes, elements, sets, row labels and held dofs as far as the files tell them."""
-    by_row = "inputs are named by the number of their row"
-    twice = repeated_key(comm, label)
-    if twice is not None:
-        parts.warnings.append(
-            f"{files['dofs']}: found {label_name(twice)} for several rows, since CalculiX makes solids of beams and "
-            f"shells; the rows have no names, and {by_row}"
-        )
-        return
-    _require_order(comm, files["dofs"], label)
-    if "input" not in files:
-        parts.warnings.append(
-            f"{files['dofs']}: found no input file ({Path(files['dofs']).stem}.inp) beside it, which would give "
-            f"coordinates; {by_row}"
-        )
-        return
-    mesh = abaqus_input.read(files["input"], comm, calculix=True)
-    with agreed(comm):
-        _require_steps(files["input"], mesh.sections)
-        _refuse_local_directions(mesh.sections)
-    for kind in sorted(_element_types(mesh.sections)):
-        if kind[:3] in EXPANDED:
-            parts.warnings.append(
-                f"{files['dofs']}: elements of the type {kind} become {EXPANDED[kind[:3]]} in CalculiX; the rows have "
-                f"no names, and {by_row}"
-            )
-            return
-    turning, without = rigid_bodies(mesh.sections)
+    """Fill in nodes, elements, sets, row labels and held dofs. Raises _Unnamed where the files do not tell them."""
+    mesh = _mesh_of(comm, files, label)
     inside = _inside_elements(comm, label, mesh.counts.get(INCOMPATIBLE, 0))
-    node, _ = node_and_direction(label[~inside])
-    found, _ = look_up(comm, mesh.nodes.label, [], node)
-    made = sorted(set().union(*comm.allgather(set(np.unique(node[~found])[: len(without) + 1].tolist()))))
-    last = max(comm.allgather(int(mesh.nodes.label.max(initial=0))))
-    if made and made[0] < last:  # those that CalculiX makes are numbered after all others
-        raise InputError(
-            f"{files['dofs']}: found rows of the node {made[0]}, which is not in {files['input']}; expected the input "
-            "file of this run"
-        )
-    if len(made) == len(set(without)) == len(without):
-        # CalculiX makes a ROT node for each *Rigid Body without one and each *Kinematic, with ascending numbers
-        turning |= dict(zip(made, without, strict=True))
-    elif made:
-        parts.warnings.append(
-            f"{files['dofs']}: the node {made[0]} is not in {files['input']}, since CalculiX made it (give *Rigid Body "
-            "a REF NODE and a ROT NODE of the input file, and each *Coupling with *Kinematic a REF NODE of its own); "
-            f"the rows have no names, and {by_row}"
-        )
-        return
+    turning = _turning(comm, files, mesh, label[~inside])
     label = with_rotations(label, turning)
     if count := comm.allreduce(int(np.count_nonzero(inside))):
         label, mesh.nodes = _as_scalars(comm, label, inside, mesh.nodes)
@@ -182,6 +147,49 @@ def _name_rows(comm, parts, files, label, row):
         parts.warnings.append(
             f"{files['M']}: elements of the type C3D20R have a singular mass matrix, by CalculiX' reduced integration"
         )
+
+
+def _mesh_of(comm, files, label):
+    """What the input file has, for rows with these labels. Raises _Unnamed where it does not say what they are."""
+    twice = repeated_key(comm, label)
+    if twice is not None:
+        raise _Unnamed(f"found {label_name(twice)} for several rows, since CalculiX makes solids of beams and shells")
+    _require_order(comm, files["dofs"], label)
+    if "input" not in files:
+        stem = Path(files["dofs"]).stem
+        raise _Unnamed(f"found no input file ({stem}.inp) beside it, which would give coordinates")
+    mesh = abaqus_input.read(files["input"], comm, calculix=True)
+    with agreed(comm):
+        _require_steps(files["input"], mesh.sections)
+        _refuse_local_directions(mesh.sections)
+    for kind in sorted(_element_types(mesh.sections)):
+        if kind[:3] in EXPANDED:
+            raise _Unnamed(f"elements of the type {kind} become {EXPANDED[kind[:3]]} in CalculiX")
+    return mesh
+
+
+def _turning(comm, files, mesh, label):
+    """The REF node by ROT node of all rigid bodies whose rows have these labels. Raises _Unnamed where rows are those
+    of other nodes that CalculiX made."""
+    turning, without = rigid_bodies(mesh.sections)
+    node, _ = node_and_direction(label)
+    found, _ = look_up(comm, mesh.nodes.label, [], node)
+    made = sorted(set().union(*comm.allgather(set(np.unique(node[~found])[: len(without) + 1].tolist()))))
+    last = max(comm.allgather(int(mesh.nodes.label.max(initial=0))))
+    if made and made[0] < last:  # those that CalculiX makes are numbered after all others
+        raise InputError(
+            f"{files['dofs']}: found rows of the node {made[0]}, which is not in {files['input']}; expected the input "
+            "file of this run"
+        )
+    if len(made) == len(set(without)) == len(without):
+        # CalculiX makes a ROT node for each *Rigid Body without one and each *Kinematic, with ascending numbers
+        turning |= dict(zip(made, without, strict=True))
+    elif made:
+        raise _Unnamed(
+            f"the node {made[0]} is not in {files['input']}, since CalculiX made it (give *Rigid Body a REF NODE and a "
+            "ROT NODE of the input file, and each *Coupling with *Kinematic a REF NODE of its own)"
+        )
+    return turning
 
 
 def _inside_elements(comm, label, count):
