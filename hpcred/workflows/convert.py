@@ -8,9 +8,10 @@ from ..analysis.check import check
 from ..formats.locks import locks_given_back
 from ..formats.matrix_formats import FORMATS
 from ..formats.model_file import FORMAT, write_model
-from ..formats.model_source import EXPORTS, Source, load_export, load_source
+from ..formats.model_source import EXPORTS, load_export, load_source
 from ..formats.outputs import check_outputs, hdf5_kind
 from ..formats.room import rescued
+from ..formats.source import Source
 from ..model.units import SI, in_si, units_of
 from ..parallel import startup
 from ..parallel.progress import Progress

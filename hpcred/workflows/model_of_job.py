@@ -52,7 +52,7 @@ def with_targets(model, key, targets):
     with model:
         if not isinstance(targets, str):
             return getattr(model, f"with_{key}s")(targets)
-        from ..formats.model_source import column_names, read_columns  # which loads the readers of all formats
+        from ..formats.assembly import column_names, read_columns  # which loads the readers of all formats
 
         local = read_columns(model.comm, model.row_starts, model.size, targets, key == "output")
         return getattr(model, f"with_{key}_columns")(local, column_names(targets, local))

@@ -8,7 +8,8 @@ from conftest import DATA
 from helpers import PLACES, truss
 
 import hpcred
-from hpcred.formats.model_source import Source, load_export, load_source
+from hpcred.formats.model_source import load_export, load_source
+from hpcred.formats.source import Source
 from hpcred.model.dofs import Dofs
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.model.units import Units, units_of

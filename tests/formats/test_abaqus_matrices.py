@@ -8,7 +8,8 @@ from helpers import to_dense
 from hpcred import InputError
 from hpcred.formats.abaqus_matrices import files_beside
 from hpcred.formats.matrix_formats import read_entries
-from hpcred.formats.model_source import Source, load_source
+from hpcred.formats.model_source import load_source
+from hpcred.formats.source import Source
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))
 

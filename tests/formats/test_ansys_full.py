@@ -16,8 +16,9 @@ import hpcred
 from hpcred import InputError
 from hpcred.formats.ansys_full import read_parts
 from hpcred.formats.ansys_records import RecordFile
+from hpcred.formats.assembly import assemble
 from hpcred.formats.entries import STRIDE, node_and_direction
-from hpcred.formats.model_source import assemble, load_export
+from hpcred.formats.model_source import load_export
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))
 

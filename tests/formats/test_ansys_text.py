@@ -15,7 +15,8 @@ from hpcred import InputError
 from hpcred.formats import ansys_cdb, ansys_lists, ansys_rst
 from hpcred.formats.ansys_nodes import read_nodes
 from hpcred.formats.entries import label_of
-from hpcred.formats.model_source import Source, load_export, load_source
+from hpcred.formats.model_source import load_export, load_source
+from hpcred.formats.source import Source
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))
 

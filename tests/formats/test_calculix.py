@@ -13,7 +13,8 @@ from helpers import to_dense
 import hpcred
 from hpcred import Buckens, InputError, Modes
 from hpcred.formats.calculix import begins, files_of
-from hpcred.formats.model_source import Source, load_export, load_source
+from hpcred.formats.model_source import load_export, load_source
+from hpcred.formats.source import Source
 from hpcred.model.dofs import SCALAR
 from hpcred.parallel.petsc import is_complex
 

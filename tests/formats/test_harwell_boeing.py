@@ -11,7 +11,8 @@ from shared_data import shared
 
 from hpcred import InputError
 from hpcred.formats.matrix_formats import read_entries
-from hpcred.formats.model_source import Source, load_source
+from hpcred.formats.model_source import load_source
+from hpcred.formats.source import Source
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))
 

@@ -16,7 +16,8 @@ from helpers import to_dense
 import hpcred
 from hpcred import InputError
 from hpcred.formats.mat_matrices import contents, read, read_parts
-from hpcred.formats.model_source import Source, load_export, load_source
+from hpcred.formats.model_source import load_export, load_source
+from hpcred.formats.source import Source
 from hpcred.parallel.petsc import is_complex
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))

@@ -12,7 +12,9 @@ from helpers import columns_of
 
 import hpcred
 from hpcred import Buckens, Modes
-from hpcred.formats.model_source import Source, abaqus_source, load_export, load_source
+from hpcred.formats.model_source import load_export, load_source
+from hpcred.formats.source import Source
+from hpcred.formats.source_parts import abaqus_source
 
 pytestmark = pytest.mark.mpi
 

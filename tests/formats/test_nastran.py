@@ -10,7 +10,8 @@ from helpers import to_dense
 import hpcred
 from hpcred import Buckens, InputError, Modes
 from hpcred.formats import nastran, nastran_op4
-from hpcred.formats.model_source import assemble, load_export
+from hpcred.formats.assembly import assemble
+from hpcred.formats.model_source import load_export
 from hpcred.model.dofs import DIRECTIONS
 from hpcred.model.rigid_body_modes import doubts_of_nodes
 

@@ -8,7 +8,8 @@ from helpers import to_dense
 from hpcred import InputError
 from hpcred.formats import nastran_dmig
 from hpcred.formats import text as text_module
-from hpcred.formats.model_source import Source, load_export, load_source
+from hpcred.formats.model_source import load_export, load_source
+from hpcred.formats.source import Source
 from hpcred.model.dofs import DIRECTIONS, SCALAR
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))

@@ -9,7 +9,9 @@ from foreign import assembled, write
 
 from hpcred import InputError
 from hpcred.formats.matrix_formats import read_entries
-from hpcred.formats.model_source import Source, load_export, read_source
+from hpcred.formats.model_source import load_export
+from hpcred.formats.source import Source
+from hpcred.formats.source_parts import read_source
 from hpcred.workflows.info import describe_file
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")

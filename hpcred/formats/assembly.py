@@ -1,0 +1,160 @@
+"""The parts of a model enter, each rank with slices in any order; the model, distributed by rows, leaves."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..linalg.csr import compress
+from ..model.dofs import Dofs
+from ..model.second_order_model import SecondOrderModel, row_range
+from ..parallel.exchange import exchange
+from ..parallel.failures import InputError, agreed
+from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
+from ..parallel.memory import MB, give_back, node_mb
+from .entries import LARGEST_VALUE, Entries, LabelledEntries, node_and_direction, require_sane
+from .matrix_formats import read_entries
+from .parts import Parts, common_size, labels_in_order
+
+
+def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variables=None) -> SecondOrderModel:
+    """The model of the parts; `inputs` and `outputs`: matrix files of B (n, p) and C (r, n). Collective.
+
+    Labelled rows are ordered by node and direction. `variables`: see Source. Raises InputError.
+    """
+    _number_rows(comm, parts)
+    size = common_size(parts)
+    if comm.size > size:
+        raise InputError(f"{name}: {size} rows cannot be distributed over {comm.size} ranks; use fewer ranks")
+    ranges = comm.allgather(row_range(comm, size, 6 if size % 6 == 0 else 3 if size % 3 == 0 else 1))
+    starts = np.array([first for first, _ in ranges])
+    first, last = ranges[comm.rank]
+    if "D" in parts.matrices:
+        parts.matrices["D"] = with_transposed_pattern(parts.matrices["D"])
+    with agreed(comm):
+        for key, item in parts.matrices.items():
+            if len(item.values) and np.abs(item.values).max() > LARGEST_VALUE:  # NaN and Inf are found with their row
+                raise InputError(
+                    f"{parts.files[key]}: found the value {np.abs(item.values).max():g} in {key}, more than any units "
+                    "explain; the file is damaged"
+                )
+    for key in ("K", "M"):
+        if not comm.allreduce(int(np.count_nonzero(parts.matrices[key].values))):
+            raise InputError(f"{parts.files[key]}: found no number other than zero in {key}, expected a matrix")
+    entries = sum(comm.allreduce(len(item.values)) for item in parts.matrices.values())
+    if size > entries:  # before anything has its length: a damaged header may say any size
+        raise InputError(
+            f"{parts.files['K']}: found {size} rows and {entries} entries in all matrices, expected one in each row at "
+            "least; the file is damaged, or has rows that no element touches"
+        )
+    mine = {}
+    for key in list(parts.matrices):
+        mine[key] = _owned(comm, starts, parts.matrices.pop(key))
+        give_back()
+    with agreed(comm):
+        indptr, indices, values = compress(mine, first, last, size)
+    give_back()
+    B = read_columns(comm, starts, size, inputs, variables=variables) if inputs else None
+    Ct = read_columns(comm, starts, size, outputs, transposed=True, variables=variables) if outputs else None
+    dofs = _dofs(comm, parts, size, starts, name) if parts.nodes is not None else None
+    held = _held(comm, parts) if parts.nodes is not None else None
+    remarks = dict.fromkeys(sentence for sentences in comm.allgather(parts.warnings) for sentence in sentences)
+    model = SecondOrderModel.from_csr(
+        comm, size, indptr, indices, values, B, Ct, dofs, column_names(inputs, B), column_names(outputs, Ct), name,
+        parts.elements, held, parts.sets, tuple(remarks),
+    )  # fmt: skip
+    del indptr, indices, values
+    give_back()
+    return model
+
+
+def _number_rows(comm, parts):
+    """Numbers in place of labels, the same for all matrices."""
+    labelled = {key: isinstance(item, LabelledEntries) for key, item in parts.matrices.items()}
+    if not any(labelled.values()):
+        return
+    if not all(labelled.values()):
+        named, numbered = (next(key for key in labelled if labelled[key] is kind) for kind in (True, False))
+        raise InputError(
+            f"{parts.files[numbered]}: found numbered rows, but {parts.files[named]} names node and dof of its rows; "
+            "expected the same of all matrices"
+        )
+    ends = [item for matrix in parts.matrices.values() for item in (matrix.rows, matrix.columns)]
+    labels, place = number_over_ranks(comm, np.concatenate(ends))
+    size = comm.allreduce(len(labels))
+    numbers = iter(np.split(place, np.cumsum([len(item) for item in ends])[:-1]))
+    parts.matrices = {
+        key: Entries((size, size), next(numbers), next(numbers), item.values) for key, item in parts.matrices.items()
+    }
+    parts.row_labels = labels, (comm.exscan(len(labels)) or 0) + np.arange(len(labels))
+
+
+def _dofs(comm, parts, size, starts, name):
+    """Labels of the rows of this rank: as the files name them, or by the order of the nodes."""
+    label, row = parts.row_labels or labels_in_order(comm, parts.nodes, size, name)
+    label, row = exchange(comm, np.searchsorted(starts, row, side="right") - 1, [label, row])
+    label = label[np.argsort(row)]
+    node, direction = node_and_direction(label)
+    found, position = look_up(comm, parts.nodes.label, list(parts.nodes.position.T), node)
+    with agreed(comm):
+        if not found.all():
+            raise InputError(f"{name}: the node {node[~found][0]}, which has rows, has no coordinates")
+    return Dofs(node, direction, np.array(position).T.reshape(-1, 3).copy())
+
+
+def _held(comm, parts):
+    """The dofs without row that have a place, each once, or None where there is none."""
+    label = np.unique(sort_over_ranks(comm, parts.removed)[0])
+    node, direction = node_and_direction(label)
+    found, position = look_up(comm, parts.nodes.label, list(parts.nodes.position.T), node)
+    if not comm.allreduce(int(found.sum())):
+        return None
+    return Dofs(node, direction, np.array(position).T.reshape(-1, 3)).take(found)
+
+
+def with_transposed_pattern(entries: Entries) -> Entries:
+    """The entries, with zeros where only the transposed place has one: D may be unsymmetric, its pattern not."""
+    i, j = entries.rows, entries.columns
+    values = np.concatenate([entries.values, np.zeros(len(i))])
+    return Entries(entries.shape, np.concatenate([i, j]), np.concatenate([j, i]), values)
+
+
+def _owned(comm, starts, entries):
+    owner = np.searchsorted(starts, entries.rows, side="right") - 1
+    return exchange(comm, owner, [entries.rows, entries.columns, entries.values])
+
+
+def read_columns(comm, starts, size, path, transposed=False, variables=None):
+    """The rows of B (n, p) of this rank from a matrix file, or of C^T where the file has C (r, n). Collective.
+
+    `starts` (ranks,): first row of each rank; `variables`: see Source. Raises InputError where the file
+    does not fit n = size.
+    """
+    entries = read_entries(path, comm, "C" if transposed else "B", variables)
+    if isinstance(entries, LabelledEntries):
+        raise InputError(f"{path}: found lines of node, dof, node, dof, value, expected numbered rows and columns")
+    if entries.shape[transposed] != size:
+        raise InputError(
+            f"{path}: found {entries.shape[0]} x {entries.shape[1]}, expected {size} "
+            f"{'columns' if transposed else 'rows'} as the matrices have"
+        )
+    if transposed:
+        entries.rows, entries.columns, entries.shape = entries.columns, entries.rows, entries.shape[::-1]
+    i, j, v = _owned(comm, starts, entries)
+    first, last = starts[comm.rank], np.append(starts[1:], size)[comm.rank]
+    with agreed(comm):
+        require_sane(v, f"{path}: found", "real")
+        needed, free = int(last - first) * entries.shape[1] * 8 / MB, node_mb()
+        if needed > free:
+            what = "rows" if transposed else "columns"
+            raise InputError(
+                f"{path}: found {entries.shape[1]} {what}, which take {needed:.0f} MB, and {free:.0f} MB are free; the "
+                "file is damaged, or there are too many"
+            )
+    local = np.zeros((last - first, entries.shape[1]))
+    np.add.at(local, (i - first, j), v)
+    return local
+
+
+def column_names(path, columns) -> list[str]:
+    """Names of the columns of a file: B.mtx:1, B.mtx:2, ..."""
+    return [] if columns is None else [f"{Path(path).name}:{k + 1}" for k in range(columns.shape[1])]
