@@ -18,7 +18,7 @@ from .text import LARGEST_LABEL, Piece, line_number, numbers, pieces, ragged, re
 
 COMMAND = re.compile(
     rb"(?im)^[ \t]*(?:(?P<block>[NE]BLOCK)\b|(?P<type>ET[ \t]*,)|(?P<node>N,R5\.\d,LOC[ \t]*,(?![ \t]*-1))"
-    rb"|(?P<end>-1[ \t]*\r?$|N,(?:R5\.\d|UNBL),LOC[ \t]*,[ \t]*-1))[^\n]*"
+    rb"|(?P<turn>(?:NROTAT|NMODIF|NANG)\b)|(?P<end>-1[ \t]*\r?$|N,(?:R5\.\d|UNBL),LOC[ \t]*,[ \t]*-1))[^\n]*"
 )
 START = re.compile(rb"(?im)^[ \t]*(/COM|/PREP7|/NOPR|/BATCH|/TITLE|NUMOFF|NBLOCK|ET[ \t]*,)")
 HEAD = 11  # fields of an element in front of its nodes; the second is its type, the ninth how many nodes follow
@@ -94,6 +94,11 @@ def _blocks(path, found):
                     f"{path}, line {line_number(path, position)}: found nodes as single commands, expected the blocks "
                     "of CDWRITE,DB,file,cdb"
                 )
+            if kind == "turn":
+                raise InputError(
+                    f"{path}, line {line_number(path, position)}: found '{shown(line.encode())}', which gives nodes "
+                    "axes of their own that only ANSYS knows; let it write CDWRITE,DB,file,cdb, which has their angles"
+                )
             if kind != "block":
                 continue
             words = [word.strip() for word in line.split(",")]
@@ -120,8 +125,8 @@ def _blocks(path, found):
                 raise InputError(
                     f"{path}, line {number}: found '{shown(line.encode())}', expected whole numbers behind SOLID"
                 )
-            full = len(counts) == (1 if name == "NBLOCK" and words[1] == "3" else 2)
-            announced = int(counts[-1]) if full else None
+            # the short NBLOCK of Workbench has the highest number that a node may have, and not how many there are
+            announced = int(counts[-1]) if len(counts) == 2 else None
             blocks.append(Block(name, number, announced, fields, file.tell(), end[0]))
     if not any(block.name == "NBLOCK" for block in blocks):
         raise InputError(f"{path}: found no nodes, expected an NBLOCK as CDWRITE,DB,file,cdb writes it")

@@ -225,6 +225,21 @@ def test_lists_of_nodes(comm, folder, text, monkeypatch):
     assert not comm.allreduce(len(found.turned))
 
 
+def test_nodes_of_an_input_file_of_workbench(comm, folder):
+    """Two blocks of the short form, of which the first has fewer nodes than the number behind it."""
+    text = (
+        "/com,ANSYS\n/prep7\nnblock,3,,1389\n(1i9,3e20.9e3)\n"
+        "        1     2.500000000E-02     2.500000000E-02    -1.000000000E-03\n"
+        "        7     2.500000000E-02     5.000000000E-02    -1.000000000E-03\n"
+        "-1\n/com,*********** Nodes for all Remote Points ***********\nnblock,3\n(1i9,3e20.9e3)\n"
+        "     7354     0.000000000E+00     1.000000015E-01     5.000000237E-04\n-1\n"
+    )
+    found = read_nodes(write(folder / "ds.dat", text, comm), comm)
+    label, position = gathered(comm, found.nodes.label, found.nodes.position)
+    assert label.tolist() == [1, 7, 7354]
+    assert np.array_equal(position, [[0.025, 0.025, -0.001], [0.025, 0.05, -0.001], [0, 0.1000000015, 5.000000237e-4]])
+
+
 def test_nwrite_of_all_sizes(comm, folder):
     """Numbers beyond 10 and below 0.1 have other forms; a sign may touch the number in front."""
     places = {1: (-12.5, 1234.56789, 0.05), 20: (-1.25e-7, 0.0, -3.5e4), 30: (0.0, 0.0, 0.0), 31: (1e-9, -2e-9, -0.5)}
@@ -251,8 +266,9 @@ def test_nwrite_of_all_sizes(comm, folder):
         (archive(PLACES).replace("2.0000000000000E", "2.00000x0000000E"), "numbers in fields of 9 characters"),
         ("/PREP7\nN,R5.3,LOC,1,0,0,0\n", "found nodes as single commands"),
         ("/PREP7\nFINISH\n", "found no nodes"),
+        (archive(PLACES, elements="csys,12\nnrotat,all\n"), "found 'nrotat,all', which gives nodes axes of their own"),
     ],
-    ids=range(13),
+    ids=range(14),
 )
 def test_lists_that_cannot_be_are_refused(comm, folder, text, says):
     path = write(folder / "nodes", text, comm)

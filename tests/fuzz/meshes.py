@@ -45,7 +45,8 @@ def archive(where, rng):
     width, wide, form = chosen(rng, (8, 16, "%16.9E"), (9, 21, "%21.13E"), (10, 25, "%25.17E"))
     count, largest = len(where), max(where)
     lines = ["/PREP7", "/TITLE, a chain", "ET,        1,185", "DOF,DELETE"]
-    counts = chosen(rng, f",{largest:10d},{count:10d}", "") if not short else chosen(rng, f",,{count}", "")
+    counts = (f",,{count}", f",,{largest}", "") if short else (f",{largest:10d},{count:10d}", "")
+    counts = chosen(rng, *counts)
     lines.append(f"NBLOCK,{3 if short else 6},SOLID" + (counts if not short else counts[1:] and counts))
     lines.append(f"({1 if short else 3}i{width},{3 if short else 6}e{wide}.{form.split('.')[1][:-1]}{exponent})")
     for label, place in where.items():

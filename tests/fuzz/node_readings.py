@@ -108,7 +108,7 @@ def cdb(text: bytes):
         counts = [word for word in words[3:] if word]
         require(all(word.isdigit() for word in counts), "a count that is none")
         if name == b"NBLOCK":
-            if len(counts) == (2 if words[1] == b"6" else 1):
+            if len(counts) == 2:
                 require(int(counts[-1]) == len(block), "another number of nodes")
             for row in block:
                 angles = row[6:] if len(row) == 9 else []
