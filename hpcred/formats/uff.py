@@ -1,6 +1,7 @@
 """Universal files (UFF, .unv): nodes and elements of a file enter; shapes of a result leave as one.
 
-Read are the nodes of datasets 15, 781 and 2411 and the elements of 780 and 2412; written are units (164), nodes (2411),
+Read are the nodes of datasets 15, 781 and 2411 and the elements of 780 and 2412, and of coordinate systems (18, 2420)
+which are the global one; written are units (164), nodes (2411),
 elements (2412) and the shapes (55, displacements of normal modes). A dataset stands between two lines of -1.
 """
 
@@ -23,6 +24,7 @@ NUMBER = re.compile(rb"[ \t]*(\d{1,5})[ \t]*(?P<binary>b[^\n]*)?\r?\n?")
 # numbers in the lines of a node: label, two systems and a colour, and the coordinates
 NODE_LINES = {15: (7,), 781: (4, 3), 2411: (4, 3)}
 ELEMENTS = (780, 2412)
+GLOBAL = np.array([0, 1])  # coordinate systems, where the file does not say otherwise
 # kinds by the number of the finite element; those of WITH_SECTION have a line about the section before the nodes
 KINDS = {
     11: "line", 21: "line", 22: "line", 23: "line3", 24: "line3", 41: "triangle", 42: "triangle6", 44: "quad",
@@ -76,7 +78,8 @@ def read(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
                 f"{path}: found {len(nodes)} datasets of nodes (of the datasets {numbers or 'none'}), expected one of "
                 "15, 781 or 2411"
             )
-    label, position = _nodes(path, comm, *nodes[0])
+        systems = _global_systems(path, [item for item in sets if item[0] in (18, 2420)])
+    label, position = _nodes(path, comm, systems, *nodes[0])
     twice = repeated_key(comm, label)
     if twice is not None:
         raise InputError(f"{path}: found the node {twice} more than once, expected each node once")
@@ -139,8 +142,34 @@ def _end_of_functions(path, file, line):
     return file.tell()
 
 
-def _nodes(path, comm, number, start, stop):
-    """Numbers and coordinates of the nodes of this rank."""
+def _global_systems(path, sets):
+    """The numbers of the coordinate systems that are the global one."""
+    found = dict.fromkeys(GLOBAL.tolist(), True)
+    for number, start, stop in sets:
+        with open(path, "rb") as file:
+            file.seek(start)
+            lines = file.read(stop - start).splitlines()
+        size, above, below = (4, 0, 2) if number == 18 else (6, 2, 4)  # lines of a system, above the first, of numbers
+        for at in range(above, len(lines) - size + 1, size):
+            try:
+                head = [int(word) for word in lines[at].split()]
+                values = [float(word) for line in lines[at + size - below : at + size]
+                          for word in line.upper().replace(b"D", b"E").split()]  # fmt: skip
+                found[head[0]] = head[1] == 0 and (_is_global_18(head, values) if number == 18 else
+                                                   values == [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0])  # fmt: skip
+            except (ValueError, IndexError):  # what cannot be read is not the global one
+                return np.zeros(1, np.int64)
+    return np.array([key for key, is_global in found.items() if is_global])
+
+
+def _is_global_18(head, values):
+    """Whether a system is the global one: by its origin, a point on its x axis, and one in its plane of x and z."""
+    x, z = np.array(values[3:6]), np.array(values[6:9])
+    return head[2] == 0 and values[:3] == [0, 0, 0] and x[0] > 0 and z[2] > 0 and not (x[1:].any() or z[1])
+
+
+def _nodes(path, comm, systems, number, start, stop):
+    """Numbers and coordinates of the nodes of this rank; `systems`: those that are the global one."""
     widths = NODE_LINES[number]
     # a node begins where a line holds no point
     first = re.compile(rb"(?m)^") if len(widths) == 1 else re.compile(rb"(?m)^[ \t0-9+-]*\r?$")
@@ -155,9 +184,13 @@ def _nodes(path, comm, number, start, stop):
                 raise piece.refusal(int(bad), f"lines of {' and '.join(map(str, widths))} numbers a node")
             table, lines = values.reshape(-1, 7), lines[:: len(widths)]
             finite(piece, table[:, 4:], lines)
-            system = np.flatnonzero(table[:, 1] > 1)
-            if system.size and number == 15:
-                raise piece.refusal(int(lines[system[0]]), "coordinates in the global system (0 or 1)")
+            own = np.flatnonzero(~np.isin(table[:, 1], systems))
+            if own.size and number == 15:
+                raise piece.refusal(int(lines[own[0]]), "coordinates in the global system")
+            own = np.flatnonzero(~np.isin(table[:, 2], systems))
+            if own.size:
+                raise piece.refusal(int(lines[own[0]]), "displacements in the global system, in which the matrices "
+                                    "must be; if they are, give the nodes as lines of number, x, y, z")  # fmt: skip
             whole(piece, table[:, 1:4].ravel(), np.repeat(lines, 3), "two systems and a colour", 0)
             labels.append(whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL))
             positions.append(table[:, 4:])

@@ -105,6 +105,50 @@ def test_nodes_of_dataset_15(comm, folder):
     assert label.tolist() == [1, 5] and position.tolist() == [[1, 2, -3], [1.5, 2, 3]] and not elements
 
 
+def system_18(number, origin, along, plane):
+    values = [f"{value:13.5E}" for value in (*origin, *along, *plane)]
+    return f"{number:10d}{0:10d}{0:10d}{8:10d}{1:10d}\nCS{number}\n{''.join(values[:6])}\n{''.join(values[6:])}\n"
+
+
+def system_2420(number, turned):
+    axes = [(0, 1, 0), (-1, 0, 0), (0, 0, 1)] if turned else np.eye(3)
+    rows = "".join("".join(f"{value:25.16E}" for value in row) + "\n" for row in (*axes, (0, 0, 0)))
+    return f"    -1\n  2420\n{1:10d}\npart\n{number:10d}{0:10d}{0:10d}\nCS{number}\n{rows}    -1\n"
+
+
+@pytest.mark.parametrize(
+    "systems, node, says",
+    [
+        (system_18(1, (0, 0, 0), (1, 0, 0), (0, 0, 1)), (1, 1), None),
+        (system_18(4, (0, 0, 0), (1, 0, 0), (1, 0, 2)), (4, 0), None),
+        (system_18(1, (0, 0, 1), (1, 0, 1), (0, 0, 2)), (1, 0), "coordinates in the global system"),
+        (system_18(1, (0, 0, 0), (0, 1, 0), (0, 0, 1)), (1, 0), "coordinates in the global system"),
+        (system_18(1, (0, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 1), "displacements in the global system"),
+        (system_18(1, (0, 0, 0), (0, 1, 0), (0, 0, 1)).replace("0E+00", "x"), (1, 0), "coordinates in the global"),
+        (system_18(2, (0, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 1), None),
+    ],
+)
+def test_coordinate_systems_of_dataset_18(comm, folder, systems, node, says):
+    nodes = NODES_15.replace("5         0         0", "5{:10d}{:10d}".format(*node))
+    path = write(folder / "a.unv", f"    -1\n    18\n{systems}    -1\n{nodes}", comm)
+    if says is None:
+        assert sum(gathered(comm, uff.read(path, comm)[0].position)[0].tolist(), []) == [1, 2, -3, 1.5, 2, 3]
+    else:
+        with pytest.raises(InputError, match=says):
+            uff.read(path, comm)
+
+
+@pytest.mark.parametrize("number, turned", [(1, False), (3, False), (1, True), (3, True)])
+def test_displacements_in_systems_of_dataset_2420(comm, folder, number, turned):
+    nodes = f"    -1\n  2411\n{8:10d}{1 if turned else number:10d}{number:10d}{11:10d}\n 1.0 2.0 3.0\n    -1\n"
+    path = write(folder / "a.unv", system_2420(number, turned) + nodes, comm)
+    if turned:
+        with pytest.raises(InputError, match="displacements in the global system"):
+            uff.read(path, comm)
+    else:
+        assert gathered(comm, uff.read(path, comm)[0].position)[0].tolist() == [[1, 2, 3]]
+
+
 @pytest.mark.parametrize(
     "old, new, says",
     [

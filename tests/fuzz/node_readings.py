@@ -53,7 +53,7 @@ def uff(text: bytes):
         node = rows[k : k + len(widths)]
         require([len(row) for row in node] == list(widths), "another number of words")
         words = sum(node, [])
-        require(number != 15 or whole(words[1], 0) <= 1, "a system of its own")
+        require((number != 15 or whole(words[1], 0) <= 1) and whole(words[2], 0) <= 1, "a system of its own")
         found.append((whole(words[0], 1, LARGEST_LABEL), tuple(real(word) for word in words[4:])))
         for word in words[1:4]:
             whole(word, 0)
