@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
-from contextlib import redirect_stdout
 from dataclasses import asdict
 from typing import Annotated
 
@@ -12,15 +10,11 @@ import typer
 
 import hpcred
 
-from . import words
-from .formats.locks import unlock_all
-from .formats.outputs import JSON, check_outputs, keep_files
+from . import session, words
 from .formats.toml_file import check_file_names
-from .parallel import startup
-from .parallel.failures import InputError, fail, printable
+from .parallel.failures import InputError
 from .parallel.progress import counted
-from .report.profile import show_profile, start_profile
-from .report.tables import as_json, in_words, show_table, show_timing, told_apart, write_json
+from .report.tables import in_words, show_table, show_timing, told_apart
 
 HELP = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(
@@ -35,17 +29,9 @@ app = typer.Typer(
 )
 example = typer.Typer(help="Write a model to try things on.", rich_markup_mode=None, context_settings=HELP)
 app.add_typer(example, name="example")
-
-
-def _checked(path: str | None):
-    """The name of a file for JSON, refused early where it cannot be written."""
-    if path not in (None, "-"):
-        check_outputs({path: JSON}, _Session.progress.comm, progress=_Session.progress)
-    return path
-
-
 JsonFile = Annotated[
-    str | None, typer.Option("--json", metavar="FILE", help="Write the numbers; - prints them.", callback=_checked)
+    str | None,
+    typer.Option("--json", metavar="FILE", help="Write the numbers; - prints them.", callback=session.checked),
 ]
 Frequencies = Annotated[str | None, typer.Option(metavar="F1,F2,...", help="Frequencies in Hz.")]
 Overrides = Annotated[
@@ -73,55 +59,9 @@ MOST_SETS = 20  # node sets that info lists
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
 
-class _Session:
-    """What the options that stand everywhere say, the progress of the command, and where --json - prints."""
-
-    profile = quiet = verbose = keep = False
-    progress: hpcred.Progress
-    out = sys.stdout
-
-
-WORDS = ("--traceback", "--profile", "--quiet", "--verbose", "--keep")  # they may stand anywhere
-
-
 def run(arguments: list[str]) -> int:
     """Run one command line on all ranks and return the exit status."""
-    try:
-        comm = startup.start_mpi()
-        arguments = list(arguments)
-        cut = arguments.index("--") if "--" in arguments else len(arguments)
-        arguments, petsc_args = arguments[:cut], arguments[cut + 1 :]
-        startup.insist(_take(arguments, "--scalar"), petsc_args)
-        for word in WORDS:
-            given = word in arguments
-            arguments = [item for item in arguments if item != word]
-            setattr(_Session, word[2:], given)
-        keep_files(_Session.keep)
-        if _Session.traceback:
-            os.environ["HPCRED_TRACEBACK"] = "1"
-        if _Session.quiet and _Session.verbose:
-            raise InputError("--quiet: cannot be combined with --verbose")
-        show = False if _Session.quiet else _Session.verbose or None
-        _Session.progress = hpcred.Progress(comm, show=show, bars=True)
-        with redirect_stdout(_stdout(comm, arguments)):
-            try:
-                status = _call(arguments)
-            except Exception as error:
-                if hasattr(error, "format_message"):  # a usage error of the parser
-                    command = getattr(error.ctx, "command_path", "hpcred")
-                    raise InputError(f"{error.format_message()} (see {command} --help)") from error
-                raise
-            finally:
-                _Session.progress.close()
-            if _Session.profile and startup.started():
-                show_profile(comm, _Session.progress)
-            _warn(_unused_options(petsc_args))
-            sys.stdout.flush()
-        return status if isinstance(status, int) else 0
-    except BaseException as error:
-        return fail(error)
-    finally:
-        unlock_all()
+    return session.run(arguments, _call)
 
 
 def _call(arguments):
@@ -134,70 +74,11 @@ def _call(arguments):
             return command.invoke(context)
     except typer.Exit as error:
         return error.exit_code
-
-
-def _stdout(comm, arguments):
-    """Where tables go: nowhere but on rank 0, and to stderr where JSON is printed."""
-    printed = "--json=-" in arguments or ("--json", "-") in zip(arguments, arguments[1:], strict=False)
-    _Session.out = sys.stdout
-    if printed and sys.stdout is sys.__stdout__:
-        sys.stdout.flush()
-        _Session.out = os.fdopen(os.dup(1), "w")
-        os.dup2(2, 1)  # what PETSc and MUMPS print
-    if comm.rank:
-        _Session.out = open(os.devnull, "w")  # noqa: SIM115
-    if comm.rank or _Session.quiet:
-        return open(os.devnull, "w")  # noqa: SIM115
-    return sys.stderr if printed else sys.stdout
-
-
-def _unused_options(petsc_args):
-    """A sentence on PETSc options that nothing asked for."""
-    left = startup.unused_options() if startup.started() else [item for item in petsc_args if item.startswith("-")]
-    if not left:
-        return []
-    return [f"nothing used the PETSc option{'s' * (len(left) > 1)} {', '.join(left)}; check the names and prefixes"]
-
-
-def _write_json(path, data):
-    if path == "-":
-        print(as_json(data), file=_Session.out, flush=True)
-    else:
-        write_json(path, data)
-
-
-def _take(arguments, option):
-    """Remove an option with a value from the arguments, wherever it stands."""
-    for i, word in enumerate(arguments):
-        if word == option and i + 1 < len(arguments):
-            del arguments[i]
-            return arguments.pop(i)
-        if word.startswith(option + "="):
-            return arguments.pop(i).partition("=")[2]
-    return None
-
-
-def _progress():
-    if _Session.profile:
-        start_profile()
-    return _Session.progress
-
-
-def _warn(sentences):
-    if _Session.progress.comm.rank == 0:
-        for sentence in sentences:
-            print(f"warning: {printable(sentence)}", file=sys.stderr if _Session.quiet else sys.stdout)
-
-
-def _list(word, items):
-    for item in items:
-        print(f"{word}: {item}")
-
-
-def _verdict(sentence, good):
-    """Say what the exit status says too: where it is bad, also with --quiet."""
-    if not (_Session.quiet and good) and _Session.progress.comm.rank == 0:
-        print(sentence, file=sys.stderr if _Session.quiet else sys.stdout)
+    except Exception as error:
+        if hasattr(error, "format_message"):  # a usage error of the parser
+            command = getattr(error.ctx, "command_path", "hpcred")
+            raise InputError(f"{error.format_message()} (see {command} --help)") from error
+        raise
 
 
 @app.callback(invoke_without_command=True)
@@ -208,10 +89,10 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
         print(f"hpcred {version_of('hpcred')}")
         raise typer.Exit
     if context.invoked_subcommand is None:
-        progress, output = _progress(), "demo_result.h5"
+        progress, output = session.progress(), "demo_result.h5"
         rows = hpcred.run_demo(output, progress=progress)
         show_table("Stabilisation linkage, force at node 20, chord frame, 0 to 300 Hz, and the paper's Table 1", rows)
-        _write_json(json, rows)
+        session.write_json(json, rows)
         print(f"model of row 0 written to {output}")
         show_timing(progress.timing())
     elif json is not None:
@@ -261,15 +142,15 @@ def convert(
     source = files[0] if files else hpcred.Source(stiffness, mass, damping, input_file, output_file, nodes, dofs, names)
     report = hpcred.convert(
         source, output, inputs=words.targets(inputs, "--inputs"), outputs=words.targets(outputs, "--outputs"),
-        variables=names, units=units, progress=_progress(),
+        variables=names, units=units, progress=session.progress(),
     )  # fmt: skip
     told = ("output", "sentences", "warnings")
     show_table(None, [{"": key.replace("_", " "), output: in_words(value)} for key, value in report.items()
                       if key not in told])  # fmt: skip
     for sentence in report["sentences"]:
         print(sentence)
-    _warn(report["warnings"])
-    _write_json(json, report)
+    session.warn(report["warnings"])
+    session.write_json(json, report)
 
 
 @app.command()
@@ -285,7 +166,7 @@ def info(
     if verify and (below or band_top or modes):
         raise InputError("--verify: cannot be combined with other questions; call info twice")
     report = hpcred.verify_file(file) if verify else hpcred.describe_file(
-        file, frequencies=words.numbers(below, "--below"), band_top=band_top, modes=modes, progress=_progress()
+        file, frequencies=words.numbers(below, "--below"), band_top=band_top, modes=modes, progress=session.progress()
     )  # fmt: skip
     below_it = ("sets", "interfaces", "warnings")
     rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
@@ -295,8 +176,8 @@ def info(
     show_table(None, sets[:MOST_SETS])
     if len(sets) > MOST_SETS:
         print(f"and {len(sets) - MOST_SETS} more node sets; --json - lists all")
-    _warn(report["warnings"])
-    _write_json(json, report)
+    session.warn(report["warnings"])
+    session.write_json(json, report)
 
 
 @app.command()
@@ -315,7 +196,7 @@ def modes(
     """
     report = hpcred.modes_of_file(
         model, count, frame=None if frame == "auto" else words.frame(frame), figure=figure,
-        factoring=words.factoring(out_of_core, low_rank), progress=_progress(),
+        factoring=words.factoring(out_of_core, low_rank), progress=session.progress(),
     )  # fmt: skip
     f = report["frequencies_hz"]
     if "masses" in report:
@@ -328,8 +209,8 @@ def modes(
     print(f"{report['rigid_body_modes']} rigid-body modes; largest residual {report['residual']:.1e}")
     if figure:
         print(f"written to {figure}")
-    _warn(report["warnings"])
-    _write_json(json, report)
+    session.warn(report["warnings"])
+    session.write_json(json, report)
 
 
 @app.command()
@@ -351,12 +232,12 @@ def reduce(
     check_file_names(**{"--store": store, "--out-of-core": out_of_core})
     given |= {key: os.path.abspath(name) for key, name in folders.items() if name is not None}
     overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
-    found = hpcred.reduce_job(job, overrides=overrides, progress=_progress())
+    found = hpcred.reduce_job(job, overrides=overrides, progress=session.progress())
     record, accuracy = found.record, found.record.accuracy
     stored = any(item.from_store for item in record.ingredients)
     if accuracy is not None:
         made = counted(accuracy.factorisations, "factorisation")
-        _verdict(f"{accuracy.sentence}, {made}, {found.size_in_words}", accuracy.reached)
+        session.verdict(f"{accuracy.sentence}, {made}, {found.size_in_words}", accuracy.reached)
     show_table(
         f"{found.output}: {found.size_in_words} for {record.size} dofs",
         [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
@@ -380,12 +261,12 @@ def reduce(
         + (f"largest residual {residual:.1e}; " if record.factorisations else "")
         + record.effort
     )
-    _warn(record.warnings)
+    session.warn(record.warnings)
     print(f"{record.scalar} PETSc {record.versions['petsc']}, {record.ranks} rank(s)")
     show_timing(record.timing, record.factorisations)
-    _list("hint", record.hints)
-    _write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
-                      "frequencies_hz": found.frequencies})  # fmt: skip
+    session.list_all("hint", record.hints)
+    session.write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
+                              "frequencies_hz": found.frequencies})  # fmt: skip
     return int(accuracy is not None and not accuracy.reached)
 
 
@@ -420,7 +301,7 @@ def store(
     ])  # fmt: skip
     total = sum(row["bytes"] for row in rows)
     print(f"{len(rows)} entries{' removed' if prune else ''}, {total / 1e6:.6g} MB")
-    _write_json(json, rows)
+    session.write_json(json, rows)
     return int(not prune and not all(row["valid"] for row in rows if ".tmp-" not in row["entry"]))
 
 
@@ -449,19 +330,19 @@ def sweep(
             raise InputError("--slurm, --pbs: a script is written and nothing runs; leave the other options out")
         report = hpcred.write_script(file, "slurm" if slurm else "pbs", store=store, submit=submit)
         print(f"{report['script']} written; " + (report["said"] or f"submit it by: {report['command']}"))
-        _write_json(json, report)
+        session.write_json(json, report)
         return 0
     report = hpcred.run_sweep(
-        file, parallel=parallel, index=index, of=of, store=store, dry_run=dry_run, progress=_progress()
+        file, parallel=parallel, index=index, of=of, store=store, dry_run=dry_run, progress=session.progress()
     )
     columns = [key for key in report["runs"][0] if key not in ("sentence", "output")] if report["runs"] else []
     show_table(report["folder"], _named_shortly([{key: row.get(key, "") for key in columns} for row in report["runs"]]))
     for row in report["failed"]:
-        _verdict(f"FAILED {row['run']}: {row['sentence']}", False)
+        session.verdict(f"FAILED {row['run']}: {row['sentence']}", False)
     if not dry_run:
         print(f"{report['finished']} finished, {report['skipped']} skipped, {len(report['failed'])} failed; "
               f"{report['factorisations']} factorisations made, {report['factorisations_saved']} saved")  # fmt: skip
-    _write_json(json, report)
+    session.write_json(json, report)
     return int(bool(report["failed"]) and not dry_run)
 
 
@@ -486,13 +367,13 @@ def collect(
     known = [key for key in rows[0] if any(row[key] is not None for row in rows)]
     rows = [{short.get(key, key): "" if row[key] is None else row[key] for key in known} for row in rows]
     show_table(file, _named_shortly(rows))
-    _list("note", report["remarks"])
+    session.list_all("note", report["remarks"])
     for name in (*([output] if output else []), *report["figures"]):
         print(f"written to {name}")
     if report["missing"]:
-        _verdict(f"{len(report['missing'])} of {len(report['rows'])} runs have no result of their job: "
-                 f"{', '.join(report['missing'])}", False)  # fmt: skip
-    _write_json(json, report)
+        session.verdict(f"{len(report['missing'])} of {len(report['rows'])} runs have no result of their job: "
+                        f"{', '.join(report['missing'])}", False)  # fmt: skip
+    session.write_json(json, report)
     return int(bool(report["missing"]))
 
 
@@ -544,9 +425,9 @@ def evaluate(
     factoring = words.factoring(out_of_core, low_rank)
     chosen = {"frequencies": words.numbers(frequencies, "--frequencies")}
     if estimate:
-        _write_json(json, _show_estimate(result, parts=points, **chosen))
+        session.write_json(json, _show_estimate(result, parts=points, **chosen))
         return 0
-    solving = {"groups": groups, "factoring": factoring, "progress": _progress()}
+    solving = {"groups": groups, "factoring": factoring, "progress": session.progress()}
     if check is not None:
         report = _show_check(result, full, check, seed=seed, **solving)
     elif len(results) > 1:
@@ -555,7 +436,7 @@ def evaluate(
         pairs = pairs.split(",") if pairs else ()
         report = _show_responses(result, full, band=limits, points=points, output=output, figure=figure, pairs=pairs,
                                  **chosen, **solving)  # fmt: skip
-    _write_json(json, report)
+    session.write_json(json, report)
     return int(not report.get("passed", True))
 
 
@@ -577,7 +458,7 @@ def _show_estimate(result, **keywords):
 def _show_check(result, full, count, **keywords):
     report = hpcred.check_result(result, full, count, **keywords)
     show_table(result, report["rows"])
-    _verdict(f"{report['claim']}\n{report['sentence']}; {report['measured']}", report["passed"])
+    session.verdict(f"{report['claim']}\n{report['sentence']}; {report['measured']}", report["passed"])
     return report
 
 
@@ -591,7 +472,7 @@ def _show_responses(result, full, **keywords):
         worst = report["worst_pair"]
         print(f"worst pair by itself: output {worst['output']}, input {worst['input']}: {worst['error']:.2g}")
     drawn = report.get("figures", ())
-    _list("drawn", drawn)
+    session.list_all("drawn", drawn)
     if len(drawn) < report.get("responses", 0):
         print(f"the {len(drawn)} largest of {report['responses']} responses are drawn; --pairs OUTPUT/INPUT,... "
               "draws others")  # fmt: skip
@@ -619,13 +500,13 @@ def report(
     told = hpcred.report_file(
         results, full, output=output, band=words.band(band), exact=exact, pairs=pairs.split(",") if pairs else (),
         modes=modes, png=png, svg=svg, csv=csv, groups=groups, factoring=words.factoring(out_of_core, low_rank),
-        progress=_progress(),
+        progress=session.progress(),
     )  # fmt: skip
-    _list("note", told["notes"])
+    session.list_all("note", told["notes"])
     for name in told["files"]:
         print(name)
     print(f"{told['output']}: {told['megabytes']:.1f} MB")
-    _write_json(json, told)
+    session.write_json(json, told)
 
 
 @app.command()
@@ -650,15 +531,16 @@ def response(
     json: JsonFile = None,
 ):
     """Frequency response of the full model at many frequencies, to a tolerance, from a handful of factorisations."""
+    progress = session.progress()
     report = hpcred.response_file(
         model, frequencies=words.numbers(frequencies, "--frequencies"), band=words.band(band), points=points,
         tolerance=tolerance, frame=words.frame(frame), damping=words.damping(damping),
         inputs=words.targets(inputs, "--inputs"), outputs=words.targets(outputs, "--outputs"), check=check, seed=seed,
         groups=groups, factoring=words.factoring(out_of_core, low_rank), output=output, polar=polar, figure=figure,
-        progress=_progress(),
+        progress=progress,
     )  # fmt: skip
     told = [*([] if report["reached"] else ["NOT REACHED everywhere:"]), *report["sentences"]]
-    _verdict("\n".join(told), report["reached"])
+    session.verdict("\n".join(told), report["reached"])
     show_table("Proofs: the model before a point, at the point", report["proofs"])
     if check:
         show_table("Fresh frequencies", report["check"]["rows"])
@@ -668,9 +550,9 @@ def response(
     for name in (output, figure):
         if name:
             print(f"written to {name}")
-    _warn(report["warnings"])
-    show_timing(_Session.progress.timing())
-    _write_json(json, report)
+    session.warn(report["warnings"])
+    show_timing(progress.timing())
+    session.write_json(json, report)
     return 0 if report["reached"] else 1
 
 
@@ -690,7 +572,7 @@ def export(
     chosen = [int(word) if word.strip().isdecimal() else word.strip() for word in nodes.split(",")] if nodes else None
     shapes = [int(number) for number in words.numbers(modes, "--modes")] if modes else None
     report = hpcred.export_result(
-        result, kind, output, nodes=chosen, units=units, modes=shapes, progress=_progress()
+        result, kind, output, nodes=chosen, units=units, modes=shapes, progress=session.progress()
     )
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")
@@ -700,8 +582,8 @@ def export(
         print(f"{report['output']}: {report['coordinates']} coordinates, {ends}")
         for name in report.get("files", ()):
             print(f"with {name}")
-        _list("note", report["remarks"])
-    _write_json(json, report)
+        session.list_all("note", report["remarks"])
+    session.write_json(json, report)
 
 
 @app.command()
@@ -714,14 +596,14 @@ def simulate(
     json: JsonFile = None,
 ):
     """Simulate a reduced body in time, with large rigid motion, loads, joints, drives and springs."""
-    report = hpcred.simulate_file(file, overrides=set_ or [], progress=_progress())
+    report = hpcred.simulate_file(file, overrides=set_ or [], progress=session.progress())
     rows = [{"node": node, "largest displacement (m)": value}
             for node, value in report["largest_displacement_m"].items()]  # fmt: skip
     show_table(", ".join(report["output"]), rows)
     print(f"constraint drift {report['constraint_drift_m']:.1e} m and {report['constraint_drift_rad']:.1e} rad, "
           f"energy defect {report['energy_defect']:.1e}")  # fmt: skip
-    _list("note", report["notes"])
-    _write_json(json, report)
+    session.list_all("note", report["notes"])
+    session.write_json(json, report)
 
 
 @app.command()
@@ -732,14 +614,14 @@ def paper(
     json: JsonFile = None,
 ):
     """Reproduce Section 5 of the paper on the built-in linkage: Tables 1 and 2, Figures 3 to 5."""
-    progress = _progress()
+    progress = session.progress()
     data = hpcred.reproduce(output, progress=progress)
     show_table("Table 1. SISO: chord frame, force at node 20", data["table_1"])
     show_table("Table 2. MIMO: Buckens frame, seven inputs and outputs", data["table_2"])
     show_table("Figure 5. u_y of node 20 in time, against all elastic modes", data["figure_5"][1:])
     print(f"figures 3 to 5 (png, svg), section5.h5 and section5.json written to {output}")
     show_timing(progress.timing())
-    _write_json(json, data)
+    session.write_json(json, data)
 
 
 @app.command()
@@ -749,11 +631,11 @@ def bench(
     json: JsonFile = None,
 ):
     """Measure this machine: factorisation, solves, products, orthogonality, files."""
-    report = hpcred.bench(cells, folder=folder, progress=_progress())
+    report = hpcred.bench(cells, folder=folder, progress=session.progress())
     show_table("This machine", [{"": key.replace("_", " "), " ": in_words(item)} for key, item in report.items()
                                 if key != "hints"])  # fmt: skip
-    _list("hint", report["hints"])
-    _write_json(json, report)
+    session.list_all("hint", report["hints"])
+    session.write_json(json, report)
 
 
 @example.command("solid")
@@ -784,6 +666,6 @@ def example_crank(
 
 
 def _example(name, output, **keywords):
-    report = hpcred.write_example(name, output, progress=_progress(), **keywords)
+    report = hpcred.write_example(name, output, progress=session.progress(), **keywords)
     known = "; ".join(f"{key} {', '.join(report[key])}" for key in ("inputs", "sets") if report[key])
     print(f"{output}: {report['size']} dofs, {known}")

@@ -13,7 +13,7 @@ from launch import mpi_environment
 import hpcred
 
 HOUSE = Path(hpcred.__file__).parent
-FLOORS = ["cli", "words", "workflows", "report", "formats", "examples", "analysis", "multibody"]
+FLOORS = ["cli", "session", "words", "workflows", "report", "formats", "examples", "analysis", "multibody"]
 FLOORS += ["reduction", "model", "linalg", "parallel"]
 DOORS = ("", "__main__")  # hpcred/__init__.py, which names everything, and `python -m hpcred`
 MODULES = {

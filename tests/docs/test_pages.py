@@ -13,6 +13,7 @@ from docs_pages import DOCS, PAGES, ROOT, reference
 from pydantic import Field
 
 import hpcred.cli
+import hpcred.session
 from hpcred.workflows.export import EXPORTS
 
 GENERATED = reference.pages()
@@ -65,7 +66,7 @@ def refusal(line, whole):
     words = words[: words.index("--")] if "--" in words else words
     if not words or words[0].startswith("-"):
         return None
-    words = [word for word in words if word not in hpcred.cli.WORDS]
+    words = [word for word in words if word not in hpcred.session.WORDS]
     size = 2 if tuple(words[:2]) in COMMANDS else 1
     if tuple(words[:size]) not in COMMANDS:
         return None if not whole and any(name[: len(words)] == tuple(words) for name in COMMANDS) else "no such command"

@@ -1,0 +1,139 @@
+"""A command line on all ranks: its words enter; options that stand everywhere act, and what the others give is said.
+
+A command gets its Progress here, and says here what goes to other places by --quiet and --json.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import redirect_stdout
+
+from .formats.locks import unlock_all
+from .formats.outputs import JSON, check_outputs, keep_files
+from .parallel import startup
+from .parallel.failures import InputError, fail, printable
+from .parallel.progress import Progress
+from .report import tables
+from .report.profile import show_profile, start_profile
+
+
+class Session:
+    """What the options that stand everywhere say, the progress of the command, and where --json - prints."""
+
+    profile = quiet = verbose = keep = False
+    progress: Progress
+    out = sys.stdout
+
+
+WORDS = ("--traceback", "--profile", "--quiet", "--verbose", "--keep")  # they may stand anywhere
+
+
+def run(arguments: list[str], call) -> int:
+    """Run one command line on all ranks and return the exit status, which `call(arguments)` may give."""
+    try:
+        comm = startup.start_mpi()
+        arguments = list(arguments)
+        cut = arguments.index("--") if "--" in arguments else len(arguments)
+        arguments, petsc_args = arguments[:cut], arguments[cut + 1 :]
+        startup.insist(_take(arguments, "--scalar"), petsc_args)
+        for word in WORDS:
+            given = word in arguments
+            arguments = [item for item in arguments if item != word]
+            setattr(Session, word[2:], given)
+        keep_files(Session.keep)
+        if Session.traceback:
+            os.environ["HPCRED_TRACEBACK"] = "1"
+        if Session.quiet and Session.verbose:
+            raise InputError("--quiet: cannot be combined with --verbose")
+        show = False if Session.quiet else Session.verbose or None
+        Session.progress = Progress(comm, show=show, bars=True)
+        with redirect_stdout(_stdout(comm, arguments)):
+            try:
+                status = call(arguments)
+            finally:
+                Session.progress.close()
+            if Session.profile and startup.started():
+                show_profile(comm, Session.progress)
+            warn(_unused_options(petsc_args))
+            sys.stdout.flush()
+        return status if isinstance(status, int) else 0
+    except BaseException as error:
+        return fail(error)
+    finally:
+        unlock_all()
+
+
+def _stdout(comm, arguments):
+    """Where tables go: nowhere but on rank 0, and to stderr where JSON is printed."""
+    printed = "--json=-" in arguments or ("--json", "-") in zip(arguments, arguments[1:], strict=False)
+    Session.out = sys.stdout
+    if printed and sys.stdout is sys.__stdout__:
+        sys.stdout.flush()
+        Session.out = os.fdopen(os.dup(1), "w")
+        os.dup2(2, 1)  # what PETSc and MUMPS print
+    if comm.rank:
+        Session.out = open(os.devnull, "w")  # noqa: SIM115
+    if comm.rank or Session.quiet:
+        return open(os.devnull, "w")  # noqa: SIM115
+    return sys.stderr if printed else sys.stdout
+
+
+def _unused_options(petsc_args):
+    """A sentence on PETSc options that nothing asked for."""
+    left = startup.unused_options() if startup.started() else [item for item in petsc_args if item.startswith("-")]
+    if not left:
+        return []
+    return [f"nothing used the PETSc option{'s' * (len(left) > 1)} {', '.join(left)}; check the names and prefixes"]
+
+
+def checked(path: str | None) -> str | None:
+    """The name of a file for JSON, refused early where it cannot be written."""
+    if path not in (None, "-"):
+        check_outputs({path: JSON}, Session.progress.comm, progress=Session.progress)
+    return path
+
+
+def write_json(path, data):
+    """Write the numbers of a command, or print them for '-'."""
+    if path == "-":
+        print(tables.as_json(data), file=Session.out, flush=True)
+    else:
+        tables.write_json(path, data)
+
+
+def _take(arguments, option):
+    """Remove an option with a value from the arguments, wherever it stands."""
+    for i, word in enumerate(arguments):
+        if word == option and i + 1 < len(arguments):
+            del arguments[i]
+            return arguments.pop(i)
+        if word.startswith(option + "="):
+            return arguments.pop(i).partition("=")[2]
+    return None
+
+
+def progress() -> Progress:
+    """The Progress of the command."""
+    if Session.profile:
+        start_profile()
+    return Session.progress
+
+
+def warn(sentences):
+    """Say what is doubtful, also with --quiet."""
+    if Session.progress.comm.rank == 0:
+        for sentence in sentences:
+            print(f"warning: {printable(sentence)}", file=sys.stderr if Session.quiet else sys.stdout)
+
+
+def list_all(word, items):
+    """Say each of some items behind a word."""
+    for item in items:
+        print(f"{word}: {item}")
+
+
+def verdict(sentence, good):
+    """Say what the exit status says too: where it is bad, also with --quiet."""
+    if not (Session.quiet and good) and Session.progress.comm.rank == 0:
+        print(sentence, file=sys.stderr if Session.quiet else sys.stdout)
