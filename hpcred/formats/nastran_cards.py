@@ -110,6 +110,10 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     stray &= (card < 0) | mine | (head[:, 0] != ord("="))  # cards that are not wanted may be repeated
     if stray.any():
         raise piece.refusal(int(number[stray][0]), "a card, or a line that continues one")
+    apart = _apart(text, start, stop, head, starts)
+    if apart.size:
+        raise piece.refusal(int(number[apart[0]]), "a line that continues the one above, which does not end with its "
+                            "name (field 10); put the lines of each card below each other")  # fmt: skip
     lines = piece.text.split(b"\n") if strict and b"$" in piece.text else ()
     for k in [k for k, line in enumerate(lines) if b"$" in line and not line.startswith(b"$")]:
         place = np.searchsorted(number, k, side="right") - 1  # of the line itself, or the last in front of a remark
@@ -128,6 +132,26 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
             raise piece.refusal(int(number[starts][1:][gap][0]) - 1, "none but cards of one matrix here")
     name = names[card] if len(names) else np.zeros(0, "S8")
     return Lines(piece, card, name, starts, number, count, fields, total)
+
+
+def _apart(text, start, stop, head, starts):
+    """Which lines continue another card than that above them, by their name (field 1) and that of the line above."""
+    named = ((head[:, 0] == ord("+")) | (head[:, 0] == ord("*"))) & (head[:, 1] > ord(" ")) & (head[:, 1] != ord(","))
+    child = np.flatnonzero(named & ~starts)
+    own = _name(np.where(np.logical_or.accumulate(head[child] == ord(","), axis=1), ord(" "), head[child]))
+    start, stop = start[child - 1], stop[child - 1]
+    comma = np.append(np.flatnonzero(text == ord(",")), [len(text)] * (SMALL + 2))
+    first = np.searchsorted(comma, start)
+    free = comma[first] < stop
+    low = np.where(free, comma[first + SMALL] + 1, start + 72)
+    above = _gather(text, low, np.where(free, np.minimum(comma[first + SMALL + 1], stop), stop), 2 * SMALL)
+    return child[(own != _name(above)) & (own != _name(above[:, 1:]))]  # the first character there does not count
+
+
+def _name(characters):
+    """The names of continuations in characters (lines, width)."""
+    characters = np.ascontiguousarray(characters, np.uint8)
+    return np.char.strip(characters.view(f"S{characters.shape[1]}").ravel(), b" +*")
 
 
 def _fields(piece, text, start, stop, head, number):

@@ -121,8 +121,8 @@ def _dependent(card) -> list[Marked]:
     """The dependent dofs of a rigid element."""
     words, name = card.fields, card.name
     if name == "RBE2":
-        points = words[3:-1] if "." in words[-1] else words[3:]
-        low = [whole_of(word, card.error, "a point") for word in points if word]
+        # behind the points may stand the thermal expansion and its temperature
+        low = [whole_of(word, card.error, "a point") for word in words[3:] if word and "." not in word]
         return [Marked(low, low, card.directions(2), DEPENDENT)]
     if name == "RBE3" and "UM" not in words:
         return [_named(card, 2, what="the reference point")]

@@ -119,6 +119,7 @@ ENDDATA
         ("SUPORT,3,12", "A", {1: "123", 2: "3", 3: "6", 4: "1"}),
         ("SUPORT,3,12", "L", {1: "123", 2: "3", 3: "126", 4: "1"}),
         ("RBE2,7,1,456,2,4,1.-5", "A", {1: "123", 2: "3456", 3: "6", 4: "1456"}),
+        ("RBE2,7,1,456,2,4,1.-5,20.", "A", {1: "123", 2: "3456", 3: "6", 4: "1456"}),
         ("RBE3,7,,3,123,1.,123,1,2", "A", {1: "123", 2: "3", 3: "1236", 4: "1"}),
         ("RBE3,7,,3,123,1.,123,1,2\n,UM,1,56", "A", {1: "12356", 2: "3", 3: "6", 4: "1"}),
         ("RBE3,7,,3,1234,1.,123,1,2\n,UM,1,56,2,4,2,5\n,,3,1,\n,ALPHA,1", "A",
@@ -225,6 +226,34 @@ def test_decks_that_cannot_be_are_refused(comm, folder, deck, says):
     with pytest.raises(InputError) as error:
         points(comm, path)
     assert says in str(error.value) and str(path) in str(error.value)
+
+
+HALVES = ("CORD2R  4               0.      0.      0.      0.      0.      1.", "0.      1.      0.")
+
+
+@pytest.mark.parametrize(
+    "end, begin", [("+C4", "+C4"), ("CC4", "+C4"), ("*C4", "+C4"), ("", ""), ("text", "+"), ("+", "+")]
+)
+def test_continuations_below_their_card(comm, folder, end, begin):
+    for deck in ("GRID,1,4,1.,2.,3.\n" + f"{HALVES[0]:72s}{end:8s}\n{begin:8s}{HALVES[1]}\n",
+                 f"GRID,1,4,1.,2.,3.\nCORD2R,4,,0.,0.,0.,0.,0.,1.,{end}\n{begin},0.,1.,0.\n"):  # fmt: skip
+        found, _ = points(comm, write(folder / "a.bdf", deck, comm))
+        assert np.allclose(gathered(comm, found.position)[0], [[-2, 1, 3]])
+        comm.Barrier()
+
+
+@pytest.mark.parametrize(
+    "deck",
+    [
+        f"{HALVES[0]:72s}+C4\nCORD2R,5,4,0.,0.,0.,0.,0.,1.,+C5\n+C5,1.,0.,0.\n+C4     {HALVES[1]}\nGRID,1,4\n",
+        f"CORD2R,5,4,0.,0.,0.,0.,0.,1.,+C5\n{HALVES[0]:72s}+C4\n+C5,1.,0.,0.\n+C4     {HALVES[1]}\nGRID,1,4\n",
+        f"{HALVES[0]:72s}+C4\nFORCE,1,1,,1.,0.,0.,1.\n+C4,0.,1.,0.\nGRID,1,4\n",
+        "RBE3,4,,1,123,1.,123,2,3,+R\nFORCE,1,1,,1.,0.,0.,1.,+F\n+F\n+R,UM,2,1\nGRID,1\n",
+    ],
+)
+def test_continuations_away_from_their_card_are_refused(comm, folder, deck):
+    with pytest.raises(InputError, match="expected a line that continues the one above"):
+        points(comm, write(folder / "a.bdf", deck, comm))
 
 
 def test_a_turned_matrix(comm):
