@@ -198,7 +198,7 @@ def _segments(path, comm, including=()):
         if not begin and any(mark[2]["cend"] for mark in marks) and not including:
             raise InputError(f"{path}: found CEND but no BEGIN BULK, expected bulk data")
         if begin and b"BULK" in begin[0][2]["begin"].upper() and not any(mark[2]["end"] for mark in marks):
-            raise InputError(f"{path}: found BEGIN BULK but no ENDDATA; the file is cut off")
+            raise InputError(f"{path}: found BEGIN BULK but no ENDDATA; the file is cut off, or lacks that last line")
         case = _case(path, begin[0][0]) if begin and not including else None
     at = begin[0][1] if begin else 0
     result = []

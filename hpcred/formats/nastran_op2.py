@@ -17,6 +17,7 @@ from .text import LARGEST_LABEL, first_bytes
 
 NAMES = ("SLIST", "BGPDT", "USET", "EQEXIN", "CSTM")
 SCALAR_CODE = 2
+KIND, GRID, SCALAR = 3, 61, 12  # the place of the kind among the words of a point of the long form, and the kinds
 # bits of USET that the sets have: m; s, by cards and by points; o; r
 MEMBERS = {DEPENDENT: 1, HELD: 1 << 9 | 1 << 10, OMITTED: 1 << 2, SUPPORTED: 1 << 3}
 
@@ -263,8 +264,9 @@ def _form(table, numbers, damaged):
     """How many points a BGPDT has, and bytes of each: with its numbers and doubles, or only system and place."""
     long, short = 6 * table.size + 24, 4 * table.size
     length = table.length(0)
-    if numbers is None:
-        return length // long, None if length % long else long
+    if numbers is None:  # the short form may have the length of the long one, but has no kinds of points
+        is_long = length % long == 0 and length and table.integers(0, KIND, KIND + 1)[0] in (GRID, SCALAR)
+        return length // long, long if is_long else None
     total = numbers.length(0) // (2 * numbers.size)
     width = next((width for width in (long, short) if width * total == length), None)
     if width is None or numbers.length(1) != numbers.length(0):
@@ -277,8 +279,8 @@ def _places(data, table, damaged):
     kind = np.dtype([("whole", f"{table.order}i{table.size}", 6), ("place", f"{table.order}f8", 3)])
     rows = data.view(kind)
     system, dof, label, code = (rows["whole"][:, k].astype(np.int64) for k in range(4))
-    scalar = code % 10 == SCALAR_CODE
-    if not (scalar & (code == 12) | (code == 61)).all():
+    scalar = code == SCALAR
+    if not (scalar | (code == GRID)).all():
         raise damaged("points that are neither grids nor scalars")
     return system, dof, label, scalar, rows["place"].astype(float)
 

@@ -9,7 +9,7 @@ from helpers import to_dense
 
 import hpcred
 from hpcred import Buckens, InputError, Modes
-from hpcred.formats import nastran, nastran_op4
+from hpcred.formats import nastran, nastran_op2, nastran_op4
 from hpcred.formats.assembly import assemble
 from hpcred.formats.model_source import load_export
 from hpcred.model.dofs import DIRECTIONS
@@ -245,6 +245,26 @@ def test_an_op2_in_place_of_the_matrices_is_refused(comm, folder):
     unpack(folder, comm, "nastran/extseout")
     with pytest.raises(InputError, match="nas2cam.op2: found an OP2 of Nastran, .* give the .op4 or .pch of the run"):
         load_export(folder / "nas2cam.op2", comm)
+
+
+def test_places_without_numbers_are_passed_over(comm, folder):
+    """The BGPDT of versions before 2005, of system and place, needs EQEXIN, also where its length fits the new form."""
+
+    def record(words):
+        data = np.asarray(words, "<i4").tobytes()
+        return len(data).to_bytes(4, "little") + data + len(data).to_bytes(4, "little")
+
+    def keys(*numbers):
+        return b"".join(record([number]) for number in numbers)
+
+    places = np.zeros((12, 4), "<f4")
+    places[:, 1] = np.linspace(0, 3, 12)
+    parts = [keys(2), record(np.frombuffer(b"BGPDTS  ", "<i4")), keys(-1, 7), record(range(7)), keys(-2)]
+    for words in ([0, 0], places.view("<i4").ravel()):
+        parts += [keys(1, 0, len(words)), record(words), keys(-3)]
+    path = write(folder / "a.op2", b"".join([*parts, keys(1, 0, 0, 0)]), comm)
+    assert [len(table.records) for table in nastran_op2._tables(path)] == [1]
+    assert nastran_op2.points_by_superelement(path, comm) == []
 
 
 def test_a_table_without_a_name_is_refused(comm, folder):
