@@ -468,7 +468,8 @@ def _show_responses(result, full, **keywords):
     columns = {title: report[key] for title, key in columns.items() if key in report}
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if full:
-        print(f"Q = {report['Q']:.6g}, largest eps = {report['eps_max']:.6g}; {report['arithmetic']}")
+        alike = ", of inputs and outputs weighed alike" if report["weights"] else ""
+        print(f"Q = {report['Q']:.6g}, largest eps = {report['eps_max']:.6g}{alike}; {report['arithmetic']}")
         worst = report["worst_pair"]
         print(f"worst pair by itself: output {worst['output']}, input {worst['input']}: {worst['error']:.2g}")
     drawn = report.get("figures", ())

@@ -3,12 +3,14 @@
 import numpy as np
 
 from ..parallel.failures import InputError
+from ..reduction.weights import weighed
 
 
-def relative_error(full: np.ndarray, reduced: np.ndarray) -> np.ndarray:
+def relative_error(full: np.ndarray, reduced: np.ndarray, weights=None) -> np.ndarray:
     """||H - Hr||_F / ||H||_F for each frequency (55, 56); both (frequencies, r, p). NaN where one of them is NaN.
 
-    Raises InputError for arrays of other or of different shapes.
+    `weights`: numbers for the r outputs and for the p inputs, with which H and Hr are multiplied. Raises InputError for
+    arrays of other or of different shapes.
     """
     full, reduced = np.asarray(full), np.asarray(reduced)
     if full.ndim != 3 or full.shape != reduced.shape:
@@ -16,8 +18,8 @@ def relative_error(full: np.ndarray, reduced: np.ndarray) -> np.ndarray:
             f"relative_error: found arrays {full.shape} and {reduced.shape}, expected two (frequencies, outputs, "
             "inputs) of one shape"
         )
-    difference = np.linalg.norm(full - reduced, axis=(1, 2))
-    size = np.linalg.norm(full, axis=(1, 2))
+    difference = np.linalg.norm(weighed(full - reduced, weights), axis=(1, 2))
+    size = np.linalg.norm(weighed(full, weights), axis=(1, 2))
     return np.divide(difference, size, out=np.where(difference > 0, np.inf, difference), where=size > 0)
 
 

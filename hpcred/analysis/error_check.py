@@ -105,7 +105,8 @@ def check_reduced(
         model, frequencies, record.frame, measuring_damping(accuracy, record.damping), factoring=factoring,
         groups=groups, progress=progress,
     )  # fmt: skip
-    exact = relative_error(full, frequency_response(as_measured(reduced, accuracy), frequencies))
+    measured = frequency_response(as_measured(reduced, accuracy), frequencies)
+    exact = relative_error(full, measured, accuracy.weights)
     return Check(
         seed=seed, bound=bound_of(accuracy), frequencies=tuple(frequencies.tolist()),
         said=tuple(said_at(accuracy, frequencies).tolist()), exact=tuple(exact.tolist()),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ..parallel.failures import InputError
 from ..parallel.ranges import COUNT, FREQUENCY, require_band, within
 from .error_estimate import UNIFORM
 from .pseudo_modal import Law
+from .weights import Weights
 
 ROUND_OFF = "limited by round-off"  # why a search ended
 
@@ -22,7 +24,8 @@ class Limits:
 
     At most `factorisations`, `columns` of the big basis, `size` coordinates of the result and `seconds`; where one of
     them ends the search the tolerance is not reached. `points` (Hz) are taken first, before the search chooses. The
-    response of an undamped model is measured with the loss factor 2 `zeta0`.
+    response of an undamped model is measured with the loss factor 2 `zeta0`. `weights`: whether eps is that of the
+    responses as they are ("none"), or of all outputs and inputs alike ("equal", see weights.equal_weights).
     """
 
     factorisations: int = 14
@@ -31,6 +34,7 @@ class Limits:
     seconds: float | None = None
     zeta0: float = 1e-3
     points: tuple[float, ...] = ()
+    weights: Literal["none", "equal"] = "none"
 
     def __post_init__(self):
         as_declared(self, "adaptive.")
@@ -107,7 +111,8 @@ class Accuracy:
     in words; `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model,
     else 0. `modes`: counted by inertia below the highest point, those of the big model, and how many were missing.
     `worst_pair`: output, input and error of the pair whose response is worst by itself (see pseudo_modal.worst_pair),
-    which eps, the error of all together, may hide. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against
+    which eps, the error of all together, may hide. `weights` of the r outputs and of the p inputs, with which eps is
+    measured, None without. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against
     exact. `points`: in order. `multigrid`: whether there was no factor.
     """
 
@@ -131,6 +136,7 @@ class Accuracy:
     worst_pair: tuple[str, str, float] | None = None
     unproven: str = ""
     multigrid: bool = False
+    weights: Weights | None = None
 
     def with_noise(self, noise: float) -> Accuracy:
         """The same with so much round-off, which may be more than the claim bears."""
@@ -166,9 +172,11 @@ class Accuracy:
         if self.worst_pair is None or self.worst_pair[2] <= 10 * self.tolerance:
             return ""
         output, input_, own = self.worst_pair
+        plain = self.weights is None
         return (
-            f"eps is the error of all responses together, in SI units; that of output {output} to input {input_} by "
-            f"itself is {own:.1g}: ask for a smaller tolerance where it matters"
+            f"eps is the error of all responses together, {'in SI units' if plain else 'weighed alike'}; that of "
+            f"output {output} to input {input_} by itself is {own:.1g}: ask for "
+            f"{'equal weights or ' * plain}a smaller tolerance where it matters"
         )
 
 

@@ -75,6 +75,8 @@ class Search:
         self.solver = PointSolver(self.projections, adaptive, self.points)
         if not self.solver.counts:
             self.measured += "; modes cannot be counted here, a second proof stands for that"
+        if adaptive.weights == "equal":
+            self.measured += "; all inputs and outputs weighed alike"
         inputs = self.projections.loads.getActiveColumns()[1]
         self._by_mass = not damped and inputs <= BLOCK  # else blocks are made from residuals
         self._width = min(4 * inputs if damped else inputs, BLOCK)
@@ -194,6 +196,11 @@ class Search:
         """The points whose factor has told how many modes lie below them, with these numbers."""
         return [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
 
+    def _weigh(self):
+        """Weigh inputs and outputs as was asked, by the model that the first points make; then the weights stay."""
+        if self.settings.weights == "equal" and not self.points:
+            self.projections.weigh_alike(self.settings.band)
+
     def _note(self, judged):
         """Note what was judged last."""
         self.judge.rest, self.judge.noise = judged.estimate, judged.noise
@@ -249,6 +256,7 @@ class Search:
                 check_complete(self.projections, self.settings.band)
             blocks.take(new)
             with progress.stage("estimate"):
+                self._weigh()
                 judged = self._judged(blocks)
             self._note(judged)
             known = ""
@@ -295,6 +303,7 @@ class Search:
         arrived, found = chains_in_groups(run, self._groups, points, lambda own, f: self._chain(own, f, width))
         proves = judge.before is None and len(points) > 1
         hold, seen = join_round(self.projections, arrived, proves)
+        self._weigh()
         if proves:
             judge.before = [k for k in hold if k < seen], seen
             self._closing = judge.is_fine(decided(comm, judge.between, *judge.before))
@@ -379,6 +388,6 @@ class Search:
             big_size=self.projections.basis.size, missing_modes=max(self.lack, 0), points=tuple(self.points),
             worst_pair=worst_pair, proofs=tuple(self.proofs), frequencies=tuple(frequencies.tolist()),
             eps=tuple(curve.tolist()), loss_factor=self.projections.law.eta, multigrid=multigrid,
-            unproven="; ".join(unproven),
+            unproven="; ".join(unproven), weights=self.projections.weights,
         )  # fmt: skip
         return found.with_noise(noise)

@@ -18,6 +18,7 @@ from .projections import Projections
 from .pseudo_modal import Law, PseudoModal, diagonalised, relative, response
 from .reduced_model import ReducedModel, as_measured
 from .run import Run
+from .weights import weighed, weighed_ports
 
 SAMPLES = 3
 FACTORS = (0.7, 1.4)
@@ -44,8 +45,8 @@ def with_round_off(accuracy: Accuracy, elastic: ReducedModel, basis: Basis, run:
     comm, noise = run.model.comm, accuracy.noise
     mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]
     parts = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []
-    H = [measured.transfer_function(2j * np.pi * part) for part in parts]
-    _, ports = run.loads_and_ports
+    H = [weighed(measured.transfer_function(2j * np.pi * part), accuracy.weights) for part in parts]
+    ports = weighed_ports(run.loads_and_ports[1], accuracy.weights)
     for again in projected_again(basis, run, law, damped):
         for part, values in zip(parts, H, strict=True):
             found = response(again, law, part, ports)

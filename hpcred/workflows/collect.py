@@ -97,7 +97,8 @@ def errors_against(reduced, path):
         if getattr(responses, key) != getattr(reduced, key):
             raise InputError(f"{path}: its {key.replace('_', ' ')} are not those of the reduced model")
     found = frequency_response(reduced, responses.frequencies)
-    return responses.frequencies, relative_error(responses.full, found)
+    accuracy = reduced.record.accuracy
+    return responses.frequencies, relative_error(responses.full, found, accuracy and accuracy.weights)
 
 
 def _plain(value, label):

@@ -42,10 +42,10 @@ def evaluate_result(
 
     `frequencies` (Hz), or else `points` of them over `band` (two numbers, default that of the job). The frame, the
     damping, the inputs and outputs of the full model are those of the reduction, and so is `factoring` unless it is
-    given; that it is the model of the reduction is checked. `output`: a .csv or HDF5 file for the responses, see
-    formats.response_file. `figure`: a .png, .svg or .pdf of a response and its error, see workflows.pair_figures, for
-    each of the `pairs` "output/input", by default the largest. `groups`: see frequency_response. Returns plain numbers
-    for a table or JSON. Raises InputError.
+    given; that it is the model of the reduction is checked. eps has the weights of the reduction. `output`: a .csv or
+    HDF5 file for the responses, see formats.response_file. `figure`: a .png, .svg or .pdf of a response and its error,
+    see workflows.pair_figures, for each of the `pairs` "output/input", by default the largest. `groups`: see
+    frequency_response. Returns plain numbers for a table or JSON. Raises InputError.
     """
     comm = comm or startup.start_mpi()
     reduced = elastic_part(read_result(result, comm).reduced)
@@ -65,7 +65,8 @@ def evaluate_result(
     if full is not None:
         with full_of_record(full, record, result, factoring=factoring, comm=comm) as known:
             arrays["full"] = known.response(grid, groups, progress)
-        arrays["eps"] = relative_error(arrays["full"], arrays["reduced"])
+        weights = record.accuracy and record.accuracy.weights
+        arrays["eps"] = relative_error(arrays["full"], arrays["reduced"], weights)
         report |= {
             "arithmetic": "full model solved in "
             + ("real arithmetic (undamped)" if isinstance(record.damping, NoDamping)
@@ -75,6 +76,7 @@ def evaluate_result(
             "eps": arrays["eps"].tolist(),
             "eps_max": float(arrays["eps"].max()),
             "Q": error_integral(grid, arrays["eps"]),
+            "weights": weights,
             "worst_pair": _worst_pair(arrays, reduced),
         }  # fmt: skip
     if output is not None:

@@ -187,7 +187,8 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
             sheet.full = _solved(full_model, sheet, count, groups, progress)
             units = check(full_model.model)["units"] if full_model.model.dofs is not None else None
         sheet.notes += [f"{path} looks like {units}: from its mass, size, and speed of waves"] if units else []
-    sheet.eps = relative_error(sheet.full.response, frequency_response(sheet.measured, sheet.full.frequencies))
+    found, accuracy = frequency_response(sheet.measured, sheet.full.frequencies), sheet.record.accuracy
+    sheet.eps = relative_error(sheet.full.response, found, accuracy and accuracy.weights)
 
 
 def _solved(full_model, sheet, count, groups, progress):
