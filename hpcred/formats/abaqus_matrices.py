@@ -11,7 +11,7 @@ import numpy as np
 
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
-from .entries import Entries, LabelledEntries, joined, label_of
+from .entries import Collected, Entries, LabelledEntries, joined, label_of
 from .text import LARGEST_LABEL, first_bytes, first_line, numbers, pieces, shown, triples, whole
 
 ENDINGS = {"K": "STIF", "M": "MASS", "D": "DMPV"}
@@ -55,9 +55,10 @@ def _pieces(path, comm):
 
 def _read_coordinates(path, comm):
     with agreed(comm):
-        parts = [triples(piece, commas=True)[:3] for piece in _pieces(path, comm)]
-        i, j, v = joined(parts, (np.int64, np.int64, float))
-        del parts
+        found = Collected((np.int64, np.int64, float))
+        for piece in _pieces(path, comm):
+            found.add(triples(piece, commas=True)[:3], piece.share)
+        i, j, v = found.arrays
     below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
     if below != above:
         raise InputError(

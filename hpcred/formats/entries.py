@@ -16,6 +16,7 @@ STRIDE = 16  # label of a row: 16 times its node number plus its direction, a pl
 HUGE = 1e100  # so much larger than its diagonals nothing is; its square is still a number
 ENTRIES_AT_A_TIME = 2**20  # entries looked at in one step
 SMALL = 1e-10
+ROOM = 1.2  # times what is foretold; of it no more is touched than is used
 LARGEST_VALUE = 1e60  # more than any stiffness in any units
 
 
@@ -91,6 +92,33 @@ def _mixed(number, seed):
     mixed = (number.astype(np.uint64) + np.uint64(1 + seed)) * np.uint64(0x9E3779B97F4A7C15)
     mixed = (mixed ^ (mixed >> np.uint64(31))) * np.uint64(0xBF58476D1CE4E5B9)
     return (mixed >> np.uint64(11)).astype(float) * 2.0**-52 - 1
+
+
+class Collected:
+    """Arrays of the pieces of a text end to end, each on memory that is touched once: that costs as much as parsing.
+
+    Room is taken with the first piece, for as many numbers as its share of the text foretells.
+    """
+
+    def __init__(self, kinds: tuple):
+        self._arrays, self._count = [np.empty(0, kind) for kind in kinds], 0
+
+    def add(self, items, share: float):
+        """Copy arrays of one length to the end; `share`: see text.Piece."""
+        end = self._count + len(items[0])
+        if end > len(self._arrays[0]):
+            room = int(max(ROOM * end / share, 1.5 * end))
+            before, self._arrays = self._arrays, [np.empty(room, array.dtype) for array in self._arrays]
+            for array, known in zip(self._arrays, before, strict=True):
+                array[: self._count] = known[: self._count]
+        for array, item in zip(self._arrays, items, strict=True):
+            array[self._count : end] = item
+        self._count = end
+
+    @property
+    def arrays(self) -> list[np.ndarray]:
+        """What was added so far."""
+        return [array[: self._count] for array in self._arrays]
 
 
 def joined(parts: list[tuple], kinds: tuple) -> list[np.ndarray]:

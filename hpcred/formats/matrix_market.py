@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
-from .entries import Entries, joined
+from .entries import Collected, Entries
 from .text import BYTE_ORDER_MARK, Piece, numbers, open_unpacked, pieces, places, shown, triples
 
 SYMMETRIES = ("general", "symmetric", "skew-symmetric")
@@ -21,7 +21,7 @@ def read(path, comm) -> Entries:
     if kind == "array":
         return _read_array(path, comm, symmetry, shape, start)
     with agreed(comm):
-        parts, above = [], None
+        found, above = Collected((np.int64, np.int64, float)), None
         below = False
         for piece in pieces(path, comm, start):
             i, j, v, lines = triples(piece)
@@ -33,9 +33,8 @@ def read(path, comm) -> Entries:
                 if symmetry == "skew-symmetric" and (wrong := np.flatnonzero((i == j) & (v != 0))).size:
                     raise piece.refusal(wrong[0] if lines is None else lines[wrong[0]],
                                         "no diagonal in a skew-symmetric matrix")  # fmt: skip
-            parts.append((i, j, v))
-        i, j, v = joined(parts, (np.int64, np.int64, float))
-        del parts
+            found.add((i, j, v), piece.share)
+        i, j, v = found.arrays
     total = comm.allreduce(len(v))
     if total != count:
         raise InputError(f"{path}: found {total} entries, the header says {count}; the file is damaged")

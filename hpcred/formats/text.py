@@ -4,7 +4,7 @@ Each rank reads a range of bytes; of a gzip file, which has no way in from the m
 """
 
 import gzip
-import io
+import itertools
 import os
 import re
 import warnings
@@ -21,7 +21,7 @@ try:
 except ImportError:
     fast_matrix_market = None
 
-PIECE = 2**21  # bytes of text parsed at a time: what is copied on the way stays in the cache
+PIECE = 2**19  # bytes of text parsed at a time: what is copied on the way stays in the cache
 LONGEST_LINE = 2**26  # bytes; a small gzip file may hold one of any length
 BLOCK = 2**16  # bytes looked at in one step of numpy: four times as fast as the whole piece
 COMMENT = re.compile(rb"(?m)^[ \t]*(?:%|#|\*\*).*$")
@@ -42,11 +42,13 @@ MANY = 2**62  # more rows than there will be
 
 @dataclass(frozen=True)
 class Piece:
-    """Whole lines of a file; `start` is the byte where they begin (in the unpacked text)."""
+    """Whole lines of a file; `start` is the byte where they begin (in the unpacked text), `share` how much of what this
+    rank reads of the file ends with them."""
 
     path: Path
     text: bytes
     start: int
+    share: float = 1.0
 
     def refusal(self, line: int, expected: str) -> InputError:
         """An InputError for a line, counted from 0 in the piece."""
@@ -164,13 +166,14 @@ def pieces(path, comm, start=0, stop: int | None = None, continued=False):
                 line = file.readline()
                 low += len(line)
         file.seek(low)
+        first = low
         while low < high:
             text = file.read(min(PIECE, high - low))
             if not text.endswith(b"\n"):
                 text += file.readline()
             while continued and text.rstrip().endswith(b",") and low + len(text) < stop:
                 text += file.readline()
-            yield Piece(path, text, low)
+            yield Piece(path, text, low, min((low + len(text) - first) / (high - first), 1.0))
             low += len(text)
 
 
@@ -349,7 +352,7 @@ def whole(piece: Piece, values: np.ndarray, lines: np.ndarray, what: str, low=1,
 
 
 def triples(piece: Piece, commas=False) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-    """Rows and columns (from 0; from 1 in the file) and values of lines of row, column, value.
+    """Rows and columns (from 0; from 1 in the file) and values of lines of row, column, value, which the caller copies.
 
     And which line of the piece each is, or None where each line is one. By fast_matrix_market where it is installed
     and the text is plain, else as `numbers`. Raises InputError that names the line.
@@ -363,7 +366,7 @@ def triples(piece: Piece, commas=False) -> tuple[np.ndarray, np.ndarray, np.ndar
     table, lines = numbers(piece, 3, commas)
     rows, columns = (whole(piece, table[:, k], lines, f"the {what} number") - 1
                      for k, what in enumerate(("row", "column")))  # fmt: skip
-    return rows, columns, table[:, 2].copy(), lines
+    return rows, columns, table[:, 2], lines
 
 
 def _plain_triples(text):
@@ -382,11 +385,22 @@ def _plain_triples(text):
         return None
     head = b"%%%%MatrixMarket matrix coordinate complex general\n%d %d %d\n" % (MANY, MANY, lines)
     try:
-        (values, (rows, columns)), _ = fast_matrix_market.read_coo(
-            io.BytesIO(head + text.replace(b"\n", MARK)), parallelism=1
-        )
+        (values, (rows, columns)), _ = fast_matrix_market.read_coo(_Marked(head, text), parallelism=1)
     except (ValueError, OverflowError):
         return None
     if len(values) != lines or not np.isnan(values.imag).all():
         return None
-    return rows.astype(np.int64, copy=False), columns.astype(np.int64, copy=False), values.real.copy()
+    return rows, columns, values.real
+
+
+class _Marked:
+    """A file for fast_matrix_market: a header and a text whose lines end with MARK, made block by block, as the whole
+    would be new memory for every piece."""
+
+    def __init__(self, head, text):
+        starts = range(0, len(text), BLOCK)
+        self._parts = itertools.chain([head], (text[low : low + BLOCK].replace(b"\n", MARK) for low in starts))
+
+    def read(self, _):
+        """The next block, of any size."""
+        return next(self._parts, b"")
