@@ -39,7 +39,7 @@ def write_mbdyn(path, body: Body) -> list[str]:
         else:
             lines += _numbers(values)
     lines += ["**", "** END OF FILE", ""]
-    with open(path, "w", encoding="ascii", errors="replace") as file:
+    with open(path, "w", encoding="utf-8") as file:  # labels are compared byte by byte
         file.write("\n".join(lines))
     return [*remarks(body), *inputs_without_node(body)]
 

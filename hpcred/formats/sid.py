@@ -283,7 +283,8 @@ def _object(matrix, count):
         return SidObject(matrix, None, count, 0, 0)
     if square:
         diagonal = np.diag(np.diag(matrix))
-        if np.abs(matrix - diagonal).max() <= 1e-12 * size:
+        sizes = np.sqrt(np.abs(np.diag(matrix)))  # of each coordinate: displacements, angles and modes differ much
+        if (np.abs(matrix - diagonal) <= 1e-12 * np.outer(sizes, sizes)).all():
             if np.abs(np.diag(matrix) - 1).max() <= 1e-11:
                 return SidObject(np.eye(len(matrix)), None, count, 0, 4)
             return SidObject(diagonal, None, count, 0, 1)

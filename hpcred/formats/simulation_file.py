@@ -126,4 +126,5 @@ def write_motion_csv(path, motion: Motion):
         for j, name in enumerate(motion.spring_names):
             columns |= {f"spring_{kind}_{name.replace(':', '_')}_{a}": values[:, j, i] for i, a in enumerate(AXES)}
     columns |= {f"energy_{name}": value for name, value in motion.energies.items()}
-    np.savetxt(path, np.array(list(columns.values())).T, "%.10e", ",", header=",".join(columns), comments="")
+    np.savetxt(path, np.array(list(columns.values())).T, "%.10e", ",", header=",".join(columns), comments="",
+               encoding="utf-8")  # fmt: skip

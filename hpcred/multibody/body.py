@@ -105,8 +105,14 @@ def check_elastic(body: Body):
     """Raise InputError if the reduced body can move as a rigid one: the floating frame does that already."""
     reduced = body.reduced
     M = FlexibleBody(body.floating_frame, reduced.K, reduced.D).mass_matrix(np.zeros(reduced.size))
+    # displacements, angles and modal coordinates have units of their own, which must not count
+    sizes = np.sqrt(np.abs(np.diag(M)))
+    sizes[sizes == 0] = 1.0
+    M = M / np.outer(sizes, sizes)
     rest = M[6:, 6:] - M[6:, :6] @ np.linalg.pinv(M[:6, :6], rcond=1e-12) @ M[:6, 6:]
-    if np.linalg.eigvalsh(rest).min() < 1e-9 * np.linalg.eigvalsh(body.floating_frame.Me).max():
+    values, vectors = np.linalg.eigh(M[6:, 6:])
+    shapes = vectors / np.sqrt(values.clip(min=NO_INERTIA))
+    if values.min() < NO_INERTIA or np.linalg.eigvalsh(shapes.T @ rest @ shapes).min() < 1e-9:
         advice = (
             "leave coordinates = 'interface' out of the job" if reduced.interfaces
             else "reduce with frame 'buckens' and modes from number 7, or hold the body"

@@ -9,8 +9,10 @@ finite-element model, and its origin unless another is given. With Phi_k the dis
 
 N and S are bilinear in the scalar mass matrix of one direction, which is exact where M couples no two directions and is
 the same for all of them (solid elements). Nodes with rotations get the mean of the directions, which is an
-approximation; so is `lumped`, the row sums of M. Directions in which no node can move have no part in this: a planar
-body has no mass in z, and NaN for what M does not contain (see model.rigid_body_modes.RigidBody).
+approximation, and so do matrices that couple directions, as after a condensation or where dofs follow others: there
+S[0, 0] + S[1, 1] + S[2, 2] is not V^T M V. `lumped`, the row sums of M, is another approximation. Directions in which
+no node can move have no part in this: a planar body has no mass in z, and NaN for what M does not contain (see
+model.rigid_body_modes.RigidBody).
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ from ..parallel.exchange import exchange
 from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc
 from ..reduction.projection import WIDTH, project
+
+SAME_PRODUCTS = 1e-8  # of the sizes of two columns; more is no round-off
 
 
 @dataclass
@@ -130,20 +134,29 @@ def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False, Me=None
         gram, coupling = inner(motions, momentum), inner(momentum, columns)
     rigid = model.comm.bcast(rigid_body_of(gram))
     rotations = model.comm.allreduce(bool(((dofs.direction > 2) & (dofs.direction < SCALAR)).any()), op=MPI.LOR)
-    bases = np.flatnonzero(rigid.masses > 0) if rotations else _heaviest(rigid.masses)
+    every = np.flatnonzero(rigid.masses > 0)
+    Me = project(model.M, columns) if Me is None else Me
     with ExitStack() as stack:
         mass = model.M
         if lumped:
             mass = _lumped(model)
             stack.callback(mass.destroy)
-        N, S = _integrals(model, columns, origin, mass, bases)
-    Me = project(model.M, columns) if Me is None else Me
-    kind = "lumped" if lumped else "mean of directions" if rotations else "consistent"
+        N, S = _integrals(model, columns, origin, mass, every if rotations else _heaviest(rigid.masses))
+        exact = not rotations and model.comm.bcast(_adds_up(S, Me))
+        if not (exact or rotations or lumped):
+            N, S = _integrals(model, columns, origin, mass, every)
+    kind = "lumped" if lumped else "consistent" if exact else "mean of directions"
     first_moment = rigid.masses.max() * rigid.centre
     result = FloatingFrame(
         rigid.masses, first_moment, rigid.inertia, coupling[:3].T.copy(), coupling[3:].T.copy(), N, S, Me, origin, kind
     )
     return model.comm.bcast(result)
+
+
+def _adds_up(S, Me):
+    """Whether S[0, 0] + S[1, 1] + S[2, 2] is Me, each coordinate in its own size."""
+    sizes = np.sqrt(np.abs(np.diag(Me)))
+    return bool((np.abs(np.einsum("aakl->kl", S) - Me) <= SAME_PRODUCTS * np.outer(sizes, sizes)).all())
 
 
 def _heaviest(masses):

@@ -232,6 +232,7 @@ def _integrate(system, setup, y0, yp0, progress):
     found = solve_dae(
         residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
         rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
+        events=_twists(system),
     )  # fmt: skip
     if not found.success:
         raise ComputationError(
@@ -313,21 +314,39 @@ def _reactions(body, system, t, states, rates):
     }  # fmt: skip
 
 
+def _twists(system):
+    """An event of the integrator that refuses bushings which a step twists too far, also between output times.
+
+    Rotation vectors go round at pi: one that a step takes beyond comes back from the other side.
+    """
+    last = [np.zeros(3)] * len(system.springs)
+
+    def watch(t, y, yp):
+        r, p, q, *_ = system.split(y)
+        motions = system.node_motions(r, rotation(p), q)
+        for k, spring in enumerate(system.springs):
+            twist = spring.twist(motions[spring.shape.node].R)
+            if max(np.linalg.norm(twist), np.linalg.norm(twist - last[k])) > MOST_TWIST:
+                raise ComputationError(
+                    f"spring: the bushing at node {spring.shape.label} was twisted by more than {MOST_TWIST:g} rad at "
+                    f"t = {t:.4g} s, and knows no larger rotations; stiffen it, or load it less"
+                )
+            last[k] = twist
+        return 1.0
+
+    return watch
+
+
 def _springs(body, setup, system, t, states):
-    """What a Motion says of springs. Raises ComputationError where a bushing was twisted too far."""
+    """What a Motion says of springs."""
     names_of, count = _names(body), len(system.springs)
     wrenches, energies = np.zeros((len(t), count, 6)), np.zeros((len(t), count))
-    for i, (now, r, A, q, z) in enumerate(_steps(system, t, states)):
+    for i, (_, r, A, q, z) in enumerate(_steps(system, t, states)):
         motions = system.node_motions(r, A, q)
         for k, spring in enumerate(system.springs):
             node = motions[spring.shape.node]
             wrenches[i, k] = spring.wrench(node.x, node.R, *np.split(node.B @ z, 2))
             energies[i, k] = spring.energy(node.x, node.R)
-            if spring.angle(node.R) > MOST_TWIST:
-                raise ComputationError(
-                    f"spring: the bushing at node {spring.shape.label} was twisted by {spring.angle(node.R):.3g} rad "
-                    f"at t = {now:.4g} s, and knows rotations up to {MOST_TWIST:g} rad; stiffen it, or load it less"
-                )
     return {
         "spring_names": [f"{k + 1}:{names_of[item.node]}" for k, item in enumerate(setup.spring)],
         "spring_force": wrenches[:, :, :3], "spring_moment": wrenches[:, :, 3:], "spring_energy": energies,

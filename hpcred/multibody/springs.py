@@ -131,9 +131,9 @@ class LineElement:
         """Directions (k, 6) in which it resists displacement and rotation of the node."""
         return np.append(self._line(x)[0], np.zeros(3))[None] if self.stiffness else np.zeros((0, 6))
 
-    def angle(self, R):
-        """Angle in rad that it is twisted by."""
-        return 0.0
+    def twist(self, R):
+        """Rotation vector (3,) in rad that it is twisted by."""
+        return np.zeros(3)
 
 
 @dataclass
@@ -173,9 +173,9 @@ class BushingElement:
         """Directions (k, 6) in which it resists displacement and rotation of the node."""
         return np.eye(6)[self.stiffness > 0]
 
-    def angle(self, R):
-        """Angle in rad that it is twisted by."""
-        return float(np.linalg.norm(self._deflection(self.at, R)[3:]))
+    def twist(self, R):
+        """Rotation vector (3,) in rad that it is twisted by, zero where it does not resist."""
+        return self._deflection(self.at, R)[3:]
 
 
 def element_of(spring, shape: NodeShape, place, turned):

@@ -7,7 +7,7 @@ import pytest
 from helpers import gather, to_dense
 
 import hpcred
-from hpcred import Buckens, Krylov, ModalDamping, Modes, Rayleigh, Structural
+from hpcred import Buckens, Interface, Krylov, ModalDamping, Modes, Nodes, Rayleigh, Structural
 from hpcred.formats.mbdyn import write_mbdyn
 from hpcred.multibody.body import body_of
 from hpcred.parallel.failures import InputError
@@ -99,3 +99,17 @@ def test_rotations_of_nodes_and_remarks(tmp_path):
     body.reduced.loss_factor = Structural(0.02).loss_factor
     with pytest.raises(InputError, match="no place in a .fem file for MBDyn"):
         write_mbdyn(tmp_path / "again.fem", body)
+
+
+def test_names_of_interfaces_are_written_as_they_are(tmp_path):
+    """Letters beyond ASCII too: labels that differ in nothing else must not become the same."""
+    ends = {"Lager_ä": 0.0, "Lager_ö": 0.04}
+    interfaces = [Interface(name=name, nodes=Nodes(box=((x, 0, 0), (x, 1, 1)))) for name, x in ends.items()]
+    with (
+        hpcred.solid((4, 2, 2), inputs=3, clamped=False) as model,
+        model.with_interfaces(interfaces).with_inputs([(name, "all") for name in ends]) as jointed,
+        hpcred.reduce(jointed, [Modes(index=(7, 8))], Buckens()) as rom,
+    ):
+        write_mbdyn(tmp_path / "body.fem", body_of(jointed, rom))
+    lines = (tmp_path / "body.fem").read_bytes().decode().split("\n")
+    assert lines[lines.index("** RECORD GROUP 2, FINITE ELEMENT NODE LIST") + 1].split() == list(ends)

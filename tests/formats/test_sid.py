@@ -8,7 +8,7 @@ import pytest
 from conftest import DATA
 
 import hpcred
-from hpcred import Buckens, Modes, Rayleigh, read_sid, write_sid
+from hpcred import Buckens, CraigBampton, Interface, Modes, Nodes, Rayleigh, read_sid, write_sid
 from hpcred.model.damping import Structural
 from hpcred.multibody.body import body_of
 from hpcred.parallel.failures import InputError
@@ -86,6 +86,24 @@ def test_sid_of_ours(tmp_path):
         assert objects["psi"].m0 == pytest.approx(shape.psi, rel=1e-10, abs=1e-10 * np.abs(shape.psi).max())
         assert objects["origin"].m0[:, 0] == pytest.approx(shape.position)
         assert objects["origin"].m1[:, :, 0] == pytest.approx(shape.phi, rel=1e-10, abs=1e-10)
+
+
+def test_couplings_far_below_the_largest_stiffness_are_written(tmp_path):
+    """A micromechanical body that is held, in interface coordinates: a K of N/m, N and N m, and 1/s^2 of modes."""
+    edges = (6e-5, 2e-5, 1e-5)
+    tip = Interface(name="tip", nodes=Nodes(box=((0.99 * edges[0], 0.0, 0.0), edges)))
+    with (
+        hpcred.solid((3, 2, 1), edges, 3) as model,
+        model.with_interfaces([tip]).with_inputs([("tip", "all")]) as held,
+        hpcred.reduce(held, [CraigBampton(count=6)], None, Rayleigh(2.0, 1e-9), coordinates="interface") as rom,
+    ):
+        body = body_of(held, rom)
+    write_sid(tmp_path / "body.SID_FEM", body)
+    sid = read_sid(tmp_path / "body.SID_FEM")
+    for key, matrix in (("Ke", rom.K), ("De", rom.D), ("Me", body.floating_frame.Me)):
+        sizes = np.sqrt(np.diag(matrix))
+        assert (np.abs(sid.objects[key].m0 - matrix) < 1e-10 * np.outer(sizes, sizes)).all()
+    assert np.abs(rom.K[2, 4]) > 0.1 * np.sqrt(rom.K[2, 2] * rom.K[4, 4])  # bending is there
 
 
 def test_what_a_sid_file_cannot_hold(tmp_path):

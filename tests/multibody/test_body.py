@@ -5,7 +5,7 @@ import pytest
 from helpers import block_from, gather
 
 import hpcred
-from hpcred import Buckens, Krylov, Modes
+from hpcred import Buckens, CraigBampton, Interface, Krylov, Modes, Nodes
 from hpcred.model.damping import Structural
 from hpcred.multibody.body import body_of, check_elastic, check_moving, inputs_without_node, remarks
 from hpcred.multibody.floating_frame import floating_frame
@@ -83,6 +83,23 @@ def test_masses_that_differ_are_said():
     assert not [line for line in remarks(chain_body((0, 1, 2))) if "the masses" in line]
     (line,) = [line for line in remarks(chain_body((0, 1, 2), [(1, 2)])) if "the masses" in line]
     assert "the masses in x, y, z are 6, 6, 4 kg" in line
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-4])
+def test_a_small_body_in_interface_coordinates_can_move(scale):
+    """Its interface coordinates have masses of 1e-8 kg and inertias of 1e-18 kg m^2, its modal ones 1."""
+    edges = tuple(scale * np.array([0.6, 0.2, 0.1]))
+    tip = Interface(name="tip", nodes=Nodes(box=((0.99 * edges[0], 0.0, 0.0), edges)))
+    with (
+        hpcred.solid((3, 2, 1), edges, 3) as model,
+        model.with_interfaces([tip]).with_inputs([("tip", "all")]) as held,
+        hpcred.reduce(held, [CraigBampton(count=6)], coordinates="interface") as rom,
+    ):
+        body = body_of(held, rom)
+    check_moving(body, "a test")
+    body.floating_frame.Me = np.diag(np.r_[np.diag(body.floating_frame.Me)[:-1], 0.0])  # one without mass
+    with pytest.raises(InputError):
+        check_moving(body, "a test")
 
 
 def test_rigid_body_modes_are_not_elastic():

@@ -143,6 +143,25 @@ def point_masses(comm, directions, mass=3.0):
 
 
 @pytest.mark.mpi
+def test_matrices_that_couple_directions_have_no_exact_integrals(comm):
+    """A third mass of 3 kg between two others follows both, and its x the y of one of them, as in a condensed model."""
+    T = np.concatenate([np.eye(6), (np.eye(6)[:3] + np.eye(6)[3:]) / 2])
+    places = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    dofs = Dofs(np.repeat([1, 2], 3), np.tile(np.arange(3, dtype=np.int8), 2), np.repeat(places, 3, axis=0))
+    kinds = []
+    for coupling in (0.0, 0.5):
+        T[6, 1] = coupling
+        M = 3.0 * T.T @ T
+        with hpcred.SecondOrderModel.from_scipy(1e3 * np.eye(6), M, comm=comm, dofs=dofs) as model:
+            columns = block_from(model.M, np.eye(6)[:, :3] + 0.5)
+            found = floating_frame(model, columns)
+            columns.destroy()
+        exact = np.abs(np.einsum("aakl->kl", found.S) - found.Me).max() < 1e-12 * found.Me.max()
+        kinds.append((found.integrals, exact))
+    assert kinds == [("consistent", True), ("mean of directions", False)]
+
+
+@pytest.mark.mpi
 def test_a_planar_body_has_the_mass_of_its_plane(comm):
     """Two nodes of 3 kg with x and y: 6 kg, not the mean with a direction that is not there."""
     places = np.array([[2.0, 0.0, 5.0], [3.0, 1.0, 5.0]])

@@ -339,11 +339,13 @@ def test_nodes_have_names(stiff):
         simulate(body, replace(setup, observe=("hub",)))
 
 
-def test_a_bushing_that_is_twisted_too_far_is_refused(stiff):
+@pytest.mark.parametrize("steps", [50, 1])
+def test_a_bushing_that_is_twisted_too_far_is_refused(stiff, steps):
+    """Also where all output times are before or behind the half turn at which rotation vectors go round."""
     setup = Simulation(
-        end=1.0, constraint=(Joint(1, kind="revolute", axis=(0.0, 0.0, 1.0)),), steps=50,
+        end=1.0, constraint=(Joint(1, kind="revolute", axis=(0.0, 0.0, 1.0)),), steps=steps,
         drive=(RampDrive(node=1, about=(0.0, 0.0, 1.0), rate=4.0),),
         spring=(Bushing(1, rotational_stiffness=(1.0, 1.0, 1.0)),),
     )  # fmt: skip
-    with pytest.raises(hpcred.ComputationError, match="the bushing at node 1 was twisted by 3.04 rad at t = 0.76 s"):
+    with pytest.raises(hpcred.ComputationError, match=r"node 1 was twisted by more than 3 rad at t = 0\.7[5-9]"):
         simulate(stiff, setup)
