@@ -41,9 +41,9 @@ TYPE = re.compile(r"\w+")  # of elements
 WITH_NORMAL = 7  # numbers of a node
 CHANGES_NODES = {"ngen", "nfill", "ncopy", "nmap", "import", "imperfection", "symmetricmodelgeneration"}
 MAKES_ELEMENTS = {"elgen", "elcopy"}
+SCOPES = {"part", "endpart", "assembly", "endassembly", "instance", "endinstance"}  # where a *System ends
 # what CalculiX leaves out with its data lines, as all that it does not know
-UNKNOWN_TO_CALCULIX = {"part", "endpart", "assembly", "endassembly", "instance", "endinstance", "system",
-                       *CHANGES_NODES, *MAKES_ELEMENTS}  # fmt: skip
+UNKNOWN_TO_CALCULIX = {*SCOPES, "system", *CHANGES_NODES, *MAKES_ELEMENTS}
 TOLERATED = {"nset", "input", "system"}  # parameters of *Node
 
 
@@ -79,14 +79,15 @@ class Placement:
 
 @dataclass(frozen=True)
 class Block:
-    """The data lines of a *Node, *Element, *Nset or *Elset, where its nodes stand, and which of the `groups` of labels
-    they are of; `prefix`: what Abaqus puts before the names of sets.
+    """The data lines of a *Node, *Element, *Nset or *Elset, the `system` in which its nodes are given, where these then
+    stand, and which of the `groups` of labels they are of; `prefix`: what Abaqus puts before the names of sets.
     """
 
     section: Section
     path: Path
     start: int
     stop: int | None
+    system: Placement
     placement: Placement
     group: str
     prefix: str = ""
@@ -244,7 +245,7 @@ def _numbers(section, fields, count):
 def _blocks(path, sections, calculix):
     """The data lines of nodes and elements that are in the model, each with its place."""
     parts, blocks, instances = {}, [], {}
-    scope, name, placement = "model", "", Placement()
+    scope, name, placement, system = "model", "", Placement(), Placement()
     for section in sections:
         keyword, given = section.keyword, section.parameters
         if keyword in CHANGES_NODES:
@@ -266,8 +267,10 @@ def _blocks(path, sections, calculix):
                 f"found *Node with system={given['system']}, which CalculiX does not know; its matrices belong to x, "
                 "y, z as they are written"
             )
-        if keyword == "system" and any(_numbers(section, line, 6).any() for line in _data_lines(section)):
-            raise section.refusal("found *System with a system of its own, expected nodes in the global one")
+        if keyword == "system":
+            system = _system(section)
+        elif keyword in SCOPES:
+            system = Placement()
         if keyword == "part":
             scope, name = "part", given.get("name", "").lower()
             parts[name] = []
@@ -279,23 +282,23 @@ def _blocks(path, sections, calculix):
             part = given.get("part", "").lower()
             if part not in parts or "instance" in given or "library" in given:
                 raise section.refusal(f"found an *Instance of '{part}', expected one of a *Part above")
-            blocks += [_block(item, placement, f"instance {name}", f"{name}.") for item in parts[part]]
+            blocks += [_block(*item, placement, f"instance {name}", f"{name}.") for item in parts[part]]
         elif keyword in ("endpart", "endassembly", "endinstance"):
             scope = "assembly" if keyword == "endinstance" else "model"
         elif keyword in ("node", "element", "nset", "elset"):
             if scope == "part":
-                parts[name].append(section)
+                parts[name].append((section, system))
             elif scope == "instance":
-                blocks.append(_block(section, placement, f"instance {name}", f"{name}."))
+                blocks.append(_block(section, system, placement, f"instance {name}", f"{name}."))
             else:
                 of = instances.get(given.get("instance", "").lower()) if keyword in ("nset", "elset") else None
-                blocks.append(_block(section, Placement(), f"instance {of}" if of else f"the {scope}"))
+                blocks.append(_block(section, system, Placement(), f"instance {of}" if of else f"the {scope}"))
     if parts and not instances:
         raise InputError(f"{path}: found a *Part but no *Instance of one, expected an assembly, or nodes without parts")
     return blocks
 
 
-def _block(section, placement, group, prefix=""):
+def _block(section, system, placement, group, prefix=""):
     start, stop, path = section.start, section.stop, section.path
     if "input" in section.parameters:
         path = section.path.parent / section.parameters["input"]
@@ -306,14 +309,36 @@ def _block(section, placement, group, prefix=""):
         start, stop = 0, None
     if section.keyword == "node":
         unknown = sorted(set(section.parameters) - TOLERATED)
-        system = section.parameters.get("system", "r").lower()
-        if unknown or system not in ("r", "c"):
-            found = f"the parameter {unknown[0]}" if unknown else f"system={system.upper()}"
+        kind = section.parameters.get("system", "r").lower()
+        if unknown or kind not in ("r", "c"):
+            found = f"the parameter {unknown[0]}" if unknown else f"system={kind.upper()}"
             raise section.refusal(
                 f"found *Node with {found}, expected "
                 "rectangular (system=R) or cylindrical (system=C) coordinates"
             )
-    return Block(section, path, start, stop, placement, group, prefix)
+    return Block(section, path, start, stop, system, placement, group, prefix)
+
+
+def _system(section):
+    """From the system of *System to that of the part: by its origin a, b on its x axis, and c in its x, y plane.
+
+    Without c, z is that of the part, and b counts without its z; without b, only the origin is another.
+    """
+    lines = _data_lines(section)
+    if len(lines) > 2:
+        raise section.refusal(f"found {len(lines)} lines below *System, expected the points a and b, and c")
+    values = _numbers(section, lines[0], 6) if lines else np.zeros(6)
+    a, x = values[:3], values[3:] - values[:3]
+    if len(lines) < 2 and not any(lines[0][3:] if lines else ()):
+        return Placement(a)
+    if len(lines) < 2:
+        x[2], z = 0.0, np.array([0.0, 0.0, 1.0])
+    else:
+        z = np.cross(x, _numbers(section, lines[1], 3) - a)
+    if not x.any() or not z.any():
+        raise section.refusal("found *System with its points on a line, expected an origin a, b on x, and c beside it")
+    x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
+    return Placement(a, a, np.stack([x, np.cross(z, x), z], axis=1))
 
 
 def _placement(section):
@@ -347,7 +372,8 @@ def _nodes(path, comm, blocks, named, least):
             for piece in pieces(block.path, comm, block.start, block.stop):
                 label, position = _node_lines(piece, block, least)
                 _name(named, block, "nset", label)
-                parts.append((label, block.placement(position), np.full(len(label), groups.index(block.group))))
+                position = block.placement(block.system(position))
+                parts.append((label, position, np.full(len(label), groups.index(block.group))))
         label, position, group = (np.concatenate(items) for items in zip(*parts, strict=True))
     label, x, y, z, group = sort_over_ranks(comm, label, [*position.T, group])
     position = np.array([x, y, z]).T

@@ -110,6 +110,45 @@ def test_cylindrical_nodes(comm, folder):
 
 
 @pytest.mark.parametrize(
+    "system, expected",
+    [
+        ("", (1, 2, 3)),
+        ("0., 0., 0., 1., 0., 0.\n0., 1., 0.\n", (1, 2, 3)),
+        ("10.\n", (11, 2, 3)),
+        ("10., 20., 30.,\n", (11, 22, 33)),
+        ("10., 0., 0., 10., 5.\n", (8, 1, 3)),
+        ("10., 0., 0., 10., 5., 7.\n", (8, 1, 3)),  # b counts without its z
+        ("10., 0., 0., 10., 0., 2.\n10., 3., 9.\n", (7, 2, 1)),
+        ("1., 1., 1., 3., 1., 1.\n5., 1., 2.\n", (2, -2, 3)),
+    ],
+)
+def test_nodes_in_a_system(comm, folder, system, expected):
+    """Points a, b, c in the words of Abaqus' manual: x' from a to b, y' towards c; z' stays without c."""
+    text = f"*Node\n9, 1., 2., 3.\n*System\n{system}*Node\n1, 1., 2., 3.\n*System\n*Node\n8, 1., 2., 3.\n"
+    found = nodes_of(write(folder / "a.inp", text, comm), comm)
+    assert np.allclose(found[1], expected) and found[8] == found[9] == [1, 2, 3]
+
+
+def test_a_system_of_a_part_goes_with_its_instances(comm, folder):
+    text = """*Part, name=p
+*System
+0., 0., 0., 0., 1.
+*Node, system=C
+1, 2., 90., 3.
+*End Part
+*Assembly, name=a
+*Instance, name=i, part=p
+10., 0., 0.
+*End Instance
+*Node
+2, 1.
+*End Assembly
+"""
+    found = nodes_of(write(folder / "a.inp", text, comm), comm)
+    assert np.allclose(found[1], [8, 0, 3]) and found[2] == [1, 0, 0]
+
+
+@pytest.mark.parametrize(
     "text, says",
     [
         ("*Node\n1, 1., 2., 3.\n2, 1., 2., 3., 4., 5., 6., 7.\n", r"line 3: found '2, 1., .*expected .*2 to 7 numbers"),
@@ -132,7 +171,9 @@ def test_cylindrical_nodes(comm, folder):
         (">**\n*Node\n1, 1.\n", "found '>..' above the first keyword"),
         ("*Node, system=S\n1, 1.\n", r"line 1: found \*Node with system=S"),
         ("*Node, write=no\n1, 1.\n", r"line 1: found \*Node with the parameter write"),
-        ("*System\n1., 0., 0.\n*Node\n1, 1.\n", r"line 1: found \*System with a system of its own"),
+        ("*System\n0., 0., 0., 1., 1.\n2., 2.\n*Node\n1, 1.\n", r"line 1: found \*System with its points on a line"),
+        ("*System\n0., 0., 0., 0., 0., 1.\n*Node\n1, 1.\n", r"line 1: found \*System with its points on a line"),
+        ("*System\n1.\n2.\n3.\n*Node\n1, 1.\n", r"line 1: found 3 lines below \*System"),
         ("*Node\n1, 1.\n*Transform, nset=a\n0.,1.,0.,1.,0.,0.\n", r"line 3: found \*Transform"),
         ("*Heading\n*Include, input=none.inp\n", r"line 2: found \*Include of .*none.inp, which is no file"),
         ("*Heading\n*Include, input=a.inp\n", r"line 2: found \*Include of .*a.inp, which includes itself"),

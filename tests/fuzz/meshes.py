@@ -103,6 +103,8 @@ def assembly(where, rng):
              "*Element, type=T3D2", *(f"{k + 1}, {labels[k]}, {labels[k + 1]}" for k in range(len(labels) - 1)),
              "*Nset, nset=END", f" {labels[0]}, {labels[-1]}", "*Elset, elset=ALL, generate",
              f" 1, {len(labels) - 1}, 1"]  # fmt: skip
+    nodes[:0] = chosen(rng, [], [], ["*System"], ["*System", "1., 2., 3."], ["*System", "0., 1., 0., 3., 4., 9."],
+                       ["*System", "1., 0., 2., 1., 0., 5.", "1., 2., 7."])  # fmt: skip
     move = chosen(rng, [], ["1., 2., -0.5"], ["0.5, 0., 0.", "0., 0., 0., 0., 0., 1., 90."])
     inside = rng.random() < 0.5
     sets = ["*Nset, nset=Some, instance=bar-1", f" {labels[1]},", "*Nset, nset=Both", " Some, bar-1.END"]

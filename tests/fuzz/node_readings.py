@@ -251,10 +251,13 @@ def keywords_of(text: bytes):
 
 def assembly(text: bytes):
     """Nodes of an input file with parts and instances, or without, ascending; and "sets": arrays by "set NAME"."""
-    parts, blocks, instances, scope, own, place = {}, [], {}, "model", None, None
+    parts, blocks, instances, scope, own, place, frame = {}, [], {}, "model", None, None, np.array
     for keyword, given, lines in keywords_of(text):
         require(keyword not in CHANGING, "nodes that are made")
-        require(keyword != b"system" or not any(any(padded(line, 6)) for line in lines), "a system of its own")
+        if keyword == b"system":
+            frame = local(lines)
+        elif keyword in (b"part", b"endpart", b"assembly", b"endassembly", b"instance", b"endinstance"):
+            frame = np.array
         if keyword == b"part":
             scope, own = "part", given.get(b"name", b"").lower()
             parts[own] = []
@@ -265,21 +268,44 @@ def assembly(text: bytes):
             part = given.get(b"part", b"").lower()
             require(part in parts and not {b"instance", b"library"} & given.keys(), "no part")
             instances[own.lower()] = own
-            blocks += [(own, place, own + b".", block) for block in parts[part]]
+            blocks += [(own, chained(frame_of, place), own + b".", block) for frame_of, block in parts[part]]
         elif keyword in (b"endpart", b"endassembly", b"endinstance"):
             scope = "assembly" if keyword == b"endinstance" else "model"
         elif keyword in (b"node", b"element", b"nset", b"elset"):
             require(b"input" not in given, "a file that is not there")
             require(keyword != b"node" or not given.keys() - {b"nset", b"system"}, "what is not read of nodes")
             if scope == "part":
-                parts[own].append((keyword, given, lines))
+                parts[own].append((frame, (keyword, given, lines)))
             elif scope == "instance":
-                blocks.append((own, place, own + b".", (keyword, given, lines)))
+                blocks.append((own, chained(frame, place), own + b".", (keyword, given, lines)))
             else:
                 of = instances.get(given.get(b"instance", b"").lower()) if keyword in (b"nset", b"elset") else None
-                blocks.append((of if of is not None else scope, np.array, b"", (keyword, given, lines)))
+                blocks.append((of if of is not None else scope, frame, b"", (keyword, given, lines)))
     require(instances or not parts, "no instance")
     return nodes_and_sets(blocks)
+
+
+def chained(first, second):
+    return lambda x: second(first(x))
+
+
+def local(lines):
+    """How *System places nodes: x' from a to b, y' in the plane of c, or z' as z; only moved where b is left out."""
+    require(len(lines) < 3, "more than a, b and c")
+    values = np.array(padded(lines[0], 6)) if lines else np.zeros(6)
+    a, b = values[:3], values[3:]
+    given = [word.strip() for word in plain(lines[0]).split(b",")][3:] if lines else []
+    if len(lines) < 2 and not any(given):
+        return lambda x: a + x
+    if len(lines) < 2:
+        ex, plane = (b - a) * [1, 1, 0], np.array([-(b - a)[1], (b - a)[0], 0])
+    else:
+        ex, plane = b - a, np.array(padded(lines[1], 3)) - a
+    require(np.linalg.norm(np.cross(ex, plane)) > 0, "points on a line")
+    ex = ex / np.linalg.norm(ex)
+    ey = plane - ex * (ex @ plane)
+    ey /= np.linalg.norm(ey)
+    return lambda x: a + x[0] * ex + x[1] * ey + x[2] * np.cross(ex, ey)
 
 
 def padded(line, count):
