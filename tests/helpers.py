@@ -9,14 +9,17 @@ import scipy.sparse
 
 from hpcred.cli import run
 from hpcred.examples.beam import Rod, beam_element
+from hpcred.examples.linkage import linkage
 from hpcred.examples.solid import solid
+from hpcred.formats.model_file import write_model
 from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.model.dofs import Dofs
 from hpcred.model.interfaces import Interface, InterfaceNode, Nodes
-from hpcred.model.second_order_model import SecondOrderModel, row_range
+from hpcred.model.second_order_model import SecondOrderModel
+from hpcred.parallel.shares import row_range
 from hpcred.reduction.reduced_model import ReducedModel
 
-MODES_JOB = """
+LINKAGE_JOB = """
 model = "model.h5"
 output = "result.h5"
 inputs = [[20, "z"], [1, "x"]]
@@ -26,7 +29,8 @@ kind = "buckens"
 kind = "rayleigh"
 alpha = 2.0
 beta = 1e-5
-[[basis]]
+"""  # without a basis
+MODES_JOB = LINKAGE_JOB + """[[basis]]
 kind = "modes"
 index = [7, 8, 9, 10, 11, 12]
 """
@@ -67,6 +71,14 @@ node = 14
 directions = ["z"]
 """
 PLACES = np.array([[0.0, 0.0, 5.0], [1.0, 0.5, 5.0], [0.0, 2.0, 5.0]])  # of the nodes of a truss
+
+
+def reduce_linkage(folder, job=MODES_JOB):
+    """Make model.h5, job.toml and the results of the job of the linkage in a folder."""
+    with linkage() as model:
+        write_model(folder / "model.h5", model)
+    (folder / "job.toml").write_text(job)
+    assert run(["reduce", str(folder / "job.toml")]) == 0
 
 
 def to_dense(mat):

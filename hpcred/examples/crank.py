@@ -11,9 +11,10 @@ from itertools import product
 import numpy as np
 
 from ..model.dofs import Dofs
-from ..model.second_order_model import SecondOrderModel, row_range
+from ..model.second_order_model import SecondOrderModel
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
+from ..parallel.shares import row_range
 from .solid import elasticity
 
 LENGTH, THICKNESS = 0.2, 0.02  # m; between the centres of the eyes, along z

@@ -6,9 +6,10 @@ from ..linalg.csr import compress
 from ..model.damping import Rayleigh
 from ..model.dofs import Dofs
 from ..model.frames import Chord
-from ..model.second_order_model import SecondOrderModel, row_range
+from ..model.second_order_model import SecondOrderModel
 from ..parallel.exchange import exchange
 from ..parallel.petsc import MPI
+from ..parallel.shares import row_range
 from .beam import Rod, beam_element
 
 SUPPORTS = ((1, "x"), (1, "y"), (1, "z"), (7, "x"), (7, "z"), (14, "z"))

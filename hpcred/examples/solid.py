@@ -6,9 +6,10 @@ from math import prod
 import numpy as np
 
 from ..model.dofs import Dofs
-from ..model.second_order_model import SecondOrderModel, row_range
+from ..model.second_order_model import SecondOrderModel
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
+from ..parallel.shares import row_range
 
 
 def solid(

@@ -6,11 +6,12 @@ import numpy as np
 
 from ..linalg.csr import compress
 from ..model.dofs import Dofs
-from ..model.second_order_model import SecondOrderModel, row_range
+from ..model.second_order_model import SecondOrderModel
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
 from ..parallel.memory import MB, give_back, node_mb
+from ..parallel.shares import row_range
 from .entries import LARGEST_VALUE, Entries, LabelledEntries, node_and_direction, require_sane
 from .matrix_formats import read_entries
 from .parts import Parts, common_size, labels_in_order

@@ -16,10 +16,11 @@ from urllib.parse import quote, unquote
 
 import numpy as np
 
-from ..model.dofs import Dofs
-from ..model.second_order_model import SecondOrderModel, dofs_per_node, require_model, row_range
+from ..model.dofs import Dofs, dofs_per_node
+from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.failures import agreed
 from ..parallel.petsc import MPI
+from ..parallel.shares import row_range
 from .checked import Entry, damaged
 from .hdf5 import reading, texts, writing
 

@@ -61,6 +61,14 @@ def create_dense(like: PETSc.Mat, columns: int) -> PETSc.Mat:
     return mat
 
 
+def dense_matrix(like: PETSc.Mat, local: np.ndarray) -> PETSc.Mat:
+    """A dense matrix with the row layout of `like` from the rows of this rank. Collective."""
+    mat = create_dense(like, local.shape[1])
+    mat.getDenseArray()[...] = local
+    mat.assemble()
+    return mat
+
+
 def from_dense(mat: PETSc.Mat) -> SLEPc.BV:
     """A new block with a copy of the columns of a dense matrix."""
     new = create_block(mat, mat.getSize()[1])

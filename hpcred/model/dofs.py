@@ -136,3 +136,13 @@ def target_of(name: str):
 def target_name(target) -> str:
     """ "20:z" for a pair (node, direction), "dof 115" for a number."""
     return f"dof {target}" if isinstance(target, (int, np.integer)) else f"{target[0]}:{target[1]}"
+
+
+def dofs_per_node(dofs: Dofs) -> int:
+    """The number of dofs of every node if it is the same for all and rows go node by node, else 1."""
+    node = dofs.node
+    changes = np.flatnonzero(np.diff(node)) + 1
+    block = int(changes[0]) if changes.size else node.size
+    if block > 1 and node.size % block == 0 and (node.reshape(-1, block) == node[::block, None]).all():
+        return block
+    return 1

@@ -8,14 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
-from ..linalg.blocks import create_dense
+from ..linalg.blocks import dense_matrix
 from ..linalg.csr import compress
 from ..parallel.declared import declared
-from ..parallel.digest import digest, digest_of_block
 from ..parallel.failures import InputError, Owned, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
+from ..parallel.shares import row_range
 from .checked_arrays import check_finite, check_rows, coordinates, named_columns, real_columns, real_values, row_name
-from .dofs import SCALAR, Dofs, check_labels, row_of, target_name
+from .digests import digest_of
+from .dofs import SCALAR, Dofs, check_labels, dofs_per_node, row_of, target_name
 from .interface_motion import with_interfaces
 from .interfaces import InterfaceNode, interface_column, single_targets
 from .petsc_matrices import decoupled, labels, taken
@@ -174,29 +175,8 @@ class SecondOrderModel:
         where there is none; the same on any number of ranks and in both builds of PETSc. Collective."""
         if key not in self._digests:
             there = getattr(self, "dofs" if key == "labels" else key) is not None
-            self._digests[key] = self._digest(key) if there else None
+            self._digests[key] = digest_of(self, key) if there else None
         return self._digests[key]
-
-    def _digest(self, key):
-        first = self.first_row
-        if key in ("dofs", "labels"):
-            labels = [self.dofs.node, self.dofs.direction, *([self.dofs.position] if key == "dofs" else [])]
-            return digest_of_block(self.comm, first, np.column_stack(labels).astype("<f8"))
-        item = getattr(self, key)
-        if key in ("B", "Ct"):
-            columns = np.ascontiguousarray(item.getDenseArray().real, "<f8") + 0.0
-            return digest_of_block(self.comm, first, self._rounded(columns) if self.interfaces else columns)
-        indptr, indices, values = item.getValuesCSR()
-        number = "<u4" if self.size < 2**32 else "<u8"
-        # adding zero makes -0.0 the same as 0.0
-        return digest(self.comm, first, [(indptr, indices.astype(number)), (indptr, values.real.astype("<f8") + 0.0)])
-
-    def _rounded(self, columns):
-        """Columns without the last digits, which depend on the number of ranks where interface nodes made them."""
-        most = np.zeros(columns.shape[1])
-        self.comm.Allreduce(np.abs(columns).max(axis=0, initial=0.0), most, MPI.MAX)
-        # by pi, since what comes of a division by 2, 4, 8, ... lies between two decimals
-        return np.round(columns * (np.pi * 1e7 / np.where(most > 0, most, 1.0))).astype("<i8")
 
     @cached_property
     def mean_diagonal_of_k(self) -> float:
@@ -440,32 +420,6 @@ def require_inputs(model):
     if model.B is None or not model.input_names:
         raise InputError(f"{model.name} has no inputs; name them by `inputs` (in Python: with_inputs of the model), as "
                          "dof numbers or [node, direction]")  # fmt: skip
-
-
-def dense_matrix(like: PETSc.Mat, local: np.ndarray) -> PETSc.Mat:
-    """A dense matrix with the row layout of `like` from the rows of this rank. Collective."""
-    mat = create_dense(like, local.shape[1])
-    mat.getDenseArray()[...] = local
-    mat.assemble()
-    return mat
-
-
-def row_range(comm, size: int, block: int = 1) -> tuple[int, int]:
-    """First and last row of this rank: even shares of whole blocks (the dofs of a node stay together)."""
-    count, extra = divmod(size // block, comm.size)
-    first = comm.rank * count + min(comm.rank, extra)
-    last = first + count + (comm.rank < extra)
-    return first * block, last * block
-
-
-def dofs_per_node(dofs: Dofs) -> int:
-    """The number of dofs of every node if it is the same for all and rows go node by node, else 1."""
-    node = dofs.node
-    changes = np.flatnonzero(np.diff(node)) + 1
-    block = int(changes[0]) if changes.size else node.size
-    if block > 1 and node.size % block == 0 and (node.reshape(-1, block) == node[::block, None]).all():
-        return block
-    return 1
 
 
 def symmetry_defect(mat: PETSc.Mat) -> float:

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..linalg.blocks import dense_matrix
 from ..parallel.failures import InputError
 from .dofs import OWN, SCALAR, Dofs
-from .second_order_model import SecondOrderModel, dense_matrix
+from .second_order_model import SecondOrderModel
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "inch": 0.0254, "in": 0.0254, "ft": 0.3048}
 POUND = 0.45359237  # kg

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linalg.blocks import create_block, local_rows
+from ..linalg.blocks import create_block, dense_matrix, local_rows
 from ..model.dofs import Dofs
 from ..model.frames import FramedModel
 from ..model.rigid_body_modes import RigidBodyModes
-from ..model.second_order_model import SecondOrderModel, dense_matrix
+from ..model.second_order_model import SecondOrderModel
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, Owned, agreed, forget
 from ..parallel.petsc import PETSc

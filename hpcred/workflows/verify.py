@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from ..formats import model_file, response_file, result_file, simulation_file
 from ..formats.hdf5 import kind_of_file, reading, require_whole
-from ..model.second_order_model import row_range
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
+from ..parallel.shares import row_range
 
 FORMATS = {item.FORMAT: item for item in (model_file, result_file, response_file, simulation_file)}
 

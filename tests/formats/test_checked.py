@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 import xxhash
-from helpers import MODES_JOB, SIMULATION, bar
+from helpers import SIMULATION, bar, reduce_linkage
 
 import hpcred
 from hpcred.cli import run
@@ -15,8 +15,8 @@ from hpcred.formats.checked import CheckedFile
 from hpcred.formats.checksums import ROWS_OF_SUM, sums_of, sums_of_parts, tag_of
 from hpcred.formats.hdf5 import reading, writing
 from hpcred.formats.response_file import read_responses
-from hpcred.model.second_order_model import row_range
 from hpcred.parallel.failures import ComputationError, InputError
+from hpcred.parallel.shares import row_range
 from hpcred.workflows.info_of_output import OUTPUTS, read_whole
 from hpcred.workflows.verify import verify_file
 
@@ -38,11 +38,8 @@ SMALL_MOTION = 'body = "result.h5"\nend = 0.001\nsteps = 1\nobserve = [2]\n'
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
-    with hpcred.linkage() as model:
-        hpcred.write_model(folder / "model.h5", model)
-    (folder / "job.toml").write_text(MODES_JOB)
+    reduce_linkage(folder)
     (folder / "sim.toml").write_text(SIMULATION.replace("end = 0.05", "end = 0.002").replace("steps = 20", "steps = 2"))
-    assert run(["reduce", str(folder / "job.toml")]) == 0
     assert run(["simulate", str(folder / "sim.toml")]) == 0
     assert run(["evaluate", str(folder / "result.h5"), "--points", "3", "-o", str(folder / "e.h5")]) == 0
     return folder

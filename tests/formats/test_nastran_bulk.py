@@ -10,7 +10,7 @@ from hpcred.formats import text as text_module
 from hpcred.formats.nastran import read_nodes
 from hpcred.formats.nastran_sets import hold_rotations_of_solids, mark_sets
 from hpcred.model.dofs import OWN
-from hpcred.model.second_order_model import row_range
+from hpcred.parallel.shares import row_range
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
 

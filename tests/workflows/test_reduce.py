@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from helpers import LINKAGE_JOB
 from launch import TWO_BUILDS
 
 import hpcred as package
@@ -11,25 +12,8 @@ import hpcred as package
 
 def test_the_numbers_are_the_same_on_all_ranks_and_builds(hpcred, tmp_path):
     """Responses to 1e-9, on 1, 2, 3 and 4 ranks and in both builds."""
-    (tmp_path / "job.toml").write_text(
-        """
-        model = "model.h5"
-        inputs = [[20, "z"], [1, "x"]]
-        [frame]
-        kind = "buckens"
-        [damping]
-        kind = "rayleigh"
-        alpha = 2.0
-        beta = 1e-5
-        [[basis]]
-        kind = "modes"
-        count = 6
-        [[basis]]
-        kind = "krylov"
-        frequency = 100.0
-        order = 2
-        """
-    )
+    basis = '[[basis]]\nkind = "modes"\ncount = 6\n[[basis]]\nkind = "krylov"\nfrequency = 100.0\norder = 2\n'
+    (tmp_path / "job.toml").write_text(LINKAGE_JOB + basis)
     assert hpcred("example", "linkage").returncode == 0
     cases = [(1, ""), (2, ""), (3, ""), (4, "")] + [(1, "complex"), (2, "complex")] * TWO_BUILDS
     responses = []

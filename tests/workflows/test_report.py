@@ -1,5 +1,6 @@
 """Reports: what is said and drawn is what the result files and the full model say, and nothing comes from a network."""
 
+import base64
 import csv
 import json
 import re
@@ -11,28 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse
-from helpers import MODES_JOB, block_with_ends, refused
+from helpers import LINKAGE_JOB, MODES_JOB, block_with_ends, reduce_linkage, refused
 
 import hpcred as package
 from hpcred.cli import run
 from hpcred.report.figures import COLOURS
-from hpcred.report.page import unpacked
-from hpcred.workflows.report import report_file, sheets_of
+from hpcred.report.page import KINDS
+from hpcred.workflows.report import report_file
+from hpcred.workflows.report_sheets import sheets_of
 
-TOLERANCE_JOB = """
-model = "model.h5"
-output = "result.h5"
-inputs = [[20, "z"], [1, "z"]]
-tolerance = 1e-3
-band = [0.0, 300.0]
-report = true
-[frame]
-kind = "buckens"
-[damping]
-kind = "rayleigh"
-alpha = 2.0
-beta = 1e-5
-"""
+TOLERANCE_JOB = "tolerance = 1e-3\nband = [0.0, 300.0]\nreport = true\n" + LINKAGE_JOB.replace('[1, "x"]', '[1, "z"]')
 ASSETS = files("hpcred.report") / "assets"
 
 
@@ -62,6 +51,11 @@ class Page(HTMLParser):
             self.texts.append(text.strip())
 
 
+def unpacked(value):
+    """What packed() was given."""
+    return np.frombuffer(base64.b64decode(value["bdata"]), dtype=KINDS[value["dtype"]]).reshape(value["shape"])
+
+
 def page_of(path):
     text = Path(path).read_text(encoding="utf-8")
     return Page(text), text
@@ -71,13 +65,10 @@ def page_of(path):
 def linkage_report(tmp_path_factory):
     """Two results of the linkage, reduced to a tolerance and by modes, in one report with the full model."""
     folder = tmp_path_factory.mktemp("report")
-    with package.linkage() as model:
-        package.write_model(folder / "model.h5", model)
-    (folder / "job.toml").write_text(TOLERANCE_JOB)
+    reduce_linkage(folder, TOLERANCE_JOB)
     modal = MODES_JOB.replace('"result.h5"', '"mod<al.h5"').replace('[1, "x"]', '[1, "z"]')
     (folder / "modal.toml").write_text(modal.replace("[frame]", "band = [0.0, 300.0]\n[frame]", 1))
-    for job in ("job.toml", "modal.toml"):
-        assert run(["reduce", str(folder / job)]) == 0
+    assert run(["reduce", str(folder / "modal.toml")]) == 0
     told = report_file(
         [folder / "result.h5", folder / "mod<al.h5"], folder / "model.h5", output=folder / "report.html", exact=5,
         csv=folder / "tables", svg=folder / "figures",

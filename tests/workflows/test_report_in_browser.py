@@ -10,12 +10,11 @@ import time
 import numpy as np
 import pytest
 from bodies import block
-from helpers import MODES_JOB, block_with_ends
+from helpers import block_with_ends, reduce_linkage
 from mpi4py import MPI
 from PIL import Image
 
 import hpcred as package
-from hpcred.cli import run
 from hpcred.report.page import body_for_page
 from hpcred.workflows import report
 
@@ -48,10 +47,7 @@ def screenshot(page, name):
 @pytest.fixture(scope="module")
 def linkage_page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("browser")
-    with package.linkage() as model:
-        package.write_model(folder / "model.h5", model)
-    (folder / "job.toml").write_text(MODES_JOB)
-    assert run(["reduce", str(folder / "job.toml")]) == 0
+    reduce_linkage(folder)
     package.report_file([folder / "result.h5"], folder / "model.h5", output=folder / "report.html", exact=5)
     return folder / "report.html"
 
