@@ -114,12 +114,12 @@ def doubts_of_end(path) -> list[str]:
     return [f"{path}: found no line break at its end; if the file is cut off, its last number may be wrong"]
 
 
-def first_bytes(path, count=4096) -> bytes:
-    """The first bytes of the (unpacked) file, without a byte order mark. Raises InputError."""
+def first_bytes(path) -> bytes:
+    """The first 4096 bytes of the (unpacked) file, without a byte order mark. Raises InputError."""
     require_file(path)
     try:
         with open_unpacked(path) as file:
-            return file.read(count).removeprefix(BYTE_ORDER_MARK)
+            return file.read(4096).removeprefix(BYTE_ORDER_MARK)
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"{path}: found a damaged gzip file ({error})") from error
 

@@ -13,7 +13,7 @@ TOLERANCE = 1e-10
 GUARD = 6  # more modes that are found than are asked for
 
 
-def modes_in_interval(K, M, low, high, prefix="modes_", settings=None):
+def modes_in_interval(K, M, low, high, settings):
     """All eigenpairs of (K, M) with low < eigenvalue < high, by spectrum slicing; a real build only. Collective.
 
     `settings`: controls of MUMPS.
@@ -23,7 +23,7 @@ def modes_in_interval(K, M, low, high, prefix="modes_", settings=None):
     for attempt in range(4):
         # an end of the interval that hits an eigenvalue is moved outwards a little
         shift = 1e-6 * attempt * max(abs(low), abs(high))
-        eps = _create(K, M, prefix)
+        eps = _create(K, M)
         eps.setWhichEigenpairs(SLEPc.EPS.Which.ALL)
         eps.setInterval(low - shift, high + shift)
         eps.setDimensions(nev=16)
@@ -34,9 +34,9 @@ def modes_in_interval(K, M, low, high, prefix="modes_", settings=None):
         ksp.getPC().setType("cholesky")
         ksp.getPC().setFactorSolverType("mumps")
         mumps = {"icntl_13": 1, "icntl_24": 1, "cntl_3": 1e-12, "icntl_7": startup.ordering, "icntl_14": 60}
-        mumps |= settings or {}
+        mumps |= settings
         try:
-            with temporary_options(prefix + "st_mat_mumps_", mumps):
+            with temporary_options("modes_st_mat_mumps_", mumps):
                 eps.setFromOptions()
                 eps.solve()
             break
@@ -53,14 +53,14 @@ def modes_in_interval(K, M, low, high, prefix="modes_", settings=None):
     return _pairs(eps, K, found)
 
 
-def lowest_modes(K, M, count, most, solve, prefix="modes_", monitor=None):
+def lowest_modes(K, M, count, most, solve, monitor=None):
     """The `count` lowest eigenpairs of (K, M) on the space of dimension `most` where `solve` inverts K. Collective.
 
     `solve(x, y)`: y = K^-1 x for vectors; for a free body by inertia relief, which keeps the rigid-body modes
     out. `monitor(found)` is told now and then how many are found. Returns eigenvalues (count,) ascending and a block
     whose columns span the eigenvectors: as many, or twice as many in a complex build (see _pairs).
     """
-    eps = _create(K, M, prefix)
+    eps = _create(K, M)
     eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
     eps.setTarget(0.0)
     # the second mode of a repeated pair may come after the next one
@@ -144,9 +144,9 @@ def _dense_eigenpairs(matrix):
     return squares, vectors.real.copy()
 
 
-def _create(K, M, prefix):
+def _create(K, M):
     eps = SLEPc.EPS().create(comm=K.comm)
-    eps.setOptionsPrefix(prefix)
+    eps.setOptionsPrefix("modes_")
     eps.setOperators(K, M)
     eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
     eps.setType(SLEPc.EPS.Type.KRYLOVSCHUR)

@@ -154,7 +154,7 @@ def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"
     plt.close(figure)
 
 
-def pair_figure(path, curves, title, errors=(), tolerance=None, kind="png"):
+def pair_figure(path, curves, title, errors=(), kind="png"):
     """Magnitude and phase of one response by several models, and below the relative error where `errors` are given.
 
     `curves`: (label, frequencies (F,) in Hz, complex (F,)); `errors`: (label, frequencies, (F,)). Those whose label
@@ -174,7 +174,7 @@ def pair_figure(path, curves, title, errors=(), tolerance=None, kind="png"):
     panels[0].set(title=title, ylabel="|H|")
     panels[1].set(ylabel="phase (degrees)", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
     if errors:
-        _error_panel(panels[2], errors, tolerance)
+        _error_panel(panels[2], errors)
     _finish(figure, panels, curves[0][1], path, kind)
 
 
@@ -198,7 +198,7 @@ def _style(place, label, count):
     return {"color": colour, "linestyle": DASHES[place // len(COLOURS) % len(DASHES)], "linewidth": 1.2}
 
 
-def _error_panel(axes, curves, tolerance, places=None):
+def _error_panel(axes, curves, tolerance=None, places=None):
     for place, (label, frequencies, errors) in zip(places or range(len(curves)), curves, strict=True):
         axes.semilogy(frequencies, np.where(np.asarray(errors) > 0, errors, np.nan), label=label,
                       **_style(place, label, len(frequencies)))  # fmt: skip

@@ -38,11 +38,6 @@ def packed(array, dtype="f8") -> dict:
     return {"dtype": dtype, "shape": list(array.shape), "bdata": base64.b64encode(array.tobytes()).decode()}
 
 
-def unpacked(value) -> np.ndarray:
-    """What packed() was given."""
-    return np.frombuffer(base64.b64decode(value["bdata"]), dtype=KINDS[value["dtype"]]).reshape(value["shape"])
-
-
 def body_for_page(shapes, modes: int, most: int = MOST_POINTS) -> tuple[dict, str]:
     """The surface of a body and its first `modes` elastic shapes for the page, with at most `most` points, and a
     sentence.

@@ -16,13 +16,13 @@ from ..parallel.progress import Timing
 WORD = 12  # letters of a word that is not parted where there is room
 
 
-def show_table(title, rows: list[dict], comm=MPI.COMM_WORLD):
+def show_table(title, rows: list[dict]):
     """Print rows, dicts with the same keys, as a table on rank 0; numbers are right-aligned.
 
     It is as wide as the terminal (or COLUMNS), 80 where there is none: texts take several lines, numbers do not;
     columns that do not fit follow below, behind the first one again.
     """
-    if comm.rank or not rows:
+    if MPI.COMM_WORLD.rank or not rows:
         return
     if title:
         print(title)
@@ -90,8 +90,7 @@ def in_words(value) -> str:
     if isinstance(value, list):
         if not value:
             return "none"
-        nested = bool(value) and isinstance(value[0], list)
-        return ("; " if nested else ", ").join(in_words(item) for item in value)
+        return ("; " if isinstance(value[0], list) else ", ").join(in_words(item) for item in value)
     if value is None or value != value:  # NaN
         return "not known"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
@@ -119,9 +118,9 @@ def _finite(data):
     return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
-def show_timing(timing: Timing, factorisations=(), comm=MPI.COMM_WORLD):
+def show_timing(timing: Timing, factorisations=()):
     """Where the time of a run went, the share of MUMPS in it, and its memory."""
-    if comm.rank:
+    if MPI.COMM_WORLD.rank:
         return
     parts = sorted(timing.seconds.items(), key=lambda item: -item[1])
     total = timing.elapsed

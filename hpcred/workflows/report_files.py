@@ -13,6 +13,7 @@ from ..parallel.petsc import MPI
 from ..report.figures import errors_figure, pair_figure, pyplot
 from ..report.mode_pictures import draw_shapes
 from .pair_figures import in_file_name
+from .report_page import frequency_rows
 
 
 def make_folder(folder, comm):
@@ -81,15 +82,12 @@ def _errors_of(sheets):
     return curves
 
 
-def write_tables(folder, sheets, rows_of_frequencies) -> list[str]:
-    """Responses, errors, points and frequencies of every result as .csv; on one rank. Returns the names.
-
-    `rows_of_frequencies`: from a sheet to rows for its pseudo-frequencies.
-    """
+def write_tables(folder, sheets) -> list[str]:
+    """Responses, errors, points and frequencies of every result as .csv; on one rank. Returns the names."""
     written = []
     for sheet in sheets:
         accuracy, reduced = sheet.record.accuracy, sheet.reduced
-        tables = {"frequencies": rows_of_frequencies(sheet)}
+        tables = {"frequencies": frequency_rows(sheet)}
         if accuracy is not None:
             rows = zip(accuracy.frequencies, accuracy.eps, strict=True)
             tables["error"] = [{"f_hz": f, "eps": eps} for f, eps in rows]

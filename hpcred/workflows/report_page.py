@@ -1,0 +1,174 @@
+"""Sheets of a report enter; what its page says and draws leaves, as plain values for its template."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..model.dofs import target_of
+from ..reduction.record import versions
+from ..report.page import packed
+from ..report.tables import in_words
+from .report_sheets import kind_in_words
+
+
+def page_of(sheets, chosen, full) -> tuple[dict, dict]:
+    """What the template shows, and what is drawn."""
+    made = versions()
+    results, drawn = [], []
+    for sheet, pairs in zip(sheets, chosen, strict=True):
+        results.append(_shown(sheet))
+        drawn.append(_drawn(sheet, pairs))
+    whose = {sheet.name: sheet.words for sheet in sheets}
+    if len(set(whose.values())) == 1:
+        whose = {"all curves": sheets[0].words}
+    bands = [sheet.band for sheet in sheets]
+    page = {
+        "title": ", ".join(sheet.name for sheet in sheets),
+        "made": f"hpcred {made['hpcred']}; " + ", ".join(str(sheet.result.path) for sheet in sheets)
+                + (f"; full model {full}" if full else ""),
+        "facts": list(results[0]["facts"]),
+        "results": results,
+        "notes": list(dict.fromkeys(note for sheet in sheets for note in sheet.notes)),
+        "response_notes": [f"{name}: responses and errors are {words}" for name, words in whose.items()],
+        "searched": any(result["points"] for result in results),
+        "shaped": any(result["shape"] for result in results),
+        "with_modes": any(sheet.full is not None for sheet in sheets),
+    }  # fmt: skip
+    several = sum(sheet.full is not None and not sheet.full_as_before for sheet in sheets) > 1
+    data = {
+        "results": drawn,
+        "several_full": several,
+        "band": [min(low for low, _ in bands), max(high for _, high in bands)],
+    }
+    return page, data
+
+
+def _drawn(sheet, pairs):
+    accuracy, H, full = sheet.record.accuracy, sheet.response, sheet.full
+    F = None if full is None else full.response
+    drawn = {
+        "name": sheet.name,
+        "frequencies": packed(sheet.frequencies),
+        "pairs": [
+            {"name": name, "re": packed(H[:, i, j].real), "im": packed(H[:, i, j].imag)}
+            | ({} if F is None else {"full_re": packed(F[:, i, j].real), "full_im": packed(F[:, i, j].imag)})
+            for name, i, j in pairs
+        ],
+        "full_as_before": sheet.full_as_before,
+        "pseudo": packed(sheet.reduced.frequencies),
+        "points": [] if accuracy is None else [
+            {"frequency": point.frequency, "estimate": _finite(point.estimate)} for point in accuracy.points
+        ],
+        "tolerance": None if accuracy is None else accuracy.tolerance,
+        "seconds": sheet.record.timing.seconds,
+        "shape": sheet.body,
+    }
+    if accuracy is not None:
+        drawn |= {"eps_frequencies": packed(accuracy.frequencies), "eps": packed(accuracy.eps)}
+    if full is not None:
+        drawn |= {
+            "full_frequencies": packed(full.frequencies), "exact_eps": packed(sheet.eps), "modes": packed(full.modes)
+        }  # fmt: skip
+    return drawn
+
+
+def _finite(value):
+    """A number that JSON can hold, or None."""
+    return value if value is not None and np.isfinite(value) else None
+
+
+def _shown(sheet):
+    record, accuracy = sheet.record, sheet.record.accuracy
+    timing = record.timing
+    effort = f"{timing.elapsed:.3g} s on {record.ranks} rank(s), at most {max(timing.memory_mb_per_rank):.0f} MB a rank"
+    return {
+        "name": sheet.name,
+        "sentence": accuracy.sentence if accuracy is not None else "",
+        "reached": accuracy is not None and accuracy.reached,
+        "caveat": accuracy.caveat if accuracy is not None else "",
+        "facts": _facts(sheet),
+        "warnings": list(record.warnings),
+        "exact": [] if sheet.eps is None else [
+            {"f (Hz)": f, "exact eps": eps}
+            for f, eps in zip(sheet.full.frequencies.tolist(), sheet.eps.tolist(), strict=True)
+        ],
+        "proofs": [] if accuracy is None else [
+            {"f (Hz)": item.frequency, "said": item.said, "exact": item.exact} for item in accuracy.proofs
+        ],
+        "points": [] if accuracy is None else [
+            {"point": k + 1, "f (Hz)": item.frequency, "columns": item.columns, "modes below": item.modes_below,
+             "estimate after it": item.estimate, "factor": item.factor_in_words}
+            for k, item in enumerate(accuracy.points)
+        ],
+        "stopped": f"{len(accuracy.points)} points, {accuracy.stopped}" if accuracy is not None else "",
+        "frequencies": frequency_rows(sheet),
+        "effort": effort,
+        "stages": [{"stage": name, "seconds": value} for name, value in
+                   sorted(timing.seconds.items(), key=lambda item: -item[1])],
+        "factorisations": [
+            {"of K + mass M, mass": item.mass, "ordering": item.ordering, "analysis (s)": item.analysis_seconds,
+             "factor (s)": item.factor_seconds, "solves (s)": item.solve_seconds,
+             "MB, all ranks": item.memory_mb_used_total, "columns": item.columns_solved, "residual": item.residual}
+            for item in record.factorisations
+        ],
+        "shape": None if sheet.body is None else {"count": len(sheet.body["names"]), "start": sheet.body["start"] + 1},
+        "shape_note": sheet.body_sentence,
+    }  # fmt: skip
+
+
+def frequency_rows(sheet) -> list[dict]:
+    """Pseudo-frequencies; with the full model's modes each beside the nearest one, and their relative distance."""
+    pseudo = sheet.reduced.frequencies
+    if sheet.full is None:
+        return [{"number": k + 1, "pseudo-frequency (Hz)": f} for k, f in enumerate(pseudo.tolist())]
+    near = np.abs(pseudo[None] - sheet.full.modes[:, None]).argmin(axis=1)
+    return [
+        {"mode": k + 1, "of the model (Hz)": f, "nearest pseudo-frequency (Hz)": float(pseudo[j]),
+         "relative distance": float(abs(pseudo[j] - f) / max(f, 1e-300))}
+        for k, (f, j) in enumerate(zip(sheet.full.modes.tolist(), near, strict=True))
+    ]  # fmt: skip
+
+
+def _facts(sheet):
+    record, reduced, frame = sheet.record, sheet.reduced, sheet.result.floating_frame
+    body = dict.fromkeys(("mass (kg)", "centre of mass (m)", "inertia about the centre of mass (kg m^2)"), "not known")
+    if frame is not None and frame.mass > 0:
+        centre = frame.mc / frame.mass
+        about = _clean(frame.J - frame.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre)))
+        body = {
+            "mass (kg)": in_words(frame.mass) if np.ptp(frame.masses) <= 1e-9 * frame.mass
+            else in_words(frame.masses.tolist()) + " in x, y, z",
+            "centre of mass (m)": in_words(_clean(centre + frame.origin).tolist()),
+            "inertia about the centre of mass (kg m^2)": in_words(
+                {"xx": about[0, 0], "yy": about[1, 1], "zz": about[2, 2], "xy": about[0, 1], "xz": about[0, 2],
+                 "yz": about[1, 2]}
+            ),
+        }  # fmt: skip
+    interface = sorted({target[0] for name in (*record.inputs, *record.outputs)
+                        if isinstance(target := target_of(name), tuple)},
+                       key=lambda node: (isinstance(node, str), node))  # fmt: skip
+    return {
+        "model": f"{record.model}, {record.size} dofs, {record.nonzeros} nonzeros",
+        "reduced model": sheet.result.reduced.size_in_words,
+        **body,
+        "units": "kg, m, s, if the model has them",
+        "frame": kind_in_words(record.frame),
+        "damping": kind_in_words(record.damping),
+        "rigid-body modes": str(record.rigid_body_modes),
+        "inputs": in_words(list(record.inputs)),
+        "outputs": in_words(list(record.outputs)),
+        "interface nodes": in_words(interface),
+        "basis": "; ".join(kind_in_words(item) for item in record.basis) or "chosen to a tolerance",
+        "pseudo-frequencies (Hz)": f"{reduced.frequencies[0]:.6g} to {reduced.frequencies[-1]:.6g}",
+        "band (Hz)": f"{sheet.band[0]:g} to {sheet.band[1]:g}",
+        "max |V^T M V - I|": f"{record.orthonormality_defect:.1e}",
+        "factorisations": record.effort,
+        "made": f"{record.date}, {record.scalar} PETSc {record.versions['petsc']}, hpcred {record.versions['hpcred']}, "
+                f"{record.ranks} rank(s)",
+    }  # fmt: skip
+
+
+def _clean(values):
+    """Without round-off where there is nothing."""
+    size = np.abs(values)
+    return np.where(size <= 1e-12 * size.max(initial=0.0, where=np.isfinite(size)), 0.0, values)

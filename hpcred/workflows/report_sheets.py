@@ -1,0 +1,171 @@
+"""Results, and perhaps the full model, enter; what a report says of each leaves: a Sheet, with its responses."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from ..analysis.check import check
+from ..analysis.error import relative_error
+from ..analysis.error_check import BESIDE, measuring_damping
+from ..analysis.frequency_response import frequency_response
+from ..formats.result_file import Result, read_result
+from ..model.damping import Damping, ModalDamping
+from ..parallel.failures import InputError
+from ..parallel.progress import Progress
+from ..reduction.interface_coordinates import elastic_part
+from ..reduction.reduced_model import ReducedModel, as_measured
+from ..report.tables import in_words
+from .evaluate import band_of, short_names
+from .full_model import difference_of, factoring_of, full_of_record, start_for
+
+FREQUENCIES = 801  # equally spaced; more around the pseudo-frequencies
+AROUND = 1e-4 * np.array([1, 3, 10, 30, 100])  # relative distances from a pseudo-frequency
+BESIDE_AT_MOST = 8  # exact frequencies beside pseudo-frequencies
+MOST_MODES = 40  # of the full model
+
+
+@dataclass(frozen=True)
+class Full:
+    """The response (E, r, p) of a full model at `frequencies` (E,) in Hz, and its lowest `modes` in Hz."""
+
+    frequencies: np.ndarray
+    response: np.ndarray
+    modes: np.ndarray
+
+
+@dataclass
+class Sheet:
+    """What a report says of one result: the file, the reduced model as it is `measured` and the damping `law` of the
+    full model for that, with `words` on it; its response (F, r, p) at `frequencies` (F,) in Hz over the band.
+
+    With a full model: `full`, which may be that of a sheet before (`full_as_before`), and the error `eps` at its
+    frequencies. `body`: shapes for the page and a sentence, by body_for_page.
+    """
+
+    name: str
+    result: Result
+    measured: ReducedModel
+    law: Damping
+    words: str
+    band: tuple[float, float]
+    frequencies: np.ndarray
+    response: np.ndarray
+    full: Full | None = None
+    full_as_before: bool = False
+    eps: np.ndarray | None = None
+    body: dict | None = None
+    body_sentence: str = ""
+    notes: list = field(default_factory=list)
+
+    @property
+    def reduced(self):
+        """Without the rigid-body motion that interface coordinates have, as estimates and the full response are."""
+        return elastic_part(self.result.reduced)
+
+    @property
+    def record(self):
+        return self.result.reduced.record
+
+
+def sheets_of(
+    results, full=None, *, band=None, exact: int = 21, groups=None, factoring=None, comm=None, progress=None
+) -> list[Sheet]:  # fmt: skip
+    """A Sheet for every result, with the full model's response where `full` names its file. Collective."""
+    progress = progress or Progress(comm, show=False)
+    if not results:
+        raise InputError("report: no result; give the name of at least one result.h5")
+    if exact < 2:
+        raise InputError(f"exact: found {exact}, expected at least 2 frequencies")
+    read = [read_result(path, comm) for path in results]
+    for result in read:
+        if result.reduced.record is None:
+            raise InputError(f"{result.path}: has no record of its reduction, which a report is about")
+    sheets = [_sheet(name, result, read, band) for name, result in zip(short_names(results), read, strict=True)]
+    if full is not None:
+        start_for([sheet.law for sheet in sheets], factoring or factoring_of(sheets[0].record))
+        for k, sheet in enumerate(sheets):
+            with progress.stage("full model", sheet.name):
+                _add_full(sheet, full, exact, sheets[:k], groups, factoring, comm, progress)
+    return sheets
+
+
+def _sheet(name, result, read, band):
+    """The Sheet of one of the results, without the full model."""
+    reduced, accuracy = elastic_part(result.reduced), _measuring(result, read)
+    law = reduced.record.damping
+    words = f"measured with the damping of the job: {kind_in_words(law)}"
+    if accuracy is not None:
+        reduced, law, words = as_measured(reduced, accuracy), measuring_damping(accuracy, law), accuracy.measured
+    limits = tuple(band or band_of(result.reduced, [other.reduced for other in read]))
+    grid = _grid(limits, reduced.frequencies)
+    return Sheet(name, result, reduced, law, words, limits, grid, frequency_response(reduced, grid))
+
+
+def _measuring(result, read):
+    """The accuracy that says with which damping a result is drawn: its own, or else, so that curves beside each other
+    have one damping, that of another result with the same damping law. None where there is none."""
+    own = result.reduced.record
+    known = [record.accuracy for record in (other.reduced.record for other in read)
+             if record.damping == own.damping and record.accuracy is not None]  # fmt: skip
+    return own.accuracy or next(iter(known), None)
+
+
+def _grid(band, pseudo):
+    """Frequencies of the band, more of them at peaks; above 0 Hz, where free bodies have no response."""
+    low, high = band
+    inside = pseudo[(pseudo > low) & (pseudo < high)]
+    near = (inside[:, None] * (1 + np.concatenate([-AROUND, AROUND]))).ravel()
+    grid = np.concatenate([np.linspace(low or high / FREQUENCIES, high, FREQUENCIES), near])
+    return np.unique(grid[(grid >= low) & (grid <= high)])
+
+
+def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
+    """The response of the full model at some frequencies, its modes, and the error. Collective."""
+    if isinstance(sheet.law, ModalDamping):
+        sheet.notes.append(f"{sheet.name}: modal damping belongs to a reduced model; there is no full response with it")
+        return
+    same = next((item for item in before if item.full is not None and _same_question(item, sheet)), None)
+    if same is not None:
+        sheet.full, sheet.full_as_before = same.full, True
+    else:
+        with full_of_record(path, sheet.record, sheet.result.path, damping=sheet.law, factoring=factoring,
+                            comm=comm) as full_model:  # fmt: skip
+            sheet.full = _solved(full_model, sheet, count, groups, progress)
+            units = check(full_model.model)["units"] if full_model.model.dofs is not None else None
+        sheet.notes += [f"{path} looks like {units}: from its mass, size, and speed of waves"] if units else []
+    found, accuracy = frequency_response(sheet.measured, sheet.full.frequencies), sheet.record.accuracy
+    sheet.eps = relative_error(sheet.full.response, found, accuracy and accuracy.weights)
+
+
+def _solved(full_model, sheet, count, groups, progress):
+    """`count` frequencies of the band, and beside pseudo-frequencies, and the modes of the band. Collective."""
+    low, high = sheet.band
+    beside = BESIDE * sheet.reduced.frequencies
+    beside = beside[(beside > low) & (beside < high)][:BESIDE_AT_MOST]
+    frequencies = np.unique(np.concatenate([np.linspace(low or high / count, high, count), beside]))
+    response = full_model.response(frequencies, groups, progress)
+    # a few more than the reduced model has in the band, which some modes may be missing in
+    wanted = min(2 * int((sheet.reduced.frequencies <= high).sum()) + 4, MOST_MODES)
+    wanted = min(wanted, sheet.record.free_size - sheet.record.rigid_body_modes)
+    with full_model.lowest_modes(wanted, progress) as modal:
+        modes = modal.frequencies
+    if modes[-1] < high:
+        sheet.notes.append(f"{sheet.name}: the {wanted} lowest modes of the model are shown")
+    return Full(frequencies, response, modes)
+
+
+def _same_question(one, other):
+    """Whether the full model has one response for two sheets."""
+    keys = ("frame", "interfaces", "inputs", "outputs")
+    same = all(getattr(one.record, key) == getattr(other.record, key) for key in keys)
+    same &= (one.law, one.band) == (other.law, other.band)
+    return same and difference_of(other.record.signature, one.record) is None
+
+
+def kind_in_words(value) -> str:
+    """A frame, a damping law or an ingredient in words."""
+    given = {key: list(item) if isinstance(item, tuple) else item for key, item in asdict(value).items()
+             if key != "kind" and item is not None}  # fmt: skip
+    return value.kind.replace("_", " ") + (f" ({in_words(given)})" if given else "")
