@@ -58,11 +58,11 @@ def grid(models, law: Law, band, uniform=UNIFORM, around=CLUSTER) -> np.ndarray:
     points = [np.linspace(low, high, uniform)]
     for model in models:
         f, ratio = resonances(model, law)
-        width = np.clip(ratio, 1e-5, 0.1)
+        width, cluster = np.clip(ratio, 1e-5, 0.1), 0.3 * np.minimum(ratio, 0.1)
         near = np.flatnonzero((f > low * 0.9) & (f < high * 1.1))
         last = -np.inf
         for j in near:  # in ascending order
-            if f[j] - last > 0.3 * width[j] * f[j]:
+            if f[j] - last > cluster[j] * f[j]:
                 last = f[j]
                 points.append(f[j] * (1 + width[j] * np.asarray(around)))
     points = np.unique(np.concatenate(points))

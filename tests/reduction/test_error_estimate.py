@@ -76,6 +76,16 @@ def test_grid_has_uniform_points_and_seven_around_each_cluster():
     assert len(grid([model, other], law, band, 50)) == 50 + 3 * 7
 
 
+def test_grid_has_every_sharp_resonance_of_a_cluster():
+    """Poles that lie close together are apart where they are sharper still: one of them was left out."""
+    f = np.array([3.0, 3.0 * (1 + 1e-6), 6.0])
+    model = diagonalised(np.diag((2 * np.pi * f) ** 2), np.ones((3, 1)))
+    S = grid([model], Law(eta=1e-8), (1.0, 10.0), 50)
+    assert np.abs(S[:, None] / f - 1).min(axis=0).max() < 1e-12
+    S = grid([model], Law(eta=1e-5), (1.0, 10.0), 50)
+    assert len(S) == 50 + 2 * 7
+
+
 def test_finer_and_around_peaks():
     S = np.array([0.0, 1.0, 3.0])
     assert np.allclose(finer(S, 2), [0.0, 0.5, 1.0, 2.0, 3.0])
