@@ -8,11 +8,18 @@ import pytest
 import hpcred
 from hpcred import SecondOrderModel
 from hpcred.analysis.error_check import as_measured
+from hpcred.parallel.petsc import is_complex
 from hpcred.reduction import reduce, run
 
 COUNT, STIFF = 24, 2.0**36  # masses of 1 kg, and the springs between them in N/m; the first is held by 1 N/m
 OMEGA = 1 / np.sqrt(COUNT)  # of all masses as one
 BAND = (0.0, 3 * OMEGA / (2 * np.pi))
+
+
+@pytest.fixture(autouse=True)
+def counts_modes():
+    if is_complex():
+        pytest.skip("a second proof, in place of a count of modes, is at no regular point: K has no digits left there")
 
 
 def nearly_free(comm):
