@@ -1,6 +1,6 @@
 """What was said of an error against full solves: an accuracy and fresh frequencies enter, a Check leaves.
 
-The frequencies are drawn at random over the band, and some right beside pseudo-frequencies, where errors are largest.
+The frequencies are drawn at random over the band, and some right beside resonances, where errors are largest.
 The full model is factored there with the damping that the accuracy was measured with.
 """
 
@@ -16,12 +16,14 @@ from ..model.damping import Structural
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..reduction.accuracy import Accuracy
+from ..reduction.interface_coordinates import elastic_part
 from ..reduction.reduced_model import ReducedModel, as_measured
 from .error import relative_error
 from .frequency_response import frequency_response
 
-BESIDE = 1.0003  # times a pseudo-frequency
-SOME = 3  # pseudo-frequencies at most
+BESIDE = 0.3  # of its damping ratio: how far from a resonance
+SHARPEST = 1e-7  # damping ratio that counts as such
+SOME = 3  # resonances at most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,9 +59,9 @@ class Check:
         )
 
 
-def fresh_frequencies(band, pseudo_frequencies, count: int, seed: int | None, comm) -> tuple[int, np.ndarray]:
-    """The seed, a new one unless given, and in Hz `count` frequencies of the band and up to SOME beside
-    pseudo-frequencies, ascending. Collective."""
+def fresh_frequencies(band, resonances, count: int, seed: int | None, comm) -> tuple[int, np.ndarray]:
+    """The seed, a new one unless given, and in Hz `count` frequencies of the band and up to SOME beside `resonances`,
+    which are frequencies (k,) with damping ratios, sharp ones more often; ascending. Collective."""
     if declared("check", count, int) < 1:
         raise InputError(f"check: found {count}, expected at least 1 frequency")
     if (declared("seed", seed, int | None) or 0) < 0:
@@ -68,9 +70,13 @@ def fresh_frequencies(band, pseudo_frequencies, count: int, seed: int | None, co
     seed = comm.bcast(secrets.randbelow(10**6) if seed is None else seed)
     random = np.random.default_rng(seed)
     drawn = random.uniform(low, high, count)
-    near = BESIDE * np.asarray(pseudo_frequencies)
-    near = near[(near > max(low, 0.0)) & (near < high)]
-    near = random.choice(near, min(SOME, len(near)), replace=False)
+    near, ratio = np.broadcast_arrays(*resonances)
+    ratio = np.maximum(ratio, SHARPEST)
+    near = near * (1 + BESIDE * ratio)
+    inside = (near > max(low, 0.0)) & (near < high)
+    near, sharp = near[inside], 1 / ratio[inside]
+    if len(near):
+        near = random.choice(near, min(SOME, len(near)), replace=False, p=sharp / sharp.sum())
     return seed, comm.bcast(np.unique(np.concatenate([drawn, near])))
 
 
@@ -100,7 +106,7 @@ def check_reduced(
     reduced model has no accuracy.
     """
     accuracy, record = accuracy_of(reduced), reduced.record
-    seed, frequencies = fresh_frequencies(accuracy.band, reduced.frequencies, count, seed, model.comm)
+    seed, frequencies = fresh_frequencies(accuracy.band, _resonances(reduced, accuracy), count, seed, model.comm)
     full = frequency_response(
         model, frequencies, record.frame, measuring_damping(accuracy, record.damping), factoring=factoring,
         groups=groups, progress=progress,
@@ -111,6 +117,16 @@ def check_reduced(
         seed=seed, bound=bound_of(accuracy), frequencies=tuple(frequencies.tolist()),
         said=tuple(said_at(accuracy, frequencies).tolist()), exact=tuple(exact.tolist()),
     )  # fmt: skip
+
+
+def _resonances(reduced, accuracy):
+    """Where the response may peak as it is measured (k,), in Hz, and the damping ratios there: by the poles, which a
+    given D moves off the pseudo-frequencies."""
+    if accuracy.loss_factor:
+        return reduced.frequencies, accuracy.loss_factor / 2
+    poles = elastic_part(reduced).poles()
+    poles = poles[poles.imag > 0]
+    return poles.imag / (2 * np.pi), np.abs(poles.real) / np.abs(poles)
 
 
 def bound_of(accuracy: Accuracy) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from ..linalg.basis import Basis
 from ..linalg.factorisation import Factoring, FactorRecord
 from ..model.damping import Caughey, ModalDamping, NoDamping, Rayleigh, Structural, caughey_terms
+from ..model.digits import doubts_of_digits
 from ..model.frames import NoFrame, apply_frame, inputs_without_effect
 from ..model.rigid_body_modes import RigidBodyModes
 from ..model.scales import scaled, scales_of, unscaled
@@ -25,7 +26,7 @@ from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
 from ..reduction.accuracy import Accuracy, Adaptive
 from ..reduction.adaptive import Search, deflation_of_search
-from ..reduction.error_estimate import UNIFORM, estimate, grid
+from ..reduction.error_estimate import UNIFORM, estimate, grid, resonances
 from ..reduction.pseudo_modal import Law, nested, relative, response
 from ..reduction.reduce import ROOM, check_model, warnings_of
 from ..reduction.round_off import projected_again
@@ -114,7 +115,7 @@ def full_response(
         return found
     with progress.stage("check"):
         accuracy = found.accuracy
-        seed, fresh = fresh_frequencies(accuracy.band, models.frequencies, check, seed, model.comm)
+        seed, fresh = fresh_frequencies(accuracy.band, models.resonances, check, seed, model.comm)
         exact = frequency_response(
             model, fresh, frame, measuring_damping(accuracy, damping), factoring=factoring, groups=groups,
             progress=progress,
@@ -156,13 +157,14 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
             outer = decided(model.comm, projections.model)
             seen = decided(model.comm, _seen, search, reason, outer)
             basis.multiply(outer.vectors)
+            run.remarks += doubts_of_digits(model, framed.model.K, outer.squares, basis.columns)
             again = tuple(projected_again(basis, run, projections.law, projections.D is not None))
             models = _Models(seen, outer, again, projections.law, projections.ports)
             values, eps, accuracy = decided(model.comm, _evaluate, search, reason, frequencies, law, models)
-        factorisations = tuple(run.factorisations)
+        factorisations, warnings = tuple(run.factorisations), (*warnings, *run.warnings)
     return FullResponse(
         frequencies=frequencies, response=values, eps=eps, accuracy=accuracy, input_names=model.input_names,
-        output_names=model.output_names, factorisations=factorisations, warnings=tuple(warnings),
+        output_names=model.output_names, factorisations=factorisations, warnings=warnings,
         timing=progress.timing(),
     ), models  # fmt: skip
 
@@ -200,8 +202,8 @@ class _Models:
     ports: tuple
 
     @property
-    def frequencies(self):
-        return self.outer.frequencies
+    def resonances(self):
+        return resonances(self.outer, self.law)
 
     def curve(self, law, frequencies):
         """Estimated relative errors and their noise (S,)."""
@@ -247,5 +249,5 @@ def _accuracy(search, models, reason) -> Accuracy:
     curve, roundoff = models.curve(models.law, S)
     noise = max(search.judge.noise, float(roundoff.max()))
     return search.accuracy(
-        reason, S, curve, largest=float(curve.max()), noise=noise, highest=float(models.frequencies.max())
+        reason, S, curve, largest=float(curve.max()), noise=noise, highest=float(models.outer.frequencies.max())
     )

@@ -158,10 +158,13 @@ class Accuracy:
         if self.multigrid:  # whose first points in the band are no proofs yet
             proven = max(self.proofs[1:] or self.proofs, key=lambda item: item.exact, default=None)
         by = f", proven {proven.exact:.1e} at {proven.frequency:g} Hz of the big model" if proven else ""
+        # responses of round-off are compared with each other; without an exact value nothing bounds an estimate
+        more = " or more" if self.stopped == ROUND_OFF or self.unproven else ""
+        about = f"{self.largest + self.noise:.1e}{more}"
         claim = (
             f"eps <= {self.tolerance:g} over {low:g} to {high:g} Hz" if self.reached
-            else f"NOT REACHED: eps is about {self.largest + self.noise:.1e}, not {self.tolerance:g}, over {low:g} to "
-            f"{high:g} Hz, {self.stopped}"
+            else f"NOT REACHED: eps is about {about}, not {self.tolerance:g}, over {low:g} to {high:g} Hz, "
+            f"{self.stopped}"
         )  # fmt: skip
         doubt = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
         return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{doubt}"

@@ -135,7 +135,7 @@ class Chain:
                 self.vectors.renew_images(start, self.vectors.size)  # as those that come from a store have them
                 self.complete = self.vectors.size == start
                 self._took(load, block)
-        self.run.see_mass(self.massless)
+        self.run.massless |= self.massless
         self.offered.append(self._offers(columns))
         self.ends.append(self.vectors.size)
         self._residual = max(self._residual, self._solver.records[-1].residual)
@@ -178,7 +178,7 @@ class Chain:
                 self.vectors = self.kind(self.run.mass, tolerance=self.run.tolerance, keeps=self.run.keeps_images)
                 return
         self.massless = facts.get("massless", False)
-        self.run.see_mass(self.massless)
+        self.run.massless |= self.massless
         self.ends, self.offered = facts["ends"][:count], facts["offered"][:count]
         if count == len(facts["ends"]):
             self.complete, self._residual = facts["complete"], facts["residual"]

@@ -44,7 +44,7 @@ class Projections:
         """Add the span of a block to the basis; returns how many columns are new. `images`: M block where known."""
         start = self.basis.size
         with self.run.progress.stage("orthogonalise"):
-            self.run.see_mass(self.basis.extend(block, images).massless)
+            self.run.massless |= self.basis.extend(block, images).massless > 0
         self._project(start)
         if self.basis.size > start:
             self._starts.append(start)

@@ -104,6 +104,7 @@ def _reduce(model, basis, frame, damping, adaptive, settings, factoring, store, 
         _extend_by_all(basis, bases, runs, groups, last=adaptive is None)
         accuracy = None if adaptive is None else _to_tolerance(bases[0], run, adaptive, groups, settings)
         for each in runs:
+            run.massless |= each.massless
             each.release()
         if not all(vectors.size for vectors in bases):
             raise InputError("basis: no vector is left; no mode lies in the bands and no input loads the body")
@@ -120,7 +121,7 @@ def _reduce(model, basis, frame, damping, adaptive, settings, factoring, store, 
             model, framed, runs, progress, frame=frame, damping=damping, basis=basis, groups=groups,
             projection="one_sided" if len(bases) == 1 else "two_sided", deflation_tolerance=deflation,
             drop_above=settings.drop_above, coordinates=settings.coordinates, orthonormality_defect=defect,
-            warnings=(*warnings, *dict.fromkeys(run.remarks)), accuracy=accuracy,
+            warnings=(*warnings, *run.warnings), accuracy=accuracy,
             unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         )  # fmt: skip
         return reduced
@@ -306,6 +307,8 @@ def _project(model, framed, vectors, run, settings):
 def _project_two_sided(model, framed, right, left, run, settings):
     """The reduced model of a two-sided projection (20), its poles checked, and the biorthonormality defect."""
     full = framed.model
+    squares = diagonalise(right, project(full.K, right.columns))
+    run.remarks += doubts_of_digits(model, full.K, squares, right.columns)
     defect = biorthogonal(left, right, run)
     V, W = right.columns, left.columns
     small = {key: project(mat, V, W) for key, mat in full.matrices.items()}

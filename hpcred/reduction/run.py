@@ -60,7 +60,7 @@ class Run:
 
     `columns`: how many the basis is expected to have; `store`: a Store (see chain), or None; `identity`: what of the
     model and of the job decides about columns (see identity_of_model). `needed`: the factors (mass and damping, as in
-    FactorRecord) that a run without store has.
+    FactorRecord) that a run without store has. `massless`: whether directions were left out since they move no mass.
     """
 
     framed: FramedModel
@@ -74,6 +74,7 @@ class Run:
     identity: dict = field(default_factory=dict)
     needed: list[tuple[str, str]] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
+    massless: bool = False
     _solver: ShiftedSolver | MultigridSolver | None = None
     _complex_solver: ComplexSolver | None = None
     _loads: object = None
@@ -244,11 +245,6 @@ class Run:
         apply(self.mass, block, product)
         return product
 
-    def see_mass(self, massless):
-        """Have the result warn of directions that a basis left out since they move no mass, if there were any."""
-        if massless and WITHOUT_MASS not in self.remarks:
-            self.remark(WITHOUT_MASS)
-
     def note(self, where: str, columns: int, found: Extension | int, **more):
         """Record how many of the columns offered were new; shown by the command line, kept in the result."""
         weights = {}
@@ -257,7 +253,7 @@ class Run:
                 weights["smallest_kept"] = found.smallest_kept
             if found.largest_dropped:
                 weights["largest_dropped"] = found.largest_dropped
-            self.see_mass(found.massless)
+            self.massless |= found.massless > 0
             found = found.kept
         self.ingredients.append(IngredientRecord(where=where, columns=columns, kept=found, **weights, **more))
         dropped = f", {columns - found} dependent dropped" if columns > found else ""
@@ -291,6 +287,11 @@ class Run:
         self.progress.say(sentence)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user of the result has to know."""
+        return (*dict.fromkeys(self.remarks), *([WITHOUT_MASS] if self.massless else []))
+
+    @property
     def factorisations_saved(self) -> int:
         """How many factors were not made because of the store."""
         if self._shared is not None:
@@ -305,15 +306,16 @@ class Run:
 
     def told(self):
         """What add() of another run takes over."""
-        return self.factorisations, self.analyses, self.ingredients, self.needed, self.remarks
+        return self.factorisations, self.analyses, self.ingredients, self.needed, self.remarks, self.massless
 
-    def add(self, factorisations, analyses, ingredients, needed, remarks):
+    def add(self, factorisations, analyses, ingredients, needed, remarks, massless):
         """Take over what was recorded on a group of ranks."""
         self._added += factorisations
         self._added_analyses += analyses
         self.ingredients += ingredients
         self.needed += needed
         self.remarks += remarks
+        self.massless |= massless
 
     def dual(self):
         """The run of the output Krylov subspaces (33): C^T in place of B, transposed matrices. Collective.

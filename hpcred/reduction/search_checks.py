@@ -14,7 +14,6 @@ from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from .error_estimate import is_free, is_silent
 from .residual_blocks import largest_residual
-from .run import WITHOUT_MASS
 
 ZERO = np.finfo(float).eps  # squares of frequencies, relative to the largest, that are round-off, and
 NEARLY_ZERO = 1e-12  # that may be, where round-off shows in the estimate too
@@ -82,11 +81,11 @@ def check_massless(projections, points):
     """Refuse a basis that has lost solutions of its points (Hz): those that move no mass, or to round-off on dofs
     without mass, which it is not orthonormal on."""
     run = projections.run
-    if not massless(run.model) and WITHOUT_MASS not in run.remarks:
+    if not massless(run.model) and not run.massless:
         return
     if largest_residual(projections, points, damped=False) > COMPLETE:
         raise _lost_without_mass(projections)
-    run.remarks = [sentence for sentence in run.remarks if sentence != WITHOUT_MASS]  # nothing was lost
+    run.massless = False  # nothing was lost
 
 
 def _lost_without_mass(projections):

@@ -51,6 +51,12 @@ def test_what_the_digits_leave_is_said(comm, digits):
         with closing(hpcred.natural_modes(model, 3)) as found, hpcred.reduce(model, [hpcred.Modes(count=3)]) as rom:
             said = [line for line in rom.record.warnings if "digits" in line]
             assert list(found.doubts) == said
+            f = found.frequencies[0] * np.array([0.5, 0.9])
+            assert [line for line in hpcred.full_response(model, f).warnings if "digits" in line] == said
+        with model.with_outputs([3]) as both:
+            two_sided = {"projection": "two_sided", "allow_unstable": True}
+            with hpcred.reduce(both, [hpcred.Modes(count=3)], **two_sided) as rom:
+                assert [line for line in rom.record.warnings if "digits" in line] == said
         if digits == 14:
             assert error < 1e-6 and not said
             return

@@ -88,6 +88,7 @@ def test_what_is_said_of_difficult_models_is_true(name, tolerance, comm):
 def test_below_round_off_it_is_limited(name, comm):
     accuracy, _ = checked(CASES[name](), 1e-13, comm)
     assert not accuracy.reached and accuracy.stopped.startswith("limited by")
+    assert " or more, not 1e-13, over " in accuracy.sentence
     assert 1e-13 < accuracy.noise < 1e-9 and len(accuracy.points) <= 3
 
 
@@ -450,4 +451,6 @@ def test_modes_of_a_cluster_that_dashpots_leave_alone(comm, seed):
     with case.model(comm) as model, hpcred.reduce(model, **law) as rom:
         assert rom.record.accuracy.reached
         _, true = said_and_true(case, rom, np.outer([0.9999, 1.0, 1.0001], sharp).ravel())
+        check = hpcred.check_reduced(rom, model, 1, seed=seed)
     assert true.max() <= 1e-3
+    assert check.passed and any(np.abs(f / sharp - 1).min() < 3e-4 for f in check.frequencies)
