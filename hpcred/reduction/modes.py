@@ -125,9 +125,9 @@ def _slices(run):
     """Whether the factors that SLEPc makes of its own fit; refused where nothing else would do."""
     if not run.multigrid:
         try:
-            run.solver.estimate()
+            run.solvers.real.estimate()
         except DoesNotFit as error:
-            if not run.give_up_factors(error):
+            if not run.solvers.give_up_factors(error):
                 raise
     if not run.multigrid:
         run.release()
@@ -183,8 +183,8 @@ def lowest(run, count, shift=0.0):
 
     Found by solves with K + shift M. Raises SingularMatrix.
     """
-    run.factored(shift, "0 Hz" if not shift else "a shift")
-    return lowest_modes_by(run, count, run.model.size - run.framed.rigid_size, run.solver.solve)
+    solver = run.factored(shift, "0 Hz" if not shift else "a shift")
+    return lowest_modes_by(run, count, run.model.size - run.framed.rigid_size, solver.solve)
 
 
 def lowest_modes_by(run, count, most, solve):

@@ -99,8 +99,8 @@ class PointSolver:
         known = run.stored(key)
         pivots = None if known is None else known.facts["negative_pivots"]
         if known is None or (self.counts and pivots is None):
-            self._factor()
-            pivots = run.solver.negative_pivots if self.counts else None
+            solver = self._factor()
+            pivots = solver.negative_pivots if self.counts else None
             run.keep(key, Entry({"negative_pivots": pivots}))
         return pivots
 

@@ -226,7 +226,7 @@ def _to_tolerance(vectors, run, adaptive, groups, settings) -> Accuracy:
     try:
         factor, accuracy = _search(vectors, run, adaptive, groups, settings.drop_above, kept)
     except DoesNotFit as error:
-        if vectors.size > before or not run.give_up_factors(error):
+        if vectors.size > before or not run.solvers.give_up_factors(error):
             raise
         factor, accuracy = _search(vectors, run, adaptive, groups, settings.drop_above, kept)
     run.note("compressed", vectors.size, factor.shape[1])

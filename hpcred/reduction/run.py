@@ -1,4 +1,4 @@
-"""One reduction under way: the framed model, solvers, loads and settings that an ingredient may use, and its record."""
+"""One reduction under way: the framed model, solvers, loads and settings that an ingredient may use, and its notes."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ from ..linalg.blocks import apply, create_block, from_dense, independent, inner,
 from ..linalg.csr import without_zeros
 from ..linalg.factorisation import DoesNotFit, Factoring, FactorRecord
 from ..linalg.free_motions import check_free_motions
-from ..linalg.multigrid_solver import MultigridSolver, not_definite
+from ..linalg.multigrid_solver import MultigridSolver
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
 from ..model.damping import GivenDamping
 from ..model.frames import FramedModel, NoFrame
-from ..model.node_blocks import NodeBlocks
 from ..parallel.decisions import decided
-from ..parallel.failures import InputError
 from ..parallel.memory import MB
 from ..parallel.petsc import PETSc
 from ..parallel.progress import Progress
 from .ports import loads_and_ports
+from .run_solvers import RunSolvers
 
 NEAR_ZERO = 0.01  # of a frequency of interest, below which a pseudo-mode may be a motion without force
 FOR_IMAGES = 0.1  # of the memory of a rank may go to images of columns
@@ -75,11 +74,9 @@ class Run:
     needed: list[tuple[str, str]] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     massless: bool = False
-    _solver: ShiftedSolver | MultigridSolver | None = None
-    _complex_solver: ComplexSolver | None = None
+    solvers: RunSolvers | None = None  # those of another run, shared with it
     _loads: object = None
     _loads_and_ports: tuple | None = None
-    _shared: Run | None = None
     _own_model: object = None
     _mass: object = None
     _added: list[FactorRecord] = field(default_factory=list)
@@ -88,32 +85,11 @@ class Run:
 
     def __post_init__(self):
         self.model, self.rigid = self.framed.model, self.framed.rigid
-
-    @property
-    def solver(self) -> ShiftedSolver | MultigridSolver:
-        """The one solver of the run; only one of the two has a factor at a time."""
-        if self._shared is not None:
-            return self._shared.solver
-        if self._solver is None and self.factoring.solver.kind == "multigrid":
-            self._take_multigrid()
-        if self._solver is None:
-            self._solver = ShiftedSolver(self.model, self.rigid, inertia=self.inertia, **self._memory())
-        if self._complex_solver is not None:
-            self._complex_solver.release()
-        return self._solver
-
-    @property
-    def complex_solver(self) -> ComplexSolver:
-        """The one solver of the run for complex A(s)."""
-        if self._shared is not None:
-            return self._shared.complex_solver
-        if self.factoring.solver.kind == "multigrid":
-            raise InputError(not_definite("a complex point"))
-        if self._complex_solver is None:
-            self._complex_solver = ComplexSolver(self.model, self.rigid, **self._memory())
-        if self._solver is not None:
-            self._solver.release()
-        return self._complex_solver
+        self._owns_solvers = self.solvers is None
+        if self._owns_solvers:
+            self.solvers = RunSolvers(
+                self.framed, self.progress, self.factoring, self.inertia, self._reserved_mb, self.remark
+            )
 
     @cached_property
     def keeps_images(self) -> bool:
@@ -125,59 +101,25 @@ class Run:
         rows = np.diff(self.model.M.getOwnershipRanges()).max()
         return self.columns * rows * np.dtype(PETSc.ScalarType).itemsize / MB
 
-    def _memory(self):
-        """For solvers, with memory kept for the columns of the basis and those of a point."""
-        return {"factoring": self.factoring, "reserved_mb": (4 if self.keeps_images else 2) * self._columns_mb}
+    def _reserved_mb(self):
+        """Memory for the columns of the basis and those of a point."""
+        return (4 if self.keeps_images else 2) * self._columns_mb
 
     def factored(
         self, mass: float, name: str, damping: float = 0.0, may_give_up: bool = True
     ) -> ShiftedSolver | MultigridSolver:
-        """The solver with the factor of K + damping D + mass M, or of M (mass = inf), made unless it is there.
+        """See RunSolvers."""
+        return self.solvers.factored(mass, name, damping, may_give_up)
 
-        Raises SingularMatrix. Where the factor does not fit, solver.kind is "auto" and the matrix is positive definite,
-        the run goes on by multigrid, if it `may_give_up` factors; else DoesNotFit is raised.
-        """
-        if self.solver.factored != (mass, damping):
-            with self.progress.stage("factor", name):
-                try:
-                    self._factor(mass, damping)
-                except DoesNotFit as error:
-                    if mass < 0 or not may_give_up or not self.give_up_factors(error):
-                        raise
-                    self._factor(mass, damping)
-        return self.solver
-
-    def _factor(self, mass, damping):
-        if mass == np.inf:
-            self.solver.factor_mass()
-        else:
-            self.solver.factor(mass, damping)
-
-    def give_up_factors(self, error: DoesNotFit) -> bool:
-        """Go on by multigrid, where that may be; whether it is so. Collective."""
-        if self._shared is not None:
-            return self._shared.give_up_factors(error)
-        model = self.model
-        if self.factoring.solver.kind != "auto" or model.dofs is None or not model.symmetric:
-            return False
-        if self._solver is not None:
-            self._added += self._solver.records
-            self._added_analyses += self._solver.analyses
-            self._solver.close()
-        self._take_multigrid()
-        self.remark(f"{str(error).partition(';')[0]}: solved by conjugate gradients with multigrid instead")
-        return True
+    @property
+    def complex_solver(self) -> ComplexSolver:
+        """The one solver of the run for complex A(s)."""
+        return self.solvers.complex
 
     @property
     def multigrid(self) -> bool:
         """Whether solves are by multigrid, which serves real points alone."""
-        if self._shared is not None:
-            return self._shared.multigrid
-        return self.factoring.solver.kind == "multigrid" or isinstance(self._solver, MultigridSolver)
-
-    def _take_multigrid(self):
-        blocks = NodeBlocks(self.model)
-        self._solver = MultigridSolver(self.model, self.rigid, blocks, self.factoring.solver)
+        return self.solvers.multigrid
 
     def check_free_motions(self, lowest: float, among: float):
         """Refuse a free body in parts or with hinges, whose other free motions are pseudo-modes near 0 Hz.
@@ -197,16 +139,13 @@ class Run:
 
     @property
     def factorisations(self) -> list[FactorRecord]:
-        """The factorisations of the run."""
-        return self._added + [record for solver in self._solvers() for record in solver.records]
+        """The factorisations of the run, but for those by solvers that it shares."""
+        return self._added + (self.solvers.records if self._owns_solvers else [])
 
     @property
     def analyses(self) -> int:
-        """The symbolic analyses of the run: one as long as real and complex points do not alternate."""
-        return self._added_analyses + sum(solver.analyses for solver in self._solvers())
-
-    def _solvers(self):
-        return [solver for solver in (self._solver, self._complex_solver) if solver is not None]
+        """Its symbolic analyses."""
+        return self._added_analyses + (self.solvers.analyses if self._owns_solvers else 0)
 
     @property
     def loads(self):
@@ -294,7 +233,7 @@ class Run:
     @property
     def factorisations_saved(self) -> int:
         """How many factors were not made because of the store."""
-        if self._shared is not None:
+        if not self._owns_solvers:
             return 0  # counted there
         made = Counter((record.mass, record.damping) for record in self.factorisations)
         return (Counter(self.needed) - made).total()
@@ -322,25 +261,21 @@ class Run:
 
         Symmetric matrices share the solvers, and so the factors of a point that was used right before.
         """
-        model = self.model.as_dual()
+        model, shares = self.model.as_dual(), self.model.symmetric
         framed = FramedModel(model, rigid=self.rigid, damping=self.framed.damping)
+        identity = self.identity | {"inputs": self.identity.get("outputs"), "transposed": not shares}
         other = Run(framed, self.progress, self.tolerance, self.factoring, self.ingredients, columns=self.columns,
-                    store=self.store, remarks=self.remarks,
-                    identity=self.identity | {"inputs": self.identity.get("outputs"), "transposed": True})  # fmt: skip
+                    store=self.store, remarks=self.remarks, identity=identity,
+                    solvers=self.solvers if shares else None, needed=self.needed if shares else [])  # fmt: skip
         other._own_model = model
-        if self.model.symmetric:
-            other._shared = self
-            other.needed = self.needed
-            other.identity["transposed"] = False
         return other
 
     def release(self):
         """Free the factors."""
-        for solver in self._solvers():
-            solver.release()
+        self.solvers.release()
 
     def close(self):
-        for item in (*self._solvers(), self._own_model):
+        for item in (self.solvers if self._owns_solvers else None, self._own_model):
             if item is not None:
                 item.close()
         for item in (self._loads, self._mass, *(self._loads_and_ports or ())[:1]):

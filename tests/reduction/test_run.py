@@ -13,10 +13,10 @@ def test_one_factor_at_a_time(comm):
     with package.linkage(comm) as model:
         framed = apply_frame(model, Buckens(), Rayleigh(2.0, 1e-5))
         context = Run(framed, Progress(comm, show=False), 1e-12)
-        context.solver.factor(-1e4)
-        assert context.solver.factored is not None
-        solver = context._solver
-        context.complex_solver.factor(100j)
-        assert solver.factored is None and context._complex_solver.factored is not None
+        solver = context.factored(-1e4, "a point")
+        assert solver.factored is not None
+        other = context.complex_solver
+        other.factor(100j)
+        assert solver.factored is None and other.factored is not None
         context.close()
         framed.close()
