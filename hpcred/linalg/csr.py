@@ -1,4 +1,4 @@
-"""Coordinates to rows: entries (row, column, value) of this rank's rows enter, CSR rows leave; and zeros left out."""
+"""Sparse matrices by rows: entries (row, column, value) of this rank's rows enter, CSR rows or a matrix leave."""
 
 from __future__ import annotations
 
@@ -34,6 +34,17 @@ def compress(entries: dict, first: int, last: int, columns: int):
     rows, indices = np.divmod(pattern, columns)
     indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=last - first))])
     return indptr, indices, values
+
+
+def sparse_rows(like: PETSc.Mat, parts, width) -> PETSc.Mat:
+    """A matrix with the rows of another one from (rows of this rank, columns, values), with columns that ascend from
+    part to part; `width`: how many columns this rank owns, and all. Collective. The caller destroys it."""
+    size, total = like.getSizes()[0]
+    rows, columns, values = (np.concatenate(items) for items in zip(*parts, strict=True))
+    order = np.argsort(rows, kind="stable")
+    starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=size))])
+    csr = (starts.astype(PETSc.IntType), columns[order].astype(PETSc.IntType), values[order])
+    return PETSc.Mat().createAIJ(((size, total), width), csr=csr, comm=like.comm)
 
 
 def without_zeros(mat: PETSc.Mat) -> PETSc.Mat:

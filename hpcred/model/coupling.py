@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..linalg.csr import sparse_rows
 from .dofs import Dofs
-from .interface_motion import coupled_rows, members, rigid_rows, sparse_rows
+from .interface_motion import coupled_rows, members, rigid_rows
 from .interfaces import SIX
 
 
@@ -42,7 +43,7 @@ def _coupling(model, rigid):
     for (rows, places, E), count, more in zip(entries, counts, np.cumsum(counts), strict=True):
         columns = kept + more - count + np.arange(count)
         parts.append((np.repeat(rows, len(places)), np.tile(columns, len(rows)), E.ravel()))
-    T = sparse_rows(model, parts, (len(free) + (sum(counts) if last else 0), kept + sum(counts)))
+    T = sparse_rows(model.K, parts, (len(free) + (sum(counts) if last else 0), kept + sum(counts)))
     dofs = model.dofs.take(free)
     if last:
         number, position = ([getattr(item, key) for item in rigid] for key in ("node", "position"))

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from ..linalg.blocks import column_norms, from_dense, local_rows
-from ..linalg.csr import compress
+from ..linalg.csr import compress, sparse_rows
 from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import PETSc
@@ -269,7 +269,8 @@ def _remove(model, held, rotated):
         if rotation is not None:
             turned.destroy()
     keep.destroy()
-    selection = _selection(model, free, total)
+    columns = (comm.exscan(len(free)) or 0) + np.arange(len(free))
+    selection = sparse_rows(model.K, [(free - first, columns, np.ones(len(free)))], (len(free), total))
     restore = selection
     if rotation is not None:
         restore = rotation.matMult(selection)
@@ -277,18 +278,6 @@ def _remove(model, held, rotated):
         rotation.destroy()
     dofs = None if model.dofs is None else model.dofs.take(free - first)
     return model.in_coordinates(mats, restore, dofs), restore
-
-
-def _selection(model, free, total):
-    """T (n, n_free): one unit entry in each free row."""
-    comm = model.comm
-    start = comm.exscan(len(free)) or 0
-    counts = np.zeros(model.local_rows + 1, dtype=PETSc.IntType)
-    counts[free - model.first_row + 1] = 1
-    columns = np.arange(start, start + len(free), dtype=PETSc.IntType)
-    sizes = ((model.local_rows, model.size), (len(free), total))
-    csr = (np.cumsum(counts, dtype=PETSc.IntType), columns, np.ones(len(free)))
-    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=model.K.comm)
 
 
 def _rotation(model, rotated):

@@ -15,11 +15,12 @@ from itertools import count as numbers_from
 
 import numpy as np
 
+from ..linalg.csr import sparse_rows
 from ..parallel.decisions import decided
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
-from ..parallel.petsc import MPI, PETSc
+from ..parallel.petsc import MPI
 from .dofs import SCALAR, require_dofs
 from .elements import surface_areas
 from .interfaces import SIX, Interface, InterfaceNode, Nodes
@@ -246,14 +247,4 @@ def _sparse_columns(model, entries):
     """G^T (n, 6k) as a sparse matrix, from rows of this rank and their six values by interface."""
     parts = [(np.repeat(rows, 6), 6 * i + np.tile(np.arange(6), len(rows)), values.ravel())
              for i, (rows, values) in enumerate(entries)]  # fmt: skip
-    return sparse_rows(model, parts, (None, 6 * len(entries)))
-
-
-def sparse_rows(model, parts, width):
-    """A matrix of the local rows from (rows, columns, values), with columns ascending from part to part; `width`: how
-    many of this rank and of all. Collective."""
-    rows, columns, values = (np.concatenate(items) for items in zip(*parts, strict=True))
-    order = np.argsort(rows, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=model.local_rows))])
-    csr = (starts.astype(PETSc.IntType), columns[order].astype(PETSc.IntType), values[order])
-    return PETSc.Mat().createAIJ(((model.local_rows, model.size), width), csr=csr, comm=model.K.comm)
+    return sparse_rows(model.K, parts, (None, 6 * len(entries)))

@@ -197,25 +197,27 @@ def _beside_others(progress, done, output):
 
 def _told(progress, total):
     """What is said when a run has ended, and once a minute while they run."""
-    begun, count, said = time.monotonic(), [0], [time.monotonic()]
+    begun = said = time.monotonic()
+    count = 0
 
     def left():
-        if not count[0] or count[0] == total:
+        if not count or count == total:
             return ""
-        return f", about {in_time((time.monotonic() - begun) / count[0] * (total - count[0]))} left"
+        return f", about {in_time((time.monotonic() - begun) / count * (total - count))} left"
 
     def ended(child):
-        count[0] += 1
-        said[0] = time.monotonic()
+        nonlocal count, said
+        count, said = count + 1, time.monotonic()
         word = "done" if child.status == 0 else f"ended with {child.status}: {child.last_line}"
-        progress.say(f"{child.name}: {word} in {in_time(child.seconds)}; {count[0]} of {total}{left()}")
+        progress.say(f"{child.name}: {word} in {in_time(child.seconds)}; {count} of {total}{left()}")
 
     def waiting(running):
-        if time.monotonic() - said[0] >= MINUTE:
-            said[0] = time.monotonic()
+        nonlocal said
+        if time.monotonic() - said >= MINUTE:
+            said = time.monotonic()
             for child in running:
                 progress.say(f"{child.name}: {child.last_line}")
-            progress.say(f"{count[0]} of {total} runs ended, {len(running)} under way{left()}")
+            progress.say(f"{count} of {total} runs ended, {len(running)} under way{left()}")
 
     return {"ended": ended, "waiting": waiting}
 
