@@ -158,7 +158,7 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
             seen = decided(model.comm, _seen, search, reason, outer)
             basis.multiply(outer.vectors)
             run.remarks += doubts_of_digits(model, framed.model.K, outer.squares, basis.columns)
-            again = tuple(projected_again(basis, run, projections.law, projections.D is not None))
+            again = tuple(projected_again(projections))
             models = _Models(seen, outer, again, projections.law, projections.ports)
             values, eps, accuracy = decided(model.comm, _evaluate, search, reason, frequencies, law, models)
         factorisations, warnings = tuple(run.factorisations), (*warnings, *run.warnings)

@@ -29,6 +29,7 @@ from .groups import blocks_in_groups, number_of_groups
 from .ingredient import Ingredient, PointIngredient
 from .interface_coordinates import Projected, check_interface_coordinates, elastic_part, to_interface_coordinates
 from .projection import diagonalise, project, project_columns
+from .projections import Projections
 from .record import make_record, signature_of
 from .reduced_damping import reduced_damping
 from .reduced_model import ReducedModel
@@ -102,7 +103,9 @@ def _reduce(model, basis, frame, damping, adaptive, settings, factoring, store, 
         points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
         groups = number_of_groups(settings.groups, run, points)
         _extend_by_all(basis, bases, runs, groups, last=adaptive is None)
-        accuracy = None if adaptive is None else _to_tolerance(bases[0], run, adaptive, groups, settings)
+        accuracy = projections = None
+        if adaptive is not None:
+            accuracy, projections = _to_tolerance(bases[0], run, adaptive, groups, settings)
         for each in runs:
             run.massless |= each.massless
             each.release()
@@ -116,7 +119,7 @@ def _reduce(model, basis, frame, damping, adaptive, settings, factoring, store, 
         if accuracy is not None:
             with progress.stage("estimate"):
                 elastic = elastic_part(reduced, framed.rigid_size if reduced.interfaces else 0)
-                accuracy = with_round_off(accuracy, elastic, bases[0], run, adaptive)
+                accuracy = with_round_off(accuracy, elastic, projections)
         reduced.record = make_record(
             model, framed, runs, progress, frame=frame, damping=damping, basis=basis, groups=groups,
             projection="one_sided" if len(bases) == 1 else "two_sided", deflation_tolerance=deflation,
@@ -215,8 +218,8 @@ def warnings_of(model, frame) -> tuple[str, ...]:
     return (*doubts, *doubts_of_interfaces(model))
 
 
-def _to_tolerance(vectors, run, adaptive, groups, settings) -> Accuracy:
-    """Extend the basis until the tolerance is proven, and compress it."""
+def _to_tolerance(vectors, run, adaptive, groups, settings) -> tuple[Accuracy, Projections]:
+    """Extend the basis until the tolerance is proven, and compress it; what is known of it, and its projections."""
     kept = range(0)
     if settings.coordinates == "interface":  # what the responses may not need of the motion of the interfaces
         start = vectors.size
@@ -224,20 +227,21 @@ def _to_tolerance(vectors, run, adaptive, groups, settings) -> Accuracy:
         kept = range(start, vectors.size)
     before = vectors.size
     try:
-        factor, accuracy = _search(vectors, run, adaptive, groups, settings.drop_above, kept)
+        search, factor, accuracy = _search(vectors, run, adaptive, groups, settings.drop_above, kept)
     except DoesNotFit as error:
         if vectors.size > before or not run.solvers.give_up_factors(error):
             raise
-        factor, accuracy = _search(vectors, run, adaptive, groups, settings.drop_above, kept)
+        search, factor, accuracy = _search(vectors, run, adaptive, groups, settings.drop_above, kept)
     run.note("compressed", vectors.size, factor.shape[1])
     vectors.multiply(factor)
-    return accuracy
+    return accuracy, search.projections
 
 
 def _search(vectors, run, adaptive, groups, drop_above, kept):
-    """The factor that compresses the basis, and what is known of it; the columns `kept` stay in its span."""
+    """The search, the factor that compresses its basis, and what is known of it; the columns `kept` stay in its span.
+    """
     search = Search(vectors, run, adaptive, groups)
-    return search.compress(search.search(), drop_above, kept)
+    return search, *search.compress(search.search(), drop_above, kept)
 
 
 def _check_size(framed, basis, adaptive) -> int:

@@ -11,44 +11,43 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..linalg.basis import Basis
 from ..parallel.petsc import MPI
-from .accuracy import Accuracy, Adaptive, law_of
+from .accuracy import Accuracy
 from .projections import Projections
-from .pseudo_modal import Law, PseudoModal, diagonalised, relative, response
+from .pseudo_modal import PseudoModal, diagonalised, relative, response
 from .reduced_model import ReducedModel, as_measured
-from .run import Run
-from .weights import weighed, weighed_ports
+from .weights import weighed
 
 SAMPLES = 3
 FACTORS = (0.7, 1.4)
 CHUNK = 2**20  # numbers of matrices that are solved with at a time
 
 
-def projected_again(basis: Basis, run: Run, law: Law, damped: bool) -> Iterator[PseudoModal]:
-    """Models of the columns of a basis, which changes their lengths, from SAMPLES projections. Collective."""
+def projected_again(projections: Projections) -> Iterator[PseudoModal]:
+    """Models of the columns that the basis has now, which changes their lengths, from SAMPLES projections. Collective.
+    """
+    basis, law, damped = projections.basis, projections.law, projections.D is not None
     lengths, random = np.ones(basis.size), np.random.default_rng(0)
     for _ in range(SAMPLES):
         factors = random.uniform(*FACTORS, basis.size)
         basis.multiply(np.diag(factors / lengths))
         lengths = factors
-        again, scale = Projections(run, basis, law, damped), np.outer(lengths, lengths)
+        again, scale = Projections(projections.run, basis, law, damped), np.outer(lengths, lengths)
         D = None if again.D is None else again.D / scale
         yield diagonalised(again.K / scale, again.L / lengths[:, None], D, law)
 
 
-def with_round_off(accuracy: Accuracy, elastic: ReducedModel, basis: Basis, run: Run, adaptive: Adaptive) -> Accuracy:
-    """The accuracy of a reduced model, of its `elastic` part, on a basis, which changes its lengths; its noise is at
-    least the difference from models that were projected again. Collective."""
-    law, damped, _ = law_of(run.framed.damping, adaptive.zeta0, adaptive.band)
+def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Projections) -> Accuracy:
+    """The accuracy of a reduced model, of its `elastic` part, by the projections of its search on the basis that the
+    model has, which changes its lengths; its noise is at least the difference from models that were projected again.
+    Collective."""
     measured = as_measured(elastic, accuracy)
-    comm, noise = run.model.comm, accuracy.noise
+    comm, noise = projections.run.model.comm, accuracy.noise
     mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]
     parts = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []
     H = [weighed(measured.transfer_function(2j * np.pi * part), accuracy.weights) for part in parts]
-    ports = weighed_ports(run.loads_and_ports[1], accuracy.weights)
-    for again in projected_again(basis, run, law, damped):
+    for again in projected_again(projections):
         for part, values in zip(parts, H, strict=True):
-            found = response(again, law, part, ports)
+            found = response(again, projections.law, part, projections.ports)
             noise = max(noise, float(relative(found - values, found).max()))
     return accuracy.with_noise(comm.allreduce(noise, op=MPI.MAX))
