@@ -6,6 +6,7 @@ from contextlib import closing
 
 import numpy as np
 
+from ..model.digits import digits_of
 from ..model.dofs import DIRECTIONS, SCALAR
 from ..model.rigid_body_modes import (
     FORCE_FREE,
@@ -65,6 +66,8 @@ def check(model) -> dict:
                 f"looks like {report['units']}: from the mass, the size, and the speed of waves between neighbouring "
                 "nodes"
             )
+    if (digits := digits_of(model.K)) is not None:
+        sentences.append(f"K has {digits} digits; modes, responses and reductions warn of frequencies without any")
     return report | {"sentences": sentences, "warnings": list(dict.fromkeys(warnings))}
 
 
