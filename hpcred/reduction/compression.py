@@ -142,18 +142,20 @@ def _reach(judge, outer, goal, fixed) -> tuple[Restricted, str]:
     """The smallest model whose error stays below the goal between the frequencies as well, and why the size that was
     asked for does not let it, or ""; `fixed`: see compressed()."""
     settings, law, ports, noise = judge.settings, judge.projections.law, judge.projections.ports, judge.noise
-    S, limited = grid([outer], law, settings.band), ""
+    S, limited, most = grid([outer], law, settings.band), "", settings.size
+    if most is not None and fixed.shape[1]:  # interface coordinates, which those of rigid-body motion join
+        most -= judge.projections.run.framed.rigid_size
     for trial in range(TRIALS + 1):
         U = compressed(outer, law, S, ports, goal, fixed) if trial < TRIALS else np.eye(len(outer.squares))
-        if settings.size is not None and U.shape[1] > settings.size:
+        if most is not None and U.shape[1] > most:
             limited = f"with {settings.size} coordinates"
-            U = compressed(outer, law, S, ports, 0.0, fixed, most=settings.size)
+            U = compressed(outer, law, S, ports, 0.0, fixed, most=most)
         inner, embedding = restricted(outer, U, law)
         fine = finer(grid([outer, inner], law, settings.band), 4)
         fine, curve = largest(inner, outer, embedding, law, fine, ports)
         if curve.max() <= 1.02 * goal:
             fine, curve = resolved(inner, outer, embedding, law, fine, curve, ports, 3 * noise)
-        if curve.max() <= 1.02 * goal or settings.size == U.shape[1]:
+        if curve.max() <= 1.02 * goal or most == U.shape[1]:
             break
         S = np.unique(np.concatenate([S, fine[curve > 0.8 * goal]]))
     return Restricted(inner, embedding, fine, curve), limited

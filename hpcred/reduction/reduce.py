@@ -102,10 +102,13 @@ def _reduce(model, basis, frame, damping, adaptive, settings, factoring, store, 
         bases = [owned.owns(Basis(run.mass, framed.rigid_columns, deflation, columns, run.keeps_images)) for _ in runs]
         points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
         groups = number_of_groups(settings.groups, run, points)
+        kept = range(0)
+        if adaptive is not None and settings.coordinates == "interface":
+            kept = _motions_of_interfaces(bases[0], run, adaptive)
         _extend_by_all(basis, bases, runs, groups, last=adaptive is None)
         accuracy = projections = None
         if adaptive is not None:
-            accuracy, projections = _to_tolerance(bases[0], run, adaptive, groups, settings)
+            accuracy, projections = _to_tolerance(bases[0], run, adaptive, groups, settings, kept)
         for each in runs:
             run.massless |= each.massless
             each.release()
@@ -218,13 +221,20 @@ def warnings_of(model, frame) -> tuple[str, ...]:
     return (*doubts, *doubts_of_interfaces(model))
 
 
-def _to_tolerance(vectors, run, adaptive, groups, settings) -> tuple[Accuracy, Projections]:
-    """Extend the basis until the tolerance is proven, and compress it; what is known of it, and its projections."""
-    kept = range(0)
-    if settings.coordinates == "interface":  # what the responses may not need of the motion of the interfaces
-        start = vectors.size
-        ConstraintModes().extend(vectors, run)
-        kept = range(start, vectors.size)
+def _motions_of_interfaces(vectors, run, adaptive) -> range:
+    """The columns, first in the basis, by which interfaces move as the responses may not need it."""
+    ConstraintModes().extend(vectors, run)
+    least = run.framed.rigid_size + vectors.size
+    if adaptive.size is not None and adaptive.size < least:
+        raise InputError(
+            f"adaptive.size: found {adaptive.size}, expected at least {least}, by which the interfaces can move"
+        )
+    return range(vectors.size)
+
+
+def _to_tolerance(vectors, run, adaptive, groups, settings, kept) -> tuple[Accuracy, Projections]:
+    """Extend the basis until the tolerance is proven, and compress it; what is known of it, and its projections. The
+    columns `kept` stay in the span."""
     before = vectors.size
     try:
         search, factor, accuracy = _search(vectors, run, adaptive, groups, settings.drop_above, kept)

@@ -226,3 +226,24 @@ def test_component_modes_come_from_a_store(comm, tmp_path):
     assert [item.from_store for item in more.ingredients] == [True, False]
     for response in responses[1:3]:
         assert np.abs(response - responses[0]).max() < 1e-12 * np.abs(responses[0]).max()
+
+
+@pytest.mark.parametrize("clamped", [True, False])
+def test_motions_of_interfaces_that_no_load_needs_stay_whatever_comes_first(comm, clamped):
+    """Constraint modes of a basis beside a tolerance were compressed away, and the result was refused for lack of them;
+    the rigid-body modes of a free body came on top of `size`."""
+    frame, rigid = (NoFrame(), 0) if clamped else (Buckens(), 6)
+    asked = {"tolerance": 1e-2, "band": (0.0, 10000.0)}
+    with block_with_ends(comm, clamped=clamped, cells=(4, 2, 2)) as block, block.with_inputs([(20, "z")]) as model:
+        count = 6 * len(model.interfaces)
+        with hpcred.reduce(model, [CraigBampton(count=2)], frame, coordinates="interface", **asked) as rom:
+            assert rom.record.accuracy.reached and rom.rigid_size == rigid
+            moved = to_dense(model.Gt).T @ gather(rom.columns)
+            assert np.abs(moved - np.eye(count, rom.size)).max() < 1e-8
+        for size in (count, rom.size):
+            limited = hpcred.Adaptive(size=size, **asked)
+            with hpcred.reduce(model, [], frame, adaptive=limited, coordinates="interface") as other:
+                assert other.size <= size
+        with pytest.raises(hpcred.InputError, match=f"adaptive.size: found {count - 1}, expected at least {count}"):
+            few = hpcred.Adaptive(size=count - 1, **asked)
+            hpcred.reduce(model, [], frame, adaptive=few, coordinates="interface")
