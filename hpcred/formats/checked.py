@@ -117,7 +117,7 @@ class CheckedFile:
         sizes = {"n": self.attribute("size")} if "size" in self.attrs else {}
         for name, entry in schema.items():
             if entry.needed and name not in self.datasets:
-                raise damaged(self.path, f"/{name} is missing")
+                raise self._unfit(f"/{name} is missing")
         for name, item in self.datasets.items():
             entry = schema.get(name) or schema.get(name.rpartition("/")[0] + "/*")
             if entry is None:
@@ -127,7 +127,13 @@ class CheckedFile:
             if not right or expected != list(item.shape):
                 found = f"{item.dtype} of shape {item.shape}"
                 shape = tuple(sizes.get(size, size) for size in entry.shape)
-                raise damaged(self.path, f"/{name} is {found}, expected {entry.kind} of shape {shape}")
+                raise self._unfit(f"/{name} is {found}, expected {entry.kind} of shape {shape}")
+
+    def _unfit(self, what):
+        """What to raise for a dataset that is missing or of another shape: of a file that a user wrote, perhaps."""
+        if self.complete:
+            return damaged(self.path, what)
+        return InputError(f"{self.path}: {what}; 'files' in the documentation lists all arrays, or make the file again")
 
 
 class Group:

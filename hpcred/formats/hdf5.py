@@ -203,12 +203,15 @@ def opened(path, kind: str, version: int | None = None):
         raise InputError(f"{path}: not a readable HDF5 file ({error})") from error
     with file:
         try:
-            found, number = str(file.attrs.get("format", "none")), int(file.attrs.get("version", 0))
+            found, number = file.attrs.get("format", "none"), int(file.attrs.get("version", 0))
+            found = found.decode() if isinstance(found, bytes) else str(found)
         except (OSError, RuntimeError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise damaged(path, f"its attributes cannot be read ({error})") from error
         if found != kind:
             by = WRITTEN_BY.get(kind, "")
             raise InputError(f"{path}: found an HDF5 file of format '{found}', expected '{kind}'{by}")
+        if version is not None and "version" not in file.attrs:
+            raise InputError(f"{path}: found no attribute 'version', expected {version} for the format '{kind}'")
         if version is not None and number != version:
             newer, older = "a newer hpcred wrote it: update this one", "an older hpcred wrote it: make it again"
             what = newer if number > version else older

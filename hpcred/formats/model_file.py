@@ -101,7 +101,10 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
     """Read a model; each rank reads its rows only. Collective. Raises InputError."""
     with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
         size = file.attribute("size")
-        first, last = row_range(comm, size, file.attribute("rows_per_block", default=1))
+        block = file.attribute("rows_per_block", default=1)
+        if block < 1 or size < 1 or size % block:
+            raise damaged(path, f"found {size} rows in blocks of {block} (rows_per_block), which do not fit")
+        first, last = row_range(comm, size, block)
         matrices = file["matrices"]
         indptr = matrices["indptr"][first : last + 1].astype(np.int64)
         part = slice(int(indptr[0]), int(indptr[-1]))
@@ -114,7 +117,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         dense, names = {}, {}
         for group, key in (("inputs", "B"), ("outputs", "C")):
             dense[group] = file[f"{group}/{key}"][:, first:last].T if group in file else None
-            names[group] = texts(file[f"{group}/names"]) if group in file else []
+            names[group] = texts(file[f"{group}/names"]) if f"{group}/names" in file else []
         dofs = _dofs(file["dofs"], first, last) if "dofs" in file else None
         held = _dofs(file["held"], *row_range(comm, len(file["held/node"]))) if "held" in file else None
         elements = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in file.get("elements", {}).items()}

@@ -31,6 +31,27 @@ def check_rows(indptr, indices, values, first, name, dofs):
         )
 
 
+def check_columns(indptr, indices, size, first, name, dofs):
+    """Refuse columns that the matrices do not have, or that a row has twice; the arguments are as for check_rows."""
+    if len(indices) and not 0 <= indices.min() <= indices.max() < size:
+        wrong = indices.max() if indices.min() >= 0 else indices.min()
+        raise InputError(f"{name}: found the column {wrong} (from 0), expected 0 to {size - 1}")
+    descends = indices[1:] <= indices[:-1]
+    ends = indptr[1:-1] - 1  # the last entries of rows, but for the last row
+    descends[ends[(ends >= 0) & (ends < len(descends))]] = False
+    if not descends.any():
+        return
+    row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+    place = np.sort(row * size + indices)
+    twice = place[1:][place[1:] == place[:-1]]
+    if twice.size:
+        row, column = divmod(int(twice[0]), size)
+        raise InputError(
+            f"{name}: found the column {column} (from 0) twice in the row of {row_name(row, first, dofs)}, expected "
+            "each column once in a row; sum_duplicates of SciPy adds them up"
+        )
+
+
 def check_finite(indptr, values, first, name, dofs):
     """Refuse NaN and Inf in the `values` (nonzeros,) of matrices by name; the rest as for check_rows."""
     for key, data in values.items():

@@ -9,6 +9,7 @@ from ..parallel.failures import InputError
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz", "scalar", "own1", "own2", "own3", "own4", "own5", "own6")
 SCALAR = 6  # a dof that no rigid motion moves: a modal coordinate, a scalar point
+SAME_PLACE = 1e-6  # times the largest coordinate
 OWN = 7  # and five more: directions 1..6 of a displacement system of the node's own, which are none of x .. rz
 INTERFACE_THERE = "declare an [[interface]] with several nodes there, which has all six directions"
 
@@ -41,7 +42,8 @@ class Dofs:
 
 
 def check_labels(dofs, rows: int, name: str):
-    """Raise InputError unless there are no labels, or one for each of so many rows, with places and directions."""
+    """Raise InputError unless there are no labels, or one for each of so many rows, with places and directions; none
+    may stand twice, nor a node at two places."""
     if declared(f"{name}: dofs", dofs, Dofs | None) is None:
         return
     if len(dofs.node) != rows:
@@ -51,6 +53,27 @@ def check_labels(dofs, rows: int, name: str):
     wrong = dofs.direction[(dofs.direction < 0) | (dofs.direction >= len(DIRECTIONS))]
     if wrong.size:
         raise InputError(f"{name}: dofs.direction: found {wrong[0]}, expected 0..5 for x..rz, and so on")
+    node, direction, position = dofs.node, dofs.direction, dofs.position
+    if (node[1:] < node[:-1]).any():
+        order = np.argsort(node, kind="stable")
+        node, direction, position = node[order], direction[order], position[order]
+    same = node[1:] == node[:-1]
+    if (same & (direction[1:] <= direction[:-1])).any():
+        order = np.lexsort((direction, node))
+        node, direction, position = node[order], direction[order], position[order]
+    twice = np.flatnonzero(same & (direction[1:] == direction[:-1]))
+    if twice.size:
+        raise InputError(
+            f"{name}: dofs: found two rows of node {node[twice[0]]}, {DIRECTIONS[direction[twice[0]]]}, expected one"
+        )
+    same &= (direction[1:] != SCALAR) & (direction[:-1] != SCALAR)
+    apart = np.abs(position[1:] - position[:-1]).max(axis=1, initial=0.0)
+    apart = np.flatnonzero(same & (apart > SAME_PLACE * np.abs(position).max(initial=0.0)))
+    if apart.size:
+        raise InputError(
+            f"{name}: dofs.position: found node {node[apart[0]]} at {position[apart[0]].tolist()} and "
+            f"{position[apart[0] + 1].tolist()}, expected one place for all rows of a node"
+        )
 
 
 def direction_index(name, key="direction") -> int:

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..parallel.failures import InputError
+
 # names of the kinds are those of meshio
 ABAQUS = {
     "C3D4": "tetra", "C3D10": "tetra10", "C3D8": "hexahedron", "C3D20": "hexahedron20", "C3D6": "wedge",
@@ -38,6 +40,19 @@ EDGES = {
     "hexahedron": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
 }  # fmt: skip
 SHELLS = ("triangle", "triangle6", "quad", "quad8")
+
+
+def check_elements(elements: dict, name: str):
+    """Raise InputError unless the elements are node numbers (elements, nodes) by kinds that are known, or None."""
+    for kind, nodes in (elements or {}).items():
+        if kind not in NODES:
+            raise InputError(f"{name}: found elements of the kind '{kind}', expected one of {', '.join(NODES)}")
+        nodes = np.asarray(nodes)
+        if nodes.ndim != 2 or nodes.shape[1] != NODES[kind] or nodes.dtype.kind not in "iu":
+            raise InputError(
+                f"{name}: elements: found {nodes.dtype} of shape {nodes.shape} for {kind}, expected node numbers "
+                f"(elements, {NODES[kind]})"
+            )
 
 
 def abaqus_kind(name: str) -> str | None:

@@ -14,9 +14,19 @@ from ..parallel.declared import declared
 from ..parallel.failures import InputError, Owned, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
 from ..parallel.shares import row_range
-from .checked_arrays import check_finite, check_rows, coordinates, named_columns, real_columns, real_values, row_name
+from .checked_arrays import (
+    check_columns,
+    check_finite,
+    check_rows,
+    coordinates,
+    named_columns,
+    real_columns,
+    real_values,
+    row_name,
+)
 from .digests import digest_of
 from .dofs import SCALAR, Dofs, check_labels, dofs_per_node, row_of, target_name
+from .elements import check_elements
 from .interface_motion import with_interfaces
 from .interfaces import InterfaceNode, interface_column, single_targets
 from .petsc_matrices import decoupled, labels, taken
@@ -295,7 +305,7 @@ class SecondOrderModel:
         perhaps "D" -> (nonzeros,) on that one pattern. `inputs` (rows, p) and `outputs` (rows, r) are the rows
         of B and C^T, by default named "input 1", "output 1" and so on; `elements`, `held`, `sets`, `remarks` and
         `converted_from` as of the model. Raises InputError for NaN, Inf, a negative diagonal of M, rows that are
-        empty, or shapes that do not fit.
+        empty, columns or labels that stand twice, or shapes that do not fit.
         """  # fmt: skip
         rows = len(indptr) - 1
         first = comm.exscan(rows) or 0
@@ -304,6 +314,8 @@ class SecondOrderModel:
                 if key not in values:
                     raise InputError(f"{name}: no matrix {key}; a model needs K and M")
             check_labels(dofs, rows, name)
+            check_elements(elements, name)
+            check_columns(indptr, indices, size, first, name, dofs)
             check_rows(indptr, indices, values, first, name, dofs)
         if comm.size > size:
             raise InputError(
@@ -385,6 +397,7 @@ class SecondOrderModel:
             choice_made = any(comm.allgather(held is not None))
             first = mats["K"].getOwnershipRange()[0]
             with agreed(comm):
+                check_elements(elements, name)
                 indptr, indices, _ = mats["K"].getValuesCSR()
                 values = {key: real_values(mat.getValuesCSR()[2], f"{name}: {key}") for key, mat in mats.items()}
                 check_rows(indptr, indices, values, first, name, dofs)

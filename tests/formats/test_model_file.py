@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 from foreign import gathered
@@ -64,6 +65,53 @@ def test_held_dofs_sets_and_remarks_are_kept(comm, folder):
             model.with_inputs([(5, "y")])
         with pytest.raises(hpcred.InputError, match="node 6 does not exist"):
             model.with_inputs([(6, "y")])
+
+
+def by_hand(folder, comm, attributes=None, **changed):
+    """A model.h5 of nodes 1 and 2 with three dofs each, as a script of a user writes it; None leaves a thing out."""
+    content = {
+        "matrices/indptr": np.arange(7), "matrices/indices": np.arange(6), "matrices/K": np.arange(2.0, 8.0),
+        "matrices/M": np.ones(6), "dofs/node": np.repeat([1, 2], 3), "dofs/direction": np.tile([0, 1, 2], 2),
+        "dofs/position": np.repeat([[0.0, 0, 0], [1, 0, 0]], 3, axis=0), "inputs/B": np.eye(6)[:2],
+    }  # fmt: skip
+    content |= {key.replace("__", "/"): item for key, item in changed.items()}
+    attributes = {"format": "hpcred-model", "version": 1, "size": 6} | (attributes or {})
+    if comm.rank == 0:
+        with h5py.File(folder / "a.h5", "w") as file:
+            file.attrs.update({key: item for key, item in attributes.items() if item is not None})
+            for key, item in content.items():
+                if item is not None:
+                    file[key] = item
+    comm.Barrier()
+    return folder / "a.h5"
+
+
+def test_a_file_that_a_script_wrote(comm, folder):
+    path = by_hand(folder, comm, {"format": np.bytes_("hpcred-model")}, dofs__position=np.repeat(
+        np.array([[0, 0, 0], [1, 0, 0]], ">f4"), 3, axis=0))  # fmt: skip
+    with hpcred.read_model(path, comm) as model:
+        assert np.array_equal(to_dense(model.K), np.diag(np.arange(2.0, 8.0)))
+        assert model.input_names == ("input 1", "input 2")
+
+
+@pytest.mark.parametrize(
+    "attributes, changed, says",
+    [
+        ({"version": None}, {}, "found no attribute 'version', expected 1"),
+        ({"rows_per_block": 4}, {}, "found 6 rows in blocks of 4"),
+        ({"rows_per_block": 0}, {}, "found 6 rows in blocks of 0"),
+        ({}, {"matrices__K": np.eye(6)}, r"/matrices/K is .* expected real of shape \(6,\); 'files' in"),
+        ({}, {"matrices__M": None}, "/matrices/M is missing; 'files' in the documentation lists all arrays"),
+        ({}, {"matrices__indptr": np.arange(0, 14, 2), "matrices__indices": np.repeat(np.arange(6), 2),
+              "matrices__K": np.ones(12), "matrices__M": np.ones(12)}, "twice in the row of dof 1"),
+        ({}, {"dofs__direction": np.zeros(6, int)}, "found two rows of node 1, x, expected one"),
+        ({}, {"dofs__position": np.eye(6)[:, :3]}, "expected one place for all rows of a node"),
+        ({}, {"elements__TET4": [[1, 2, 1, 2]]}, "found elements of the kind 'TET4'"),
+    ],
+)  # fmt: skip
+def test_a_file_that_a_script_wrote_wrong_is_refused(comm, folder, attributes, changed, says):
+    with pytest.raises(hpcred.InputError, match=f"a.h5: .*{says}"):
+        hpcred.read_model(by_hand(folder, comm, attributes, **changed), comm)
 
 
 def test_nodes_that_are_held_stand_still_in_shapes_and_exports(comm, folder):

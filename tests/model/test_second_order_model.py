@@ -7,6 +7,7 @@ from helpers import dense_model, to_dense
 
 import hpcred
 from hpcred import Dofs, InputError, SecondOrderModel
+from hpcred.parallel.shares import row_range
 
 pytestmark = pytest.mark.mpi
 
@@ -77,11 +78,40 @@ LABELS = Dofs(np.repeat([1, 2], 3), np.tile([0, 1, 2], 2), np.eye(6)[:, :3])
         ((SIX, SIX), {"dofs": Dofs(LABELS.node, LABELS.direction + 13, LABELS.position)}, "direction: found 13"),
         ((SIX, SIX), {"dofs": Dofs(LABELS.node, LABELS.direction, LABELS.position * np.nan)}, "position: found NaN"),
         ((SIX, SIX), {"dofs": 3}, "dofs: found 3, expected Dofs"),
+        ((SIX, SIX), {"dofs": LABELS}, r"position: found node 1 at \[1.0, .*\] and \[0.0, .*expected one place"),
+        ((SIX, SIX), {"dofs": Dofs([1, 2, 1, 2, 1, 2], [0, 0, 1, 1, 2, 0], np.zeros((6, 3)))},
+         "dofs: found two rows of node 2, x, expected one"),
+        ((SIX, SIX), {"elements": {"tet": [[1, 2, 3, 4]]}}, "found elements of the kind 'tet', expected one of line, "),
+        ((SIX, SIX), {"elements": {"tetra": [[1, 2, 3]]}}, r"shape \(1, 3\) for tetra, .* \(elements, 4\)"),
     ],
 )
 def test_matrices_and_columns_that_do_not_fit_are_refused(comm, matrices, keywords, message):
     with pytest.raises(InputError, match=message):
         SecondOrderModel.from_scipy(*matrices, comm=comm, **keywords)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ([0, 2, 0, 1, 1, 2], None),
+        ([2, 0, 1, 0, 2, 1], None),
+        ([0, 2, 1, 1, 1, 2], r"found the column 1 \(from 0\) twice in the row of dof 2, expected each column once"),
+        ([0, 3, 0, 1, 1, 2], r"found the column 3 \(from 0\), expected 0 to 2"),
+        ([0, 2, 0, 1, -1, 2], r"found the column -1 \(from 0\), expected 0 to 2"),
+    ],
+)
+def test_columns_of_csr_rows(comm, columns, message):
+    first, last = row_range(comm, 3)
+    entries = slice(2 * first, 2 * last)
+    values = {key: np.arange(1.0, 7.0)[entries] for key in "KM"}
+    arguments = comm, 3, 2 * np.arange(last - first + 1), np.array(columns)[entries], values
+    if message:
+        with pytest.raises(InputError, match=message):
+            SecondOrderModel.from_csr(*arguments)
+        return
+    with SecondOrderModel.from_csr(*arguments) as model:
+        expected = scipy.sparse.csr_matrix((np.arange(1.0, 7.0), columns, [0, 2, 4, 6])).toarray()
+        assert np.array_equal(to_dense(model.K), expected)
 
 
 def test_labels_are_arrays_of_one_length():
