@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..multibody.body import Body, check_moving, inputs_without_node, maker, remarks
+from ..multibody.rotations import skew
 from ..parallel.failures import InputError
 from .text import shown
 
@@ -243,10 +244,10 @@ def build_sid(body: Body) -> tuple[Sid, list[str]]:
     reduced, quantities = body.reduced, body.floating_frame
     notes = [*remarks(body), *inputs_without_node(body)]
     count = reduced.size
-    skew = np.array([_skew(axis) for axis in np.eye(3)])
+    generators = np.array([skew(axis) for axis in np.eye(3)])
     nodes = []
     for shape in body.nodes:
-        slopes = np.einsum("cij,ck->ikj", skew, shape.psi)  # m1(:, k, :) = skew(psi_k)
+        slopes = np.einsum("cij,ck->ikj", generators, shape.psi)  # m1(:, k, :) = skew(psi_k)
         objects = {
             "origin": SidObject((shape.position - quantities.origin)[:, None], shape.phi[:, :, None], count),
             "phi": _object(shape.phi, count),
@@ -289,8 +290,3 @@ def _object(matrix, count):
                 return SidObject(np.eye(len(matrix)), None, count, 0, 4)
             return SidObject(diagonal, None, count, 0, 1)
     return SidObject(matrix, None, count, 0, 3)
-
-
-def _skew(vector):
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -18,5 +18,6 @@ def test_one_factor_at_a_time(comm):
         other = context.complex_solver
         other.factor(100j)
         assert solver.factored is None and other.factored is not None
+        assert context.factored(-1e4, "a point") is solver and other.factored is None
         context.close()
         framed.close()

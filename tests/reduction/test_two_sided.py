@@ -46,6 +46,7 @@ def test_an_unstable_two_sided_model_is_refused(solid):
     basis = [Krylov(700.0, 1), Krylov(0.0)]
     with hpcred.reduce(solid, basis, projection="two_sided", allow_unstable=True) as rom:
         unstable = rom.record.unstable_poles
+        assert len(rom.record.factorisations) == len(basis)  # which both sides use
     assert unstable
     with pytest.raises(hpcred.InputError, match="is unstable, with .* take projection = 'one_sided'"):
         hpcred.reduce(solid, basis, projection="two_sided")
