@@ -9,7 +9,7 @@ from typing import Literal
 
 from ..linalg.factorisation import Factoring, LinearSolver
 from ..model.damping import Damping, NoDamping
-from ..model.dofs import direction_index
+from ..model.dofs import direction_index, target_of
 from ..model.frames import Frame, NoFrame
 from ..model.interfaces import Interface
 from ..parallel.failures import InputError
@@ -83,6 +83,11 @@ class Job:
             raise InputError("basis: expected at least one [[basis]] table, or a tolerance with a band")
         if self.tolerance is not None and self.band is None:
             raise InputError("band: missing; a tolerance is over a band, [lower, upper] in Hz")
+        if self.tolerance is None and self.adaptive != Limits():
+            raise InputError(
+                "adaptive: found limits of a search, but no tolerance that it is to reach; write tolerance and band "
+                "above the first table, or leave [adaptive] out"
+            )
         require_band("band", self.band)
         self.settings, self.search  # noqa: B018  (refused early)
 
@@ -121,6 +126,9 @@ class Job:
 
 
 def _check_targets(key, targets):
+    if isinstance(targets, str) and (target := target_of(targets)) and isinstance(target, tuple):
+        found = f"found '{targets}', expected a list such as [{list(target)}], or the name of a matrix file"
+        raise InputError(f"{key}: {found}")
     if targets is None or isinstance(targets, str):
         return
     if not targets:

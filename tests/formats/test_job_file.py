@@ -45,6 +45,8 @@ def replaced(old, new):
         ('"yxz"', '"zyx"', "leave a rotation free"),
         ('"yxz"', '"yyz"', "expected an order of x, y and z"),
         ('[[20, "z"]]', '[[20, "w"]]', "inputs: found the direction 'w', expected one of x, y, z"),
+        ('[[20, "z"]]', '"20:z"', r"inputs: found '20:z', expected a list such as \[\[20, 'z'\]\]"),
+        ("[frame]", "[adaptive]\nseconds = 60\n[frame]", "adaptive: found limits of a search, but no tolerance"),
         ('[[20, "z"]]', '[["crank", "z"]]', "'crank' is no interface of model.h5; it has none; the job declares them"),
         ('[[20, "z"]]', '[[20, "all"]]', "node 20: direction 'all' belongs to interfaces; name those of a node"),
         (
