@@ -135,7 +135,7 @@ def _check_targets(key, targets):
         raise InputError(f"{key}: found an empty list, expected dof numbers or [node, direction]; or leave it out")
     for target in targets:
         within(key, target[0] if isinstance(target, tuple) else target, LABEL)  # a name of an interface passes
-        if isinstance(target, tuple) and target[1] != "all":  # of an interface, which the model knows
+        if isinstance(target, tuple) and target[1] != "all":  # of a node, whose directions the model knows
             direction_index(target[1], key)
 
 

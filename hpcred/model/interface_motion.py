@@ -33,7 +33,7 @@ UNDEFINED_MOTION = 1e-10  # eigenvalue of sum w E^T E, scaled, below which a mot
 def with_interfaces(model, interfaces):
     """The model with interface nodes, in place of those that it has. Collective. Raises InputError.
 
-    Inputs and outputs may then be (name, direction), and (name, "all") for all six.
+    Inputs and outputs may then be (name, direction), and (name, "all") for all of its directions.
     """
     interfaces = declared("interfaces", interfaces, tuple[Interface, ...])
     names = [item.name for item in interfaces]

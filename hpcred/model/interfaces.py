@@ -11,7 +11,7 @@ import numpy as np
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, LABEL, within
-from .dofs import DIRECTIONS
+from .dofs import DIRECTIONS, rows_of_node
 
 Vector = tuple[float, float, float]
 SIX = DIRECTIONS[:6]
@@ -155,16 +155,21 @@ def node_number(model, node) -> int:
 
 
 def single_targets(model, target) -> list:
-    """A target of inputs or outputs, or the six of ("name", "all"), with interface nodes by name. Raises InputError."""
+    """A target of inputs or outputs, or all those of (node, "all"), with interface nodes by name. Collective.
+
+    Raises InputError.
+    """
     if not isinstance(target, tuple | list):
         return [target]
     node, direction = target
     place = find_interface(model, node_number(model, node))
     if place is not None:
         node = model.interfaces[place].name
-    elif direction == "all":
-        raise InputError(f"node {node}: direction 'all' belongs to interfaces; name those of a node one by one")
-    return [(node, name) for name in (model.interfaces[place].directions if direction == "all" else (direction,))]
+    if direction != "all":
+        return [(node, direction)]
+    if place is not None:
+        return [(node, name) for name in model.interfaces[place].directions]
+    return [(int(node), DIRECTIONS[index]) for index in sorted(rows_of_node(model, int(node)))]
 
 
 def interface_column(model, target) -> int | None:

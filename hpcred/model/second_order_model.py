@@ -211,7 +211,7 @@ class SecondOrderModel:
 
     def with_inputs(self, targets):
         """The model with unit loads at dofs: numbers from 1, or (node, direction) pairs, with the number or the name of
-        an interface node as well, and "all" for its six directions.
+        an interface node as well, and "all" for every direction that a node has.
 
         Collective. Raises InputError.
         """

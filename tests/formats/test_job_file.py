@@ -48,7 +48,7 @@ def replaced(old, new):
         ('[[20, "z"]]', '"20:z"', r"inputs: found '20:z', expected a list such as \[\[20, 'z'\]\]"),
         ("[frame]", "[adaptive]\nseconds = 60\n[frame]", "adaptive: found limits of a search, but no tolerance"),
         ('[[20, "z"]]', '[["crank", "z"]]', "'crank' is no interface of model.h5; it has none; the job declares them"),
-        ('[[20, "z"]]', '[[20, "all"]]', "node 20: direction 'all' belongs to interfaces; name those of a node"),
+        ('[[20, "z"]]', '[[99, "all"]]', "node 99 does not exist in model.h5; its nodes are numbered 1 to 20"),
         (
             '[frame]\nkind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"',
             'frame = "chord"',
@@ -108,15 +108,19 @@ def test_inputs_as_files_and_matrices_in_the_job(tmp_path, monkeypatch):
     assert a.input_names == ("B.mtx:1", "B.mtx:2") and b.input_names == ("dof 4", "dof 1")
 
 
-def test_all_directions_of_an_interface_are_named_at_once(linkage_folder, capsys):
+def test_all_directions_of_an_interface_or_a_node_are_named_at_once(linkage_folder):
     hub = '[[interface]]\nname = "hub"\nnodes = [1, 7, 14]\n'
-    job = CHORD_JOB.replace('[[20, "z"]]', '[["hub", "all"], [20, "z"]]') + hub
-    Path("job.toml").write_text(job.replace('[20, "z"]', '[20, "all"]'))
-    assert "node 20: direction 'all' belongs to interfaces" in refused(capsys, "reduce", "job.toml")
-    Path("job.toml").write_text(job)
+    Path("job.toml").write_text(CHORD_JOB.replace('[[20, "z"]]', '[["hub", "all"], [20, "all"], [19, "z"]]') + hub)
     assert run(["reduce", "job.toml"]) == 0
     names = package.read_result("result.h5").reduced.input_names
-    assert names == (*(f"hub:{name}" for name in ("x", "y", "z", "rx", "ry", "rz")), "20:z")
+    directions = ("x", "y", "z", "rx", "ry", "rz")
+    assert names == (*(f"{node}:{name}" for node in ("hub", 20) for name in directions), "19:z")
+
+
+@pytest.mark.mpi
+def test_all_directions_of_a_node_are_those_that_it_has():
+    with package.solid((2, 1, 1), clamped=False) as model, model.with_inputs([(3, "all"), (1, "y")]) as loaded:
+        assert loaded.input_names == ("3:x", "3:y", "3:z", "1:y")
 
 
 def test_an_output_matrix_of_another_size_is_refused(linkage_folder, capsys):
