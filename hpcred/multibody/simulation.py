@@ -22,6 +22,7 @@ MOST_STEPS = 1e8  # that a simulation may need; they take weeks
 OUTPUTS = (1, 10_000_000, "")  # output intervals, all of which are kept in memory
 SPEED = (-3e8, 3e8, "m/s")
 ENERGIES = ("kinetic", "elastic", "gravity", "springs")
+FAR = 100.0  # radii of gyration: what is m away from a part is a thousand times as far in mm
 LARGE_GRAVITY = 1e3  # m/s^2: above what is asked for in earnest, below 9810
 POWERS = ("work", "drives", "dissipated")
 MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
@@ -179,7 +180,11 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         [element_of(item, *start[item.node]) for item in setup.spring],
         holds_of(setup.constraint, setup.drive, start),
     )  # fmt: skip
-    notes = setup.doubts + remarks(body)
+    doubts = setup.doubts + doubts_of_places(body, setup, {node: motion.x for node, motion in first.items()})
+    if progress is not None:
+        for doubt in doubts:  # before a run that may take long for that reason
+            progress.tell(doubt)
+    notes = doubts + remarks(body)
     if setup.start == "static":
         r, p, q = system.equilibrium(r, p)
     else:
@@ -200,6 +205,23 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     if not all(np.isfinite(value).all() for value in numbers):
         raise ComputationError("the motion has numbers that overflow; loads or drives are too large")
     return motion
+
+
+def doubts_of_places(body: Body, setup: Simulation, start: dict) -> list[str]:
+    """Sentences on places so far from their nodes, which start at `start` {number: (3,)}, that they look like mm."""
+    frame = body.floating_frame
+    centre = frame.mc / frame.mass
+    size = np.sqrt(max(np.trace(frame.J) / frame.mass / 2 - centre @ centre, 0.0))  # radius of gyration
+    given = [("spring.at", item.node, item.at) for item in setup.spring]
+    given += [("constraint.at", item.node, item.at) for item in setup.constraint]
+    given += [("drive.through", item.node, item.through) for item in setup.drive]
+    far = [(key, node, place, np.linalg.norm(np.subtract(place, start[node])))
+           for key, node, place in given if place is not None]  # fmt: skip
+    return [
+        f"{key}: found {list(place)} m, {distance:.3g} m from where node {_names(body)[node]} starts, while the body "
+        f"has a radius of gyration of {size:.3g} m; places are in m"
+        for key, node, place, distance in far if 0 < FAR * size < distance
+    ]  # fmt: skip
 
 
 def _integrate(system, setup, y0, yp0, progress):

@@ -19,6 +19,7 @@ from ..model.second_order_model import SYMMETRIC_TO, require_inputs, require_mod
 from ..parallel.decisions import decided
 from ..parallel.declared import declared
 from ..parallel.failures import ComputationError, InputError, Owned
+from ..parallel.petsc import MPI
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
 from .accuracy import Accuracy, Adaptive
@@ -40,6 +41,7 @@ from .two_sided import biorthogonal
 
 ORTHONORMAL_TO = 1e-12
 ROOM = 96  # columns that a search is expected to need
+BEYOND = 10.0  # times the highest frequency of a single node: a mesh has modes up to about five times that
 
 
 def reduce(
@@ -85,6 +87,9 @@ def _reduce(model, basis, frame, damping, adaptive, settings, factoring, store, 
     """reduce() with what it was given checked and complete, in usual units."""
     progress.expect(model.size)
     warnings = _check(model, frame, damping, adaptive, settings)
+    for doubt in doubts_of_band(model, adaptive):  # before a search that may take long for that reason
+        progress.tell(doubt)
+        warnings += (doubt,)
     with Owned(model.comm) as owned:
         with progress.stage("frame"):
             framed = owned.owns(apply_frame(model, frame, damping))
@@ -140,7 +145,10 @@ def _check(model, frame, damping, adaptive, settings) -> tuple[str, ...]:
         _check_two_sided(settings, damping, adaptive)
     if settings.coordinates == "interface":
         check_interface_coordinates(model, frame)
-    return warnings_of(model, frame) + doubts_of_damping(damping)
+    doubts = doubts_of_damping(damping)
+    if model.D is not None and isinstance(damping, NoDamping):
+        doubts += (f"damping: none, though {model.name} has a damping matrix, which kind = 'given' takes",)
+    return warnings_of(model, frame) + doubts
 
 
 def _is_two_sided(model, settings):
@@ -192,6 +200,24 @@ def _highest(basis, run) -> float:
     points = [abs(getattr(item, "point", 0.0)) for item in basis if isinstance(item, PointIngredient)]
     modes = [max(item.frequencies_hz) for item in run.ingredients if item.frequencies_hz]
     return max([*(point / 2 / np.pi for point in points if np.isfinite(point)), *modes], default=0.0) or np.inf
+
+
+def doubts_of_band(model, adaptive) -> tuple[str, ...]:
+    """A band that ends far above all that the mesh follows, as one in other units does. Collective."""
+    if adaptive is None:
+        return ()
+    K, M = (matrix.getDiagonal() for matrix in (model.K, model.M))
+    stiffness, mass = K.getArray(readonly=True).real, M.getArray(readonly=True).real
+    ratios = stiffness[mass > 0] / mass[mass > 0]
+    highest = np.sqrt(max(model.comm.allreduce(ratios.max(initial=0.0), op=MPI.MAX), 0.0)) / 2 / np.pi
+    K.destroy()
+    M.destroy()
+    if not 0 < BEYOND * highest < adaptive.band[1]:
+        return ()
+    return (
+        f"band: it ends at {adaptive.band[1]:g} Hz, while single nodes of {model.name} vibrate at {highest:.2g} Hz at "
+        "most, which no mesh follows; is the band in Hz, and are M and K in the units of one system?",
+    )
 
 
 def check_model(model):

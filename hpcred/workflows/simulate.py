@@ -45,8 +45,6 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     if setup.paraview:
         written[output.with_suffix(".pvd")] = VTK
     check_outputs(written, comm, [path, setup.body], progress=progress)
-    for doubt in setup.doubts:  # before a run that may take long for that reason; the notes say it again
-        progress.tell(doubt)
     motion = None
     # the stage on all ranks, because the first one starts PETSc, which is collective
     with progress.stage("simulate", setup.body), agreed(comm):

@@ -454,3 +454,21 @@ def test_modes_of_a_cluster_that_dashpots_leave_alone(comm, seed):
         check = hpcred.check_reduced(rom, model, 1, seed=seed)
     assert true.max() <= 1e-3
     assert check.passed and any(np.abs(f / sharp - 1).min() < 3e-4 for f in check.frequencies)
+
+
+@pytest.mark.mpi
+def test_a_band_beyond_all_that_the_mesh_follows_is_doubted(comm):
+    with hpcred.solid((4, 1, 1)) as model:
+        top = float(hpcred.natural_modes(model, model.size).frequencies.max())
+        for upper, doubted in ((20 * top, True), (top, False)):
+            with hpcred.reduce(model, tolerance=0.5, band=(0.0, upper)) as rom:
+                assert any(text.startswith("band: it ends at") for text in rom.record.warnings) == doubted
+
+
+@pytest.mark.mpi
+def test_a_damping_matrix_that_is_not_asked_for_is_named(linkage):
+    with linkage.shared() as plain, plain.with_damping_matrix(plain.K.copy()) as damped:
+        for model, damping, said in ((damped, None, True), (damped, GivenDamping(), False), (plain, None, False)):
+            with hpcred.reduce(model, [Modes(count=7)], FRAME, damping) as rom:
+                assert any("has a damping matrix, which kind = 'given' takes" in text
+                           for text in rom.record.warnings) == said  # fmt: skip

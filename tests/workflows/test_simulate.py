@@ -33,6 +33,15 @@ def test_gravity_in_mm_is_doubted(made, gravity, doubted):
 
 
 @pytest.mark.mpi
+def test_places_in_mm_are_doubted(made):
+    path, spring = made(), "spring=[{kind='line', node=20, at=[%s, 0.0, 3.0], stiffness=1.0}]"
+    doubted, meant = (simulate_file(path, overrides=["end=1e-4", spring % x])["notes"] for x in (500.0, -20.0))
+    assert any(re.match(r"spring.at: found \[500.0, 0.0, 3.0\] m, [45]\d\d m from where node 20 starts", note)
+               for note in doubted)  # fmt: skip
+    assert not any("spring.at" in note for note in meant)
+
+
+@pytest.mark.mpi
 def test_files_of_a_simulation(made):
     path = made()
     report = simulate_file(path, overrides=["velocity=[0.0, 0.0, 1.0]"])
