@@ -232,6 +232,10 @@ def printable(text: str) -> str:
 
 
 def _say(error, where=""):
+    if getattr(error, "of_script", False) and not isinstance(error, KeyboardInterrupt):
+        sys.__excepthook__(type(error), error, error.__traceback__)
+        print(f"hpcred: this error{where} is not that of all ranks, and ends the job", file=sys.stderr, flush=True)
+        return
     if os.environ.get("HPCRED_TRACEBACK", "").strip().lower() not in OFF:
         import traceback
 
@@ -252,13 +256,15 @@ def _say(error, where=""):
         lines = str(error).strip().splitlines()
         if hasattr(error, "ierr"):  # of PETSc: behind its code come the places, and at the end the reason
             lines = [", ".join(dict.fromkeys((lines[0], lines[-1])))]
-        text = f"internal error{where}: {type(error).__name__}: {lines[0] if lines else ''} (--traceback shows where)"
+        text = f"internal error{where}: {type(error).__name__}: {lines[0] if lines else ''}"
+        text += " (--traceback or HPCRED_TRACEBACK=1 shows where)"
     print(f"hpcred: {printable(text)}", file=sys.stderr, flush=True)
 
 
 def excepthook(kind, error, trace):
     """For scripts that use hpcred as a library: Python's report, and no rank left waiting."""
     if MPI.COMM_WORLD.size > 1:
+        error.of_script = True
         settle(MPI.COMM_WORLD, error)
     if MPI.COMM_WORLD.rank == 0:
         sys.__excepthook__(kind, error, trace)

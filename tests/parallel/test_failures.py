@@ -25,7 +25,8 @@ def test_an_exception_on_one_rank_ends_the_job_on_all(hpcred, tmp_path, error):
     start = time.monotonic()
     run = hpcred(program=("program.py",), ranks=2, timeout=50)
     assert run.returncode != 0
-    assert "only here" in run.stderr
+    assert "only here" in run.stderr and "program.py\", line 6, in <module>" in run.stderr
+    assert "hpcred: this error (rank 1) is not that of all ranks, and ends the job" in run.stderr
     assert time.monotonic() - start < 20
 
 
