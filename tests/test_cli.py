@@ -41,7 +41,7 @@ def _empty(K, M):
     [
         (lambda K, M: {"K": K[:3]}, r"K.mtx: found 3 x 4, expected a square matrix"),
         (lambda K, M: {"M": M[:3, :3]}, r"M.mtx: found 3 rows, but K \(K.mtx\) has 4"),
-        (lambda K, M: _set(K, 1, 2, np.nan), "matrix K has 1 entries that are NaN or Inf, .* dof 2"),
+        (lambda K, M: _set(K, 1, 2, np.nan), "matrix K has entries that are NaN or Inf, .* dof 2"),
         (lambda K, M: _set(M, 3, 3, np.inf), "found the value inf in M"),
         (lambda K, M: _set(M, 1, 1, -1.0), "1 negative diagonal entries, the first at dof 2: -1"),
         (_empty, "1 dofs have no entry in K nor in M, the first is dof 3"),

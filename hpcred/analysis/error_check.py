@@ -13,6 +13,7 @@ import numpy as np
 
 from ..linalg.factorisation import Factoring
 from ..model.damping import Structural
+from ..model.second_order_model import require_model
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..reduction.accuracy import Accuracy
@@ -105,6 +106,8 @@ def check_reduced(
     `model`: the SecondOrderModel that was reduced, with the same inputs and outputs. Raises InputError where the
     reduced model has no accuracy.
     """
+    declared("reduced", reduced, ReducedModel)
+    require_model(model)
     accuracy, record = accuracy_of(reduced), reduced.record
     seed, frequencies = fresh_frequencies(accuracy.band, _resonances(reduced, accuracy), count, seed, model.comm)
     full = frequency_response(

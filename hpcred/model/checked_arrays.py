@@ -58,7 +58,7 @@ def check_finite(indptr, values, first, name, dofs):
         bad = np.flatnonzero(~np.isfinite(data))
         if bad.size:
             raise InputError(
-                f"{name}: matrix {key} has {bad.size} entries that are NaN or Inf, "
+                f"{name}: matrix {key} has entries that are NaN or Inf, "
                 f"the first in the row of {row_name(_row_of_entry(indptr, bad[0]), first, dofs)}"
             )
 

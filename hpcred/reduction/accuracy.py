@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -130,8 +130,8 @@ class Accuracy:
     missing_modes: int
     points: tuple[Point, ...]
     proofs: tuple[Proof, ...]
-    frequencies: tuple[float, ...]
-    eps: tuple[float, ...]
+    frequencies: tuple[float, ...] = field(repr=False)
+    eps: tuple[float, ...] = field(repr=False)
     loss_factor: float = 0.0
     worst_pair: tuple[str, str, float] | None = None
     unproven: str = ""
