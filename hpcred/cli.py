@@ -295,8 +295,9 @@ def store(
     else:
         rows = hpcred.list_store(folder, check=check)
     show_table(folder, [
-        {**{key: "" if row[key] is None else row[key] for key in ("entry", "model", "point", "blocks", "columns")},
-         "MB": round(row["bytes"] / 1e6, 3), "date": row["date"] or "",
+        {"entry": row["kind"] if row["valid"] and row["kind"] else row["entry"],
+         **{key: "" if row[key] is None else row[key] for key in ("model", "point", "blocks", "columns")},
+         "MB": round(row["bytes"] / 1e6, 3), "date": (row["date"] or "")[:10],
          **({} if prune else {"valid": "yes" if row["valid"] else f"no: {row['reason']}"})} for row in rows
     ])  # fmt: skip
     total = sum(row["bytes"] for row in rows)
@@ -370,9 +371,9 @@ def collect(
     session.list_all("note", report["remarks"])
     for name in (*([output] if output else []), *report["figures"]):
         print(f"written to {name}")
-    if report["missing"]:
-        session.verdict(f"{len(report['missing'])} of {len(report['rows'])} runs have no result of their job: "
-                        f"{', '.join(report['missing'])}", False)  # fmt: skip
+    if missing := report["missing"]:
+        few = ", ".join(missing[:8]) + ", ..." * (len(missing) > 8)
+        session.verdict(f"{len(missing)} of {len(report['rows'])} runs have no result of their job: {few}", False)
     session.write_json(json, report)
     return int(bool(report["missing"]))
 

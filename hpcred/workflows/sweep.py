@@ -208,8 +208,9 @@ def _told(progress, total):
     def ended(child):
         nonlocal count, said
         count, said = count + 1, time.monotonic()
-        word = "done" if child.status == 0 else f"ended with {child.status}: {child.last_line}"
-        progress.say(f"{child.name}: {word} in {in_time(child.seconds)}; {count} of {total}{left()}")
+        word = "done" if child.status == 0 else f"ended with {child.status}"
+        why = f": {child.last_line}" if child.status else ""
+        progress.say(f"{child.name}: {word} in {in_time(child.seconds)}; {count} of {total}{left()}{why}")
 
     def waiting(running):
         nonlocal said

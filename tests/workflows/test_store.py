@@ -110,7 +110,9 @@ def test_list_check_and_prune(linkage_folder, capsys):
     reduce("--store", "points")
     capsys.readouterr()
     status, rows = listed("--check")
-    assert status == 0 and len(rows) == 4 and "4 entries" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert status == 0 and len(rows) == 4 and "4 entries" in said
+    assert sum(line.split()[:1] in (["chain"], ["modes"]) for line in said.splitlines()) == 4  # one line an entry
     points = sorted((row["point"], row["blocks"], row["columns"], row["model"]) for row in rows.values())
     assert points == [("100 Hz", 2, 2, "model.h5"), ("200 Hz", 1, 1, "model.h5"), ("250 Hz", 1, 1, "model.h5"),
                       ("lowest", 1, 3, "model.h5")]  # fmt: skip
