@@ -71,7 +71,9 @@ def run_all(children, at_once: int = 1, environment=None, wanted=None, again=Non
 
     `wanted(child)` is asked right before one is begun: one that is not wanted has ended then, and where the answer is
     None it is asked again later. `again(child)` says of one that has ended whether it is to be begun once more, behind
-    the others. `ended(child)` is called when one has ended, `waiting(running)` with those under way at every look.
+    the others. `ended(child)` is called when one has ended, and says whether no other is to be begun: those that are
+    left keep their status None. `waiting(running)` is called with those under way at every look.
+
     SIGINT and SIGTERM end all of them within seconds and raise Interrupted; SIGUSR1 is handed on to them, no other is
     started, and Stopped is raised when they have ended. Where this process is killed the system ends them.
     """
@@ -105,8 +107,8 @@ def run_all(children, at_once: int = 1, environment=None, wanted=None, again=Non
                     child.status, child.seconds = child.process.returncode, time.monotonic() - child.begun
                     if again is not None and again(child):
                         left.append(child)
-                    elif ended is not None:
-                        ended(child)
+                    elif ended is not None and ended(child):
+                        left.clear()
                 if waiting is not None:
                     waiting(running)
                 time.sleep(LOOK)

@@ -21,6 +21,7 @@ from ..formats.job_file import plain
 from ..formats.locks import UNDER_WAY, holder_of
 from ..formats.outputs import check_kept
 from ..formats.result_file import FORMAT, VERSION
+from ..formats.room import DISK_FULL
 from ..formats.sweep_file import Run, Sweep, read_sweep
 from ..parallel.failures import InputError
 from ..parallel.progress import MINUTE, Progress, in_time
@@ -211,6 +212,10 @@ def _told(progress, total):
         word = "done" if child.status == 0 else f"ended with {child.status}"
         why = f": {child.last_line}" if child.status else ""
         progress.say(f"{child.name}: {word} in {in_time(child.seconds)}; {count} of {total}{left()}{why}")
+        if child.status and DISK_FULL in child.last_line:  # as it is for those that come
+            progress.say(f"the disk is full, so that no other run is begun; {total - count} have not ended")
+            return True
+        return False
 
     def waiting(running):
         nonlocal said
@@ -229,7 +234,8 @@ def _report(sweep, chosen, states, skipped, ended):
         state, child = states[run.name], ended.get(run.name)
         record = state.record or {}
         status, sentence = state.word, ""
-        if child is not None and child.status != 0 and state.word != "finished":  # else another sweep made it
+        bad = child is not None and child.status not in (0, None)
+        if bad and state.word != "finished":  # else another sweep made it
             status = "not reached" if state.word == "not reached" else "failed"
             sentence = child.last_line.removeprefix("hpcred: ") or f"ended with status {child.status}"
         if state.word == "not reached":
@@ -242,7 +248,7 @@ def _report(sweep, chosen, states, skipped, ended):
             "sentence": sentence, **run.labels, "output": str(state.file or run.output),
         })  # fmt: skip
     for name, child in ended.items():
-        if name not in states and child.status != 0:
+        if name not in states and child.status not in (0, None):
             rows.append({"run": name, "status": "failed", "sentence": child.last_line.removeprefix("hpcred: ")})
     return {
         "folder": str(sweep.folder),

@@ -25,6 +25,7 @@ from mpi4py import MPI
 import hpcred as package
 from hpcred.cli import run
 from hpcred.formats.locks import UNDER_WAY
+from hpcred.formats.sweep_file import read_sweep
 from hpcred.parallel.stopping import Stopped
 from hpcred.workflows import sweep
 from hpcred.workflows.children import Child, Interrupted, run_all
@@ -197,6 +198,19 @@ def test_failed_runs_are_listed_with_their_sentence(linkage_folder, capsys):
     assert "FAILED order-200: error: basis: 201 vectors asked for" in capsys.readouterr().out
     assert run(["collect", "sweep.toml"]) == 1
     assert "1 of 2 runs have no result of their job: order-200" in capsys.readouterr().out
+
+
+def test_a_full_disk_ends_a_sweep(linkage_folder):
+    """Of three runs the first finds the disk full; the others are not begun, and are no failures."""
+    script = "import sys; print('hpcred: error: output a.h5: the disk is full: it needs 1 MB'); sys.exit(1)"
+    Path("sweep.toml").write_text(SWEEP.format(last=2, count=3))
+    found = read_sweep("sweep.toml")
+    children = [Child(run.name, [sys.executable, "-c", script], Path(f"{run.name}.log")) for run in found.runs]
+    run_all(children, **sweep._told(package.Progress(MPI.COMM_SELF), 3))
+    assert [child.status for child in children] == [1, None, None]
+    states, ended = sweep.states_of(found), {child.name: child for child in children}
+    report = sweep._report(found, found.runs, states, set(), ended)
+    assert [row["status"] for row in report["runs"]] == ["failed", "missing", "missing"]
 
 
 def test_a_tolerance_that_is_not_reached_is_said_each_time(linkage_folder, capsys):
