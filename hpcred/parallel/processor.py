@@ -8,6 +8,7 @@ from pathlib import Path
 UNKNOWN = "Prescott"  # of 2004: what OpenBLAS may take on an x86-64 that it does not know
 PAGES = Path("/sys/kernel/mm/transparent_hugepage/enabled")
 HUGE_PAGES = "glibc.malloc.hugetlb=1"  # asks for them, since glibc 2.35
+OTHERS = ("MKL_Get_Version", "bli_info_get_version_str", "ATL_buildinfo", "flexiblas_get_version", "armplversion")
 KERNELS = (("avx512_bf16", "Cooperlake"), ("avx512bw", "SkylakeX"), ("avx2", "Haswell"))  # flag, who had it first
 
 
@@ -32,12 +33,15 @@ def blas() -> str:
 def hints(comm) -> tuple[str, ...]:
     """What slows the BLAS down on some rank, and what to do about it. Collective."""
     library = _library()
-    config, found = _config(library), []
-    if config is not None:
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    config, made = _config(library), blas()
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if config is None:
+        slow = reference_blas(made, any(hasattr(library, name) for name in OTHERS))
+    else:
         chosen = "DYNAMIC_ARCH" in config  # when it is loaded; else when it was built
         has = [kernels for _, kernels in KERNELS if chosen and hasattr(library, f"gotoblas_{kernels.upper()}")]
-        found += [unknown_processor(blas(), has), shared_cores(os.environ.get("OPENBLAS_NUM_THREADS", "1"), cores)]
+        slow = unknown_processor(made, has)
+    found = [slow, shared_cores(*threads_of(made), cores)]
     return tuple(dict.fromkeys(line for lines in comm.allgather(found) for line in lines if line))
 
 
@@ -58,12 +62,28 @@ def unknown_processor(made, has, flags=None) -> str | None:
     )  # fmt: skip
 
 
-def shared_cores(threads, cores) -> str | None:
-    """The hint for a rank with fewer cores than threads asked for, of which OpenBLAS then has no more than cores."""
+def reference_blas(made, another: bool) -> str | None:
+    """The hint for a BLAS (see blas) that is the reference one, of plain loops; `another`: has functions of others."""
+    if another or not re.match(r"lib(blas|refblas|petsc)\b|libpetsc", made):
+        return None
+    return (
+        f"the BLAS is the reference one ({made}), with which factorisations take several times as long: install "
+        "OpenBLAS or another one that is made for the processor, and see to it that PETSc takes it"
+    )
+
+
+def threads_of(made) -> tuple[str, str]:
+    """The variable by which a BLAS (see blas) is told its threads, and what it says."""
+    name = "OPENBLAS" if made.startswith("OpenBLAS") else "MKL" if "mkl" in made else "OMP"
+    return f"{name}_NUM_THREADS", os.environ.get(f"{name}_NUM_THREADS", "1")
+
+
+def shared_cores(variable, threads, cores) -> str | None:
+    """The hint for a rank with fewer cores than threads asked for, of which a BLAS then has no more than cores."""
     if not threads.isdecimal() or int(threads) <= cores:
         return None
     return (
-        f"OPENBLAS_NUM_THREADS={threads}, but a rank may use {cores} core{'s' * (cores > 1)}: where there are more, "
+        f"{variable}={threads}, but a rank may use {cores} core{'s' * (cores > 1)}: where there are more, "
         "Open MPI gives it more by `mpiexec --bind-to none`, and SLURM by --cpus-per-task"
     )
 
@@ -82,10 +102,15 @@ def small_pages() -> str | None:
 
 
 def _library():
-    """PETSc, by which the functions of its BLAS are found."""
+    """The library that PETSc has dgemm from, with those that it needs; PETSc where it is not known.
+
+    LAPACK may be that of another BLAS, whose functions PETSc has too.
+    """
     from petsc4py import PETSc
 
-    return ctypes.CDLL(PETSc.__file__)
+    petsc = ctypes.CDLL(PETSc.__file__)
+    path = _path_of(petsc, "dgemm_")
+    return ctypes.CDLL(path) if path else petsc
 
 
 def _config(library):
@@ -101,12 +126,17 @@ def _text(function):
 
 def _file_of(library, name):
     """The name of the file that a function of the library is in, or ""."""
+    return Path(os.path.realpath(path)).name if (path := _path_of(library, name)) else ""
+
+
+def _path_of(library, name):
+    """The file that a function of the library is in, or ""."""
     here, place = ctypes.CDLL(None), _Place()
     if not hasattr(library, name) or not hasattr(here, "dladdr"):
         return ""
     if not here.dladdr(ctypes.cast(getattr(library, name), ctypes.c_void_p), ctypes.byref(place)):
         return ""
-    return Path(os.path.realpath(os.fsdecode(place.file))).name
+    return os.fsdecode(place.file)
 
 
 def _flags():

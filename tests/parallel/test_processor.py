@@ -62,8 +62,27 @@ def test_old_kernels_that_a_setting_does_not_change(monkeypatch):
 
 def test_a_rank_has_fewer_cores_than_threads():
     for fine in ("1", "many", "\u00b2", ""):
-        assert processor.shared_cores(fine, 1) is None
-    assert "OPENBLAS_NUM_THREADS=4, but a rank may use 2 cores: where" in processor.shared_cores("4", 2)
+        assert processor.shared_cores("OMP_NUM_THREADS", fine, 1) is None
+    said = processor.shared_cores("OMP_NUM_THREADS", "4", 2)
+    assert "OMP_NUM_THREADS=4, but a rank may use 2 cores: where" in said
+
+
+@pytest.mark.parametrize(
+    "made, another, slow, variable",
+    [
+        ("libblas.so.3.11.0", False, True, "OMP"), ("libblas.3.dylib", False, True, "OMP"),
+        ("libpetsc.so.3.20.1", False, True, "OMP"), ("libblas.so.3", True, False, "OMP"),
+        ("libmkl_rt.so.2", True, False, "MKL"), ("libblis.so.4", False, False, "OMP"),
+        ("libflexiblas.so.3.3", False, False, "OMP"), ("", False, False, "OMP"),
+        ("OpenBLAS 0.3.21, Zen", False, False, "OPENBLAS"),
+    ],
+)  # fmt: skip
+def test_a_reference_blas_is_named_and_each_is_told_its_threads(monkeypatch, made, another, slow, variable):
+    for name in ("OPENBLAS", "MKL", "OMP"):
+        monkeypatch.setenv(f"{name}_NUM_THREADS", "1")
+    monkeypatch.setenv(f"{variable}_NUM_THREADS", "7")
+    assert (processor.reference_blas(made, another) is not None) == slow
+    assert processor.threads_of(made) == (f"{variable}_NUM_THREADS", "7")
 
 
 class Library:
@@ -101,6 +120,19 @@ def test_the_blas_that_is_loaded():
     assert not [line for line in hints if "threads" in line.lower()]
     most = str(os.cpu_count() + 1)
     assert f"OPENBLAS_NUM_THREADS={most}, but" in found(OPENBLAS_NUM_THREADS=most)[1][-1]
+
+
+def test_a_blas_beside_the_lapack_of_openblas_is_not_taken_for_it(monkeypatch, tmp_path):
+    """As where Debian's alternatives name the reference BLAS: LAPACK brings OpenBLAS along, which computes nothing."""
+    (tmp_path / "blas.c").write_text("void dgemm_(void) {} void stray(void) {}")
+    made = tmp_path / "libblas.so.3.9"
+    if subprocess.run(["cc", "-shared", "-fPIC", "-o", made, tmp_path / "blas.c"], capture_output=True).returncode:
+        pytest.skip("no C compiler")
+    plain = ctypes.CDLL(str(made))
+    assert processor._path_of(plain, "stray") == str(made)
+    monkeypatch.setattr(processor, "_path_of", lambda library, name: str(made))
+    assert processor.blas() == "libblas.so.3.9"
+    assert processor.hints(MPI.COMM_SELF)[0].startswith("the BLAS is the reference one (libblas.so.3.9)")
 
 
 def test_debians_blas_takes_the_kernels_that_it_is_told():
