@@ -27,14 +27,14 @@ def available_mb(comm) -> float:
             if 0 < float(given) < float("inf"):
                 return float(given)
         raise InputError(f"HPCRED_MEMORY_MB: found '{given}' in the environment, expected a number of MB above 0")
-    own = node_mb() / startup.ranks_on_node
+    own, taken = node_mb() / startup.ranks_on_node, psutil.Process().memory_info()
     per_cpu = os.environ.get("SLURM_MEM_PER_CPU", "")
     if per_cpu.isdigit():
-        own = min(own, float(per_cpu) * int(os.environ.get("SLURM_CPUS_PER_TASK", "1")))
+        own = min(own, float(per_cpu) * int(os.environ.get("SLURM_CPUS_PER_TASK", "1")) - taken.rss / MB)
     soft = resource.getrlimit(resource.RLIMIT_AS)[0]
     if soft != resource.RLIM_INFINITY:
-        own = min(own, soft / MB)
-    return SHARE * min(comm.allgather(own))
+        own = min(own, (soft - taken.vms) / MB)
+    return SHARE * max(min(comm.allgather(own)), 0.0)
 
 
 def node_mb() -> float:
@@ -42,7 +42,7 @@ def node_mb() -> float:
     limits = [psutil.virtual_memory().available / MB, *_control_groups()]
     per_node = os.environ.get("SLURM_MEM_PER_NODE", "")
     if per_node.isdigit() and int(per_node):
-        limits.append(float(per_node))
+        limits.append(float(per_node) - psutil.Process().memory_info().rss / MB * startup.ranks_on_node)
     return min(limits)
 
 

@@ -1,5 +1,6 @@
 """What a rank may take: SLURM's limits, control groups, the user's word."""
 
+import psutil
 import pytest
 
 from hpcred.parallel import memory
@@ -10,17 +11,24 @@ from hpcred.parallel.failures import InputError
 def test_limits_of_memory(monkeypatch, comm, tmp_path):
     free = memory.available_mb(comm)
     assert 10 < free < 1e7
-    monkeypatch.setenv("SLURM_MEM_PER_NODE", "500")
-    assert memory.available_mb(comm) == pytest.approx(0.9 * 500 / runtime.ranks_on_node)
-    monkeypatch.setenv("SLURM_MEM_PER_CPU", "100")
+    own = psutil.Process().memory_info().rss / 2**20  # which is no longer there to be taken
+    monkeypatch.setenv("SLURM_MEM_PER_NODE", "1500")
+    assert memory.available_mb(comm) == pytest.approx(0.9 * (1500 / runtime.ranks_on_node - own), rel=0.05)
+    monkeypatch.setenv("SLURM_MEM_PER_CPU", "300")
     monkeypatch.setenv("SLURM_CPUS_PER_TASK", "2")
-    assert memory.available_mb(comm) == pytest.approx(0.9 * 200)
+    assert memory.available_mb(comm) == pytest.approx(0.9 * (600 - own), rel=0.05)
     monkeypatch.setenv("HPCRED_MEMORY_MB", "77")
     assert memory.available_mb(comm) == 77
     for wrong in ("abc", "nan", "-5", "0", "inf"):
         monkeypatch.setenv("HPCRED_MEMORY_MB", wrong)
         with pytest.raises(InputError, match=f"HPCRED_MEMORY_MB: found '{wrong}'"):
             memory.available_mb(comm)
+
+
+def test_the_address_space_that_is_taken_is_not_free(monkeypatch, comm):
+    taken = psutil.Process().memory_info().vms
+    monkeypatch.setattr(memory.resource, "getrlimit", lambda _: (taken + 100 * 2**20, -1))
+    assert memory.available_mb(comm) == pytest.approx(90, abs=10)
 
 
 def test_a_control_group_limits_memory(monkeypatch, tmp_path):
