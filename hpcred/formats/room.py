@@ -19,7 +19,7 @@ from ..parallel.failures import ComputationError, HpcredError, agreed, common_to
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 BASE, A_DATASET = 2**18, 2**12  # bytes of HDF5's own, in all and for each dataset
-DISK_FULL = "the disk is full"  # in the sentence of a file without room
+DISK_FULL = "the disk is full: "  # in the sentence of NoRoom, by which it is known in the log of another run
 KEEP_SIZE = 1  # of fallocate: take room, and leave the size as it is
 
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -38,7 +38,7 @@ def no_room(path, needed: int | None = None, written=None) -> NoRoom:
     else:
         more = ""
     return NoRoom(
-        f"output {path}: {DISK_FULL}: it needs {more}{in_bytes(needed)}, and {in_bytes(free_bytes(folder))} are "
+        f"output {path}: the disk is full: it needs {more}{in_bytes(needed)}, and {in_bytes(free_bytes(folder))} are "
         f"free in {folder}; make room, or choose another folder"
     )
 
