@@ -12,6 +12,7 @@ from ..linalg.blocks import add_product, apply, column_norms, copy_of, create_bl
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc
+from .digits import digits_of
 from .dofs import SCALAR, require_dofs
 
 NO_MASS = 1e-12  # of the largest mass: round-off
@@ -19,6 +20,7 @@ SAME_MASS = 1e-6  # relative difference of the masses in x, y, z that the digits
 ROUND_OFF = 1e-10
 FORCE_FREE = 1e-8  # ||K R|| / (||K|| ||R||) below which a rigid-body motion counts as free of force
 EXACTLY_FREE = 32 * np.finfo(float).eps  # of the entries of a row: what motions that are guessed may meet of force
+SOFTLY = 1e-9  # of the diagonal: more than the round-off of translations in rows of slender and flat elements
 SILENT = 1e-6  # sum of a row over that of its absolute values, below which it is zero to the digits of a file
 ON_DIAGONAL = 0.5  # of the diagonal of a mass matrix: less than any element's mass, more than what supports resist
 FEW = 0.02  # share of rows of a mass matrix that may be so
@@ -207,6 +209,39 @@ def _forces(model, motions):
 def free_motions(model, motions) -> int:
     """How many independent rigid-body motions (see rigid_motions) meet no force. Collective."""
     return decided(model.comm, _force_free, *_forces(model, motions))[1].shape[1]
+
+
+def soft_supports(model) -> np.ndarray:
+    """The force that each translation in x, y and z that moves the body meets in its worst row, relative to the
+    diagonal of that row; zero where it may be round-off. Collective.
+
+    So springs to the ground show that are too few or too soft for ||K R||, in which all rows of the body have a share.
+    Of a K with fewer digits than a double has nothing is known, and all are zero.
+    """
+    if digits_of(model.K) is not None or _single(model):
+        return np.zeros(1)
+    with Owned(model.comm) as owned:
+        motions = owned.owns(rigid_motions(model))
+        motions.setActiveColumns(0, 3)
+        product = owned.owns(create_block(model.K, 3))
+        apply(model.K, motions, product)
+        diagonal = model.K.getDiagonal()
+        with local_rows(product) as rows, local_rows(motions) as moved:
+            size = np.abs(diagonal.getArray(readonly=True).real)[:, None]
+            met = (np.abs(rows[:, :3]) / np.where(size > 0, size, np.inf)).max(axis=0, initial=0.0)
+            moves = (moved[:, :3] != 0).any(axis=0)
+        diagonal.destroy()
+    met = np.max(model.comm.allgather(met), axis=0)[np.any(model.comm.allgather(moves), axis=0)]
+    return np.where(met > SOFTLY, met, 0.0)
+
+
+def _single(model) -> bool:
+    """Whether the entries of K are numbers of single precision. Collective."""
+    rows = range(model.first_row, model.first_row + min(model.local_rows, 16))
+    values = np.concatenate([np.zeros(1), *(model.K.getRow(row)[1].real for row in rows)])
+    with np.errstate(over="ignore"):
+        single = bool((values == values.astype(np.float32)).all())
+    return model.comm.allreduce(single, op=MPI.LAND)
 
 
 def pushed_motions(model, loads) -> np.ndarray:

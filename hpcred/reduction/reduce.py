@@ -13,7 +13,7 @@ from ..model.damping import ModalDamping, NoDamping, Structural, doubts_of_dampi
 from ..model.digits import doubts_of_digits
 from ..model.frames import Buckens, NoFrame, apply_frame, inputs_without_effect
 from ..model.interfaces import doubts_of_interfaces
-from ..model.rigid_body_modes import doubts_of_nodes, exchange_of_matrices
+from ..model.rigid_body_modes import doubts_of_nodes, exchange_of_matrices, soft_supports
 from ..model.scales import scaled, scales_of
 from ..model.second_order_model import SYMMETRIC_TO, require_inputs, require_model
 from ..parallel.decisions import decided
@@ -244,6 +244,11 @@ def warnings_of(model, frame) -> tuple[str, ...]:
     doubts = (exchanged,) if exchanged else tuple(doubts_of_nodes(model))  # all else follows from it
     if doubts and isinstance(frame, Buckens):
         raise InputError(doubts[0])
+    if isinstance(frame, Buckens) and (soft := soft_supports(model).max(initial=0.0)):
+        doubts += (
+            f"frame: {model.name} counts as free, but K resists translations by up to {soft:.1e} of its diagonal: soft "
+            "springs to the ground, which the Buckens frame leaves out, have to be put into the multibody model",
+        )
     return (*doubts, *doubts_of_interfaces(model))
 
 

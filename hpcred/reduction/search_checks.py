@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..linalg.free_motions import free_motions_refused
-from ..model.rigid_body_modes import FORCE_FREE, pushed_motions
+from ..model.rigid_body_modes import SOFTLY, pushed_motions, soft_supports
 from ..model.second_order_model import massless
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
@@ -32,7 +32,8 @@ def check_support(run, band):
     loads, ports = run.loads_and_ports
     pushed = pushed_motions(model, loads)
     of_inputs, of_outputs = (pushed @ part for part in ports)
-    if np.abs(of_outputs.T @ of_inputs).max(initial=0.0) > 0:
+    infinite = np.abs(of_outputs.T @ of_inputs).max(initial=0.0) > 0
+    if infinite and (model.dofs is None or not soft_supports(model).all()):
         raise _infinite(model)
 
 
@@ -51,7 +52,7 @@ def check_response(projections, model, frequencies, found):
 
 def _infinite(model):
     nodes = "" if model.dofs is not None else ", which needs nodes"
-    by_nodes = f" (or held by springs that meet less than {FORCE_FREE:g} of K)" if model.dofs is not None else ""
+    by_nodes = f" (or held by springs that meet less than {SOFTLY:g} of K)" if model.dofs is not None else ""
     return InputError(
         f"{model.name}: the response at 0 Hz is infinite, for the body is free{by_nodes}; take frame "
         f"'buckens'{nodes}, hold the body, or give a band that begins above 0"

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import columns_of, dense_model  # noqa: F401
+import scipy.sparse
+from helpers import columns_of, dense_model, to_dense  # noqa: F401
 
 import hpcred
+from hpcred import Buckens, Dofs, InputError
 from hpcred.model.rigid_body_modes import doubts_of_nodes, misfit_of_nodes, rigid_body_residuals
 
 pytestmark = pytest.mark.mpi
@@ -62,3 +64,31 @@ def test_masses_that_differ_are_noticed(comm):
     dofs = hpcred.Dofs(rows // 3 + 1, (rows % 3).astype(np.int8), np.repeat([[0.0, 0, 0], [1.0, 0, 0]], 3, axis=0))
     with hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, dofs=dofs) as model:
         assert any("masses in x, y and z are 2, 4 and 2 kg" in doubt for doubt in doubts_of_nodes(model))
+
+
+@pytest.mark.parametrize("digits, stiffness", [(None, 0.0), (None, 1e-9), (11, 0.0), ("single", 0.0)])
+def test_soft_springs_are_told_from_round_off(digits, stiffness):
+    """Springs that each row of a body has too small a share of: said in the Buckens frame, and finite at 0 Hz."""
+    with hpcred.solid((5, 2, 2), clamped=False) as block:
+        K, M = (scipy.sparse.csr_matrix(to_dense(mat)) for mat in (block.K, block.M))
+        labels = [np.concatenate(block.comm.allgather(getattr(block.dofs, key)))
+                  for key in ("node", "direction", "position")]  # fmt: skip
+    corners = np.array([0, 1, 2, 6, 7, 8, -3, -2, -1]) % K.shape[0]
+    K[corners, corners] += stiffness * K.diagonal().max()
+    if digits == "single":
+        K.data = K.data.astype(np.float32).astype(float)
+    elif digits:
+        K.data = np.array([float(f"{value:.{digits - 1}e}") for value in K.data])
+    load = np.zeros((K.shape[0], 2))
+    load[[4, -5], [0, 1]] = 1.0
+    with hpcred.SecondOrderModel.from_scipy(K, M, inputs=load, dofs=Dofs(*labels)) as model:
+        with hpcred.reduce(model, tolerance=0.1, band=(0.0, 2000.0), frame=Buckens()) as rom:
+            assert any("soft springs to the ground" in text for text in rom.record.warnings) == bool(stiffness)
+        if not stiffness:
+            with pytest.raises(InputError, match="the response at 0 Hz is infinite"):
+                hpcred.reduce(model, tolerance=0.1, band=(0.0, 2000.0))
+            return
+        with hpcred.reduce(model, tolerance=0.1, band=(0.0, 2000.0)) as rom:
+            expected = load.T @ np.linalg.solve(K.toarray(), load)
+            assert rom.record.accuracy.reached
+            assert rom.transfer_function(0.0).real == pytest.approx(expected, rel=1e-4)
