@@ -144,7 +144,8 @@ def row_of(model, target) -> int:
 def require_dofs(model, purpose: str) -> Dofs:
     """The dof labels, or InputError when the model came without nodes."""
     if model.dofs is None:
-        raise InputError(f"{model.name} has no node coordinates, which {purpose} needs; convert it with --nodes")
+        raise InputError(f"{model.name} has no node coordinates, which {purpose} needs; convert it with --nodes, or "
+                         "give dofs in Python")  # fmt: skip
     return model.dofs
 
 

@@ -91,6 +91,12 @@ class SecondOrderModel:
             raise InputError(f"{vars(self).get('name')}: this model was closed, and has no matrices any more")
         raise AttributeError(f"a SecondOrderModel has no attribute '{name}'")
 
+    def __repr__(self):
+        """One line. Not collective, since notebooks and debuggers ask for it on one rank."""
+        size = f"{self.K.getSize()[0]} dofs" if "K" in vars(self) else "closed"
+        return (f"<SecondOrderModel {self.name}: {size}, {len(self.input_names)} inputs, {len(self.output_names)} "
+                "outputs>")  # fmt: skip
+
     def __str__(self):
         """Three lines on what the model is. Collective."""
         matrices = ", ".join(sorted(self.matrices))

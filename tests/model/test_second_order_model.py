@@ -147,3 +147,12 @@ def test_dofs_that_are_none_are_refused(solid, targets):
             method(targets)
     with pytest.raises(InputError, match="^interfaces: found 'crank', expected a list of Interface"):
         solid.with_interfaces("crank")
+
+
+@pytest.mark.mpi
+def test_one_rank_alone_may_show_a_model(comm):
+    model = hpcred.linkage(comm)
+    if comm.rank == 0:
+        assert repr(model) == "<SecondOrderModel linkage: 120 dofs, 1 inputs, 1 outputs>"
+    model.close()
+    assert "closed" in repr(model)
