@@ -227,10 +227,11 @@ def _by_contents(value, contents):
     return ("contents", contents[value]) if isinstance(value, str) and value in contents else value
 
 
-def read_sweep(path, store=None) -> Sweep:
+def read_sweep(path, store=None, *, runs_come=True) -> Sweep:
     """Read a sweep file and check every job in it. File names are relative to the folder of the sweep file.
 
-    `store`: a folder that replaces that of the file. Nothing is written. Raises InputError.
+    `store`: a folder that replaces that of the file. `runs_come`: whether files in the place of results, which are
+    none, are refused. Nothing is written. Raises InputError.
     """
     path = Path(path)
     check_file_names(**{"--store": store})
@@ -247,7 +248,7 @@ def read_sweep(path, store=None) -> Sweep:
             base["store"] = os.path.abspath(store)
         evaluation = _evaluation(file.evaluate, path.parent)
         runs = _runs(file, base, base_folder, folder)
-        _check_outputs(runs, path, base_file if isinstance(file.job, str) else path)
+        _check_outputs(runs, [path, base_file if isinstance(file.job, str) else path], runs_come)
         _check_evaluation(evaluation, runs)
     except InputError as error:
         text = str(error)
@@ -359,8 +360,9 @@ def _file_name(parts) -> str:
     return name
 
 
-def _check_outputs(runs, *own):
-    """Refuse equal names of results, and results that would replace what is no result."""
+def _check_outputs(runs, own, runs_come):
+    """Refuse equal names of results, results that would replace what a run reads, and, where `runs_come`, what is no
+    result; `own`: files of the sweep."""
     seen = {}
     for run in runs:
         if run.name.lower() in seen:
@@ -373,7 +375,7 @@ def _check_outputs(runs, *own):
         for written in (run.output, run.beside(".toml"), run.beside(".log")):
             if written.absolute() in reads:
                 raise InputError(f"run {run.name} would replace {written}, which it reads; choose another `output`")
-        if run.output.exists() and kind_of_file(run.output) != RESULT:
+        if runs_come and run.output.exists() and kind_of_file(run.output) != RESULT:
             raise InputError(f"{run.output}: is there and no result of a reduction; remove it, or choose another "
                              "`output`")
 

@@ -35,7 +35,7 @@ def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> 
     """
     if (comm or MPI.COMM_WORLD).size > 1:
         raise InputError("collect: run it without mpiexec")
-    sweep = read_sweep(path, store)
+    sweep = read_sweep(path, store, runs_come=False)
     if output is not None:
         check_table_name(output, SELF)
     if figures is not None:

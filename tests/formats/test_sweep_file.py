@@ -11,6 +11,7 @@ from helpers import CHORD_JOB, refused
 from hpcred.formats.job_file import plain, read_job
 from hpcred.formats.sweep_file import read_sweep
 from hpcred.formats.toml_file import as_value
+from hpcred.workflows.collect import collect_sweep
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -102,6 +103,8 @@ def test_a_missing_model_and_a_foreign_file_are_refused(folder, capsys):
     Path("sweep/frequency-150_order-1.h5").write_text("mine")
     Path("sweep.toml").write_text(SWEEP)
     assert "is there and no result of a reduction" in refused(capsys, "sweep", "sweep.toml")
+    rows = {row["run"]: row["status"] for row in collect_sweep("sweep.toml")["rows"]}
+    assert rows.pop("frequency-150_order-1") == "damaged" and set(rows.values()) == {"missing"}
 
 
 @pytest.mark.parametrize(
