@@ -41,6 +41,7 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
     for key in ("K", "M"):
         if not comm.allreduce(int(np.count_nonzero(parts.matrices[key].values))):
             raise InputError(f"{parts.files[key]}: found no number other than zero in {key}, expected a matrix")
+        _refuse_half(comm, key, parts)
     entries = sum(comm.allreduce(len(item.values)) for item in parts.matrices.values())
     if size > entries:  # before anything has its length: a damaged header may say any size
         raise InputError(
@@ -66,6 +67,19 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
     del indptr, indices, values
     give_back()
     return model
+
+
+def _refuse_half(comm, key, parts):
+    """Refuse a stiffness or mass of which one triangle is given, where the file does not say so. Collective."""
+    item = parts.matrices[key]
+    there = item.values != 0
+    above, below = (any(comm.allgather(bool((there & side).any())))
+                    for side in (item.rows < item.columns, item.rows > item.columns))  # fmt: skip
+    if above != below:
+        raise InputError(
+            f"{parts.files[key]}: found entries {'above' if above else 'below'} the diagonal only, expected both "
+            f"triangles of {key}; write it whole, or as a symmetric Matrix Market file"
+        )
 
 
 def _number_rows(comm, parts):

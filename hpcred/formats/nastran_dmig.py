@@ -184,7 +184,9 @@ def _entries(piece, lines, matrix):
     column = (heads[:, 0] == matrix.name.encode("latin-1")) & (heads[:, 1] != b"0")
     at = np.flatnonzero(~head & column[owner] & (fours != b"").any(axis=1))
     stray = ~head & ~column[owner] & (heads[owner, 0] == matrix.name.encode("latin-1")) & (fours[:, 0] != b"")
-    if (stray & (number != number[head][owner])).any():
+    # but the second half of that card: what is written, whether polar, nothing, and the number of columns
+    stray &= (np.arange(len(fours)) - np.flatnonzero(head)[owner] > 1) | (fours[:, 2] != b"")
+    if stray.any():
         raise piece.refusal(int(number[stray][-1]), "no entries below the card with form and type")
     odd = number[head][column & (heads[:, 3] != b"")]
     if odd.size:

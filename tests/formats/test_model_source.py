@@ -80,6 +80,23 @@ def test_sizes_of_a_damaged_header_are_refused(comm, folder, sizes, says):
         load_source(Source(str(K), str(K)), comm)
 
 
+@pytest.mark.parametrize("half, side", [(np.tril, "below"), (np.triu, "above")])
+@pytest.mark.parametrize("suffix", ["npz", "mat"])
+def test_one_triangle_alone_is_refused(comm, folder, half, side, suffix):
+    """Of a format that cannot say that it is one half of a symmetric matrix."""
+    K, M = scipy.sparse.csr_matrix(half(np.full((6, 6), -1.0) + 7 * np.eye(6))), scipy.sparse.identity(6, format="csr")
+    if comm.rank == 0:
+        scipy.io.savemat(folder / "a.mat", {"K": K, "M": M})
+        scipy.sparse.save_npz(folder / "K.npz", K)
+        scipy.sparse.save_npz(folder / "M.npz", M)
+    comm.Barrier()
+    with pytest.raises(hpcred.InputError, match=f"found entries {side} the diagonal only, expected both triangles"):
+        if suffix == "mat":
+            load_export(folder / "a.mat", comm)
+        else:
+            load_source(Source(K=str(folder / "K.npz"), M=str(folder / "M.npz")), comm)
+
+
 def test_a_last_line_without_end_is_doubted(comm, folder):
     """1.25 may be what is left of 1.257; a file that ends with a line break is whole."""
     if comm.rank == 0:

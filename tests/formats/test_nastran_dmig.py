@@ -33,6 +33,10 @@ DMIG*   MAAX                           1               6
 DMIG*   MAAX                           9               0
 *                      9               0 3.000000000D+00
 """
+WIDE = LARGE.replace(  # with large fields in the first card too, as pyNastran writes it
+    "DMIG    KAAX           0       6       2       0                       3", f"""DMIG*   KAAX{0:28d}{6:16d}{2:16d}
+*      {0:17d}{0:16d}{3:32d}"""
+)
 FREE = """DMIG,KAAX,0,6,2,0,,,3
 DMIG,KAAX,1,1,,1,1,4.
 DMIG,KAAX,1,6,,1,1,-1.
@@ -59,7 +63,7 @@ DMIG    M2GG    9       0               9       0       3.
 """
 
 
-@pytest.mark.parametrize("text", [LARGE, FREE, SMALL, LARGE.replace("\n", "\r\n"), FREE.replace(",", "\t")])
+@pytest.mark.parametrize("text", [LARGE, WIDE, FREE, SMALL, LARGE.replace("\n", "\r\n"), FREE.replace(",", "\t")])
 def test_forms_of_cards(comm, folder, monkeypatch, text):
     monkeypatch.setattr(text_module, "PIECE", 100)
     path = write(folder / "a.pch", text, comm)
@@ -136,6 +140,15 @@ def test_damaged_cards_are_refused(comm, folder, damage, says):
     with pytest.raises(InputError) as error:
         load_export(path, comm)
     assert says in str(error.value) and str(path) in str(error.value)
+
+
+def test_entries_below_the_first_card_are_refused(comm, folder):
+    for text, entry in ((WIDE, f"*      {1:17d}{1:16d}{2.0:16.1f}\n"), (LARGE, "        1       1               2.\n")):
+        cut = text.index("DMIG*   KAAX                           1")
+        text = text[:cut] + entry + text[cut:]
+        with pytest.raises(InputError, match="expected no entries below the card with form and type"):
+            load_export(write(folder / "a.pch", text, comm), comm)
+        comm.Barrier()
 
 
 def test_both_halves_of_a_symmetric_matrix_are_refused(comm, folder):
