@@ -35,7 +35,7 @@ from .error_estimate import apart, missing, rounded
 from .hidden_modes import find_hidden
 from .judging import CHAIN, Blocks, Judge, Judgement
 from .point_blocks import Part, PointBlocks
-from .point_solver import PointSolver
+from .point_solver import NoRegularPoint, PointSolver
 from .projections import Projections
 from .run import Run
 from .search_checks import check_complete, check_massless, check_motions, check_support
@@ -116,6 +116,10 @@ class Search:
                 if reason := self._go_on_without(error, points[0]):
                     return reason
                 continue
+            except NoRegularPoint as error:
+                if not self.points:
+                    raise
+                return f"since {error}"
             check_motions(self.projections, self.points[-1].frequency or high)
             fine = judge.is_fine(found.estimate)
             good = self._closing and fine and judge.is_fine(found.exact)

@@ -27,6 +27,10 @@ from .residual_blocks import residual_block
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 
 
+class NoRegularPoint(ComputationError):
+    """Near a point K - omega^2 M is singular, but for round-off."""
+
+
 class SearchChain(PencilChain):
     """The chain of a point of a search: of the inputs and outputs together."""
 
@@ -65,7 +69,7 @@ class PointSolver:
 
     def open(self, f) -> tuple[float, int | None]:
         """Begin a point, off the poles; its place and the modes below it. It is factored here unless the store knows
-        that it can be and how many those are, else when a solve needs it. Raises InputError, ComputationError."""
+        that it can be and how many those are, else when a solve needs it. Raises InputError, NoRegularPoint."""
         run = self.run
         if self.projections.basis.size:
             moved = decided(run.model.comm, lambda: off_poles(f, self.projections.model(), self._settings.band))
@@ -86,7 +90,10 @@ class PointSolver:
                 continue
             rigid = run.framed.rigid_size if trial else 0
             return float(trial), pivots - rigid if self.counts else None
-        raise ComputationError(f"no point near {f:g} Hz could be factored: is it among many eigenfrequencies?")
+        raise NoRegularPoint(
+            f"no point near {f:g} Hz could be factored: it is among many eigenfrequencies, or the body is nearly free, "
+            "so that round-off of K hides where its lowest ones are"
+        )
 
     def go_to(self, f):
         """Have solves be at a point, which a solve factors where that is not done."""

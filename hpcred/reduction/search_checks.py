@@ -75,7 +75,7 @@ def check_complete(projections, band):
     if projections.basis.size >= run.model.size - run.framed.rigid_size:
         return
     if largest_residual(projections, [low + part * (high - low) for part in BETWEEN]) > COMPLETE:
-        raise _lost_without_mass(projections)
+        raise _lost(projections)
 
 
 def check_massless(projections, points):
@@ -85,13 +85,20 @@ def check_massless(projections, points):
     if not massless(run.model) and not run.massless:
         return
     if largest_residual(projections, points, damped=False) > COMPLETE:
-        raise _lost_without_mass(projections)
+        raise _lost(projections)
     run.massless = False  # nothing was lost
 
 
-def _lost_without_mass(projections):
+def _lost(projections):
+    model, size = projections.run.model, projections.basis.size
+    if not massless(model) and not projections.run.massless:
+        return InputError(
+            f"{model.name}: a basis of {size} columns, to which solutions add nothing, has lost part of the responses "
+            "to round-off, as of a nearly free body close to its lowest frequency; take other points, or a band that "
+            "begins higher"
+        )
     return InputError(
-        f"{projections.run.model.name}: M is singular, and a basis of {projections.basis.size} mass-orthonormal "
-        "columns has lost the static deflection of dofs without mass, by forces on them or by round-off; give them a "
-        "little mass, take them out by static condensation, or ask for a lower band"
+        f"{model.name}: M is singular, and a basis of {size} mass-orthonormal columns has lost the static deflection "
+        "of dofs without mass, by forces on them or by round-off; give them a little mass, take them out by static "
+        "condensation, or ask for a lower band"
     )

@@ -8,8 +8,11 @@ import pytest
 import hpcred
 from hpcred import SecondOrderModel
 from hpcred.analysis.error_check import as_measured
+from hpcred.linalg.factorisation import SingularMatrix
 from hpcred.parallel.petsc import is_complex
 from hpcred.reduction import reduce, run
+from hpcred.reduction.adaptive import Search
+from hpcred.reduction.point_solver import PointSolver
 
 COUNT, STIFF = 24, 2.0**36  # masses of 1 kg, and the springs between them in N/m; the first is held by 1 N/m
 OMEGA = 1 / np.sqrt(COUNT)  # of all masses as one
@@ -48,6 +51,36 @@ def test_round_off_of_stiff_parts_counts(tolerance, comm):
     assert 1e-4 < error < 3 * (accuracy.largest + accuracy.noise)
     assert accuracy.reached == (tolerance > 1e-2)
     assert accuracy.reached or accuracy.stopped == "limited by round-off"
+
+
+@pytest.mark.parametrize("points", [(BAND[1], BAND[1] / 3), (BAND[1] / 3,)])
+def test_a_point_that_round_off_lets_nobody_factor_ends_a_search_that_has_a_model(comm, monkeypatch, points):
+    """As a second proof without a count of modes may be: all was lost there."""
+    known = PointSolver._pivots
+
+    def pivots(self):
+        if self.factored > -((np.pi * BAND[1]) ** 2):
+            raise SingularMatrix
+        return known(self)
+
+    monkeypatch.setattr(PointSolver, "_pivots", pivots)
+    monkeypatch.setattr(Search, "_may_prove_nearby", lambda self: False)
+    asked = hpcred.Adaptive(tolerance=1e-1, band=BAND, points=points)
+    with nearly_free(comm) as model:
+        if len(points) == 1:
+            with pytest.raises(hpcred.ComputationError, match="or the body is nearly free"):
+                hpcred.reduce(model, adaptive=asked)
+            return
+        with hpcred.reduce(model, adaptive=asked) as rom:
+            accuracy = rom.record.accuracy
+    assert not accuracy.reached and accuracy.stopped.startswith("since no point near ")
+    assert accuracy.largest + accuracy.noise < 1e-2
+
+
+def test_solutions_that_are_lost_to_round_off_are_not_blamed_on_the_mass(comm):
+    asked = hpcred.Adaptive(tolerance=1e-1, band=BAND, points=(BAND[1] / 3,))
+    with nearly_free(comm) as model, pytest.raises((hpcred.InputError, hpcred.ComputationError), match="nearly free"):
+        hpcred.reduce(model, adaptive=asked)
 
 
 def test_round_off_of_a_full_response_counts(comm):
