@@ -23,6 +23,7 @@ SPEEDS = (200.0, 3e4)  # m/s: waves in plastics to ceramics, with an order of ma
 DENSITIES = (50.0, 3e4)  # kg/m^3: mass over the volume of the surrounding box
 FIRST = (0.1, 1e4)  # m/s: the first natural frequency times the diagonal of the surrounding box, wires to blocks
 FAR = 10.0  # beyond SPEEDS, where the estimate of the speed cannot be the reason
+FEW_DIGITS = 13  # decimal ones of K, from which on they are not worth a word
 CLEARLY_FREE, NEARLY_FREE = 1e-12, 1e-5  # ||K R|| / (||K|| ||R||)
 
 
@@ -66,7 +67,8 @@ def check(model) -> dict:
                 f"looks like {report['units']}: from the mass, the size, and the speed of waves between neighbouring "
                 "nodes"
             )
-    if (digits := digits_of(model.K)) is not None:
+    digits = digits_of(model.K) or FEW_DIGITS
+    if digits < FEW_DIGITS:
         sentences.append(f"K has {digits} digits; modes, responses and reductions warn of frequencies without any")
     return report | {"sentences": sentences, "warnings": list(dict.fromkeys(warnings))}
 
