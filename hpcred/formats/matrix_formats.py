@@ -90,11 +90,6 @@ def read_entries(path, comm, key="K", variables=None) -> Entries | LabelledEntri
                     "matrices of single elements or of a substructure), expected an assembled matrix; let Abaqus "
                     "write it by *Matrix Generate, Stiffness, Mass and *Matrix Output, Stiffness, Mass"
                 )
-            if start.startswith(b"\x93NUMPY"):
-                raise InputError(
-                    f"{path}: found an array of NumPy (.npy), expected a sparse matrix; save it by "
-                    "scipy.sparse.save_npz(name, scipy.sparse.csr_matrix(array))"
-                )
             raise InputError(
                 f"{path}: found a file that begins with {start[:12]!r}, expected "
                 f"{', '.join(item.name for item in FORMATS[:-1])}, or {FORMATS[-1].name}"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..parallel.failures import InputError
 from .npz import DAMAGES
+from .outputs import HDF5, hdf5_kind, kind_of
 from .text import first_bytes, shown
 
 NASTRAN = "without matrices; give the .op4 or .pch that the run wrote them to, with its .bdf beside it"
@@ -15,6 +16,7 @@ ABAQUS = "without matrices; give the .inp of a run with *Matrix Generate and *Ma
 CALCULIX = "without matrices; give the .inp or .sti of a run with *FREQUENCY, SOLVER=MATRIXSTORAGE"
 MESH = "without matrices; give those that a finite-element program wrote for this mesh"
 UNPACK = "unpack it first"
+ARRAY = "save each matrix by scipy.sparse.save_npz(name, scipy.sparse.csr_matrix(array))"
 SHEET = "save what is needed as text: lines of row, column, value, or of node, x, y, z"
 
 BEGINNINGS = tuple(
@@ -29,6 +31,7 @@ BEGINNINGS = tuple(
         (rb"(?:1\n)?\s*Abaqus[ /]", "a listing of Abaqus (.dat, .msg, .sta)", ABAQUS),
         (rb"\x89SIM", "a results file of Abaqus (.sim)", ABAQUS),
         (rb"\x89HDF(?!\r\n\x1a\n)", "an HDF5 file whose ends of lines were changed", "copy it again as binary"),
+        (rb"\x93NUMPY", "an array of NumPy (.npy)", ARRAY),
         (rb"ISO-10303-21", "a drawing (STEP)", MESH), (rb"solid |facet ", "a surface (STL)", MESH),
         (rb"# vtk |(?:<\?xml[^>]*>\s*)?<VTKFile", "a VTK file", MESH),
         (rb"(?:\s*#[^\n]*\n|\s)*model\s*=", "a job of hpcred", "run it by `hpcred reduce`"),
@@ -53,6 +56,8 @@ def refuse_unread(path):
     found = next((item[1:] for item in BEGINNINGS if item[0].match(start)), None)
     if found is None and start.startswith(b"PK"):
         found = _archive(path)
+    if start.startswith(HDF5) and kind_of(path) == hdf5_kind("none"):
+        found = "an HDF5 file of a kind that is not known", f"{ARRAY}, or make model.h5 in Python (hpcred.write_model)"
     if found is None and b"\0" in start:
         found = SUFFIXES.get(Path(path).suffix.lower())
     if found is not None:

@@ -4,6 +4,8 @@ import io
 import struct
 import zipfile
 
+import h5py
+import numpy as np
 import pytest
 from foreign import assembled, write
 
@@ -47,6 +49,7 @@ FILES = {
     "a.msh": (b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "a mesh of Gmsh", "for this mesh"),
     "a.vtu": (b'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid">\n', "a VTK file", "for this mesh"),
     "a.toml": (b'# a job\n\nmodel = "model.h5"\n', "a job of hpcred", "hpcred reduce"),
+    "a.npy": (b"\x93NUMPY\x01\x00v\x00{'descr'" + 60 * b"\0", "an array of NumPy", "save_npz"),
     "a.h5": (b"\x89HDF\n\x1a\n" + 60 * b"\0", "an HDF5 file whose ends of lines", "copy it again"),
 }  # fmt: skip
 
@@ -63,6 +66,16 @@ def test_what_a_file_is_and_what_to_give(comm, folder, name):
     for read in readings:
         with pytest.raises(InputError, match=f"{name}: found {what}.*{instead}"):
             read()
+
+
+def test_hdf5_of_a_script(comm, folder):
+    if comm.rank == 0:
+        with h5py.File(folder / "a.h5", "w") as file:
+            file["K"] = np.eye(3)
+    comm.Barrier()
+    for read in (load_export, read_entries):
+        with pytest.raises(InputError, match="a.h5: found an HDF5 file of a kind that is not known; save .*save_npz"):
+            read(folder / "a.h5", comm)
 
 
 @pytest.mark.parametrize("number, what", [(2, "element"), (8, "substructure"), (9, "mode shape"), (12, "result")])
