@@ -126,7 +126,7 @@ def export_result(
     if progress is not None:
         progress.say(f"export: {path}")
     if export.takes == "superelement":
-        report = _export_superelement(export, result, path, system, comm)
+        report = _export_superelement(export, result, path, system, comm, progress)
     else:
         report = None
         with atomic_output(path, comm) as temporary, agreed(comm):
@@ -162,7 +162,7 @@ def _write(export, path, target, nodes, system, modes) -> dict:
     return {"coordinates": body.reduced.size, "nodes": [shape.node for shape in body.nodes], "remarks": remarks}
 
 
-def _export_superelement(export, result, path, system, comm) -> dict:
+def _export_superelement(export, result, path, system, comm, progress) -> dict:
     """Write the files of a superelement, the one that takes the others at the end. Collective."""
     report, content, beside = None, None, {}
     with agreed(comm), _naming(result):
@@ -179,8 +179,8 @@ def _export_superelement(export, result, path, system, comm) -> dict:
                 "files": [str(name) for name in beside],
             }  # fmt: skip
     report = comm.bcast(report)
-    besides = {Path(name): None for name in report["files"]}
-    outputs.check_outputs(besides, comm, [result])
+    besides = {Path(name): outputs.DENSE if name.endswith(".mtx") else outputs.SUPERELEMENT for name in report["files"]}
+    outputs.check_outputs(besides, comm, [result], progress=progress)
     for name in [*besides, path]:
         with atomic_output(name, comm) as temporary, agreed(comm):
             if comm.rank == 0:

@@ -108,6 +108,22 @@ def test_superelements_are_written_with_the_files_beside_them(folder, comm):
     assert names(folder, comm) == [folder / "arm.h5"]
 
 
+def test_files_beside_a_superelement_replace_their_own_kind_and_say_so(folder, capsys):
+    package.write_result(folder / "arm.h5", interface_model(damping=10.0))
+    for _ in range(2):
+        run(["export", str(folder / "arm.h5"), "--format", "ansys"])
+    said = capsys.readouterr().err
+    assert said.count("arm_ansys.inp existed and was replaced") == 1
+    for key in "KMD":
+        assert said.count(f"arm_ansys_{key}.mtx exists and will be replaced") == 1
+    sparse = "%%MatrixMarket matrix coordinate real general\n1 1 1\n1 1 5.0\n"
+    (folder / "rod_M.mtx").write_text(sparse)  # of the big model
+    with pytest.raises(InputError, match="rod_M.mtx: found a Matrix Market file there, .* not replaced by Matrix"):
+        export_result(folder / "arm.h5", "ansys", folder / "rod.inp")
+    assert (folder / "rod_M.mtx").read_text() == sparse
+    assert sorted(path.name for path in folder.glob("rod*")) == ["rod_M.mtx"]
+
+
 def test_interface_nodes_by_name(folder, capsys):
     with block_with_ends(MPI.COMM_SELF) as model, package.reduce(model, [Modes(count=3)], Buckens()) as rom:
         package.write_result(folder / "result.h5", rom, model)
