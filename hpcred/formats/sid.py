@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..model.dofs import DIRECTIONS
 from ..multibody.body import Body, check_moving, inputs_without_node, maker, remarks
 from ..multibody.rotations import skew
 from ..parallel.failures import InputError
@@ -272,6 +273,9 @@ def build_sid(body: Body) -> tuple[Sid, list[str]]:
         "De": _object(reduced.D, count),
     }
     names = [f"Eigen Mode {i:4d} : {f:12.3f} Hz" for i, f in enumerate(reduced.frequencies, 1)]
+    if reduced.interfaces:
+        own = [f"Node {item.node} : {name}" for item in reduced.interfaces for name in DIRECTIONS[:6]]
+        names = own + [f"Modal coordinate {i:4d}" for i in range(1, count - len(own) + 1)]
     comment = "; ".join([f"No. nodes, No. modes: {maker(body.reduced)}", *notes])
     return Sid(quantities.mass, names, nodes, objects, comment), notes
 

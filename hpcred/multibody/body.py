@@ -146,7 +146,7 @@ def remarks(body: Body) -> list[str]:
     still = [str(shape.node) for shape in body.nodes if not shape.rotates]
     if still:
         found.append(f"no rotational dofs at nodes {', '.join(still)}: psi is zero there")
-    return found
+    return found + instability(body.reduced)
 
 
 def inputs_without_node(body: Body) -> list[str]:

@@ -13,6 +13,7 @@ from .accuracy import Accuracy
 from .record import Record
 
 ROUND_OFF = 1e-13
+DOUBLE_ZERO = 1e-7  # of the largest pole: rigid-body motions have double zeros, which round-off spreads by its root
 
 
 @dataclass
@@ -90,7 +91,9 @@ class ReducedModel:
         if all(_semidefinite(matrix) for matrix in (self.M, self.D, self.K)):
             return np.zeros(0, dtype=complex)
         roots = self.poles()
-        return roots[roots.real > 1e-9 * np.abs(roots).max(initial=0.0)]
+        size = np.abs(roots).max(initial=0.0)
+        rigid = DOUBLE_ZERO * size if self.rigid_size else 0.0
+        return roots[(roots.real > 1e-9 * size) & (np.abs(roots) > rigid)]
 
     def close(self):
         """Free the basis. Collective."""

@@ -100,6 +100,9 @@ def test_couplings_far_below_the_largest_stiffness_are_written(tmp_path):
         body = body_of(held, rom)
     write_sid(tmp_path / "body.SID_FEM", body)
     sid = read_sid(tmp_path / "body.SID_FEM")
+    node = held.interfaces[0].node
+    assert sid.coordinates[:6] == [f"Node {node} : {name}" for name in ("x", "y", "z", "rx", "ry", "rz")]
+    assert sid.coordinates[6:] == [f"Modal coordinate {k:4d}" for k in range(1, 7)]
     for key, matrix in (("Ke", rom.K), ("De", rom.D), ("Me", body.floating_frame.Me)):
         sizes = np.sqrt(np.diag(matrix))
         assert (np.abs(sid.objects[key].m0 - matrix) < 1e-10 * np.outer(sizes, sizes)).all()

@@ -6,9 +6,11 @@ import control
 import numpy as np
 import pytest
 import scipy.io
+from helpers import block_with_ends, to_dense
+from mpi4py import MPI
 
 import hpcred
-from hpcred import Buckens, Krylov, Modes, Rayleigh, Structural
+from hpcred import Buckens, CraigBampton, GivenDamping, Krylov, Modes, Rayleigh, Structural
 from hpcred.formats.state_space import state_space, write_state_space_mat, write_state_space_npz
 from hpcred.parallel.failures import InputError
 
@@ -71,3 +73,19 @@ def test_what_a_state_space_cannot_hold_is_refused_or_said():
         state_space(replace(reduced, loss_factor=Structural(0.02).loss_factor))
     grows = state_space(replace(reduced, D=-reduced.D))
     assert f"the model is unstable: {2 * reduced.size} poles" in str(grows["comment"])
+
+
+def test_a_free_body_that_carries_a_rotor_is_not_called_unstable():
+    """Gyroscopic terms take no power; round-off spreads double zeros of rigid-body motions to both half-planes."""
+    with block_with_ends(MPI.COMM_SELF) as model:
+        K, M = to_dense(model.K), to_dense(model.M)
+        turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+        D = 20.0 * M @ np.kron(np.eye(len(M) // 3), turn)
+        interfaces = [item.definition for item in model.interfaces]
+        plain = hpcred.SecondOrderModel.from_scipy(K, M, (D - D.T) / 2, MPI.COMM_SELF, dofs=model.dofs)
+    with plain, plain.with_interfaces(interfaces) as marked:
+        spun = marked.with_inputs([(item.name, "all") for item in interfaces])
+    basis, settings = [CraigBampton(count=25)], {"coordinates": "interface"}
+    with spun, hpcred.reduce(spun, basis, Buckens(), GivenDamping(), **settings) as rom:
+        assert rom.rigid_size == 6
+        assert "unstable" not in str(state_space(rom)["comment"])

@@ -85,6 +85,15 @@ def test_masses_that_differ_are_said():
     assert "the masses in x, y, z are 6, 6, 4 kg" in line
 
 
+def test_motion_that_grows_is_said():
+    with hpcred.linkage() as model, hpcred.reduce(model, [Modes(index=(7, 8))], Buckens()) as rom:
+        body = body_of(model, rom, [20])
+    body.reduced.D = np.diag([1.0, 0.0])
+    assert not [line for line in remarks(body) if "unstable" in line]
+    body.reduced.D = np.diag([1.0, -2.0])
+    assert "the model is unstable: 2 poles in the right half-plane, so that motion grows in time" in remarks(body)
+
+
 @pytest.mark.parametrize("scale", [1.0, 1e-4])
 def test_a_small_body_in_interface_coordinates_can_move(scale):
     """Its interface coordinates have masses of 1e-8 kg and inertias of 1e-18 kg m^2, its modal ones 1."""
