@@ -157,6 +157,13 @@ def target_of(name: str):
     return int(name[4:]) if name.startswith("dof ") and name[4:].isdecimal() else None
 
 
+def node_of(name: str):
+    """The node whose motion in space an input or output named by target_name has part in, or None: dofs that are
+    scalar or in directions of the node's own have none."""
+    target = target_of(name)
+    return target[0] if isinstance(target, tuple) and DIRECTIONS.index(target[1]) < SCALAR else None
+
+
 def target_name(target) -> str:
     """ "20:z" for a pair (node, direction), "dof 115" for a number."""
     return f"dof {target}" if isinstance(target, (int, np.integer)) else f"{target[0]}:{target[1]}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.dofs import target_of
+from ..model.dofs import node_of
 from ..model.rigid_body_modes import SAME_MASS
 from ..parallel.failures import InputError
 from ..reduction.reduced_model import ReducedModel, require_finite
@@ -139,8 +139,11 @@ def remarks(body: Body) -> list[str]:
     if masses.min() < (1 - SAME_MASS) * masses.max():
         listed = ", ".join(f"{mass:.6g}" for mass in masses)
         found.append(f"the masses in x, y, z are {listed} kg, because not all nodes move in all directions")
-    if body.floating_frame.integrals != "consistent":
-        found.append(f"integrals quadratic in the shapes: {body.floating_frame.integrals}, an approximation")
+    integrals, _, left_out = body.floating_frame.integrals.partition("; ")
+    if integrals != "consistent":
+        found.append(f"integrals quadratic in the shapes: {integrals}, an approximation")
+    if left_out:
+        found.append(left_out)
     if has_no_inertia(body):
         found.append("the body has no inertia about one of its axes, as where every mass lies on a line; hold it there")
     still = [str(shape.node) for shape in body.nodes if not shape.rotates]
@@ -153,7 +156,7 @@ def inputs_without_node(body: Body) -> list[str]:
     """Remarks on inputs and outputs that a format which knows only nodes cannot hold."""
     found = []
     for kind, names in (("inputs", body.reduced.input_names), ("outputs", body.reduced.output_names)):
-        lost = [name for name in names if not isinstance(target_of(name), tuple)]
+        lost = [name for name in names if node_of(name) is None]
         if lost:
             found.append(f"{kind} that belong to no node are left out: {', '.join(lost)}")
     return found

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..linalg.blocks import apply, create_block, inner, local_rows
-from ..model.dofs import SCALAR, require_dofs
+from ..model.dofs import OWN, SCALAR, require_dofs
 from ..model.rigid_body_modes import SAME_MASS, rigid_body_of, rigid_motions
 from ..parallel.exchange import exchange
 from ..parallel.failures import Owned
@@ -39,7 +39,7 @@ class FloatingFrame:
 
     masses (3,) in x, y, z, and mass, their largest; mc (3,): first moment; J (3, 3): inertia about the origin;
     Ct (m, 3), Cr (m, 3); N (m, 3, 3); S (3, 3, m, m); Me (m, m) = V^T M V; `origin` (3,) of the body frame;
-    `integrals`: "consistent", "mean of directions", "lumped".
+    `integrals`: "consistent", "mean of directions", "lumped"; behind "; " what has no part in any of them.
     """
 
     masses: np.ndarray
@@ -146,6 +146,8 @@ def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False, Me=None
         if not (exact or rotations or lumped):
             N, S = _integrals(model, columns, origin, mass, every)
     kind = "lumped" if lumped else "consistent" if exact else "mean of directions"
+    if turned := model.comm.allreduce(int((dofs.direction >= OWN).sum())):
+        kind += f"; {turned} dofs in directions of their own (own1 to own6) have no part in mass, inertia and couplings"
     first_moment = rigid.masses.max() * rigid.centre
     result = FloatingFrame(
         rigid.masses, first_moment, rigid.inertia, coupling[:3].T.copy(), coupling[3:].T.copy(), N, S, Me, origin, kind

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..linalg.blocks import local_rows
-from ..model.dofs import SCALAR, require_dofs, target_of
+from ..model.dofs import DIRECTIONS, SCALAR, node_of, require_dofs
 from ..parallel.failures import InputError, Owned
 from ..reduction.projection import project_columns
 
@@ -65,16 +65,15 @@ def _with_references(model, columns, nodes, references):
 
 def interface_nodes(model) -> list[int]:
     """The nodes of the inputs and outputs that are named by node, in ascending order, and the interface nodes."""
-    targets = [target_of(name) for name in (*model.input_names, *model.output_names)]
+    nodes = {node_of(name) for name in (*model.input_names, *model.output_names)}
     references = [item.node for item in model.interfaces]
-    own = {target[0] for target in targets if isinstance(target, tuple) and isinstance(target[0], int)}
-    return sorted(own - set(references)) + references
+    return sorted(node for node in nodes if isinstance(node, int) and node not in references) + references
 
 
 def shapes_of_rows(nodes, labels, directions, positions, rows, name) -> list[NodeShape]:
     """The shapes of nodes from rows of the basis (k, m), with their labels (k,), directions (k,), positions (k, 3).
 
-    Raises InputError for a node that has no row.
+    Raises InputError for a node that has no row, or rows whose directions in space are not known.
     """
     shapes = []
     for node in nodes:
@@ -83,6 +82,12 @@ def shapes_of_rows(nodes, labels, directions, positions, rows, name) -> list[Nod
             raise InputError(
                 f"{name}: node {node} does not exist; nodes have the numbers of the finite-element program, and "
                 "interfaces their names"
+            )
+        lost = sorted({int(direction) for direction in directions[mine] if direction >= SCALAR})
+        if lost and (lost[-1] > SCALAR or len(lost) == len(mine)):
+            raise InputError(
+                f"{name}: node {node} has the dofs {', '.join(DIRECTIONS[d] for d in lost)}, which are none of x, y, "
+                "z, rx, ry, rz, so that its motion in space is not known; choose another node"
             )
         phi, psi = np.zeros((3, rows.shape[1])), np.zeros((3, rows.shape[1]))
         for i in mine:
