@@ -73,6 +73,13 @@ def check_file_names(**names):
         if isinstance(name, str):
             if not name.strip() or any(ord(sign) < 32 or 0xD800 <= ord(sign) < 0xE000 for sign in name):
                 raise InputError(f"{key}: found {name[:40]!r}, expected the name of a file")
+            try:
+                os.fsencode(name)
+            except UnicodeEncodeError as error:
+                raise InputError(
+                    f"{key}: found {ascii(name[:40])}, with letters that names of files do not have in this locale "
+                    f"({sys.getfilesystemencoding()}); set LC_ALL=C.UTF-8, or choose another name"
+                ) from error
             if len(name.encode()) > LONGEST_PATH or max(map(len, name.encode().split(b"/"))) > LONGEST_NAME:
                 raise InputError(f"{key}: found a name of {len(name)} letters, too long for a file: '{name[:40]}...'")
 

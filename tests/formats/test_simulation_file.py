@@ -1,5 +1,9 @@
 """sim.toml: what it says is what arrives, and what is wrong is refused before anything is computed."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 from helpers import SIMULATION
 
@@ -100,3 +104,14 @@ rotational_damping = [1.0, 2.0, 3.0]
 def test_settings_are_refused(path, change, says):
     with pytest.raises(InputError, match=says):
         read_simulation(path, [change])
+
+
+def test_names_that_the_locale_has_no_letters_for_are_refused(path):
+    """Python takes UTF-8 for names of files in the locale C, but where it is told not to, and in no other locale."""
+    text = path.read_text().replace('body = "', 'body = "ü')
+    path.write_text(text, encoding="utf-8")
+    code = f"from hpcred.formats.simulation_file import read_simulation; read_simulation({str(path)!r})"
+    narrow = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run([sys.executable, "-c", code], env=narrow, capture_output=True, text=True)
+    assert r"InputError" in done.stderr and r"body: found '\xfcresult.h5', with letters that" in done.stderr
+    read_simulation(path)
