@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers import gather, to_dense
 
 import hpcred
 from hpcred import Buckens, Bushing, Joint, LineSpring, Modes, Rayleigh, SineDrive, SineForce, SineMoment
@@ -54,6 +55,34 @@ def test_inertia_forces_take_no_power(system):
     forces = system.inertia_forces(q, z, system.mass_matrix(q))
     size = np.abs(forces * z).sum()
     assert abs(z @ forces - 0.5 * z @ rate @ z) < 1e-9 * size and abs(z @ rate @ z) > 1e-6 * size
+
+
+def test_accelerations_are_those_of_all_nodes():
+    """Virtual work of the inertia of every node of a block, at places and velocities of their own, in any motion."""
+    origin, gravity = np.array([0.3, -0.2, 0.1]), np.array([1.0, -2.0, -9.0])
+    basis = [Modes(index=tuple(range(7, 12)))]
+    with (
+        hpcred.solid((3, 2, 1), (0.6, 0.2, 0.1), 3, clamped=False) as model,
+        hpcred.reduce(model, basis, Buckens(), Rayleigh(2.0, 0.0)) as rom,
+    ):
+        phi, m = gather(rom.columns).reshape(-1, 3, rom.size), to_dense(model.M)[::3, ::3]
+        place = model.dofs.position[::3] - origin
+        body = body_of(model, rom, [1], origin)
+    generator = np.random.default_rng(4)
+    p, z = generator.normal(size=4), generator.normal(size=6 + rom.size)
+    soft = 1e-9 * rom.K  # so that inertia counts
+    p, q, v, w, u = p / np.linalg.norm(p), 0.2 * generator.normal(size=rom.size), z[:3], z[3:6], z[6:]
+    _, rates, _ = FlexibleBody(body.floating_frame, soft, rom.D, gravity).start(np.ones(3), p, q, z)
+    zp = rates[7 + rom.size : 13 + 2 * rom.size]
+    there = place + phi @ q
+    jacobian = np.concatenate([np.tile(np.eye(3), (len(there), 1, 1)), np.cross(np.eye(3), there[:, None]).transpose(
+        0, 2, 1), phi], axis=2)  # fmt: skip
+    acceleration = jacobian @ zp + np.cross(w, v) + np.cross(w, np.cross(w, there)) + 2 * np.cross(w, phi @ u)
+    force = m @ (acceleration - rotation(p).T @ gravity)
+    work = np.einsum("aik,ai->k", jacobian, force) + np.r_[np.zeros(6), soft @ q + rom.D @ u]
+    size = np.einsum("aik,ai->k", np.abs(jacobian), np.abs(m) @ np.abs(acceleration))
+    assert (np.abs(work) < 1e-11 * size).all()
+    assert np.abs(m @ np.cross(w, phi @ u)).max() > 1e-2 * np.abs(force).max()
 
 
 def test_jacobians_for_newton_steps(system):
