@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.dofs import node_of
+from ..model.dofs import DIRECTIONS, node_of
 from ..model.rigid_body_modes import SAME_MASS
 from ..parallel.failures import InputError
 from ..reduction.reduced_model import ReducedModel, require_finite
@@ -149,7 +149,21 @@ def remarks(body: Body) -> list[str]:
     still = [str(shape.node) for shape in body.nodes if not shape.rotates]
     if still:
         found.append(f"no rotational dofs at nodes {', '.join(still)}: psi is zero there")
-    return found + instability(body.reduced)
+    return found + _follow_the_frame(body) + instability(body.reduced)
+
+
+def _follow_the_frame(body) -> list[str]:
+    """Remarks on interfaces whose set does not say how they move in some directions: their shapes are zero there."""
+    record, found = body.reduced.record, []
+    known = {} if record is None else {item.node: item for item in record.interface_nodes}
+    for item in (known[shape.node] for shape in body.nodes if shape.node in known):
+        still = [name for name in DIRECTIONS[:6] if name not in item.directions]
+        if still:
+            found.append(
+                f"the set of interface '{item.name}' does not move it in {', '.join(still)}, where it follows the "
+                "body frame: let no joint or force act there"
+            )
+    return found
 
 
 def inputs_without_node(body: Body) -> list[str]:

@@ -85,6 +85,25 @@ def test_masses_that_differ_are_said():
     assert "the masses in x, y, z are 6, 6, 4 kg" in line
 
 
+def test_directions_that_a_set_leaves_open_are_said(tmp_path):
+    """A pin that holds the bore in x and y only: in z its node is one of the body frame."""
+    ends = {"pin": (("x", "y"), 0.0), "hub": (("x", "y", "z", "rx", "ry", "rz"), 0.04)}
+    interfaces = [
+        Interface(name=name, nodes=Nodes(box=((x, 0, 0), (x, 1, 1))), kind="rigid", directions=directions)
+        for name, (directions, x) in ends.items()
+    ]
+    with hpcred.solid((4, 2, 2), inputs=3, clamped=False) as model, model.with_interfaces(interfaces) as jointed:
+        loaded = jointed.with_inputs([(name, "all") for name in ends])
+        with hpcred.reduce(loaded, [Krylov(frequency=100.0, order=0)], Buckens()) as rom:
+            hpcred.write_result(tmp_path / "result.h5", rom, loaded)
+    body = hpcred.read_result(tmp_path / "result.h5").body()
+    assert [len(np.flatnonzero(shape.phi.any(axis=1))) for shape in body.nodes] == [2, 3]
+    assert remarks(body) == [
+        "the set of interface 'pin' does not move it in z, where it follows the body frame: let no joint or force act "
+        "there"
+    ]
+
+
 def test_motion_that_grows_is_said():
     with hpcred.linkage() as model, hpcred.reduce(model, [Modes(index=(7, 8))], Buckens()) as rom:
         body = body_of(model, rom, [20])
