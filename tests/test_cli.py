@@ -56,7 +56,7 @@ def test_bad_matrices_are_refused(tmp_path, monkeypatch, capsys, change, says):
 @pytest.mark.parametrize("key", ["K", "M"])
 def test_an_unsymmetric_matrix_is_refused(tmp_path, monkeypatch, capsys, key):
     monkeypatch.chdir(tmp_path)
-    write_matrices(lambda K, M: _set({"K": K, "M": M}[key], 0, 1, 1e-6 - (key == "K")))
+    write_matrices(lambda K, M: _set({"K": K, "M": M}[key], [0, 1], [1, 0], [2e-6 - (key == "K"), 1e-6 - (key == "K")]))
     assert run(["convert", "-K", "K.mtx", "-M", "M.mtx", "model.h5", "--inputs", "4"]) == 0
     Path("job.toml").write_text('model = "model.h5"\n[[basis]]\nkind = "krylov"\nfrequency = 0.0\n')
     says = rf"matrix {key} is not symmetric: \|\|A - A\^T\|\| / \|\|A\|\| = \d.\de-0[67]"
