@@ -179,7 +179,7 @@ class Accuracy:
         return (
             f"eps is the error of all responses together, {'in SI units' if plain else 'weighed alike'}; that of "
             f"output {output} to input {input_} by itself is {own:.1g}: ask for "
-            f"{'equal weights or ' * plain}a smaller tolerance where it matters"
+            f"{'equal weights (adaptive.weights) or ' * plain}a smaller tolerance where it matters"
         )
 
 
