@@ -31,6 +31,7 @@ from ..reduction.pseudo_modal import Law, nested, relative, response
 from ..reduction.reduce import ROOM, check_model, warnings_of
 from ..reduction.round_off import projected_again
 from ..reduction.run import Run
+from ..reduction.weights import Weights, weighed, weighed_ports
 from .error_check import Check, bound_of, fresh_frequencies, measuring_damping
 from .frequency_response import checked_frequencies, frequency_response
 
@@ -159,7 +160,7 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
             basis.multiply(outer.vectors)
             run.remarks += doubts_of_digits(model, framed.model.K, outer.squares, basis.columns)
             again = tuple(projected_again(projections))
-            models = _Models(seen, outer, again, projections.law, projections.ports)
+            models = _Models(seen, outer, again, projections.law, run.loads_and_ports[1], projections.weights)
             values, eps, accuracy = decided(model.comm, _evaluate, search, reason, frequencies, law, models)
         factorisations, warnings = tuple(run.factorisations), (*warnings, *run.warnings)
     return FullResponse(
@@ -193,13 +194,14 @@ def _check_support(model, frame, frequencies):
 @dataclass(frozen=True, eq=False)
 class _Models:
     """The models of a search, to say their difference anywhere in the band: the basis, what its error is `seen` from,
-    and the basis projected `again`, which shows the round-off; local."""
+    and the basis projected `again`, which shows the round-off; responses of `ports`, errors with `weights`; local."""
 
     seen: object
     outer: object
     again: tuple
     law: Law
     ports: tuple
+    weights: Weights | None
 
     @property
     def resonances(self):
@@ -210,15 +212,17 @@ class _Models:
         if self.seen is None:
             nothing = np.full(len(frequencies), np.inf)
             return nothing, nothing
-        curve, noise = estimate(self.seen, self.outer, nested(self.seen, self.outer), law, frequencies, self.ports)
-        H = response(self.outer, law, frequencies, self.ports)
+        ports = weighed_ports(self.ports, self.weights)
+        curve, noise = estimate(self.seen, self.outer, nested(self.seen, self.outer), law, frequencies, ports)
+        H = response(self.outer, law, frequencies, ports)
         for one in self.again:
-            noise = np.maximum(noise, relative(response(one, law, frequencies, self.ports) - H, H))
+            noise = np.maximum(noise, relative(response(one, law, frequencies, ports) - H, H))
         return curve, noise
 
     def against(self, frequencies, exact):
         """What is said at frequencies (S,), and the error against exact responses (S, r, p)."""
-        errors = relative(exact - response(self.outer, self.law, frequencies, self.ports), exact)
+        wrong = exact - response(self.outer, self.law, frequencies, self.ports)
+        errors = relative(weighed(wrong, self.weights), weighed(exact, self.weights))
         return tuple(sum(self.curve(self.law, frequencies)).tolist()), tuple(errors.tolist())
 
 

@@ -11,16 +11,15 @@ from .error_estimate import UNIFORM
 from .pseudo_modal import Law, PseudoModal, chunks, solve
 
 SILENT = 1e-10  # of |C_i| |x|, below which an output does not feel the states x, but for round-off
-ROUNDS = 100  # of equilibration
+ROUNDS = 50  # of equilibration, each of which halves the logarithm of what is left
 Weights = tuple[tuple[float, ...], tuple[float, ...]]
 
 
 def equal_weights(model: PseudoModal, law: Law, band, ports) -> Weights:
-    """Of the r outputs and the p inputs: the responses of each output, as their geometric means over the band, become
-    together as large as those of any other, and so do those of each input.
+    """Of the r outputs and the p inputs: the largest response of each, as its geometric mean over the band, becomes 1.
 
-    By equilibration of rows and columns, whose result does not depend on units, and which keeps a symmetric H symmetric
-    (Sinkhorn & Knopp, 1967; Ruiz, 2001). An output that feels no input, or an input that no output feels, keeps the
+    By equilibration in the maximum norm, which exists also where outputs feel some of the inputs only, and keeps a
+    symmetric H symmetric (Ruiz, 2001). An output that feels no input, or an input that no output feels, keeps the
     weight 1. To three digits, the same on any number of ranks.
     """
     low, high = band
@@ -37,14 +36,14 @@ def equal_weights(model: PseudoModal, law: Law, band, ports) -> Weights:
     outputs, inputs = np.ones(mean.shape[0]), np.ones(mean.shape[1])
     for _ in range(ROUNDS):
         now = outputs[:, None] * mean * inputs
-        outputs, inputs = outputs / _root_of_norms(now.T), inputs / _root_of_norms(now)
+        outputs, inputs = outputs / _root_of_largest(now.T), inputs / _root_of_largest(now)
     return tuple(tuple(float(f"{value:.3g}") for value in each) for each in (outputs, inputs))
 
 
-def _root_of_norms(matrix):
-    """Square roots of the root mean squares of its columns, 1 where a column is 0."""
-    size = np.sqrt((matrix**2).mean(axis=0))
-    return np.sqrt(np.where(size > 0, size, 1.0))
+def _root_of_largest(matrix):
+    """Square roots of the largest entries of its columns, 1 where a column is 0."""
+    largest = matrix.max(axis=0)
+    return np.sqrt(np.where(largest > 0, largest, 1.0))
 
 
 def weighed_ports(ports, weights: Weights | None):
@@ -54,7 +53,7 @@ def weighed_ports(ports, weights: Weights | None):
     outputs, inputs = weights
     Lb, Lc = ports
     weighed = Lb * np.array(inputs)
-    return weighed, weighed if Lc is Lb else Lc * np.array(outputs)
+    return weighed, weighed if Lc is Lb and outputs == inputs else Lc * np.array(outputs)
 
 
 def weighed(H: np.ndarray, weights: Weights | None) -> np.ndarray:

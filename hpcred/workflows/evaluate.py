@@ -139,7 +139,7 @@ def check_result(
     factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """The error that result.h5 says, against full solves of the model file `full`, at `count` fresh frequencies of the
-    band and some right beside pseudo-frequencies. Collective.
+    band and some right beside resonances. Collective.
 
     `seed` draws the same frequencies again; the other keywords are those of evaluate_result. Returns rows of f, said
     and exact, whether it `passed`, and the sentence. Raises InputError where the basis was chosen by hand.

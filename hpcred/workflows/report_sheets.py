@@ -8,7 +8,7 @@ import numpy as np
 
 from ..analysis.check import check
 from ..analysis.error import relative_error
-from ..analysis.error_check import BESIDE, measuring_damping
+from ..analysis.error_check import measuring_damping
 from ..analysis.frequency_response import frequency_response
 from ..formats.result_file import Result, read_result
 from ..model.damping import Damping, ModalDamping
@@ -16,12 +16,14 @@ from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.reduced_model import ReducedModel, as_measured
+from ..reduction.weights import Weights
 from ..report.tables import in_words
 from .evaluate import band_of, short_names
 from .full_model import difference_of, factoring_of, full_of_record, start_for
 
 FREQUENCIES = 801  # equally spaced; more around the pseudo-frequencies
 AROUND = 1e-4 * np.array([1, 3, 10, 30, 100])  # relative distances from a pseudo-frequency
+BESIDE = 1.0003  # times a pseudo-frequency
 BESIDE_AT_MOST = 8  # exact frequencies beside pseudo-frequencies
 MOST_MODES = 40  # of the full model
 
@@ -38,7 +40,8 @@ class Full:
 @dataclass
 class Sheet:
     """What a report says of one result: the file, the reduced model as it is `measured` and the damping `law` of the
-    full model for that, with `words` on it; its response (F, r, p) at `frequencies` (F,) in Hz over the band.
+    full model for that, with `words` on it; its response (F, r, p) at `frequencies` (F,) in Hz over the band. Errors
+    have `weights` (see reduction.weights).
 
     With a full model: `full`, which may be that of a sheet before (`full_as_before`), and the error `eps` at its
     frequencies. `body`: shapes for the page and a sentence, by body_for_page.
@@ -52,6 +55,7 @@ class Sheet:
     band: tuple[float, float]
     frequencies: np.ndarray
     response: np.ndarray
+    weights: Weights | None = None
     full: Full | None = None
     full_as_before: bool = False
     eps: np.ndarray | None = None
@@ -100,7 +104,8 @@ def _sheet(name, result, read, band):
         reduced, law, words = as_measured(reduced, accuracy), measuring_damping(accuracy, law), accuracy.measured
     limits = tuple(band or band_of(result.reduced, [other.reduced for other in read]))
     grid = _grid(limits, reduced.frequencies)
-    return Sheet(name, result, reduced, law, words, limits, grid, frequency_response(reduced, grid))
+    weights = accuracy and accuracy.weights
+    return Sheet(name, result, reduced, law, words, limits, grid, frequency_response(reduced, grid), weights)
 
 
 def _measuring(result, read):
@@ -135,8 +140,8 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
             sheet.full = _solved(full_model, sheet, count, groups, progress)
             units = check(full_model.model)["units"] if full_model.model.dofs is not None else None
         sheet.notes += [f"{path} looks like {units}: from its mass, size, and speed of waves"] if units else []
-    found, accuracy = frequency_response(sheet.measured, sheet.full.frequencies), sheet.record.accuracy
-    sheet.eps = relative_error(sheet.full.response, found, accuracy and accuracy.weights)
+    found = frequency_response(sheet.measured, sheet.full.frequencies)
+    sheet.eps = relative_error(sheet.full.response, found, sheet.weights)
 
 
 def _solved(full_model, sheet, count, groups, progress):
