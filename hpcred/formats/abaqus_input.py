@@ -329,7 +329,7 @@ def _system(section):
         raise section.refusal(f"found {len(lines)} lines below *System, expected the points a and b, and c")
     values = _numbers(section, lines[0], 6) if lines else np.zeros(6)
     a, x = values[:3], values[3:] - values[:3]
-    if len(lines) < 2 and not any(lines[0][3:] if lines else ()):
+    if len(lines) < 2 and not (any(lines[0][3:] if lines else ()) and values.any()):
         return Placement(a)
     if len(lines) < 2:
         x[2], z = 0.0, np.array([0.0, 0.0, 1.0])

@@ -139,12 +139,12 @@ def _apart(text, start, stop, head, starts):
     named = ((head[:, 0] == ord("+")) | (head[:, 0] == ord("*"))) & (head[:, 1] > ord(" ")) & (head[:, 1] != ord(","))
     child = np.flatnonzero(named & ~starts)
     own = _name(np.where(np.logical_or.accumulate(head[child] == ord(","), axis=1), ord(" "), head[child]))
-    start, stop = start[child - 1], stop[child - 1]
+    start, stop, star = start[child - 1], stop[child - 1], _is_large(head[child - 1])
     comma = np.append(np.flatnonzero(text == ord(",")), [len(text)] * (SMALL + 2))
     first = np.searchsorted(comma, start)
-    free = comma[first] < stop
-    low = np.where(free, comma[first + SMALL] + 1, start + 72)
-    above = _gather(text, low, np.where(free, np.minimum(comma[first + SMALL + 1], stop), stop), 2 * SMALL)
+    free, last = comma[first] < stop, first + np.where(star, LARGE, SMALL)
+    low = np.where(free, comma[last] + 1, start + 72)
+    above = _gather(text, low, np.minimum(np.where(free, comma[last + 1], start + 80), stop), 2 * SMALL)
     return child[(own != _name(above)) & (own != _name(above[:, 1:]))]  # the first character there does not count
 
 
@@ -154,13 +154,17 @@ def _name(characters):
     return np.char.strip(characters.view(f"S{characters.shape[1]}").ravel(), b" +*")
 
 
+def _is_large(head):
+    """Whether lines (n,), by their first field (n, 8), have large fields: a star in front of the first comma."""
+    comma, star = (np.where((head == ord(sign)).any(axis=1), (head == ord(sign)).argmax(axis=1), 8) for sign in ",*")
+    return star < comma
+
+
 def _fields(piece, text, start, stop, head, number):
     """Number of data fields (lines,) and the fields (lines, 8) without blanks around."""
     commas = np.concatenate([[0], np.cumsum(text == ord(","))])
     free = commas[stop] > commas[start]
-    star = (head == ord("*")).any(axis=1)
-    first_comma = np.where((head == ord(",")).any(axis=1), (head == ord(",")).argmax(axis=1), 8)
-    star &= (head == ord("*")).argmax(axis=1) < first_comma
+    star = _is_large(head)
     count = np.where(star, LARGE, SMALL)
     width = np.where(star, 16, 8)
     low = start[:, None] + 8 + width[:, None] * np.arange(SMALL)

@@ -48,6 +48,8 @@ def check_elements(elements: dict, name: str):
         if kind not in NODES:
             raise InputError(f"{name}: found elements of the kind '{kind}', expected one of {', '.join(NODES)}")
         nodes = np.asarray(nodes)
+        if not nodes.size:
+            continue
         if nodes.ndim != 2 or nodes.shape[1] != NODES[kind] or nodes.dtype.kind not in "iu":
             raise InputError(
                 f"{name}: elements: found {nodes.dtype} of shape {nodes.shape} for {kind}, expected node numbers "

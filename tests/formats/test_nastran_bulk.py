@@ -244,6 +244,16 @@ def test_continuations_below_their_card(comm, folder, end, begin):
 
 @pytest.mark.parametrize(
     "deck",
+    ["GRID*,1,,1.,2.,*A\n*A,3.\n",
+     f"{'GRID*':8s}{'1':>16s}{'':16s}{'1.':>16s}{'2.':>16s}*A      00000001\n{'*A':8s}3.\n"],
+)  # fmt: skip
+def test_continuations_of_large_fields_and_remarks_behind_column_80(comm, folder, deck):
+    found, _ = points(comm, write(folder / "a.bdf", deck, comm))
+    assert np.allclose(gathered(comm, found.position)[0], [[1, 2, 3]])
+
+
+@pytest.mark.parametrize(
+    "deck",
     [
         f"{HALVES[0]:72s}+C4\nCORD2R,5,4,0.,0.,0.,0.,0.,1.,+C5\n+C5,1.,0.,0.\n+C4     {HALVES[1]}\nGRID,1,4\n",
         f"CORD2R,5,4,0.,0.,0.,0.,0.,1.,+C5\n{HALVES[0]:72s}+C4\n+C5,1.,0.,0.\n+C4     {HALVES[1]}\nGRID,1,4\n",
