@@ -125,7 +125,8 @@ def run_sweep(
     ended = {child.name: child for child in children}
     if any(child.status == Stopped.exit_status for child in children):
         raise Stopped("a run was stopped as asked; the same command goes on with what is left")
-    ended |= _full_responses(sweep, chosen, after, at_once, progress)
+    if not any(map(_met_full_disk, children)):
+        ended |= _full_responses(sweep, chosen, after, at_once, progress)
     return _report(sweep, chosen, after, skipped, ended)
 
 
@@ -196,6 +197,10 @@ def _beside_others(progress, done, output):
     return {"wanted": wanted, "again": again}
 
 
+def _met_full_disk(child) -> bool:
+    return bool(child.status) and DISK_FULL in child.last_line
+
+
 def _told(progress, total):
     """What is said when a run has ended, and once a minute while they run."""
     begun = said = time.monotonic()
@@ -212,7 +217,7 @@ def _told(progress, total):
         word = "done" if child.status == 0 else f"ended with {child.status}"
         why = f": {child.last_line}" if child.status else ""
         progress.say(f"{child.name}: {word} in {in_time(child.seconds)}; {count} of {total}{left()}{why}")
-        if child.status and DISK_FULL in child.last_line:  # as it is for those that come
+        if _met_full_disk(child):  # as it is for those that come
             progress.say(f"the disk is full, so that no other run is begun; {total - count} have not ended")
             return True
         return False
