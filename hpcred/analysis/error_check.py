@@ -17,6 +17,7 @@ from ..model.second_order_model import require_model
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..reduction.accuracy import Accuracy
+from ..reduction.error_estimate import at_poles
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.reduced_model import ReducedModel, as_measured
 from .error import relative_error
@@ -127,9 +128,7 @@ def _resonances(reduced, accuracy):
     given D moves off the pseudo-frequencies."""
     if accuracy.loss_factor:
         return reduced.frequencies, accuracy.loss_factor / 2
-    poles = elastic_part(reduced).poles()
-    poles = poles[poles.imag > 0]
-    return poles.imag / (2 * np.pi), np.abs(poles.real) / np.abs(poles)
+    return at_poles(elastic_part(reduced).poles())
 
 
 def bound_of(accuracy: Accuracy) -> float:

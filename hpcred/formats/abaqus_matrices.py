@@ -11,7 +11,7 @@ import numpy as np
 
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
-from .entries import Collected, Entries, LabelledEntries, joined, label_of
+from .entries import Collected, Entries, LabelledEntries, both_triangles, joined, label_of
 from .text import LARGEST_LABEL, first_bytes, first_line, numbers, pieces, shown, triples, whole
 
 ENDINGS = {"K": "STIF", "M": "MASS", "D": "DMPV"}
@@ -95,8 +95,7 @@ def _read_matrix_input(path, comm):
         i, j, v = joined(parts, (np.int64, np.int64, float))
         del parts
     if is_one_triangle(comm, i, j):
-        off = i != j
-        i, j, v = (np.concatenate(pair) for pair in ((i, j[off]), (j, i[off]), (v, v[off])))
+        i, j, v = both_triangles(i, j, v)
     return LabelledEntries(i, j, v)
 
 

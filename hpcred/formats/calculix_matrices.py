@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
-from .entries import Collected, Entries
+from .entries import Collected, Entries, both_triangles
 from .text import first_bytes, is_cut_line, pieces, triples
 
 LINE = re.compile(rb"[1-9]\d* [1-9]\d* [ -]\d\.\d{13}e[+-]\d\d\d?")
@@ -31,10 +31,7 @@ class Triangle:
 
     def mirrored(self) -> Entries:
         """The entries of both triangles."""
-        i, j, v = self.rows, self.columns, self.values
-        off = i != j
-        i, j, v = (np.concatenate(pair) for pair in ((i, j[off]), (j, i[off]), (v, v[off])))
-        return Entries((self.size, self.size), i, j, v)
+        return Entries((self.size, self.size), *both_triangles(self.rows, self.columns, self.values))
 
 
 def begins(start: bytes) -> bool:

@@ -121,6 +121,12 @@ class Collected:
         return [array[: self._count] for array in self._arrays]
 
 
+def both_triangles(i, j, v, sign=1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, columns and values of one triangle and of its mirror image, whose values are `sign` times those."""
+    off = i != j
+    return np.concatenate([i, j[off]]), np.concatenate([j, i[off]]), np.concatenate([v, sign * v[off]])
+
+
 def joined(parts: list[tuple], kinds: tuple) -> list[np.ndarray]:
     """Arrays of several pieces end to end; `kinds`: types of the arrays, for a rank without pieces."""
     if not parts:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
-from .entries import Entries, require_sane
+from .entries import Entries, both_triangles, require_sane
 from .fixed_width import Field, fields_of_format, separated
 from .petsc_binary import row_share
 from .text import Piece, open_unpacked, pieces, ragged, whole
@@ -229,15 +229,11 @@ def _entries(path, comm, header, parts):
     sides = comm.allgather((bool((rows < columns).any()), bool((rows > columns).any())))
     if any(above for above, _ in sides) and any(below for _, below in sides):
         raise _damaged(path, "entries on both sides of the diagonal of a symmetric matrix")
-    off = rows != columns
     sign = -1.0 if header.symmetry == "z" else 1.0
     with agreed(comm):
-        if sign < 0 and values[~off].any():
+        if sign < 0 and values[rows == columns].any():
             raise _damaged(path, "numbers on the diagonal of a skew-symmetric matrix")
-    return Entries(
-        header.shape, np.concatenate([rows, columns[off]]), np.concatenate([columns, rows[off]]),
-        np.concatenate([values, sign * values[off]]),
-    )  # fmt: skip
+    return Entries(header.shape, *both_triangles(rows, columns, values, sign))
 
 
 def _damaged(path, found):

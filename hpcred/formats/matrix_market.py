@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
-from .entries import Collected, Entries
+from .entries import Collected, Entries, both_triangles
 from .text import BYTE_ORDER_MARK, Piece, numbers, open_unpacked, pieces, places, shown, triples
 
 SYMMETRIES = ("general", "symmetric", "skew-symmetric")
@@ -45,7 +45,7 @@ def read(path, comm) -> Entries:
         if below and above is not None:
             raise above[0].refusal(above[1], f"one triangle only, as the header says {symmetry} and entries below "
                                              "the diagonal were found too")  # fmt: skip
-    return _both_triangles(shape, symmetry, i, j, v)
+    return Entries(shape, *both_triangles(i, j, v, -1.0 if symmetry == "skew-symmetric" else 1.0))
 
 
 def _check_range(piece: Piece, i, j, lines, shape):
@@ -78,15 +78,7 @@ def _read_array(path, comm, symmetry, shape, start):
     top = np.arange(columns) + skew  # the first row of each column
     begin = np.cumsum(rows - top) - (rows - top)
     j = np.searchsorted(begin, place, side="right") - 1
-    return _both_triangles(shape, symmetry, top[j] + place - begin[j], j, values)
-
-
-def _both_triangles(shape, symmetry, i, j, v):
-    """The entries of one triangle and those that they stand for."""
-    off = i != j
-    sign = -1.0 if symmetry == "skew-symmetric" else 1.0
-    i, j, v = (np.concatenate(pair) for pair in ((i, j[off]), (j, i[off]), (v, sign * v[off])))
-    return Entries(shape, i, j, v)
+    return Entries(shape, *both_triangles(top[j] + place - begin[j], j, values, -1.0 if skew else 1.0))
 
 
 def _header(path):

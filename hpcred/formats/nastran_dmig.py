@@ -14,7 +14,7 @@ from ..model.dofs import SCALAR
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import number_over_ranks, repeated_key
 from .abaqus_matrices import is_one_triangle
-from .entries import LabelledEntries, joined, label_name, label_of
+from .entries import LabelledEntries, both_triangles, joined, label_name, label_of
 from .nastran_cards import CARD, lines_of, reals, wholes
 from .nastran_names import single
 from .text import first_bytes, first_line, records, refuse_packed, shown
@@ -137,8 +137,7 @@ def read_matrices(path, comm, wanted: dict[str, Matrix]) -> tuple[dict[str, Labe
         if matrix.form == SYMMETRIC:
             if not is_one_triangle(comm, i, j):
                 raise InputError(f"{path}: found both halves of the symmetric matrix {matrix.name}, expected one")
-            off = i != j
-            i, j, v = (np.concatenate(pair) for pair in ((i, j[off]), (j, i[off]), (v, v[off])))
+            i, j, v = both_triangles(i, j, v)
         result[key] = LabelledEntries(i, j, v)
     return result, warnings
 

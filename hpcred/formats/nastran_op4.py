@@ -9,7 +9,7 @@ import numpy as np
 
 from ..parallel.failures import InputError, agreed
 from . import nastran_op4_binary, nastran_op4_text
-from .entries import Entries, joined
+from .entries import Entries, both_triangles, joined
 from .nastran_names import single
 from .nastran_op4_matrix import Matrix
 from .text import first_bytes, refuse_packed
@@ -56,8 +56,7 @@ def read_matrix(path, comm, matrix: Matrix) -> Entries:
     if matrix.form == SYMMETRIC:
         below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
         if below != above:
-            off = i != j
-            i, j, v = (np.concatenate(pair) for pair in ((i, j[off]), (j, i[off]), (v, v[off])))
+            i, j, v = both_triangles(i, j, v)
     return Entries(matrix.shape, i, j, v)
 
 

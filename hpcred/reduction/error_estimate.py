@@ -43,7 +43,11 @@ def resonances(model: PseudoModal, law: Law) -> tuple[np.ndarray, np.ndarray]:
     """
     if model.inverse is None:
         return model.frequencies, ratios(model, law)
-    poles = model.inverse.poles
+    return at_poles(model.inverse.poles)
+
+
+def at_poles(poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (k,) in Hz, ascending, and damping ratios (k,) of the poles (m,) above the real axis, in rad/s."""
     poles = poles[poles.imag > 0]
     poles = poles[np.argsort(poles.imag)]
     return poles.imag / (2 * np.pi), np.abs(poles.real) / np.abs(poles)
