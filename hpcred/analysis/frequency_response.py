@@ -9,7 +9,7 @@ from ..linalg.factorisation import Factoring, SingularMatrix
 from ..linalg.free_motions import check_free_motions
 from ..linalg.refinement import REFINE_ABOVE
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
-from ..model.damping import ModalDamping, Structural, caughey_terms
+from ..model.damping import ModalDamping, caughey_terms, loss_factor_of
 from ..model.frames import apply_frame
 from ..model.scales import scaled, scales_of, unscaled
 from ..model.second_order_model import require_inputs, require_model
@@ -174,7 +174,7 @@ class _Solvers:
     def __init__(self, framed, factoring):
         self.model, self.rigid, self.factoring = framed.model, framed.rigid, factoring
         self.terms = caughey_terms(framed.damping)
-        self.loss = framed.damping.loss_factor if isinstance(framed.damping, Structural) else 0.0
+        self.loss = loss_factor_of(framed.damping)
         self.damped = self.model.D is not None or self.terms is not None or self.loss > 0
         self._shifted = self._complex = None
 

@@ -26,12 +26,11 @@ from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
 from ..reduction.accuracy import Accuracy, Adaptive
 from ..reduction.adaptive import Search, deflation_of_search
-from ..reduction.error_estimate import UNIFORM, estimate, grid, resonances
-from ..reduction.pseudo_modal import Law, nested, relative, response
+from ..reduction.error_estimate import FINE, Comparison, grid, largest, resonances
+from ..reduction.pseudo_modal import Law, nested, response, responses
 from ..reduction.reduce import ROOM, check_model, warnings_of
 from ..reduction.round_off import projected_again
 from ..reduction.run import Run
-from ..reduction.weights import Weights, weighed, weighed_ports
 from .error_check import Check, bound_of, fresh_frequencies, measuring_damping
 from .frequency_response import checked_frequencies, frequency_response
 
@@ -160,7 +159,8 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
             basis.multiply(outer.vectors)
             run.remarks += doubts_of_digits(model, framed.model.K, outer.squares, basis.columns)
             again = tuple(projected_again(projections))
-            models = _Models(seen, outer, again, projections.law, run.loads_and_ports[1], projections.weights)
+            pair = search.judge.compare(outer if seen is None else seen, outer, _embedding(seen, outer))
+            models = _Models(pair, again, seen is not None)
             values, eps, accuracy = decided(model.comm, _evaluate, search, reason, frequencies, law, models)
         factorisations, warnings = tuple(run.factorisations), (*warnings, *run.warnings)
     return FullResponse(
@@ -193,37 +193,39 @@ def _check_support(model, frame, frequencies):
 
 @dataclass(frozen=True, eq=False)
 class _Models:
-    """The models of a search, to say their difference anywhere in the band: the basis, what its error is `seen` from,
-    and the basis projected `again`, which shows the round-off; responses of `ports`, errors with `weights`; local."""
+    """The models of a search, to tell their difference anywhere in the band: the basis beside what its error is seen
+    from (`pair`), which may not be `known`, and the basis projected `again`, which shows the round-off; local."""
 
-    seen: object
-    outer: object
+    pair: Comparison
     again: tuple
-    law: Law
-    ports: tuple
-    weights: Weights | None
+    known: bool
 
     @property
     def resonances(self):
-        return resonances(self.outer, self.law)
+        return resonances(self.pair.outer, self.pair.law)
 
     def curve(self, law, frequencies):
-        """Estimated relative errors and their noise (S,)."""
-        if self.seen is None:
+        """Estimated errors and their noise (S,), with a law of damping."""
+        if not self.known:
             nothing = np.full(len(frequencies), np.inf)
             return nothing, nothing
-        ports = weighed_ports(self.ports, self.weights)
-        curve, noise = estimate(self.seen, self.outer, nested(self.seen, self.outer), law, frequencies, ports)
-        H = response(self.outer, law, frequencies, ports)
+        pair = replace(self.pair, law=law)
+        curve, noise = pair.curve(frequencies), pair.noise(frequencies)
+        H, drive = pair.responses(frequencies)
         for one in self.again:
-            noise = np.maximum(noise, relative(response(one, law, frequencies, ports) - H, H))
+            noise = np.maximum(noise, pair.measure.eps(response(one, law, frequencies, pair.ports) - H, H, drive))
         return curve, noise
 
     def against(self, frequencies, exact):
         """What is said at frequencies (S,), and the error against exact responses (S, r, p)."""
-        wrong = exact - response(self.outer, self.law, frequencies, self.ports)
-        errors = relative(weighed(wrong, self.weights), weighed(exact, self.weights))
-        return tuple(sum(self.curve(self.law, frequencies)).tolist()), tuple(errors.tolist())
+        pair = self.pair
+        H, drive = responses(pair.outer, pair.law, frequencies, pair.ports)
+        said = sum(self.curve(pair.law, frequencies))
+        return tuple(said.tolist()), tuple(pair.measure.eps(exact - H, exact, drive).tolist())
+
+
+def _embedding(seen, outer):
+    return np.eye(len(outer.squares)) if seen is None else nested(seen, outer)
 
 
 def _seen(search, reason, outer):
@@ -236,22 +238,23 @@ def _seen(search, reason, outer):
 
 def _evaluate(search, reason, frequencies, law, models):
     """Response and estimated error at the frequencies, and the accuracy over the band."""
-    outer = models.outer
+    outer = models.pair.outer
     if law == Law() and outer.D is None:
         gap = np.abs(frequencies[:, None] ** 2 - outer.frequencies**2).min(axis=1, initial=np.inf)
         poles = frequencies[gap <= POLE * frequencies**2]
         if len(poles):
             raise InputError(f"frequency {poles[0]:.10g} Hz is a pole of the full model; leave it out or add damping")
-    values = response(outer, law, frequencies, models.ports)
+    values = response(outer, law, frequencies, models.pair.ports)
     eps = sum(models.curve(law, frequencies))  # round-off is part of what a user sees
     return values, eps, _accuracy(search, models, reason)
 
 
 def _accuracy(search, models, reason) -> Accuracy:
     """What is known of the whole basis of a search, which is not compressed."""
-    S = grid([models.outer], models.law, search.settings.band, 4 * UNIFORM)
-    curve, roundoff = models.curve(models.law, S)
+    pair = models.pair
+    S = grid([pair.outer], pair.law, search.settings.band, step=FINE)
+    if models.known:
+        S, _ = largest(pair, S)
+    curve, roundoff = models.curve(pair.law, S)
     noise = max(search.judge.noise, float(roundoff.max()))
-    return search.accuracy(
-        reason, S, curve, largest=float(curve.max()), noise=noise, highest=float(models.outer.frequencies.max())
-    )
+    return search.accuracy(reason, pair, S, curve, largest=float(curve.max()), noise=noise)

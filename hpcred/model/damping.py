@@ -25,9 +25,14 @@ class NoDamping:
 
 @dataclass(frozen=True)
 class GivenDamping:
-    """The damping matrix of the model."""
+    """The damping matrix of the model; `loss_factor`: beside it (1 + i eta) K in frequency responses."""
 
     kind: Literal["given"] = field(default="given", kw_only=True, repr=False)
+    loss_factor: float = 0.0
+
+    def __post_init__(self):
+        as_declared(self, "damping.")
+        within("damping.loss_factor", self.loss_factor, RATIO)
 
 
 @dataclass(frozen=True)
@@ -115,12 +120,17 @@ class Structural:
         within("damping.loss_factor", self.loss_factor, RATIO)
 
 
+def loss_factor_of(damping) -> float:
+    """eta of (1 + i eta) K in frequency responses with a damping law."""
+    return damping.loss_factor if isinstance(damping, Structural | GivenDamping) else 0.0
+
+
 def doubts_of_damping(damping) -> tuple[str, ...]:
     """Ratios and loss factors that look like per cent: a body that does not vibrate at all is no use of either."""
     if isinstance(damping, ModalDamping):
         largest = max([ratio for _, ratio in damping.table or ()] or damping.ratios or [damping.ratio])
         what = "the ratio {:g}, where 1 is critical damping, beyond which nothing vibrates"
-    elif isinstance(damping, Structural):
+    elif isinstance(damping, Structural | GivenDamping):
         largest, what = damping.loss_factor, "the loss factor {:g}, twice the damping ratio at a resonance"
     else:
         return ()

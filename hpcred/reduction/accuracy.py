@@ -13,9 +13,11 @@ from ..parallel.failures import InputError
 from ..parallel.ranges import COUNT, FREQUENCY, require_band, within
 from .error_estimate import UNIFORM
 from .pseudo_modal import Law
-from .weights import Weights
+from .measure import PAPER, Measure
 
 ROUND_OFF = "limited by round-off"  # why a search ended
+UNDAMPED = 1e-8  # damping ratio up to which a mode counts as undamped
+NAMED = 3  # outputs that a warning names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,8 +26,7 @@ class Limits:
 
     At most `factorisations`, `columns` of the big basis, `size` coordinates of the result and `seconds`; where one of
     them ends the search the tolerance is not reached. `points` (Hz) are taken first, before the search chooses. The
-    response of an undamped model is measured with the loss factor 2 `zeta0`. `weights`: whether eps is that of the
-    responses as they are ("none"), or of all outputs and inputs alike ("equal", see weights.equal_weights).
+    response of an undamped model is measured with the loss factor 2 `zeta0`.
     """
 
     factorisations: int = 14
@@ -34,7 +35,6 @@ class Limits:
     seconds: float | None = None
     zeta0: float = 1e-3
     points: tuple[float, ...] = ()
-    weights: Literal["none", "equal"] = "none"
 
     def __post_init__(self):
         as_declared(self, "adaptive.")
@@ -53,13 +53,20 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Adaptive(Limits):
-    """Reduction to an accuracy: eps(f) = ||H - Hr||_F / ||H||_F <= `tolerance` over `band` (Hz), within Limits."""
+    """Reduction to an accuracy: eps(f) <= `tolerance` over `band` (Hz), within Limits.
+
+    `measure`: what eps is, "directions" (each response over the drive points of its input and output) or "paper", the
+    Frobenius norm (55); see the module measure. `static`: with "exact" the deflection at 0 Hz under every input is that
+    of the full model to round-off, which takes a factor of K and as many coordinates as there are inputs.
+    """
 
     tolerance: float
     band: tuple[float, float]
+    measure: Literal["directions", "paper"] = "directions"
+    static: Literal["tolerance", "exact"] = "tolerance"
 
     def __post_init__(self):
-        as_declared(self, keys=("tolerance", "band"))
+        as_declared(self, keys=("tolerance", "band", "measure", "static"))
         super().__post_init__()
         require_band("band", self.band)
         if not 1e-15 <= self.tolerance < 1:
@@ -102,17 +109,32 @@ class Proof:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Direction:
+    """How well an output is known: its response to an `input` in SI units and the error of that, at the lowest
+    frequency of the band (`static`, `static_error`); and the `largest` error of its responses over the band, where
+    (`frequency`, Hz) and under which input (`worst_input`). The input is that which acts where the output measures, the
+    drive point, or else that with the largest response."""
+
+    output: str
+    input: str
+    static: float
+    static_error: float
+    largest: float
+    frequency: float
+    worst_input: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Accuracy:
     """How large the error of an automatic reduction is, and how that is known.
 
     `largest`: the estimated eps over the band, at `worst` (Hz), `mean` its mean Q / (upper - lower), `noise` the
     round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in
     words; `unproven`: why no exact value stands behind the estimate, "" where one does. `measured`: with which damping,
-    in words; `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model,
-    else 0. `modes`: counted by inertia below the highest point, those of the big model, and how many were missing.
-    `worst_pair`: output, input and error of the pair whose response is worst by itself (see pseudo_modal.worst_pair),
-    which eps, the error of all together, may hide. `weights` of the r outputs and of the p inputs, with which eps is
-    measured, None without. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against
+    in words; `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model
+    alone, else 0; `beside_damping`: whether the damping matrix counts too. `modes`: counted by inertia below the highest point, those of the big model, and how many were missing.
+    `measure`: what eps is, with its floors; `directions`: of every output, the worst first, against the big model.
+    `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against
     exact. `points`: in order. `multigrid`: whether there was no factor.
     """
 
@@ -133,10 +155,11 @@ class Accuracy:
     frequencies: tuple[float, ...] = field(repr=False)
     eps: tuple[float, ...] = field(repr=False)
     loss_factor: float = 0.0
-    worst_pair: tuple[str, str, float] | None = None
+    beside_damping: bool = False
     unproven: str = ""
     multigrid: bool = False
-    weights: Weights | None = None
+    measure: Measure = PAPER
+    directions: tuple[Direction, ...] = ()
 
     def with_noise(self, noise: float) -> Accuracy:
         """The same with so much round-off, which may be more than the claim bears."""
@@ -170,35 +193,51 @@ class Accuracy:
         return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{doubt}"
 
     @property
-    def caveat(self) -> str:
-        """What eps hides of the pair that is worst by itself; "" where that is of no account."""
-        if self.worst_pair is None or self.worst_pair[2] <= 10 * self.tolerance:
-            return ""
-        output, input_, own = self.worst_pair
-        plain = self.weights is None
-        return (
-            f"eps is the error of all responses together, {'in SI units' if plain else 'weighed alike'}; that of "
-            f"output {output} to input {input_} by itself is {own:.1g}: ask for "
-            f"{'equal weights (adaptive.weights) or ' * plain}a smaller tolerance where it matters"
-        )
+    def beyond(self) -> tuple[Direction, ...]:
+        """The outputs whose responses by themselves are off by more than the tolerance, the worst first."""
+        return tuple(item for item in self.directions if not item.largest <= self.tolerance)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user of the result has to know: a tolerance that was not reached, and what the measure hides."""
+        found = () if self.reached else (self.sentence,)
+        if self.measure.kind == "paper" and self.beyond:
+            named = [f"{item.output} {item.largest:.1g} at {item.frequency:.4g} Hz" for item in self.beyond]
+            found += (
+                f"measure: eps is that of the paper (55), the error of all responses together; by themselves "
+                f"{len(named)} of {len(self.directions)} outputs are off by more than {self.tolerance:g}: "
+                f"{', '.join(named[:NAMED])}{', ...' * (len(named) > NAMED)}; leave measure = \"paper\" out where they "
+                "matter",
+            )
+        return found
 
 
 def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
     """How the response of a model with a damping law is measured: its proportional part, whether a given D comes on
     top, and that in words."""
     if isinstance(damping, GivenDamping):
-        return Law(), True, "measured with the damping matrix of the model"
+        law, loss = Law(eta=damping.loss_factor), damping.loss_factor
+        return law, True, "measured with the damping matrix of the model" + f" and the loss factor {loss:g}" * bool(loss)
     if isinstance(damping, Structural) and damping.loss_factor:
         return Law(eta=damping.loss_factor), False, f"measured with the loss factor {damping.loss_factor:g}"
-    series = damping.coefficients if isinstance(damping, Rayleigh | Caughey) else ()
-    if any(series) and not any(series[2:]):
-        return Law(*(*series, 0.0)[:2]), False, "measured with the damping of the model"
-    ratio = zeta0
-    if any(series):
-        omega = 2 * np.pi * np.linspace(max(band[0], 1e-3 * band[1]), band[1], UNIFORM)
-        ratio = max(float((sum(a * omega ** (2 * k - 1) for k, a in enumerate(series)) / 2).min()), 1e-6)
-    elif isinstance(damping, ModalDamping):
+    if isinstance(damping, Rayleigh | Caughey):
+        law, ratio = law_of_series(damping.coefficients), smallest_ratio(damping.coefficients, band)
+        if ratio > UNDAMPED:
+            return law, False, "measured with the damping of the model"
+    ratio, why = zeta0, "undamped"
+    if isinstance(damping, ModalDamping):
         ratio = max(float(damping.at(np.linspace(*band, UNIFORM)).min()), 1e-6)
-    kind = "the smallest damping ratio of the series" if any(series) else "the smallest modal ratio"
-    why = "undamped" if ratio == zeta0 and not isinstance(damping, ModalDamping) else kind
+        why = "the smallest modal ratio"
     return Law(eta=2 * ratio), False, f"measured with the loss factor {2 * ratio:g} ({why})"
+
+
+def law_of_series(coefficients) -> Law:
+    """The damping of a Caughey series (39), of which Rayleigh damping is the first two terms."""
+    alpha, beta, *higher = (*coefficients, 0.0)[: max(len(coefficients), 2)]
+    return Law(alpha, beta, 0.0, tuple(higher) if any(higher) else ())
+
+
+def smallest_ratio(coefficients, band) -> float:
+    """The smallest damping ratio of a series over a band (Hz), without its sign."""
+    omega = 2 * np.pi * np.linspace(max(band[0], 1e-3 * band[1]), band[1], UNIFORM)
+    return float(np.abs(sum(a * omega ** (2 * k - 1) for k, a in enumerate(coefficients)) / 2).min())

@@ -28,15 +28,16 @@ from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import counted
 from ..parallel.stopping import stop_if_asked
-from .accuracy import Accuracy, Adaptive, Point, Proof, law_of
+from .accuracy import UNDAMPED, Accuracy, Adaptive, Direction, Point, Proof, law_of
 from .chains_in_groups import chains_in_groups, join_round
 from .compression import compress
-from .error_estimate import apart, missing, rounded
+from .error_estimate import apart, grid, measure_of, missing, resonances, rounded
 from .hidden_modes import find_hidden
 from .judging import CHAIN, Blocks, Judge, Judgement
 from .point_blocks import Part, PointBlocks
 from .point_solver import NoRegularPoint, PointSolver
 from .projections import Projections
+from .pseudo_modal import Law, response
 from .run import Run
 from .search_checks import check_complete, check_massless, check_motions, check_support
 
@@ -47,6 +48,8 @@ UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes bel
 ENDED = "the search ended before a second point"
 HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 AT_END = 0.9  # of the band: above it a point counts the modes of the band
+MIXING = 1e-14  # round-off of K on the columns of a basis, relative to the highest square of a frequency
+TOGETHER = 2**22  # errors of single responses that are held at a time
 PROOF = 1 / 8  # of the band: where models are proven first, whatever the law and the tolerance, so that a store serves
 
 
@@ -75,8 +78,6 @@ class Search:
         self.solver = PointSolver(self.projections, adaptive, self.points)
         if not self.solver.counts:
             self.measured += "; modes cannot be counted here, a second proof stands for that"
-        if adaptive.weights == "equal":
-            self.measured += "; all inputs and outputs weighed alike"
         inputs = self.projections.loads.getActiveColumns()[1]
         self._by_mass = not damped and inputs <= BLOCK  # else blocks are made from residuals
         self._width = min(4 * inputs if damped else inputs, BLOCK)
@@ -169,7 +170,7 @@ class Search:
         if self._closing and max(taken) < AT_END * high:
             self._waiting.insert(0, high)
         elif self._closing and not self._waiting and self._may_prove_nearby() and apart([first_proof], taken, band):
-            self._waiting = [rounded(first_proof)]
+            self._waiting = [rounded(first_proof, band)]
         elif not self._waiting:
             self._waiting = decided(comm, self.judge.next_points, taken, self._groups)
         return True
@@ -200,10 +201,22 @@ class Search:
         """The points whose factor has told how many modes lie below them, with these numbers."""
         return [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
 
-    def _weigh(self):
-        """Weigh inputs and outputs as was asked, by the model that the first points make; then the weights stay."""
-        if self.settings.weights == "equal" and not self.points:
-            self.projections.weigh_alike(self.settings.band)
+    def _look_at_damping(self):
+        """Measure with the loss factor of undamped models what a given D leaves without damping; decided once."""
+        projections = self.projections
+        if projections.D is None or projections.law.eta:
+            return
+        if decided(self.run.model.comm, self._has_undamped):
+            projections.law = Law(eta=2 * self.settings.zeta0)
+            self.measured += (
+                f" and the loss factor {projections.law.eta:g}, since the damping matrix leaves modes of the band "
+                "without damping"
+            )
+
+    def _has_undamped(self):
+        low, high = self.settings.band
+        f, ratio = resonances(self.projections.model(), self.projections.law)
+        return bool((ratio[(f >= 0.9 * low) & (f <= 1.1 * high)] < UNDAMPED).any())
 
     def _note(self, judged):
         """Note what was judged last."""
@@ -260,7 +273,7 @@ class Search:
                 check_complete(self.projections, self.settings.band)
             blocks.take(new)
             with progress.stage("estimate"):
-                self._weigh()
+                self._look_at_damping()
                 judged = self._judged(blocks)
             self._note(judged)
             known = ""
@@ -307,7 +320,7 @@ class Search:
         arrived, found = chains_in_groups(run, self._groups, points, lambda own, f: self._chain(own, f, width))
         proves = judge.before is None and len(points) > 1
         hold, seen = join_round(self.projections, arrived, proves)
-        self._weigh()
+        self._look_at_damping()
         if proves:
             judge.before = [k for k in hold if k < seen], seen
             self._closing = judge.is_fine(decided(comm, judge.between, *judge.before))
@@ -347,7 +360,7 @@ class Search:
         if self._groups > 1:  # whose factors are gone
             self.solver.go_to(max(f for f, _ in of_modes))
             run.needed.append((str(self.solver.factored), "0.0"))
-        self.lack, change = find_hidden(self.solver, self.settings.band, of_modes)
+        self.lack, change = find_hidden(self.solver, self.judge, of_modes)
         if count := len(run.factorisations) - made:
             last, seconds = self.points[-1], sum(item.factor_seconds for item in run.factorisations[made:])
             self.points[-1] = replace(last, from_store=False, factors=(last.factors or 0) + count,
@@ -362,22 +375,49 @@ class Search:
         The columns `kept` of the basis stay in the span of U. Pseudo-modes above `drop_above` (Hz) are left out, and
         what that does to the error counts.
         """
+        kept = np.eye(self.projections.basis.size)[:, list(kept)]
+        with self.run.progress.stage("project"):
+            kept = self._project_again(kept)
         with self.run.progress.stage("compress"):
-            return decided(self.run.model.comm, self._compress, reason, drop_above, list(kept))
+            return decided(self.run.model.comm, self._compress, reason, drop_above, kept)
+
+    def _project_again(self, kept) -> np.ndarray:
+        """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones: what
+        that changes is noise. Returns the columns `kept` in terms of the new basis. Collective."""
+        projections, comm = self.projections, self.run.model.comm
+        for _ in range(2):
+            before = decided(comm, projections.model)
+            lowest, highest = before.frequencies[0], before.frequencies[-1]
+            if MIXING * (highest / max(lowest, 1e-300)) ** 2 <= self.judge.goal:
+                break
+            projections.rotate(before.vectors)
+            kept = before.vectors.T @ kept
+            noise = decided(comm, self._changed, before)
+            if noise <= self.judge.floor:
+                break
+        else:
+            self.judge.noise = max(self.judge.noise, noise)
+        return kept
+
+    def _changed(self, before) -> float:
+        """How far responses of the model of all columns are from those of one projected before; local."""
+        pair = self.judge.compare(before, self.projections.model(), np.eye(len(before.squares)))
+        S = grid([before, pair.outer], pair.law, self.settings.band)
+        H, drive = pair.responses(S)
+        return float(pair.measure.eps(H - response(before, pair.law, S, pair.ports), H, drive).max())
 
     def _compress(self, reason, drop_above, kept):
-        found, judge, model = compress(self.judge, reason, drop_above, kept), self.judge, self.run.model
+        found, judge = compress(self.judge, reason, drop_above, kept), self.judge
         largest = float(found.curve.max()) + (judge.rest if found.reason else min(judge.rest, 3 * judge.floor))
-        i, j, own = found.worst_pair
         return found.factor, self.accuracy(
-            found.reason, found.frequencies, found.curve, largest=largest, noise=found.noise, highest=found.highest,
-            worst_pair=(model.output_names[i], model.input_names[j], own),
+            found.reason, found.pair, found.frequencies, found.curve, largest=largest, noise=found.noise,
         )  # fmt: skip
 
-    def accuracy(self, reason, frequencies, curve, *, largest, noise, highest, worst_pair=None) -> Accuracy:
+    def accuracy(self, reason, pair, frequencies, curve, *, largest, noise) -> Accuracy:
         """What is known of the model that a search ends with, for a `reason` where the tolerance is not reached; local.
 
-        `curve` (S,): its error at frequencies (S,) in Hz, with the `largest` to be claimed. Others as in Accuracy.
+        `pair`: it and what its error is seen from; `curve` (S,): its error at frequencies (S,) in Hz, with the
+        `largest` to be claimed.
         """
         band, multigrid, unproven = self.settings.band, self.solver.multigrid, []
         if not self.proofs and (multigrid or reason):  # no exact value stands behind the estimate
@@ -387,11 +427,31 @@ class Search:
         found = Accuracy(
             tolerance=self.settings.tolerance, band=band, reached=not reason, stopped=reason or "reached",
             largest=largest, worst=float(frequencies[curve.argmax()]), noise=noise, measured=self.measured,
-            highest=highest,
+            highest=float(pair.inner.frequencies.max()),
             mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(frequencies)).sum() / (band[1] - band[0])),
             big_size=self.projections.basis.size, missing_modes=max(self.lack, 0), points=tuple(self.points),
-            worst_pair=worst_pair, proofs=tuple(self.proofs), frequencies=tuple(frequencies.tolist()),
-            eps=tuple(curve.tolist()), loss_factor=self.projections.law.eta, multigrid=multigrid,
-            unproven="; ".join(unproven), weights=self.projections.weights,
+            proofs=tuple(self.proofs), frequencies=tuple(frequencies.tolist()), eps=tuple(curve.tolist()),
+            loss_factor=pair.law.eta, beside_damping=self.projections.D is not None, multigrid=multigrid,
+            unproven="; ".join(unproven), measure=pair.measure,
+            directions=directions_of(pair, frequencies, self.settings, self.run.model),
         )  # fmt: skip
         return found.with_noise(noise)
+
+
+def directions_of(pair, frequencies, settings, model) -> tuple[Direction, ...]:
+    """How well the outputs of a model are known by themselves, the worst first (see accuracy.Direction); local."""
+    by = measure_of(replace(settings, measure="directions"), pair.outer, pair.law, pair.ports)
+    H, drive = pair.responses(frequencies[:1])
+    parts = np.array_split(frequencies, 1 + len(frequencies) * H[0].size // TOGETHER)
+    errors, found = [pair.by(by).each(part) for part in parts], []
+    most = np.concatenate([each.max(axis=2) for each in errors])  # (S, r)
+    under = np.concatenate([each.argmax(axis=2) for each in errors])
+    for j, output in enumerate(model.output_names):
+        k = int(most[:, j].argmax())
+        i = by.drive[j] if by.drive[j] >= 0 else int(np.abs(H[0, j]).argmax())
+        found.append(Direction(
+            output=output, input=model.input_names[i], static=float(np.abs(H[0, j, i])),
+            static_error=float(errors[0][0, j, i]), largest=float(most[k, j]), frequency=float(frequencies[k]),
+            worst_input=model.input_names[under[k, j]],
+        ))  # fmt: skip
+    return tuple(sorted(found, key=lambda item: -item.largest))

@@ -1,49 +1,107 @@
-"""The error of a model seen from a richer one: two nested models enter; eps(f), its noise, the next point leave."""
+"""Estimate the error of a model from a richer one that contains it, and choose frequencies to look at.
+
+The error curve is smooth but for the poles of the two models: between two frequencies of a grid nothing is hidden where
+their distance is a fraction of that to the nearest pole.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from .pseudo_modal import Law, PseudoModal, difference, norms, relative, response, solve
+from .measure import PAPER, SILENT, Measure, directions, drive_points
+from .pseudo_modal import Law, PseudoModal, chunks, difference, nested, norms, responses, solve
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points
 GAP = 2e-3  # of a frequency between a point and pseudo-frequencies, but at most
 NARROW = 0.1  # of the band
-CLUSTER = np.array([-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0])  # places around a resonance, in units of its damping ratio
+STEP, FINE = 1.0, 0.4  # between frequencies of a grid, in distances from the nearest pole
+SAME_POLE = 0.3  # of its distance from the axis, within which a pole needs no frequencies of its own
+SHARPEST = 1e-9  # of its frequency: the least distance of a pole from the axis that a grid resolves
 
 
-def estimate(inner: PseudoModal, outer: PseudoModal, embedding: np.ndarray, law: Law, frequencies, ports):
-    """Relative error (S,) of `inner` seen from `outer`, and the noise (S,): what plain subtraction differs by."""
-    E = difference(inner, outer, embedding, law, frequencies, ports)
-    H = response(outer, law, frequencies, ports)
-    noise = H - response(inner, law, frequencies, ports) - E
-    return relative(E, H), relative(noise, H)
+@dataclass(frozen=True)
+class Comparison:
+    """A model `inner` inside of a richer one, `outer`, by its `embedding` (see pseudo_modal.nested), and the measure of
+    how far its responses are from those of that. Local."""
+
+    inner: PseudoModal
+    outer: PseudoModal
+    embedding: np.ndarray
+    law: Law
+    ports: tuple[np.ndarray, np.ndarray]
+    measure: Measure
+
+    def difference(self, frequencies) -> np.ndarray:
+        """H_outer - H_inner (S, r, p)."""
+        return difference(self.inner, self.outer, self.embedding, self.law, frequencies, self.ports)
+
+    def curve(self, frequencies) -> np.ndarray:
+        """The error eps (S,) of the inner model."""
+        return self.measure.eps(self.difference(frequencies), *self.responses(frequencies))
+
+    def each(self, frequencies) -> np.ndarray:
+        """The error of every response (S, r, p)."""
+        return self.measure.each(self.difference(frequencies), *self.responses(frequencies))
+
+    def responses(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
+        """Those of the outer model (see pseudo_modal.responses)."""
+        return responses(self.outer, self.law, frequencies, self.ports)
+
+    def noise(self, frequencies) -> np.ndarray:
+        """The noise (S,) of the two models: what plain subtraction of their responses differs by. A Caughey series of
+        more than two terms has no other difference to compare with."""
+        H, drive = self.responses(frequencies)
+        inner = responses(self.inner, self.law, frequencies, self.ports)[0]
+        return self.measure.eps(H - inner - self.difference(frequencies), H, drive)
+
+    def by(self, measure: Measure) -> Comparison:
+        """The same by another measure."""
+        return replace(self, measure=measure)
 
 
-def error_seen(inner: PseudoModal, outer: PseudoModal, embedding, law: Law, frequencies, ports) -> np.ndarray:
-    """Relative error (S,) of `inner` seen from `outer`."""
-    return relative(
-        difference(inner, outer, embedding, law, frequencies, ports), response(outer, law, frequencies, ports)
-    )
+def measure_of(settings, model: PseudoModal, law: Law, ports) -> Measure:
+    """The measure of errors that the settings of a search ask for, with floors from a model over the band."""
+    if settings.measure == "paper":
+        return PAPER
+    Lb, Lc = ports
+    frequencies = np.linspace(*settings.band, UNIFORM)
+    H, drive = responses(model, law, frequencies, ports)
+    of = drive_points(Lb, Lc)
+    silent = _silent(model, law, frequencies, ports) if (of[0] < 0).any() else ()
+    return directions(frequencies, H, drive, of, silent)
 
 
-def ratios(model: PseudoModal, law: Law) -> np.ndarray:
-    """Damping ratios (m,) of the pseudo-modes, 0 at squares <= 0."""
-    omega = np.sqrt(np.maximum(model.squares, 0.0))
-    inverse = np.divide(1.0, omega, out=np.zeros_like(omega), where=omega > 0)
-    given = 0.0 if model.D is None else np.abs(np.diag(model.D))
-    return (law.eta + (law.alpha + given) * inverse + law.beta * omega) / 2
+def _silent(model, law, frequencies, ports) -> list[int]:
+    """The outputs (from 0) that feel no input: |c x| is round-off of |c| |x| at all frequencies."""
+    Lb, Lc = ports
+    left, feels = model.L @ Lc, False
+    for part in chunks(model, frequencies):
+        states = solve(model, law, part, model.L @ Lb)
+        bound = np.linalg.norm(left, axis=0)[:, None] * np.linalg.norm(states, axis=1)[:, None, :]
+        feels = feels | (np.abs(left.T @ states) > SILENT * bound).any(axis=(0, 2))
+    return np.flatnonzero(~feels).tolist()
+
+
+def poles_of(model: PseudoModal, law: Law) -> np.ndarray:
+    """The poles (k,) of a model that are not below the real axis, in rad/s."""
+    if model.inverse is not None:
+        return _upper(model.inverse.poles)
+    given = 0.0 if model.D is None else np.diag(model.D)
+    half = (law.damping_at(model.squares) + given) / 2
+    root = np.sqrt(half**2 - (1 + 1j * law.eta) * model.squares + 0j)
+    return _upper(np.concatenate([-half + root, -half - root]))
+
+
+def _upper(poles):
+    return poles[poles.imag >= 0]
 
 
 def resonances(model: PseudoModal, law: Law) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (k,) in Hz, ascending, where the response may peak, and their damping ratios (k,).
-
-    Those of the pseudo-modes; with a given D, which moves them and may leave some of close ones undamped, of the poles.
-    """
-    if model.inverse is None:
-        return model.frequencies, ratios(model, law)
-    return at_poles(model.inverse.poles)
+    """Frequencies (k,) in Hz, ascending, where the response may peak, and their damping ratios (k,)."""
+    return at_poles(poles_of(model, law))
 
 
 def at_poles(poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -53,32 +111,31 @@ def at_poles(poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return poles.imag / (2 * np.pi), np.abs(poles.real) / np.abs(poles)
 
 
-def grid(models, law: Law, band, uniform=UNIFORM, around=CLUSTER) -> np.ndarray:
-    """S: `uniform` points over the band (Hz) and 7 around every resonance of the models, one set a cluster.
-
-    `around`: where, in damping ratios.
-    """
+def grid(models, law: Law, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray:
+    """S: `uniform` points over the band (Hz), and around every pole of the models as many as let the distance of two
+    frequencies be `step` times that to the nearest pole; without a step the places of the poles alone."""
     low, high = band
     points = [np.linspace(low, high, uniform)]
     for model in models:
-        f, ratio = resonances(model, law)
-        width, cluster = np.clip(ratio, 1e-5, 0.1), 0.3 * np.minimum(ratio, 0.1)
-        near = np.flatnonzero((f > low * 0.9) & (f < high * 1.1))
-        last = -np.inf
+        poles = poles_of(model, law) / (2 * np.pi)
+        poles = poles[np.argsort(poles.imag)]
+        at, width = poles.imag, np.maximum(np.abs(poles.real), SHARPEST * np.abs(poles))
+        near = np.flatnonzero((at > low - 0.1 * high) & (at < 1.1 * high) & (width > 0) & (width < high))
+        own, last = [], -np.inf
         for j in near:  # in ascending order
-            if f[j] - last > cluster[j] * f[j]:
-                last = f[j]
-                points.append(f[j] * (1 + width[j] * np.asarray(around)))
+            if at[j] - last > SAME_POLE * width[j]:
+                own.append(j)
+                last = at[j]
+        middles = (at[own][1:] + at[own][:-1]) / 2
+        for j, left, right in zip(own, np.append(low, middles), np.append(middles, high), strict=True):
+            if step is None:
+                points.append(at[[j]])
+                continue
+            ends = np.arcsinh(np.array([left, right] - at[j]) / width[j]) / step
+            points.append(at[j] + width[j] * np.sinh(step * np.arange(np.ceil(ends[0]), np.floor(ends[1]) + 1)))
     points = np.unique(np.concatenate(points))
     points = points[(points >= low) & (points <= high)]
-    return points[np.diff(points, prepend=-1.0) > 1e-9 * high]
-
-
-def finer(frequencies: np.ndarray, times=4) -> np.ndarray:
-    """The grid with every interval split into `times` parts."""
-    steps = np.arange(times) / times
-    inside = (frequencies[:-1, None] + np.diff(frequencies)[:, None] * steps).ravel()
-    return np.append(inside, frequencies[-1])
+    return points[np.diff(points, prepend=-1.0) > 1e-13 * points]
 
 
 def around_peaks(frequencies: np.ndarray, curve: np.ndarray, above: float, parts=4) -> np.ndarray:
@@ -91,18 +148,18 @@ def around_peaks(frequencies: np.ndarray, curve: np.ndarray, above: float, parts
     return (frequencies[beside, None] + np.diff(frequencies)[beside, None] * steps).ravel()
 
 
-def largest(inner: PseudoModal, outer: PseudoModal, embedding, law: Law, frequencies, ports, rounds=3):
-    """Grid and relative error of `inner` seen from `outer` on it, refined `rounds` times around the highest maxima."""
-    curve = error_seen(inner, outer, embedding, law, frequencies, ports)
+def largest(pair: Comparison, frequencies, rounds=4):
+    """Grid and error of a model on it, refined `rounds` times around the highest maxima."""
+    curve = pair.curve(frequencies)
     for _ in range(rounds):
-        more = around_peaks(frequencies, curve, curve.max() / 10)
+        more = around_peaks(frequencies, curve, curve.max() / 3)
         if not more.size:
             break
-        frequencies, curve = _merged(frequencies, curve, more, error_seen(inner, outer, embedding, law, more, ports))
+        frequencies, curve = _merged(frequencies, curve, more, pair.curve(more))
     return frequencies, curve
 
 
-def resolved(inner, outer, embedding, law: Law, frequencies, curve, ports, above: float, step=1.5, rounds=5):
+def resolved(pair: Comparison, frequencies, curve, above: float, step=1.5, rounds=5):
     """The curve (S,) with more frequencies, so that it can be interpolated: intervals are halved, at most `rounds`
     times, where it changes by more than the factor `step`, and beside its extrema; all where it is `above`."""
     for _ in range(rounds):
@@ -111,11 +168,11 @@ def resolved(inner, outer, embedding, law: Law, frequencies, curve, ports, above
         extremum = np.flatnonzero(change[:-1] * change[1:] < 0)
         halved = np.abs(change) > np.log(step)
         halved[extremum] = halved[extremum + 1] = True
-        halved &= np.diff(frequencies) > 1e-6 * frequencies[1:]
+        halved &= np.diff(frequencies) > SHARPEST * frequencies[1:]
         if not halved.any():
             break
         more = ((frequencies[:-1] + frequencies[1:]) / 2)[halved]
-        frequencies, curve = _merged(frequencies, curve, more, error_seen(inner, outer, embedding, law, more, ports))
+        frequencies, curve = _merged(frequencies, curve, more, pair.curve(more))
     return frequencies, curve
 
 
@@ -152,9 +209,12 @@ def off_poles(f: float, model: PseudoModal, band) -> float | None:
     return None
 
 
-def rounded(f: float) -> float:
-    """A frequency that a search chose, to six digits: the same on any number of ranks, whose last digits differ."""
-    return float(f"{f:.6g}")
+def rounded(f: float, band) -> float:
+    """A frequency that a search chose, to six digits, of the band (Hz) if that is narrow: the same on any number of
+    ranks, whose last digits differ."""
+    low, high = band
+    digits = 6 + max(0, int(np.ceil(-np.log10((high - low) / high))))
+    return float(np.clip(float(f"{f:.{digits}g}"), low, high))
 
 
 def missing(model: PseudoModal, counts) -> int:
@@ -175,11 +235,8 @@ def is_free(model: PseudoModal, law: Law, frequencies, ports, zero: float) -> bo
 
 
 def is_silent(model: PseudoModal, law: Law, frequencies, ports) -> bool:
-    """Whether the outputs do not feel the inputs: |C x| is round-off of |C| |x| at all frequencies."""
-    Lb, Lc = ports
-    states = solve(model, law, frequencies, model.L @ Lb)
-    size = norms((model.L @ Lc).T @ states)
-    return bool((size <= 1e-13 * np.linalg.norm(model.L @ Lc) * norms(states)).all())
+    """Whether the outputs do not feel the inputs."""
+    return len(_silent(model, law, frequencies, ports)) == ports[1].shape[1]
 
 
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:

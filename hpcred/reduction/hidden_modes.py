@@ -5,7 +5,8 @@ from __future__ import annotations
 from ..linalg.blocks import add_product, create_block
 from ..parallel.decisions import decided
 from ..parallel.failures import Owned
-from .error_estimate import error_seen, grid, missing, unsettled
+from .error_estimate import grid, missing, unsettled
+from .judging import Judge
 from .point_solver import PointSolver
 from .pseudo_modal import nested
 from .search_checks import check_complete
@@ -13,11 +14,11 @@ from .search_checks import check_complete
 HIDDEN = 60  # random columns at most
 
 
-def find_hidden(solver: PointSolver, band, counted) -> tuple[int, float]:
+def find_hidden(solver: PointSolver, judge: Judge, counted) -> tuple[int, float]:
     """Add random columns, and A^-1 M x of pseudo-modes x that still move, until no mode is missing; returns how many
-    still are, and how far the response over the band (Hz) has moved. Collective. Raises InputError.
+    still are, and how far the response over the band has moved. Collective. Raises InputError.
 
-    `counted`: points (Hz) with the number of modes below each; `solver`: at one of them.
+    `counted`: points (Hz) with the number of modes below each; `solver`: at one of them, or at 0 Hz.
     """
     projections, run = solver.projections, solver.run
     size, used, moving = projections.basis.size, 0, None
@@ -25,13 +26,13 @@ def find_hidden(solver: PointSolver, band, counted) -> tuple[int, float]:
         before = projections.basis.size
         used += solver.extend_by_random() if moving is None else _extend_by_modes(solver, moving)
         if projections.basis.size == before:
-            check_complete(projections, band)
+            check_complete(projections, judge.settings.band)
             break
         moving, lack = decided(run.model.comm, _moving, projections, before, counted)
         if moving is None and lack <= 0:
             break
     run.note("modes that no load moves", used, projections.basis.size - size)
-    return decided(run.model.comm, _change, projections, size, band, counted)
+    return decided(run.model.comm, _change, judge, size, counted)
 
 
 def _extend_by_modes(solver, factor):
@@ -50,9 +51,8 @@ def _moving(projections, before, counted):
     return model.vectors[:, which] if len(which) else None, missing(model, counted)
 
 
-def _change(projections, before, band, counted):
+def _change(judge, before, counted):
     """How many modes are missing, and what the columns from `before` on have changed of the response over the band."""
-    model, old = projections.model(), projections.model(before)
-    law, ports = projections.law, projections.ports
-    S = grid([model], law, band)
-    return missing(model, counted), float(error_seen(old, model, nested(old, model), law, S, ports).max())
+    model, old = judge.projections.model(), judge.projections.model(before)
+    S = grid([model], judge.projections.law, judge.settings.band)
+    return missing(model, counted), float(judge.compare(old, model, nested(old, model)).curve(S).max())

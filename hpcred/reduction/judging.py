@@ -1,5 +1,4 @@
-"""What a basis is worth: its projections enter; the estimated error over the band, said against exact, the next points
-leave.
+"""Judge what a basis is worth: estimate the error over the band, prove it at new points, and choose the next points.
 
 The error of a model is seen from the basis with its newest columns, without which the model is. A new point first
 checks the model that was before it, whose error it knows exactly there.
@@ -12,9 +11,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .accuracy import Adaptive, Proof
-from .error_estimate import UNIFORM, error_seen, estimate, grid, next_point, rounded
+from .error_estimate import UNIFORM, Comparison, grid, largest, measure_of, next_point, rounded
+from .measure import Measure
 from .projections import HELD_BACK, Projections, places
-from .pseudo_modal import nested
+from .pseudo_modal import PseudoModal, nested
 from .search_checks import check_response
 
 MARGIN = 0.1  # of the tolerance that the big basis is made for; the rest is for the compression
@@ -79,6 +79,12 @@ class Judge:
         """Whether an error is about as small as can be asked for."""
         return bool(value <= 3 * self.floor)
 
+    def compare(self, inner, outer, embedding, measure: Measure | None = None) -> Comparison:
+        """A model and one that contains it, by a measure, that of the outer one if None is given."""
+        law, ports = self.projections.law, self.projections.ports
+        measure = measure or measure_of(self.settings, outer, law, ports)
+        return Comparison(inner, outer, embedding, law, ports, measure)
+
     # one point
 
     def judge(self, blocks: Blocks) -> Judgement:
@@ -90,16 +96,16 @@ class Judge:
         if not blocks.new:  # nothing new at all: the basis is complete
             hold = len(outer.squares)
         inner = self.projections.model(hold)
-        pair = inner, outer, nested(inner, outer)
+        pair = self.compare(inner, outer, nested(inner, outer))
         if blocks.order >= 1:
-            rough = self._roughly(*pair)
+            rough = self._roughly(pair)
             if rough > 10 * max(self.floor, self._goal_at(blocks)) and self._has_room(blocks):
                 return replace(found, estimate=rough)
-        S, curve, noise = self._over_band(*pair)
-        found = Judgement(estimate=float(curve.max()), noise=float(noise.max()), hold=hold)
+        S, curve = self._over_band(pair)
+        found = Judgement(estimate=float(curve.max()), noise=float(pair.noise(S).max()), hold=hold)
         check_response(self.projections, outer, S, found)
         if self.before is not None:
-            found = replace(found, proofs=(self._proof(blocks.frequency, inner, hold, outer),))
+            found = replace(found, proofs=(self._proof(blocks.frequency, pair, hold),))
         return replace(found, done=self._is_done(blocks, found))
 
     def _goal_at(self, blocks):
@@ -132,43 +138,41 @@ class Judge:
         full = blocks.added + (0 if promising else new) > most or self.projections.basis.size >= self.settings.columns
         return bool(not new or good or full)
 
-    def _proof(self, f, inner, hold, outer) -> Proof:
-        """What was said at a new point (Hz) of the model before, and its exact error, seen from `outer`; the rest of
-        what is called exact, seen from `inner`, which is of the columns `hold` of the same basis."""
-        at, law, ports = np.array([f]), self.projections.law, self.projections.ports
+    def _proof(self, f, pair, hold) -> Proof:
+        """What was said at a new point (Hz) of the model before, and its exact error, seen from `pair.outer`; the rest
+        of what is called exact, seen from `pair.inner`, which is of the columns `hold` of the same basis."""
+        at, outer = np.array([f]), pair.outer
         old, seen_from = (self.projections.model(columns) for columns in self.before)
         which, among = (places(columns) for columns in self.before)
 
         def error(one, other, columns):
-            return float(error_seen(one, other, nested(one, other, columns), law, at, ports)[0])
+            return float(self.compare(one, other, nested(one, other, columns), pair.measure).curve(at)[0])
 
         return Proof(
             frequency=f, exact=error(old, outer, which), said=error(old, seen_from, np.searchsorted(among, which)),
-            own=error(inner, outer, places(hold)),
+            own=error(pair.inner, outer, places(hold)),
         )  # fmt: skip
 
     # the band
 
-    def _over_band(self, inner, outer, embedding, band=None):
-        """Frequencies of the band (S,), the error of `inner` estimated at them, and its noise."""
-        S = grid([outer], self.projections.law, band or self.settings.band)
-        return S, *estimate(inner, outer, embedding, self.projections.law, S, self.projections.ports)
+    def _over_band(self, pair, band=None):
+        """Frequencies of the band (S,), and the error of the inner model estimated at them."""
+        return largest(pair, grid([pair.outer, pair.inner], pair.law, band or self.settings.band), rounds=2)
 
-    def _roughly(self, inner, outer, embedding) -> float:
+    def _roughly(self, pair) -> float:
         """The largest estimate at a few frequencies."""
-        law, ports = self.projections.law, self.projections.ports
-        S = grid([outer], law, self.settings.band, UNIFORM // 4, [0.0])
-        return float(estimate(inner, outer, embedding, law, S, ports)[0].max())
+        S = grid([pair.outer], pair.law, self.settings.band, UNIFORM // 4, None)
+        return float(pair.curve(S).max())
 
     def next_points(self, taken, count, band=None) -> list[float]:
         """Up to `count` points (Hz) in the band, by default the whole one, where the estimate is largest."""
         band = band or self.settings.band
         inner, outer = self.projections.model(self.before[0]), self.projections.model()
-        S, curve, _ = self._over_band(inner, outer, nested(inner, outer, places(self.before[0])), band)
+        S, curve = self._over_band(self.compare(inner, outer, nested(inner, outer, places(self.before[0]))), band)
         chosen = []
         for _ in range(count):
             f = next_point(S, curve, [*taken, *chosen], outer, band)
-            chosen += [rounded(f)] if f is not None else []
+            chosen += [rounded(f, self.settings.band)] if f is not None else []
         return chosen
 
     # several points at once
@@ -177,15 +181,17 @@ class Judge:
         """The largest estimate for one part of the basis, seen from another that has it."""
         inner, outer = self.projections.model(inner_columns), self.projections.model(outer_columns)
         columns = np.searchsorted(places(outer_columns), places(inner_columns))
-        return float(self._over_band(inner, outer, nested(inner, outer, columns))[1].max())
+        return float(self._over_band(self.compare(inner, outer, nested(inner, outer, columns)))[1].max())
 
     def judge_round(self, points, hold) -> Judgement:
         """What the basis is worth after a round of points, without the columns that are not in `hold`; `points` (Hz)
         check the model before, where there is one: a first round of one point proves nothing."""
         outer, inner = self.projections.model(), self.projections.model(hold)
-        _, curve, noise = self._over_band(inner, outer, nested(inner, outer, hold))
-        proofs = [self._proof(f, inner, hold, outer) for f in points] if self.before is not None else []
-        return Judgement(estimate=float(curve.max()), noise=float(noise.max()), hold=hold, proofs=tuple(proofs))
+        pair = self.compare(inner, outer, nested(inner, outer, hold))
+        S, curve = self._over_band(pair)
+        proofs = [self._proof(f, pair, hold) for f in points] if self.before is not None else []
+        noise = float(pair.noise(S).max())
+        return Judgement(estimate=float(curve.max()), noise=noise, hold=hold, proofs=tuple(proofs))
 
 
 def _columns_ahead(history, goal, width):

@@ -73,7 +73,7 @@ class PointSolver:
         run = self.run
         if self.projections.basis.size:
             moved = decided(run.model.comm, lambda: off_poles(f, self.projections.model(), self._settings.band))
-            f = f if moved in (None, f) else rounded(moved)
+            f = f if moved in (None, f) else rounded(moved, self._settings.band)
         if self.nearby:
             self.go_to(f)
             return float(f), None
@@ -173,7 +173,7 @@ class PointSolver:
 
         def make_load():
             with self.run.progress.stage("residuals"):
-                return residual_block(self.projections, self._settings.band, f, width)
+                return residual_block(self.projections, self._settings, f, width)
 
         return self.extend_by_basis(make_load)
 

@@ -11,7 +11,6 @@ from ..parallel.failures import Owned
 from .projection import project
 from .pseudo_modal import Law, PseudoModal, diagonalised
 from .run import Run
-from .weights import Weights, equal_weights, weighed_ports
 
 HELD_BACK = 3  # columns at least that an estimate sees the model from
 
@@ -25,15 +24,14 @@ class Projections:
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
     `K` (m, m) = V^T K V, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) = V^T D V, or None unless
-    `damped`: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `ports`: inputs and
-    outputs in terms of L, times their `weights` (see the module weights), None without; `law`: the proportional damping
-    of the models. Raises InputError (see ports).
+    `damped`: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `ports`: (Lb (l, p),
+    Lc (l, r)), inputs and outputs in terms of L; `law`: the proportional damping of the models. Raises InputError (see
+    ports).
     """
 
     def __init__(self, run: Run, basis: Basis, law: Law, damped: bool):
         self.run, self.basis, self.law = run, basis, law
-        self.weights: Weights | None = None
-        self.loads, self._ports = run.loads_and_ports
+        self.loads, self.ports = run.loads_and_ports
         self._starts: list[int] = []  # first columns of the blocks
         self.K = np.zeros((0, 0))
         self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
@@ -50,14 +48,12 @@ class Projections:
             self._starts.append(start)
         return self.basis.size - start
 
-    @property
-    def ports(self) -> tuple[np.ndarray, np.ndarray]:
-        """(Lb (l, p), Lc (l, r)); local."""
-        return weighed_ports(self._ports, self.weights)
-
-    def weigh_alike(self, band):
-        """Give inputs and outputs the weights with which they count alike in the model of all columns. Collective."""
-        self.weights = decided(self.run.model.comm, equal_weights, self.model(), self.law, band, self._ports)
+    def rotate(self, turn):
+        """Replace the basis by its combinations `turn` (m, m), orthonormal, and project on these."""
+        self.basis.multiply(turn)
+        self._starts, self.K, self.L = [0], np.zeros((0, 0)), self.L[:0]
+        self.D = None if self.D is None else np.zeros((0, 0))
+        self._project(0)
 
     @property
     def blocks(self) -> list[tuple[int, int]]:

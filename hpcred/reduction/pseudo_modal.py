@@ -4,6 +4,7 @@ Everything is dense numpy, deterministic and local. For V^T M V = I and the colu
 
     A(s) = a K + b M + s D,   a = 1 + i eta + s beta,   b = s^2 + s alpha,   s = 2 pi i f          (41, 40)
     H(s) = C A(s)^-1 B = Lc^T (L^T A(s)^-1 L) Lb,       B = L Lb,   C^T = L Lc
+    of a Caughey series s D = s M sum_k a_k (M^-1 K)^k, diagonal too                (39)
     H - H_V = R^T A^-1 R,   R = L - A V y_V,   y_V = A_V^-1 V^T L          (exact for symmetric A, W = V)
 
 In a richer basis Q the difference H_Q - H_V is r^T A_Q^-1 r with r = L_Q - A_Q U y_V, V = Q U, without cancellation.
@@ -16,16 +17,20 @@ from typing import NamedTuple
 import numpy as np
 
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
-NOTHING = 1e-3  # of the geometric mean of the largest responses of an output and of an input
 NUMBERS_AT_A_TIME = 2**22  # complex numbers of states held at a time
 
 
 class Law(NamedTuple):
-    """Proportional damping: D = alpha M + beta K and (1 + i eta) K."""
+    """Proportional damping: D = alpha M + beta K and (1 + i eta) K; `higher`: a_2, a_3, ... of a Caughey series."""
 
     alpha: float = 0.0
     beta: float = 0.0
     eta: float = 0.0
+    higher: tuple[float, ...] = ()
+
+    def damping_at(self, squares: np.ndarray) -> np.ndarray:
+        """The viscous damping (m,) of modes with omega^2 = squares (m,): alpha + beta omega^2 + a_2 omega^4 + ..."""
+        return sum(a * squares**k for k, a in enumerate((self.alpha, self.beta, *self.higher)))
 
 
 UNDAMPED = Law()
@@ -83,8 +88,11 @@ def coefficients(law: Law, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _diagonal(model, law, frequencies):
     """a omega^2 + b (S, m): A(s) without D."""
-    a, b, _ = coefficients(law, frequencies)
-    return a[:, None] * model.squares + b[:, None]
+    a, b, s = coefficients(law, frequencies)
+    found = a[:, None] * model.squares + b[:, None]
+    if law.higher:
+        found += s[:, None] * (law.damping_at(model.squares) - law.alpha - law.beta * model.squares)
+    return found
 
 
 class Poles(NamedTuple):
@@ -171,14 +179,29 @@ def chunks(model: PseudoModal, frequencies: np.ndarray):
 
 def response(model: PseudoModal, law: Law, frequencies: np.ndarray, ports) -> np.ndarray:
     """H (S, r, p); `ports` = (Lb (l, p), Lc (l, r))."""
+    return responses(model, law, frequencies, ports)[0]
+
+
+def responses(model: PseudoModal, law: Law, frequencies: np.ndarray, ports) -> tuple[np.ndarray, np.ndarray]:
+    """H (S, r, p), and the drive-point responses b_i^T A^-1 b_i (S, p) of the inputs."""
     Lb, Lc = ports
     left, right = (model.L @ Lc).T, model.L @ Lb
-    return np.concatenate([left @ solve(model, law, part, right) for part in chunks(model, frequencies)])
+    H, drive = [], []
+    for part in chunks(model, frequencies):
+        states = solve(model, law, part, right)
+        H.append(left @ states)
+        drive.append(np.einsum("mp,smp->sp", right, states) if Lc is not Lb else np.einsum("spp->sp", H[-1]))
+    return np.concatenate(H), np.concatenate(drive)
 
 
 def difference(inner: PseudoModal, outer: PseudoModal, embedding, law: Law, frequencies, ports) -> np.ndarray:
-    """E = r^T A_Q^-1 r (S, r, p), equal to H_Q - H_V without its cancellation; V = Q embedding."""
+    """E = r^T A_Q^-1 r (S, r, p), equal to H_Q - H_V without its cancellation; V = Q embedding.
+
+    Not for a Caughey series of more than two terms, whose powers of V^T K V are no projections: E = H_Q - H_V.
+    """
     Lb, Lc = ports
+    if law.higher:
+        return response(outer, law, frequencies, ports) - response(inner, law, frequencies, ports)
     same = Lb is Lc and is_symmetric(outer.D)
     found = []
     for part in chunks(outer, frequencies):
@@ -218,30 +241,3 @@ def is_symmetric(D):
 def norms(blocks: np.ndarray) -> np.ndarray:
     """Frobenius norms (S,) of blocks (S, r, p)."""
     return np.linalg.norm(blocks, axis=(1, 2))
-
-
-def relative(blocks: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """||E||_F / ||H||_F (S,) (55, 56); 0 where both vanish."""
-    size, scale = norms(blocks), norms(reference)
-    return np.divide(size, scale, out=np.where(size > 0, np.inf, 0.0), where=scale > 0)
-
-
-def worst_pair(full: np.ndarray, reduced: np.ndarray) -> tuple[int, int, float]:
-    """Output and input (from 0) whose response is worst by itself, and its error: max |H - Hr| / max |H| over f, or
-    the median of |H - Hr| / |H| where that is larger. Arrays (S, r, p).
-
-    eps weighs all pairs by the size of their responses, in SI units, so that stiff directions may be less accurate. A
-    resonance that such a direction hardly takes part in is right, and so large that beside it nothing else counts:
-    the median is that of the band between. A pair that symmetry makes nothing of is set beside the responses of the
-    same output and of the same input.
-    """
-    size, error = np.abs(full), np.abs(full - reduced)
-    peaks = _by_itself(error.max(axis=0, keepdims=True), size.max(axis=0, keepdims=True))[0]
-    errors = np.maximum(peaks, np.median(_by_itself(error, size), axis=0))
-    i, j = np.unravel_index(errors.argmax(), errors.shape)
-    return int(i), int(j), float(errors[i, j])
-
-
-def _by_itself(error: np.ndarray, size: np.ndarray) -> np.ndarray:
-    beside = np.sqrt(size.max(axis=2, keepdims=True) * size.max(axis=1, keepdims=True))
-    return error / np.maximum(size, np.maximum(NOTHING * beside, 1e-300))

@@ -9,7 +9,7 @@ import numpy as np
 from ..linalg.basis import Basis
 from ..linalg.blocks import apply, copy_of, create_block
 from ..linalg.factorisation import DoesNotFit, Factoring
-from ..model.damping import ModalDamping, NoDamping, Structural, doubts_of_damping
+from ..model.damping import ModalDamping, NoDamping, doubts_of_damping, loss_factor_of
 from ..model.digits import doubts_of_digits
 from ..model.frames import Buckens, NoFrame, apply_frame, inputs_without_effect
 from ..model.interfaces import doubts_of_interfaces
@@ -29,6 +29,7 @@ from .craig_bampton import ConstraintModes
 from .groups import blocks_in_groups, number_of_groups
 from .ingredient import Ingredient, PointIngredient
 from .interface_coordinates import Projected, check_interface_coordinates, elastic_part, to_interface_coordinates
+from .krylov import StaticCorrection
 from .projection import diagonalise, project, project_columns
 from .projections import Projections
 from .record import make_record, signature_of
@@ -45,14 +46,15 @@ BEYOND = 10.0  # times the highest frequency of a single node: a mesh has modes 
 
 
 def reduce(
-    model, basis=(), frame=None, damping=None, *, tolerance: float | None = None, band=None,
-    adaptive: Adaptive | None = None, settings: Reduction | None = None, factoring: Factoring | None = None,
-    store: Store | None = None, progress: Progress | None = None, **keywords,
+    model, basis=(), frame=None, damping=None, *, tolerance: float | None = None, band=None, measure: str | None = None,
+    static: str | None = None, adaptive: Adaptive | None = None, settings: Reduction | None = None,
+    factoring: Factoring | None = None, store: Store | None = None, progress: Progress | None = None, **keywords,
 ) -> ReducedModel:  # fmt: skip
     """Reduce a SecondOrderModel by projection onto the span of the ingredients. Collective.
 
     `tolerance` and `band` (Hz), or an Adaptive with more to say: expansion points, orders and size are chosen so that
-    eps(f) <= tolerance over the band, and the record says how large the error is and how that is known. `basis`: list
+    eps(f) <= tolerance over the band, and the record says how large the error is and how that is known; `measure` and
+    `static`: see Adaptive. `basis`: list
     of Modes, Krylov, SecondOrderKrylov, StaticCorrection; each extends what the ones before it gave. With a tolerance
     they come first, and may be left out. `store`: where the blocks of points and sets of modes are kept from one
     reduction to the next, so that no point is factored twice (PointStore is one in a folder).
@@ -69,7 +71,9 @@ def reduce(
     if store is not None and not isinstance(store, Store):
         raise InputError(f"store: found {store!r}, expected a Store, such as PointStore(folder)")
     basis = declared("basis", (basis,) if isinstance(basis, Ingredient) else basis or (), tuple[Ingredient, ...])
-    adaptive = _asked_accuracy(declared("adaptive", adaptive, Adaptive | None), tolerance, band)
+    adaptive = _asked_accuracy(
+        declared("adaptive", adaptive, Adaptive | None), tolerance, band, measure=measure, static=static
+    )
     given = {"basis": basis, "frame": frame or NoFrame(), "damping": damping or NoDamping(), "adaptive": adaptive,
              "settings": settings, "factoring": factoring or Factoring(), "store": store,
              "progress": progress or Progress(model.comm, show=False)}  # fmt: skip
@@ -108,8 +112,8 @@ def _reduce(model, basis, frame, damping, adaptive, settings, factoring, store, 
         points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
         groups = number_of_groups(settings.groups, run, points)
         kept = range(0)
-        if adaptive is not None and settings.coordinates == "interface":
-            kept = _motions_of_interfaces(bases[0], run, adaptive)
+        if adaptive is not None and (settings.coordinates == "interface" or adaptive.static == "exact"):
+            kept = _kept_columns(bases[0], run, adaptive, settings)
         _extend_by_all(basis, bases, runs, groups, last=adaptive is None)
         accuracy = projections = None
         if adaptive is not None:
@@ -132,7 +136,8 @@ def _reduce(model, basis, frame, damping, adaptive, settings, factoring, store, 
             model, framed, runs, progress, frame=frame, damping=damping, basis=basis, groups=groups,
             projection="one_sided" if len(bases) == 1 else "two_sided", deflation_tolerance=deflation,
             drop_above=settings.drop_above, coordinates=settings.coordinates, orthonormality_defect=defect,
-            warnings=(*warnings, *run.warnings), accuracy=accuracy,
+            warnings=(*(accuracy.warnings if accuracy is not None else ()), *warnings, *run.warnings),
+            accuracy=accuracy,
             unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         )  # fmt: skip
         return reduced
@@ -155,17 +160,19 @@ def _is_two_sided(model, settings):
     return settings.projection == "two_sided" and model.Ct is not None
 
 
-def _asked_accuracy(adaptive, tolerance, band) -> Adaptive | None:
-    """What a search is to reach: `adaptive`, or a tolerance and its band; None for neither."""
-    if tolerance is None and band is None:
+def _asked_accuracy(adaptive, tolerance, band, **more) -> Adaptive | None:
+    """What a search is to reach: `adaptive`, or a tolerance, its band and what `more` says; None for neither."""
+    more = {key: value for key, value in more.items() if value is not None}
+    if tolerance is None and band is None and not more:
         return adaptive
     if adaptive is not None:
-        raise InputError("adaptive: found it beside a tolerance or a band, which it has itself; leave one out")
-    if band is None:
+        raise InputError("adaptive: found it beside a tolerance, a band or what belongs to them; leave one out")
+    if band is None and tolerance is not None:
         raise InputError("tolerance: a reduction to a tolerance needs the band in Hz")
     if tolerance is None:
-        raise InputError("band: found it without a tolerance, to which it belongs; give both, or leave it out")
-    return Adaptive(tolerance=tolerance, band=band)
+        key = next(iter(more), "band")
+        raise InputError(f"{key}: found it without a tolerance, to which it belongs; give both, or leave it out")
+    return Adaptive(tolerance=tolerance, band=band, **more)
 
 
 def _check_two_sided(settings, damping, adaptive):
@@ -252,13 +259,18 @@ def warnings_of(model, frame) -> tuple[str, ...]:
     return (*doubts, *doubts_of_interfaces(model))
 
 
-def _motions_of_interfaces(vectors, run, adaptive) -> range:
-    """The columns, first in the basis, by which interfaces move as the responses may not need it."""
-    ConstraintModes().extend(vectors, run)
-    least = run.framed.rigid_size + vectors.size
-    if adaptive.size is not None and adaptive.size < least:
+def _kept_columns(vectors, run, adaptive, settings) -> range:
+    """The columns, first in the basis, that stay in its span: by which interfaces move in interface coordinates, as the
+    responses may not need it, and the deflections at 0 Hz where these are to be exact."""
+    if settings.coordinates == "interface":
+        ConstraintModes().extend(vectors, run)
+    if adaptive.static == "exact":
+        StaticCorrection().extend(vectors, run)
+    rigid = run.framed.rigid_size if settings.coordinates == "interface" else 0
+    if adaptive.size is not None and adaptive.size < rigid + vectors.size:
         raise InputError(
-            f"adaptive.size: found {adaptive.size}, expected at least {least}, by which the interfaces can move"
+            f"adaptive.size: found {adaptive.size}, expected at least {rigid + vectors.size}, by which the interfaces "
+            "can move, or deflect at 0 Hz (static = 'exact')"
         )
     return range(vectors.size)
 
@@ -328,7 +340,7 @@ def _project(model, framed, vectors, run, settings):
     if "D" in full.matrices:
         small["D"] = project(full.matrices["D"], columns)
     else:
-        small["D"] = reduced_damping(framed.damping, run, columns, frequencies)
+        small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
     for key, value in small.items():
         if key != "D" or full.symmetric:
             small[key] = (value + value.T) / 2
@@ -359,7 +371,7 @@ def _project_two_sided(model, framed, right, left, run, settings):
     small = {key: project(mat, V, W) for key, mat in full.matrices.items()}
     frequencies = np.sort(np.sqrt(np.abs(np.linalg.eigvals(small["K"])))) / (2 * np.pi)
     if "D" not in small:
-        small["D"] = reduced_damping(framed.damping, run, V, frequencies, W)
+        small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
     inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
     reduced = _reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
     unstable = decided(model.comm, reduced.unstable_poles)
@@ -377,7 +389,7 @@ def _project_two_sided(model, framed, right, left, run, settings):
 def _reduced_model(model, framed, small, inputs, outputs, frequencies):
     """The same arrays on all ranks, to the last digit."""
     small, inputs, outputs, frequencies = model.comm.bcast((small, inputs, outputs, frequencies))
-    loss = framed.damping.loss_factor if isinstance(framed.damping, Structural) else 0.0
+    loss = loss_factor_of(framed.damping)
     return ReducedModel(
         **small, B=inputs, C=outputs, frequencies=frequencies, loss_factor=loss,
         input_names=model.input_names, output_names=model.output_names,

@@ -1,45 +1,21 @@
-"""The reduced D of the damping laws that have no sparse matrix: modal ratios (52) and the Caughey series (39)."""
+"""Make the reduced D of the damping laws that have no sparse matrix: modal ratios (52) and the Caughey series (39)."""
 
 import numpy as np
 
-from ..linalg.blocks import apply, copy_of, create_block, inner
-from ..linalg.factorisation import SingularMatrix
 from ..model.damping import ModalDamping, caughey_terms
-from ..parallel.failures import InputError
 
 
-def reduced_damping(damping, run, right, frequencies, left=None):
-    """D (m, m) of a reduced model with the basis `right`, and `left` if it is another; zero without damping.
+def reduced_damping(damping, stiffness: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+    """D (m, m) of a reduced model with V^T M V = I and V^T K V = `stiffness` (m, m); zero without damping.
 
-    `frequencies` (m,) of the diagonalised model in Hz. Collective.
+    A series holds in the reduced coordinates: D = sum_k a_k (V^T K V)^k. This is how rational Krylov subspaces
+    approximate A(s)^-1 = p_s(M^-1 K)^-1 M^-1, and it needs no mode that the basis has not; V^T M (M^-1 K)^k V would
+    add the damping of the full model at the highest frequencies of the mesh. `frequencies` (m,) of the diagonalised
+    model in Hz.
     """
     if isinstance(damping, ModalDamping):
         return np.diag(4 * np.pi * frequencies * damping.at(frequencies))
-    if (terms := caughey_terms(damping)) is not None:
-        return _project_caughey(terms, run, right, left)
-    return np.zeros((len(frequencies), len(frequencies)))
-
-
-def _project_caughey(terms, run, right, left):
-    """W^T M sum_k a_k (M^-1 K)^k V (39), by solves with M."""
-    model = run.model
-    try:
-        solver = run.factored(np.inf, "infinity")
-    except SingularMatrix as error:
-        raise InputError(
-            f"damping.coefficients: found {len(terms)}, but the mass matrix of {model.name} is singular, and a "
-            "series of more than two has its inverse; take two, or other damping"
-        ) from error
-    power = copy_of(right, model.M)  # (M^-1 K)^k V
-    left = left if left is not None else right
-    momentum = run.times_mass(power)
-    result = terms[0] * inner(left, momentum)
-    momentum.destroy()
-    for coefficient in terms[1:]:
-        force = create_block(model.K, power.getSizes()[1])
-        apply(model.K, power, force)
-        result += coefficient * inner(left, force)
-        solver.solve(force, power)
-        force.destroy()
-    power.destroy()
-    return result
+    D, power = np.zeros_like(stiffness), np.eye(len(stiffness))
+    for coefficient in caughey_terms(damping) or ():
+        D, power = D + coefficient * power, power @ stiffness
+    return D

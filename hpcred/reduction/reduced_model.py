@@ -115,9 +115,8 @@ def as_measured(reduced: ReducedModel, accuracy: Accuracy) -> ReducedModel:
     """The reduced model with the damping that its accuracy was measured with; without its basis."""
     if not accuracy.loss_factor:
         return replace(reduced, columns=None, left_columns=None)
-    return replace(
-        reduced, D=np.zeros_like(reduced.K), loss_factor=accuracy.loss_factor, columns=None, left_columns=None
-    )
+    D = reduced.D if accuracy.beside_damping else np.zeros_like(reduced.K)
+    return replace(reduced, D=D, loss_factor=accuracy.loss_factor, columns=None, left_columns=None)
 
 
 def _semidefinite(matrix):

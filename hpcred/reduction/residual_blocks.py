@@ -12,21 +12,23 @@ from ..linalg.blocks import add_product, apply, copy_of, create_block, inner, lo
 from ..parallel.decisions import decided
 from ..parallel.failures import Owned
 from ..parallel.petsc import PETSc
-from .pseudo_modal import UNDAMPED, coefficients, columns, norms, response, solve
+from .error_estimate import measure_of
+from .pseudo_modal import UNDAMPED, coefficients, columns, responses, solve
 
 RESIDUALS = 40  # frequencies at which residuals are taken
 WEAKEST = 1e-14  # of the strongest direction of a block, in squares: below it is round-off
 
 
-def residual_block(projections, band, f, width):
-    """The `width` leading directions of the residuals R(s_k) / |H|^(1/2) over the band (Hz) and at f, as a block (n,
-    width) that the caller destroys: randomised, with one power step. Collective.
+def residual_block(projections, settings, f, width):
+    """The `width` leading directions of the residuals over the band and at f (Hz), each over the scale of its input or
+    output (see the module measure), as a block (n, width) that the caller destroys: randomised, with one power step.
+    Collective.
 
-    `projections`: of the basis that leaves the residuals.
+    `projections`: of the basis that leaves the residuals; `settings` of the search, with its band and measure.
     """
     comm = projections.run.model.comm
     matrices, scale = _matrices(projections), _row_scale(projections.run.model)
-    samples = _Samples()
+    samples, S = _Samples(), np.unique([*np.linspace(*settings.band, RESIDUALS), f])
 
     def combine(factors):
         """Orthonormal directions of the rows of the residuals times a factor, scaled."""
@@ -37,7 +39,7 @@ def residual_block(projections, band, f, width):
     def products_with(block):
         return _products_with(block, projections, matrices, scale)
 
-    first = combine(decided(comm, samples.take, projections, np.unique([*np.linspace(*band, RESIDUALS), f]), 2 * width))
+    first = combine(decided(comm, samples.take, projections, settings, S, 2 * width))
     with Owned(comm) as owned:
         owned.owns(first)
         block = combine(decided(comm, samples.power, products_with(first)))
@@ -50,23 +52,24 @@ def residual_block(projections, band, f, width):
 
 
 def largest_residual(projections, frequencies, damped=True) -> float:
-    """The largest ||R(s)|| / ||L|| at frequencies (Hz), rows scaled by diag(K)^(-1/2). Collective."""
+    """The largest ||R(s)|| / ||L|| of an input or output at frequencies (Hz), rows scaled by diag(K)^(-1/2).
+    Collective."""
     model = projections.run.model
     matrices, scale = _matrices(projections)[: None if damped else 2], _row_scale(model)
-    factors = decided(model.comm, _residual_coefficients, projections, np.array(frequencies), damped)
+    factors = decided(model.comm, _residual_coefficients, projections, None, np.array(frequencies), damped)
     with Owned(model.comm) as owned:
         whole = owned.owns(_combined(projections, [], factors[:1], scale))
         rest = owned.owns(_combined(projections, matrices, factors, scale))
-        sizes = [np.sqrt(np.trace(inner(block, block))) for block in (rest, whole)]
-    return float(decided(model.comm, np.divide, *sizes))
+        rest, whole = (np.sqrt(np.diag(inner(block, block))) for block in (rest, whole))
+    return float(decided(model.comm, lambda: np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0).max()))
 
 
 class _Samples:
     """Residuals R as the coefficients c of L c_L - M V c_M - K V c_K - ..., which the rank that decides has alone."""
 
-    def take(self, projections, S, count):
+    def take(self, projections, settings, S, count):
         """Coefficients of `count` random combinations of the residuals at S (Hz)."""
-        self._factors = _residual_coefficients(projections, S)
+        self._factors = _residual_coefficients(projections, settings, S)
         random = np.random.default_rng(projections.basis.size)
         return self._times(random.standard_normal((self._factors[0].shape[1], count)))
 
@@ -131,16 +134,22 @@ def _combined(projections, matrices, factors, scale):
     return block
 
 
-def _residual_coefficients(projections, S, damped=True):
-    """Coefficients of w R = w L - M V c_M - K V c_K - D V c_D at S (Hz), Re beside Im: c_L (l, N), c_M.. (m, N)."""
+def _residual_coefficients(projections, settings, S, damped=True):
+    """Coefficients of R = L P w - M V c_M - K V c_K - D V c_D at S (Hz), Re beside Im: P w (l, N), c_M.. (m, N).
+
+    P: inputs and outputs in terms of L, w: one over their scales, 1 without settings.
+    """
     model, law, ports = projections.model(), projections.law, projections.ports
     if not damped:
         model, law = model._replace(D=None), UNDAMPED
-    H = norms(response(model, law, S, ports))
-    weights = (1 / np.sqrt(np.where(H > 0, H, H.max(initial=1.0) or 1.0)))[:, None, None]
-    states = solve(model, law, S, model.L) * weights
+    P, weights = (ports[0] if ports[0] is ports[1] else np.hstack(ports)), 1.0
+    if settings is not None:
+        h, g = measure_of(settings, model, law, ports).scales(*responses(model, law, S, ports))
+        scales = g if ports[0] is ports[1] else np.hstack([g, h])
+        weights = np.divide(1.0, scales, out=np.zeros_like(scales), where=scales > 0)[:, None, :]
+    states = solve(model, law, S, model.L @ P) * weights
     a, b, s = coefficients(law, S)
-    loads = columns(np.eye(model.L.shape[1], dtype=complex) * weights)
+    loads = columns(np.broadcast_to(P.astype(complex), (len(S), *P.shape)) * weights)
     factors = (b, a, s) if model.D is not None else (b, a)
     return [loads, *(model.vectors @ columns(factor[:, None, None] * states) for factor in factors)]
 

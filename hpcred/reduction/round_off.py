@@ -14,9 +14,8 @@ import numpy as np
 from ..parallel.petsc import MPI
 from .accuracy import Accuracy
 from .projections import Projections
-from .pseudo_modal import PseudoModal, diagonalised, relative, response
+from .pseudo_modal import PseudoModal, diagonalised, responses
 from .reduced_model import ReducedModel, as_measured
-from .weights import weighed
 
 SAMPLES = 3
 FACTORS = (0.7, 1.4)
@@ -45,9 +44,9 @@ def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Proje
     comm, noise = projections.run.model.comm, accuracy.noise
     mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]
     parts = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []
-    H = [weighed(measured.transfer_function(2j * np.pi * part), accuracy.weights) for part in parts]
+    H = [measured.transfer_function(2j * np.pi * part) for part in parts]
     for again in projected_again(projections):
         for part, values in zip(parts, H, strict=True):
-            found = response(again, projections.law, part, projections.ports)
-            noise = max(noise, float(relative(found - values, found).max()))
+            found, drive = responses(again, projections.law, part, projections.ports)
+            noise = max(noise, float(accuracy.measure.eps(found - values, found, drive).max()))
     return accuracy.with_noise(comm.allreduce(noise, op=MPI.MAX))

@@ -19,7 +19,6 @@ from ..parallel import startup
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.pseudo_modal import worst_pair
 from ..report.figures import error_figure
 from .evaluate import band_of, frequencies_over, short_names
 from .full_model import difference_of, full_of_record

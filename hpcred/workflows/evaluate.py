@@ -24,7 +24,6 @@ from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.pseudo_modal import worst_pair
 from ..reduction.record import versions
 from .full_model import full_of_record
 from .pair_figures import check_figures, figures_of_pairs, pairs_by_name, pairs_to_show

@@ -16,7 +16,6 @@ from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.reduced_model import ReducedModel, as_measured
-from ..reduction.weights import Weights
 from ..report.tables import in_words
 from .evaluate import band_of, short_names
 from .full_model import difference_of, factoring_of, full_of_record, start_for
@@ -55,7 +54,7 @@ class Sheet:
     band: tuple[float, float]
     frequencies: np.ndarray
     response: np.ndarray
-    weights: Weights | None = None
+    weights: object = None
     full: Full | None = None
     full_as_before: bool = False
     eps: np.ndarray | None = None

@@ -1,0 +1,124 @@
+"""Measure the error of responses: without units and for each direction, or as the paper does (55).
+
+With E = H - Hr the error of output j under input i at a frequency f is
+
+    |E_ji(f)| / (h_j(f) g_i(f)),     eps(f) = the largest of them,
+
+where g_i^2 = max(|b_i^T A^-1 b_i|, floor_i) is the drive-point response of the input. An output that measures where an
+input acts has h_j = g_i of that input. Any other has h_j = max(max_i |H_ji| / g_i, floor_j), its largest response.
+A floor is the median over the band, or the value at 0 Hz if that is smaller: it bounds eps at zeros. See
+docs/theory/error.md. The paper's eps (55) is ||E||_F / ||H||_F.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+PARALLEL = 1e-9  # sine of the angle between a load and a measure of the same direction
+STATIC = 1e-3  # of the median, below which a response at 0 Hz is a zero and no floor
+SILENT = 1e-10  # of |C_j| |x|, below which an output does not feel the states x, but for round-off
+NO_INPUT, FEELS_NOTHING = -1, -2  # of an output that no input acts at, and of one that feels no input
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """How errors of r outputs under p inputs are measured.
+
+    `kind`: "directions", or "paper" (55), which needs none of the others. `inputs` (p,): floors of the drive-point
+    responses |b_i^T A^-1 b_i|. `drive` (r,): the input (from 0) where an output measures, else NO_INPUT or
+    FEELS_NOTHING. `outputs` (r,): |c_j| / |b_i| of a drive point, and the floor of any other output.
+    """
+
+    kind: Literal["directions", "paper"] = "paper"
+    inputs: tuple[float, ...] = ()
+    outputs: tuple[float, ...] = ()
+    drive: tuple[int, ...] = ()
+
+    def scales(self, H: np.ndarray, drive: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """h (S, r) and g (S, p), of the responses H (S, r, p) and the drive-point responses `drive` (S, p)."""
+        if self.kind == "paper":
+            size = np.sqrt(np.linalg.norm(H, axis=(1, 2)))[:, None]
+            return np.broadcast_to(size, H.shape[:2]), np.broadcast_to(size, H.shape[::2])
+        g = np.sqrt(np.maximum(np.abs(drive), self.inputs))
+        h = np.maximum(_divided(np.abs(H), g[:, None, :]).max(axis=2, initial=0.0), self.outputs)
+        which = np.array(self.drive, dtype=int)
+        at = which >= 0
+        h[:, at] = g[:, which[at]] * np.array(self.outputs)[at]
+        h[:, which == FEELS_NOTHING] = np.inf
+        return h, g
+
+    def each(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:
+        """The error of every response (S, r, p), for errors E of the responses H."""
+        h, g = self.scales(H, drive)
+        return _divided(_divided(np.abs(E), h[:, :, None]), g[:, None, :])
+
+    def eps(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:
+        """eps (S,); 0 where E and H vanish."""
+        each = self.each(E, H, drive)
+        return np.linalg.norm(each, axis=(1, 2)) if self.kind == "paper" else each.max(axis=(1, 2), initial=0.0)
+
+    @property
+    def silent(self) -> tuple[int, ...]:
+        """The outputs (from 0) that feel no input."""
+        return tuple(j for j, which in enumerate(self.drive) if which == FEELS_NOTHING)
+
+
+PAPER = Measure(kind="paper")
+
+
+def directions(frequencies, H, drive, drive_of, silent=()) -> Measure:
+    """The measure by directions, with floors from responses at frequencies (U,) in Hz, ascending, over a band.
+
+    H (U, r, p), drive (U, p); `drive_of` (r,): the input at each output and the ratio of the two (see drive_points);
+    `silent`: outputs that feel no input.
+    """
+    which, ratio = drive_of
+    which = np.array(which, dtype=int)
+    which[list(silent)] = FEELS_NOTHING
+    inputs = _floors(frequencies, np.abs(drive))
+    g = np.sqrt(np.maximum(np.abs(drive), inputs))
+    outputs = _floors(frequencies, _divided(np.abs(H), g[:, None, :]).max(axis=2, initial=0.0))
+    outputs = np.where(which >= 0, ratio, np.where(which == FEELS_NOTHING, 0.0, outputs))
+    return Measure(kind="directions", inputs=tuple(inputs.tolist()), outputs=tuple(outputs.tolist()),
+                   drive=tuple(which.tolist()))  # fmt: skip
+
+
+def drive_points(B: np.ndarray, Ct: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For each output, a column of Ct (k, r), the input, a column of B (k, p), that acts where it measures, or
+    NO_INPUT, and the ratio |c_j| / |b_i| (r,)."""
+    if Ct is B or (Ct.shape == B.shape and (Ct == B).all()):
+        return np.arange(B.shape[1]), np.ones(B.shape[1])
+    b, c = (np.linalg.norm(matrix / _largest(matrix), axis=0) * _largest(matrix) for matrix in (B, Ct))
+    unit_b, unit_c = _divided(B, b), _divided(Ct, c)
+    cosine = unit_c.T @ unit_b  # (r, p)
+    which = np.abs(cosine).argmax(axis=1) if B.shape[1] else np.zeros(len(cosine), dtype=int)
+    best = cosine[np.arange(len(cosine)), which]
+    apart = np.linalg.norm(unit_c - unit_b[:, which] * best, axis=0)
+    parallel = (apart < PARALLEL) & (c > 0)
+    ratio = np.where(parallel, _divided(c, b[which]), 1.0)
+    return np.where(parallel, which, NO_INPUT), ratio
+
+
+def _largest(matrix):
+    largest = np.abs(matrix).max(axis=0, initial=0.0)
+    return np.where(largest > 0, largest, 1.0)
+
+
+def _floors(frequencies, size):
+    """Of responses (U, k) over the band: their medians, or their values at 0 Hz where these are smaller and no zeros.
+    """
+    finite = np.where(np.isfinite(size), size, np.nan)
+    found = np.nan_to_num(np.nanmedian(finite, axis=0))
+    if frequencies[0] == 0:
+        static = np.where(np.isfinite(size[0]), size[0], np.inf)
+        found = np.where(static > STATIC * found, np.minimum(found, static), found)
+    return found
+
+
+def _divided(values, by):
+    """values / by, 0 for 0 / 0."""
+    values, by = np.broadcast_arrays(values, by)
+    return np.divide(values, by, out=np.where(values != 0, np.inf, 0.0).astype(values.dtype), where=by != 0)
