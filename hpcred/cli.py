@@ -54,6 +54,7 @@ FORMATS = (
     "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff; png, svg, pdf, gif, webp; "
     "nastran, nastran-op4, ansys, abaqus or simscape of a model in interface coordinates."
 )
+DIRECTIONS = "Directions by themselves, the least accurate first (|H| in SI units: m/N, rad/(N m))"
 INTERFACES = "Interfaces, and where their reference nodes are (m)"
 MOST_SETS = 20  # node sets that info lists
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
@@ -245,6 +246,7 @@ def reduce(
     )  # fmt: skip
     show_table(INTERFACES, record.interface_rows)
     if accuracy is not None:
+        show_table(DIRECTIONS, accuracy.direction_rows)
         show_table("Expansion points", [
             {"f (Hz)": item.frequency, "columns": item.columns, "modes below": in_words(item.modes_below),
              "estimate after it": in_words(item.estimate), "factor": item.factor_in_words} for item in accuracy.points
@@ -252,8 +254,6 @@ def reduce(
         show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
         print(f"{accuracy.measured}; {accuracy.missing_modes} modes missing; round-off {accuracy.noise:.0e}; "
               f"{accuracy.big_size} columns before the compression")  # fmt: skip
-        if accuracy.caveat:
-            print(accuracy.caveat)
     residual = max((item.residual for item in record.factorisations), default=0.0)
     print(
         f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "
@@ -261,7 +261,8 @@ def reduce(
         + (f"largest residual {residual:.1e}; " if record.factorisations else "")
         + record.effort
     )
-    session.warn(record.warnings)
+    told = accuracy.sentence if accuracy is not None else None  # which the verdict has said
+    session.warn([item for item in record.warnings if item != told])
     print(f"{record.scalar} PETSc {record.versions['petsc']}, {record.ranks} rank(s)")
     show_timing(record.timing, record.factorisations)
     session.list_all("hint", record.hints)
@@ -390,6 +391,9 @@ def evaluate(
     ] = None,
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw responses: .png, .svg, .pdf.")] = None,
     pairs: Pairs = None,
+    measure: Annotated[
+        str | None, typer.Option(help="What eps is: directions, or paper, the Frobenius norm (55).")
+    ] = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
     check: Annotated[int | None, typer.Option(help="Set said against exact at so many fresh frequencies.")] = None,
     seed: Seed = None,
@@ -398,7 +402,7 @@ def evaluate(
     low_rank: LowRank = None,
     json: JsonFile = None,
 ):
-    """Frequency response of a reduced model; with --full its error eps(f) (55) and Q (57).
+    """Frequency response of a reduced model; with --full its error eps(f) and Q (57).
 
     Several results of one model stand beside each other, with --full: sizes, errors, pseudo-modes against modes.
 
@@ -422,6 +426,8 @@ def evaluate(
         raise InputError("--check: the model file is missing; give it by --full MODEL.h5")
     if seed is not None and check is None:
         raise InputError("--seed: belongs to --check")
+    if measure is not None and (full is None or check is not None):
+        raise InputError("--measure: belongs to --full without --check")
     limits = words.band(band)
     factoring = words.factoring(out_of_core, low_rank)
     chosen = {"frequencies": words.numbers(frequencies, "--frequencies")}
@@ -432,11 +438,12 @@ def evaluate(
     if check is not None:
         report = _show_check(result, full, check, seed=seed, **solving)
     elif len(results) > 1:
-        report = _show_comparison(results, full, band=limits, points=points, output=output, **chosen, **solving)
+        report = _show_comparison(results, full, band=limits, points=points, output=output, measure=measure,
+                                  **chosen, **solving)  # fmt: skip
     else:
         pairs = pairs.split(",") if pairs else ()
         report = _show_responses(result, full, band=limits, points=points, output=output, figure=figure, pairs=pairs,
-                                 **chosen, **solving)  # fmt: skip
+                                 measure=measure, **chosen, **solving)  # fmt: skip
     session.write_json(json, report)
     return int(not report.get("passed", True))
 
@@ -452,7 +459,9 @@ def _show_comparison(results, full, **keywords):
 def _show_estimate(result, **keywords):
     report = hpcred.estimate_of_result(result, **keywords)
     show_table(result, report["rows"])
+    show_table(DIRECTIONS, report["direction_rows"])
     print(f"{report['sentence']}\nQ = {report['Q']:.6g}; {report['measured']}")
+    session.warn([item for item in report["warnings"] if item != report["sentence"]])
     return report
 
 
@@ -469,10 +478,9 @@ def _show_responses(result, full, **keywords):
     columns = {title: report[key] for title, key in columns.items() if key in report}
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if full:
-        alike = ", of inputs and outputs weighed alike" if report["weights"] else ""
-        print(f"Q = {report['Q']:.6g}, largest eps = {report['eps_max']:.6g}{alike}; {report['arithmetic']}")
-        worst = report["worst_pair"]
-        print(f"worst pair by itself: output {worst['output']}, input {worst['input']}: {worst['error']:.2g}")
+        show_table(DIRECTIONS, report["direction_rows"])
+        paper = " (55)" if report["measure"] == "paper" else ""
+        print(f"Q = {report['Q']:.6g}, largest eps{paper} = {report['eps_max']:.6g}; {report['arithmetic']}")
     drawn = report.get("figures", ())
     session.list_all("drawn", drawn)
     if len(drawn) < report.get("responses", 0):

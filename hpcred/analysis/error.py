@@ -1,9 +1,16 @@
 """The error of a reduced model over frequency, direction by direction or as in the paper (55), and its integral Q (57)."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
 import numpy as np
 
+from ..model.damping import Damping, ModalDamping, Structural
 from ..parallel.failures import InputError
-from ..reduction.measure import NO_INPUT, PAPER, Measure, directions
+from ..reduction.accuracy import Direction, directions_table, law_of
+from ..reduction.measure import NO_INPUT, PAPER, Measure, directions, drive_points
+from ..reduction.reduced_model import ReducedModel
 
 
 def relative_error(full, reduced, measure: Measure | str = "directions", *, drive=None, frequencies=None) -> np.ndarray:
@@ -65,6 +72,55 @@ def _by_directions(measure, full, drive, frequencies):
             raise InputError(f"measure: found {measure!r}, expected 'directions' or 'paper'")
         measure = directions(np.ones(1) if frequencies is None else np.asarray(frequencies), full, drive, of)
     return measure, drive
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """The error `eps` (F,) of a reduced model by a `measure`, and how well each output is known by itself."""
+
+    eps: np.ndarray
+    measure: Measure
+    directions: tuple[Direction, ...]
+
+
+def errors_of(
+    reduced: ReducedModel, frequencies, full, found, drive=None, measure: str | None = None
+) -> Errors:
+    """The errors of responses `found` (F, r, p) of a reduced model, of those of the full one, at frequencies (F,) in
+    Hz, ascending.
+
+    `drive` (F, p): drive-point responses of the full model, without which they are those of the reduced one where its
+    outputs are not its inputs. `measure`: by default that which the model was reduced with, else "directions", whose
+    floors are of `full`.
+    """
+    record = reduced.record
+    accuracy = record.accuracy if record is not None else None
+    which, ratio = drive_points(reduced.B, reduced.C.T)
+    if drive is None and len(which) == reduced.B.shape[1] and (which == np.arange(len(which))).all():
+        drive = np.einsum("fii->fi", full) / ratio
+    if drive is None:
+        drive = np.einsum("mp,fmp->fp", reduced.B, reduced.states(2j * np.pi * frequencies))
+    by = directions(frequencies, full, drive, (which, ratio))
+    kind = measure or (accuracy.measure.kind if accuracy is not None else "directions")
+    if accuracy is not None and accuracy.measure.kind == "directions":
+        by = accuracy.measure
+    used = PAPER if kind == "paper" else by
+    table = directions_table(
+        by, [(frequencies, by.each(full - found, full, drive), full)], reduced.output_names, reduced.input_names
+    )
+    return Errors(relative_error(full, found, used, drive=drive), used, table)
+
+
+def as_compared(reduced: ReducedModel, band) -> tuple[ReducedModel, Damping, str]:
+    """A reduced model as it can be set beside the full one over a band (Hz), the damping law of that, and words on it:
+    modal ratios, of which the full model has no response, are the loss factor that an accuracy is measured with."""
+    damping, accuracy = reduced.record.damping, reduced.record.accuracy
+    if not isinstance(damping, ModalDamping):
+        return reduced, damping, ""
+    law, _, words = law_of(damping, 0.0, band)
+    eta = accuracy.loss_factor if accuracy is not None else law.eta
+    other = replace(reduced, D=np.zeros_like(reduced.D), loss_factor=eta, columns=None, left_columns=None)
+    return other, Structural(eta), accuracy.measured if accuracy is not None else words
 
 
 def error_integral(frequencies: np.ndarray, errors: np.ndarray) -> float:

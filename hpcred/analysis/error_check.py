@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..linalg.factorisation import Factoring
-from ..model.damping import Structural
+from ..model.damping import GivenDamping, Structural
 from ..model.second_order_model import require_model
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
@@ -21,7 +21,7 @@ from ..reduction.error_estimate import at_poles
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.reduced_model import ReducedModel, as_measured
 from .error import relative_error
-from .frequency_response import frequency_response
+from .frequency_response import frequency_response, response_and_drive
 
 BESIDE = 0.3  # of its damping ratio: how far from a resonance
 SHARPEST = 1e-7  # damping ratio that counts as such
@@ -95,7 +95,9 @@ def said_at(accuracy: Accuracy, frequencies) -> np.ndarray:
 
 def measuring_damping(accuracy: Accuracy, damping):
     """The damping law that an accuracy was measured with, for a full response."""
-    return Structural(accuracy.loss_factor) if accuracy.loss_factor else damping
+    if not accuracy.loss_factor:
+        return damping
+    return (GivenDamping if accuracy.beside_damping else Structural)(loss_factor=accuracy.loss_factor)
 
 
 def check_reduced(
@@ -111,12 +113,12 @@ def check_reduced(
     require_model(model)
     accuracy, record = accuracy_of(reduced), reduced.record
     seed, frequencies = fresh_frequencies(accuracy.band, _resonances(reduced, accuracy), count, seed, model.comm)
-    full = frequency_response(
+    full, drive = response_and_drive(
         model, frequencies, record.frame, measuring_damping(accuracy, record.damping), factoring=factoring,
         groups=groups, progress=progress,
     )  # fmt: skip
     measured = frequency_response(as_measured(reduced, accuracy), frequencies)
-    exact = relative_error(full, measured, accuracy.weights)
+    exact = relative_error(full, measured, accuracy.measure, drive=drive)
     return Check(
         seed=seed, bound=bound_of(accuracy), frequencies=tuple(frequencies.tolist()),
         said=tuple(said_at(accuracy, frequencies).tolist()), exact=tuple(exact.tolist()),

@@ -65,6 +65,19 @@ def frequency_response(
         return _in_groups(framed, frequencies, factoring, progress, groups)
 
 
+def response_and_drive(model, frequencies, frame=None, damping=None, **keywords) -> tuple[np.ndarray, np.ndarray]:
+    """H (F, r, p) of a SecondOrderModel, and the responses (F, p) of its inputs where they act; see frequency_response.
+    Collective."""
+    if model.Ct is None:
+        found = frequency_response(model, frequencies, frame, damping, **keywords)
+        return found, np.einsum("fpp->fp", found)
+    both = np.hstack([mat.getDenseArray().real for mat in (model.Ct, model.B)])
+    with model.with_output_columns(both, tuple(map(str, range(both.shape[1])))) as other:
+        found = frequency_response(other, frequencies, frame, damping, **keywords)
+    outputs = len(model.output_names)
+    return found[:, :outputs], np.einsum("fpp->fp", found[:, outputs:])
+
+
 def checked_frequencies(frequencies) -> np.ndarray:
     """Frequencies (F,) in Hz, of a list or a single number. Raises InputError where one is negative or not finite."""
     if isinstance(frequencies, (int, float)) or getattr(frequencies, "ndim", None) == 0:

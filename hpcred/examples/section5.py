@@ -87,7 +87,7 @@ def compare(model, setting: Setting, numbers=None, progress=None, keep=None):
             if numbers is not None and row.number not in numbers:
                 continue
             with _reduced(loaded, row, setting, progress) as reduced:
-                errors = relative_error(full, frequency_response(reduced, FREQUENCIES))
+                errors = relative_error(full, frequency_response(reduced, FREQUENCIES), "paper")
                 if keep is not None:
                     keep(row, reduced, loaded)
                 found = {"Q": error_integral(FREQUENCIES, errors), "eps_max": float(errors.max()), "eps": errors}

@@ -32,7 +32,7 @@ class Job:
     direction]; without them those of the model are taken, or all directions of all interfaces. `interface`: see
     model.interfaces.Interface; its name stands for a node in inputs, outputs and frames. `band`: Hz. `tolerance`:
     eps that points, orders and size are chosen for, over the band, within the limits `adaptive` (see
-    reduction.accuracy.Limits); `unreached`: where it is not reached the model is written under a name that says so
+    reduction.accuracy.Limits); `measure`, `static`: see reduction.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that says so
     ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result; `report`: whether
     an HTML report is written beside it. `body_origin` (m), `lumped_integrals`: see multibody.floating_frame.
     deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
@@ -45,6 +45,8 @@ class Job:
     output: str = "result.h5"
     band: tuple[float, float] | None = None
     tolerance: float | None = None
+    measure: Literal["directions", "paper"] = Adaptive.measure
+    static: Literal["tolerance", "exact"] = Adaptive.static
     adaptive: Limits = Limits()
     unreached: Literal["mark", "write", "refuse"] = "mark"
     inputs: Targets | None = None
@@ -83,6 +85,9 @@ class Job:
             raise InputError("basis: expected at least one [[basis]] table, or a tolerance with a band")
         if self.tolerance is not None and self.band is None:
             raise InputError("band: missing; a tolerance is over a band, [lower, upper] in Hz")
+        for key in ("measure", "static"):
+            if self.tolerance is None and getattr(self, key) != getattr(Adaptive, key):
+                raise InputError(f"{key}: found it without a tolerance, to which it belongs; give both, or leave it out")
         if self.tolerance is None and self.adaptive != Limits():
             raise InputError(
                 "adaptive: found limits of a search, but no tolerance that it is to reach; write tolerance and band "
@@ -101,7 +106,9 @@ class Job:
         """What an automatic reduction is to reach, None without a tolerance."""
         if self.tolerance is None:
             return None
-        return Adaptive(tolerance=self.tolerance, band=self.band, **asdict(self.adaptive))
+        return Adaptive(
+            tolerance=self.tolerance, band=self.band, measure=self.measure, static=self.static, **asdict(self.adaptive)
+        )
 
     @property
     def factoring(self) -> Factoring:

@@ -4,6 +4,7 @@ HDF5, with F frequencies, r outputs and p inputs (attributes: format "hpcred-res
 frequencies (F) in Hz, ascending; input_names (p), output_names (r), such as 20:z
 response (F, r, p), complex: of a full model, from `hpcred response`
 reduced (F, r, p), full (F, r, p), complex: of a reduced model, and of its full model by factorising, from `evaluate`
+drive (F, p): beside `full`, its responses where the inputs act
 eps (F): relative error, estimated beside `response`, exact beside `full`
 record: JSON with what is known of the error, and what made it
 The .csv has one line a frequency: f_hz, then for every pair of an output and an input, such as 20:z/1:x, its
@@ -26,11 +27,11 @@ from .outputs import CSV_OF_RESPONSES, hdf5_kind
 
 FORMAT, VERSION = "hpcred-response", 1
 RESPONSES = ("response", "reduced", "full")
-ARRAYS = (*RESPONSES, "eps")
+ARRAYS = (*RESPONSES, "drive", "eps")
 SCHEMA = {
     "frequencies": Entry("real", ("f",), needed=True), "eps": Entry("real", ("f",)),
     "input_names": Entry("text", ("p",), needed=True), "output_names": Entry("text", ("r",), needed=True),
-    **{key: Entry("complex", ("f", "r", "p")) for key in RESPONSES}, "record": Entry("text", (), needed=True),
+    **{key: Entry("complex", ("f", "r", "p")) for key in RESPONSES}, "drive": Entry("complex", ("f", "p")), "record": Entry("text", (), needed=True),
 }  # fmt: skip
 
 
@@ -44,6 +45,7 @@ class Responses:
     response: np.ndarray | None = None
     reduced: np.ndarray | None = None
     full: np.ndarray | None = None
+    drive: np.ndarray | None = None
     eps: np.ndarray | None = None
     record: dict = field(default_factory=dict)
 

@@ -392,7 +392,5 @@ def _check_evaluation(evaluation, runs):
             raise InputError("evaluate.full: missing; the job has single matrices, name the model file")
         if evaluation.frequencies is None and evaluation.band is None and run.job.band is None:
             raise InputError("evaluate.band: missing, and the job has none; give [lower, upper] in Hz")
-        if run.job.damping.kind == "modal":
-            raise InputError(f"evaluate: run {run.name} has modal damping, of which the full model has no response")
     if evaluation.full is not None and not Path(evaluation.full).is_file():
         raise InputError(f"evaluate.full: {evaluation.full}: no such file")

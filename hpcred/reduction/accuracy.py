@@ -124,6 +124,44 @@ class Direction:
     worst_input: str
 
 
+def directions_table(by: Measure, parts, outputs, inputs) -> tuple[Direction, ...]:
+    """How well the `outputs` under the `inputs` (names) are known by themselves, the worst first.
+
+    `parts`: of the band, as frequencies (S,) in Hz, errors by the measure, and responses, both (S, r, p).
+    """
+    first, largest = None, [(-1.0, 0.0, 0)] * len(outputs)
+    for frequencies, each, H in parts:
+        first = first or (each[0], np.abs(H[0]))
+        each = np.where(np.isnan(each), np.inf, each)
+        for j in range(len(outputs)):
+            k, i = np.unravel_index(each[:, j].argmax(), each[:, j].shape)
+            largest[j] = max(largest[j], (float(each[k, j, i]), float(frequencies[k]), int(i)), key=lambda item: item[0])
+    errors, sizes = first
+    found = []
+    for j, (error, f, worst) in enumerate(largest):
+        i = by.drive[j] if by.drive[j] >= 0 else int(sizes[j].argmax())
+        found.append(Direction(
+            output=outputs[j], input=inputs[i], static=float(sizes[j, i]), static_error=float(errors[j, i]),
+            largest=error, frequency=f, worst_input=inputs[worst],
+        ))  # fmt: skip
+    return tuple(sorted(found, key=lambda item: -item.largest))
+
+
+def rows_of_directions(directions, band) -> list[dict]:
+    """For a table: how well each output is known, the worst first; `band` (Hz)."""
+    at = "0 Hz" if band[0] == 0 else f"{band[0]:.6g} Hz"
+    rows = []
+    for item in directions:
+        row = {"direction": item.output, f"|H| at {at}": item.static, "error there": item.static_error,
+               "largest error": item.largest, "at (Hz)": item.frequency}  # fmt: skip
+        if any(other.input != other.output for other in directions):
+            row["input"] = item.input
+        if any(other.worst_input != other.input for other in directions):
+            row["worst under"] = item.worst_input
+        rows.append(row)
+    return rows
+
+
 @dataclass(frozen=True, kw_only=True)
 class Accuracy:
     """How large the error of an automatic reduction is, and how that is known.
@@ -191,6 +229,19 @@ class Accuracy:
         )  # fmt: skip
         doubt = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
         return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{doubt}"
+
+    @property
+    def direction_rows(self) -> list[dict]:
+        """For a table: see rows_of_directions."""
+        return rows_of_directions(self.directions, self.band)
+
+    @property
+    def worst_direction(self) -> str:
+        """The output that is known worst by itself, with its error; "" where that is not known."""
+        if not self.directions:
+            return ""
+        worst = self.directions[0]
+        return f"{worst.output}: {worst.largest:.2g} at {worst.frequency:.6g} Hz"
 
     @property
     def beyond(self) -> tuple[Direction, ...]:

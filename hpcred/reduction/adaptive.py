@@ -28,7 +28,7 @@ from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import counted
 from ..parallel.stopping import stop_if_asked
-from .accuracy import UNDAMPED, Accuracy, Adaptive, Direction, Point, Proof, law_of
+from .accuracy import UNDAMPED, Accuracy, Adaptive, Direction, Point, Proof, directions_table, law_of
 from .chains_in_groups import chains_in_groups, join_round
 from .compression import compress
 from .error_estimate import apart, grid, measure_of, missing, resonances, rounded
@@ -441,17 +441,6 @@ class Search:
 def directions_of(pair, frequencies, settings, model) -> tuple[Direction, ...]:
     """How well the outputs of a model are known by themselves, the worst first (see accuracy.Direction); local."""
     by = measure_of(replace(settings, measure="directions"), pair.outer, pair.law, pair.ports)
-    H, drive = pair.responses(frequencies[:1])
-    parts = np.array_split(frequencies, 1 + len(frequencies) * H[0].size // TOGETHER)
-    errors, found = [pair.by(by).each(part) for part in parts], []
-    most = np.concatenate([each.max(axis=2) for each in errors])  # (S, r)
-    under = np.concatenate([each.argmax(axis=2) for each in errors])
-    for j, output in enumerate(model.output_names):
-        k = int(most[:, j].argmax())
-        i = by.drive[j] if by.drive[j] >= 0 else int(np.abs(H[0, j]).argmax())
-        found.append(Direction(
-            output=output, input=model.input_names[i], static=float(np.abs(H[0, j, i])),
-            static_error=float(errors[0][0, j, i]), largest=float(most[k, j]), frequency=float(frequencies[k]),
-            worst_input=model.input_names[under[k, j]],
-        ))  # fmt: skip
-    return tuple(sorted(found, key=lambda item: -item.largest))
+    parts = np.array_split(frequencies, 1 + len(frequencies) * len(by.outputs) * len(by.inputs) // TOGETHER)
+    return directions_table(by, ((part, pair.by(by).each(part), pair.responses(part)[0]) for part in parts),
+                            model.output_names, model.input_names)  # fmt: skip

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .measure import PAPER, SILENT, Measure, directions, drive_points
-from .pseudo_modal import Law, PseudoModal, chunks, difference, nested, norms, responses, solve
+from .pseudo_modal import Law, PseudoModal, chunks, difference, norms, response, responses, solve
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points
@@ -41,6 +41,21 @@ class Comparison:
     def curve(self, frequencies) -> np.ndarray:
         """The error eps (S,) of the inner model."""
         return self.measure.eps(self.difference(frequencies), *self.responses(frequencies))
+
+    def curve_and_dips(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
+        """curve(), and what it may grow to beside a frequency (S,), 0 where no scale has a minimum."""
+        E, known = self.difference(frequencies), self.responses(frequencies)
+        each = self.measure.each(E, *known)
+        curve = self.measure.eps(E, *known)
+        if self.measure.kind == "paper":
+            return curve, np.zeros_like(curve)
+        most = np.zeros_like(curve)
+        floors = self.measure.floors
+        for scale, floor, error in zip(self.measure.scales(*known), floors, (each.max(2), each.max(1)), strict=True):
+            low = maxima(-scale) & (scale > floor) & (floor > 0) & np.isfinite(scale)
+            grows = np.divide(scale, floor, out=np.ones_like(scale), where=floor > 0) ** 2
+            most = np.maximum(most, np.where(low, error * grows, 0.0).max(axis=1))
+        return curve, most
 
     def each(self, frequencies) -> np.ndarray:
         """The error of every response (S, r, p)."""
@@ -126,6 +141,8 @@ def grid(models, law: Law, band, uniform=UNIFORM, step: float | None = STEP) -> 
             if at[j] - last > SAME_POLE * width[j]:
                 own.append(j)
                 last = at[j]
+        if not own:
+            continue
         middles = (at[own][1:] + at[own][:-1]) / 2
         for j, left, right in zip(own, np.append(low, middles), np.append(middles, high), strict=True):
             if step is None:
@@ -138,24 +155,33 @@ def grid(models, law: Law, band, uniform=UNIFORM, step: float | None = STEP) -> 
     return points[np.diff(points, prepend=-1.0) > 1e-13 * points]
 
 
-def around_peaks(frequencies: np.ndarray, curve: np.ndarray, above: float, parts=4) -> np.ndarray:
-    """New frequencies in the two intervals beside every local maximum of the curve (S,) that exceeds `above`."""
-    padded = np.concatenate([[-np.inf], curve, [-np.inf]])
-    peak = np.flatnonzero((curve >= padded[:-2]) & (curve >= padded[2:]) & (curve > above))
-    beside = np.unique(np.concatenate([peak - 1, peak]))
-    beside = beside[(beside >= 0) & (beside < len(frequencies) - 1)]
+def beside(frequencies: np.ndarray, places, parts=4) -> np.ndarray:
+    """New frequencies in the two intervals beside the frequencies at `places`."""
+    intervals = np.unique(np.concatenate([places - 1, places]))
+    intervals = intervals[(intervals >= 0) & (intervals < len(frequencies) - 1)]
     steps = np.arange(1, parts) / parts
-    return (frequencies[beside, None] + np.diff(frequencies)[beside, None] * steps).ravel()
+    return (frequencies[intervals, None] + np.diff(frequencies)[intervals, None] * steps).ravel()
+
+
+def maxima(values: np.ndarray) -> np.ndarray:
+    """Whether each of the values (S, ...) is a maximum along the first axis."""
+    end = np.full((1, *values.shape[1:]), -np.inf)
+    padded = np.concatenate([end, values, end])
+    return (values >= padded[:-2]) & (values >= padded[2:])
 
 
 def largest(pair: Comparison, frequencies, rounds=4):
-    """Grid and error of a model on it, refined `rounds` times around the highest maxima."""
-    curve = pair.curve(frequencies)
+    """Grid and error of a model on it, refined `rounds` times around the highest maxima, and where a scale of the
+    measure dips, as at zeros of a response, if the error may grow to be one of them there."""
+    curve, dips = pair.curve_and_dips(frequencies)
     for _ in range(rounds):
-        more = around_peaks(frequencies, curve, curve.max() / 3)
+        high = curve.max() / 3
+        places = np.flatnonzero((maxima(curve) & (curve > high)) | (dips > high))
+        more = np.setdiff1d(beside(frequencies, places), frequencies)
         if not more.size:
             break
-        frequencies, curve = _merged(frequencies, curve, more, pair.curve(more))
+        frequencies = np.union1d(frequencies, more)
+        curve, dips = pair.curve_and_dips(frequencies)
     return frequencies, curve
 
 

@@ -61,6 +61,12 @@ class Measure:
         return np.linalg.norm(each, axis=(1, 2)) if self.kind == "paper" else each.max(axis=(1, 2), initial=0.0)
 
     @property
+    def floors(self) -> tuple[np.ndarray, np.ndarray]:
+        """The least h (r,) and g (p,) that scales() gives."""
+        g, which = np.sqrt(np.array(self.inputs)), np.array(self.drive, dtype=int)
+        return np.where(which >= 0, np.array(self.outputs) * g[which], self.outputs), g
+
+    @property
     def silent(self) -> tuple[int, ...]:
         """The outputs (from 0) that feel no input."""
         return tuple(j for j, which in enumerate(self.drive) if which == FEELS_NOTHING)

@@ -128,15 +128,15 @@ def solve(model: PseudoModal, law: Law, frequencies, right: np.ndarray, transpos
         if transposed:
             inverse = Poles(inverse.poles, inverse.left.T, inverse.right.T)
         factor = _reciprocal(coefficients(law, frequencies)[2][:, None, None] - inverse.poles[:, None])
-        size = norms(np.abs(right))
+        size = _columns(right)
         rest = right
         for _ in range(3):
             states += times(inverse.right, factor * times(inverse.left, rest))
             rest = right - multiply(model, law, frequencies, states, transposed)
-            scale = size + norms(_diagonal(model, law, frequencies)[:, :, None] * states)
-            if (norms(rest) <= accuracy * scale).all():
+            scale = size + _columns(_diagonal(model, law, frequencies)[:, :, None] * states)
+            if (_columns(rest) <= accuracy * scale).all():
                 break
-        wrong = np.flatnonzero(~(norms(rest) <= 1e3 * accuracy * scale))
+        wrong = np.flatnonzero(~(_columns(rest) <= 1e3 * accuracy * scale).all(axis=1))
     parts = 1 + len(wrong) * len(model.squares) ** 2 // NUMBERS_AT_A_TIME
     for part in np.array_split(wrong, parts) if len(wrong) else ():
         matrices = coefficients(law, frequencies[part])[2][:, None, None] * (model.D.T if transposed else model.D)
@@ -144,6 +144,11 @@ def solve(model: PseudoModal, law: Law, frequencies, right: np.ndarray, transpos
         matrices[:, index, index] += _diagonal(model, law, frequencies[part])
         states[part] = _eliminated(matrices, right[part])
     return states
+
+
+def _columns(blocks):
+    """Norms (S, l) of the columns of blocks (S, m, l), each of which may have units of its own."""
+    return np.linalg.norm(blocks, axis=1)
 
 
 def _reciprocal(values):

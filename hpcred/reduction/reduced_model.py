@@ -73,10 +73,14 @@ class ReducedModel:
 
     def transfer_function(self, s: complex | np.ndarray) -> np.ndarray:
         """H(s) = C (s^2 M + s D + (1 + i eta) K)^-1 B (r, p), (25, 41); (..., r, p) for an array (...) of s."""
+        return self.C @ self.states(s)
+
+    def states(self, s: complex | np.ndarray) -> np.ndarray:
+        """(s^2 M + s D + (1 + i eta) K)^-1 B (m, p); (..., m, p) for an array (...) of s."""
         s = np.asarray(s)[..., None, None]
         dynamic = s * s * self.M + s * self.D + (1 + 1j * self.loss_factor) * self.K
         loads = np.broadcast_to(self.B.astype(complex), (*dynamic.shape[:-2], *self.B.shape))
-        return self.C @ np.linalg.solve(dynamic, loads)
+        return np.linalg.solve(dynamic, loads)
 
     def poles(self) -> np.ndarray:
         """The 2m roots of det(s^2 M + s D + K) in rad/s, by imaginary part."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from ..analysis.error import error_integral, relative_error
+from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.frequency_response import frequency_response
 from ..formats.outputs import check_kept
 from ..formats.response_file import read_responses
@@ -26,7 +26,7 @@ SELF = MPI.COMM_SELF
 
 def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> dict:
     """One row a run: name, status, the keys that vary, size, Q (57), the largest eps against the full model, the
-    estimate of an automatic reduction, seconds, factorisations made and saved, and memory of all ranks in MB.
+    estimate of an automatic reduction, the direction that is known worst, seconds, factorisations made and saved, and memory of all ranks in MB.
 
     `output`: a .csv, .json or HDF5 file for the table, see formats.sweep_table. `figures`: a folder, created where
     needed, for error over size, error over each key with numbers, and eps(f), as PNG and SVG. `store`: as for
@@ -68,7 +68,7 @@ def _row(run, state, full, keys):
     row = {"run": run.name, "status": state.word}
     row |= {key: _plain(run.values.get(key), run.labels.get(key)) for key in keys}
     row |= dict.fromkeys(
-        ("size", "Q", "eps", "estimate", "seconds", "factorisations", "factorisations_saved", "memory_mb")
+        ("size", "Q", "eps", "estimate", "worst_direction", "seconds", "factorisations", "factorisations_saved", "memory_mb")
     )
     if not state.done:
         return row, None
@@ -79,26 +79,29 @@ def _row(run, state, full, keys):
         "factorisations_saved": record.factorisations_saved, "memory_mb": sum(record.timing.memory_mb_per_rank),
     }  # fmt: skip
     if record.accuracy is not None:
-        row["estimate"] = record.accuracy.largest
+        row["estimate"], row["worst_direction"] = record.accuracy.largest, record.accuracy.worst_direction
         row["Q"] = record.accuracy.mean * (record.accuracy.band[1] - record.accuracy.band[0])
         curve = record.accuracy.frequencies, record.accuracy.eps
     if full is not None and full.is_file():
-        curve = errors_against(elastic_part(reduced), full)
-        row["Q"], row["eps"] = error_integral(*curve), float(curve[1].max())
+        frequencies, errors = errors_against(elastic_part(reduced), full)
+        curve, worst = (frequencies, errors.eps), errors.directions[0]
+        row["Q"], row["eps"] = error_integral(*curve), float(errors.eps.max())
+        row["worst_direction"] = f"{worst.output}: {worst.largest:.2g} at {worst.frequency:.6g} Hz"
     return row, curve
 
 
 def errors_against(reduced, path):
-    """Frequencies (F,) in Hz and eps (F,) of a ReducedModel against the full response of a file. Raises InputError."""
+    """Frequencies (F,) in Hz and the Errors of a ReducedModel against the full response of a file. Raises InputError.
+    """
     responses = read_responses(path)
     if responses.full is None:
         raise InputError(f"{path}: has no response of a full model; remove it, and it is made again")
     for key in ("input_names", "output_names"):
         if getattr(responses, key) != getattr(reduced, key):
             raise InputError(f"{path}: its {key.replace('_', ' ')} are not those of the reduced model")
-    found = frequency_response(reduced, responses.frequencies)
-    accuracy = reduced.record.accuracy
-    return responses.frequencies, relative_error(responses.full, found, accuracy and accuracy.weights)
+    f = responses.frequencies
+    reduced = as_compared(reduced, (f[0], f[-1]))[0]
+    return f, errors_of(reduced, f, responses.full, frequency_response(reduced, f), responses.drive)
 
 
 def _plain(value, label):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import scipy.linalg
 
-from ..analysis.error import error_integral, relative_error
+from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.frequency_response import frequency_response
 from ..formats.hdf5 import atomic_output
 from ..formats.locks import locks_given_back
@@ -29,14 +30,14 @@ SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
 @locks_given_back()
 def compare_results(
     results, full, *, frequencies=(), band=None, points: int = 61, modes: int = 10, output=None, figure=None,
-    groups: int | None = None, factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
+    measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Results of one model (names of files) against the model file `full`, which is solved once. Collective.
 
     They must have the same inputs, outputs, frame and damping. The other keywords are those of evaluate_result.
     `rows`: for each result its coordinates, their number, where some are rigid-body ones also that of the elastic
-    ones, the largest eps (55) without weights, Q (57), and the worst pair of output and input (see
-    pseudo_modal.worst_pair). `modes`: the lowest modes of the model (so many) and, for each result, the relative error
+    ones, the largest eps, Q (57), and the direction that is known worst by itself with its error. All are measured
+    alike: by "directions", whatever they were reduced to, unless `measure` is "paper". `modes`: the lowest modes of the model (so many) and, for each result, the relative error
     of the frequency of its pseudo-mode with the largest modal assurance criterion,
 
         MAC = (phi^T M psi)^2 / (phi^T M phi psi^T M psi),
@@ -56,20 +57,24 @@ def compare_results(
     if figure is not None:
         written |= {Path(figure).with_suffix(suffix): PICTURES[suffix] for suffix in (".png", ".svg")}
     check_outputs(written, comm, [*results, full], progress=progress)
-    with full_of_record(full, first, results[0], factoring=factoring, comm=comm) as full_model:
-        known = full_model.response(grid, groups, progress)
+    reduced, laws, _ = zip(*(as_compared(item, (grid[0], grid[-1])) for item in reduced), strict=True)
+    if laws.count(laws[0]) < len(laws):
+        raise InputError("compare: found results with different modal damping; compare those of one damping")
+    with full_of_record(full, first, results[0], damping=laws[0], factoring=factoring, comm=comm) as full_model:
+        known, drive = full_model.response(grid, groups, progress)
         shapes = _modes(full_model, modes, results, labels, whole, reduced, progress)
     rows, curves = [], []
     for label, given, item in zip(labels, whole, reduced, strict=True):
         found = frequency_response(item, grid)
-        eps = relative_error(known, found)
-        i, j, error = worst_pair(known, found)
+        plain = replace(item, record=replace(item.record, accuracy=None))  # floors of the same responses for all
+        errors = errors_of(plain, grid, known, found, drive, measure)
+        eps, worst = errors.eps, errors.directions[0]
         curves.append((label, eps))
         rows.append({
             "result": label, "coordinates": item.record.coordinates, "size": given.size,
             **({"elastic": item.size} if any(part.rigid_size for part in whole) else {}),
             "largest eps": float(eps.max()), "Q": error_integral(grid, eps),
-            "worst pair": f"{item.output_names[i]} / {item.input_names[j]}", "its error": error,
+            "worst direction": worst.output, "its error": worst.largest,
         })  # fmt: skip
     report = {"full": str(full), "frequencies_hz": grid.tolist(), "rows": rows, "modes": shapes,
               "eps": {label: eps.tolist() for label, eps in curves}}  # fmt: skip

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..analysis.error import error_integral, relative_error
+from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.error_check import accuracy_of, check_reduced, measuring_damping, said_at
 from ..analysis.frequency_response import checked_frequencies, frequency_response
 from ..formats.locks import locks_given_back
@@ -23,6 +23,7 @@ from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
+from ..reduction.accuracy import rows_of_directions
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.record import versions
 from .full_model import full_of_record
@@ -35,14 +36,15 @@ MOST_FIGURES = 16  # of the largest responses
 @locks_given_back()
 def evaluate_result(
     result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None, pairs=(),
-    groups: int | None = None, factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
+    measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
+    progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Responses of result.h5, and eps(f) (55) and Q (57) against the model file `full` if given. Collective.
+    """Responses of result.h5, and eps(f) and Q (57) against the model file `full` if given. Collective.
 
     `frequencies` (Hz), or else `points` of them over `band` (two numbers, default that of the job). The frame, the
     damping, the inputs and outputs of the full model are those of the reduction, and so is `factoring` unless it is
-    given; that it is the model of the reduction is checked. eps has the weights of the reduction. `output`: a .csv or
-    HDF5 file for the responses, see formats.response_file. `figure`: a .png, .svg or .pdf of a response and its error,
+    given; that it is the model of the reduction is checked. `measure`: what eps is, "directions" or "paper", by default
+    as the model was reduced. Modal ratios are measured as the loss factor of the smallest. `output`: a .csv or HDF5 file for the responses, see formats.response_file. `figure`: a .png, .svg or .pdf of a response and its error,
     see workflows.pair_figures, for each of the `pairs` "output/input", by default the largest. `groups`: see
     frequency_response. Returns plain numbers for a table or JSON. Raises InputError.
     """
@@ -59,24 +61,28 @@ def evaluate_result(
         check_figures(figure, comm, reads, progress)
     shown = pairs_by_name(pairs, reduced.output_names, reduced.input_names, result)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
+    damping, words = record.damping, ""
+    if full is not None:
+        reduced, damping, words = as_compared(reduced, record.accuracy.band if record.accuracy else (grid[0], grid[-1]))
     arrays = {"frequencies": grid, "reduced": frequency_response(reduced, grid)}
     report["reduced_norm"] = np.linalg.norm(arrays["reduced"], axis=(1, 2)).tolist()
     if full is not None:
-        with full_of_record(full, record, result, factoring=factoring, comm=comm) as known:
-            arrays["full"] = known.response(grid, groups, progress)
-        weights = record.accuracy and record.accuracy.weights
-        arrays["eps"] = relative_error(arrays["full"], arrays["reduced"], weights)
+        with full_of_record(full, record, result, damping=damping, factoring=factoring, comm=comm) as known:
+            arrays["full"], arrays["drive"] = known.response(grid, groups, progress)
+        errors = errors_of(reduced, grid, arrays["full"], arrays["reduced"], arrays["drive"], measure)
+        arrays["eps"] = errors.eps
         report |= {
             "arithmetic": "full model solved in "
-            + ("real arithmetic (undamped)" if isinstance(record.damping, NoDamping)
+            + ("real arithmetic (undamped)" if isinstance(damping, NoDamping)
                else "complex arithmetic" if is_complex()
-               else "real arithmetic of twice the size (real PETSc)"),
+               else "real arithmetic of twice the size (real PETSc)") + f"; {words}" * bool(words),
             "full_norm": np.linalg.norm(arrays["full"], axis=(1, 2)).tolist(),
             "eps": arrays["eps"].tolist(),
             "eps_max": float(arrays["eps"].max()),
             "Q": error_integral(grid, arrays["eps"]),
-            "weights": weights,
-            "worst_pair": _worst_pair(arrays, reduced),
+            "measure": errors.measure.kind,
+            "directions": [asdict(item) for item in errors.directions],
+            "direction_rows": rows_of_directions(errors.directions, grid),
         }  # fmt: skip
     if output is not None:
         made = {"result": str(result), "model": record.model, "versions": versions()}
@@ -92,11 +98,6 @@ def evaluate_result(
         report["figures"] = figures_of_pairs(figure, *names, curves, comm, shown)
         report["responses"] = len(every)
     return report
-
-
-def _worst_pair(arrays, reduced) -> dict:
-    i, j, error = worst_pair(arrays["full"], arrays["reduced"])
-    return {"output": reduced.output_names[i], "input": reduced.input_names[j], "error": error}
 
 
 def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) -> dict:
@@ -127,6 +128,10 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
         "eps_max": accuracy.largest,
         "noise": accuracy.noise,
         "Q": accuracy.mean * (accuracy.band[1] - accuracy.band[0]),
+        "measure": accuracy.measure.kind,
+        "directions": [asdict(item) for item in accuracy.directions],
+        "direction_rows": accuracy.direction_rows,
+        "warnings": list(accuracy.warnings),
         "proofs": [asdict(proof) for proof in accuracy.proofs],
         "frequencies_hz": list(accuracy.frequencies),
         "eps": list(accuracy.eps),

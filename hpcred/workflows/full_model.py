@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..analysis.frequency_response import frequency_response
+from ..analysis.frequency_response import response_and_drive
 from ..formats.model_file import read_model
 from ..linalg.factorisation import Factoring
 from ..model.damping import Damping, NoDamping
@@ -30,9 +30,10 @@ class FullModel:
     damping: Damping
     factoring: Factoring
 
-    def response(self, frequencies, groups=None, progress=None) -> np.ndarray:
-        """H (F, r, p) at frequencies (F,) in Hz, in the frame of the record; see frequency_response. Collective."""
-        return frequency_response(
+    def response(self, frequencies, groups=None, progress=None) -> tuple[np.ndarray, np.ndarray]:
+        """H (F, r, p) and drive-point responses (F, p) at frequencies (F,) in Hz, in the frame of the record; see
+        response_and_drive. Collective."""
+        return response_and_drive(
             self.model, frequencies, self.record.frame, self.damping, factoring=self.factoring, groups=groups,
             progress=progress,
         )  # fmt: skip

@@ -69,12 +69,27 @@ def _take_body(sheet, modes, most):
 
 
 def choose_pairs(sheet: Sheet, wanted=()) -> list[tuple[str, int, int]]:
-    """Name, output and input of the responses that are shown: the `wanted` ones, or else those of pairs_to_show.
+    """Name, output and input of the responses that are shown: the `wanted` ones, or else those of the directions, the
+    worst first, and of pairs_to_show.
 
     Raises InputError."""
     outputs, inputs = sheet.reduced.output_names, sheet.reduced.input_names
     shown = pairs_by_name(wanted, outputs, inputs, sheet.name)
-    shown = shown or pairs_to_show(sheet.response, outputs, inputs, MOST_PAIRS)
+    if not shown:
+        known = sheet.errors.directions if sheet.errors is not None else accuracy_directions(sheet)
+        worst = [(outputs.index(item.output), inputs.index(name)) for item in known
+                 for name in dict.fromkeys((item.input, item.worst_input))]  # fmt: skip
+        every = dict.fromkeys([*worst[:MOST_PAIRS], *pairs_to_show(sheet.response, outputs, inputs, MOST_PAIRS)])
+        shown = list(every)[:MOST_PAIRS]
     if not wanted and len(shown) == MOST_PAIRS:
-        sheet.notes.append(f"{sheet.name}: the {MOST_PAIRS} largest responses are shown; --pairs chooses others")
+        sheet.notes.append(
+            f"{sheet.name}: {MOST_PAIRS} responses are shown, the least accurate directions first, then the largest; "
+            "--pairs chooses others"
+        )
     return [(f"{outputs[i]}/{inputs[j]}", i, j) for i, j in shown]
+
+
+def accuracy_directions(sheet: Sheet):
+    """The directions of an automatic reduction, the worst first."""
+    accuracy = sheet.record.accuracy
+    return accuracy.directions if accuracy is not None else ()

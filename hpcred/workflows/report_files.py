@@ -13,7 +13,7 @@ from ..parallel.petsc import MPI
 from ..report.figures import errors_figure, pair_figure, pyplot
 from ..report.mode_pictures import draw_shapes
 from .pair_figures import in_file_name
-from .report_page import frequency_rows
+from .report_page import directions_of, frequency_rows
 
 
 def make_folder(folder, comm):
@@ -77,8 +77,8 @@ def _errors_of(sheets):
         accuracy = sheet.record.accuracy
         if accuracy is not None:
             curves.append((f"{sheet.name}, estimate", accuracy.frequencies, accuracy.eps))
-        if sheet.eps is not None:
-            curves.append((f"{sheet.name}, exact", sheet.full.frequencies, sheet.eps))
+        if sheet.errors is not None:
+            curves.append((f"{sheet.name}, exact", sheet.full.frequencies, sheet.errors.eps))
     return curves
 
 
@@ -92,8 +92,10 @@ def write_tables(folder, sheets) -> list[str]:
             rows = zip(accuracy.frequencies, accuracy.eps, strict=True)
             tables["error"] = [{"f_hz": f, "eps": eps} for f, eps in rows]
             tables["points"] = [asdict(point) for point in accuracy.points]
-        if sheet.eps is not None:
-            rows = zip(sheet.full.frequencies.tolist(), sheet.eps.tolist(), strict=True)
+        if directions := directions_of(sheet):
+            tables["directions"] = directions
+        if sheet.errors is not None:
+            rows = zip(sheet.full.frequencies.tolist(), sheet.errors.eps.tolist(), strict=True)
             tables["error_exact"] = [{"f_hz": f, "eps": eps} for f, eps in rows]
         for key, rows in tables.items():
             written.append(_write_table(folder, f"{key}_{sheet.name}", rows))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..model.dofs import target_of
+from ..reduction.accuracy import rows_of_directions
 from ..reduction.record import versions
 from ..report.page import packed
 from ..report.tables import in_words
@@ -30,6 +31,7 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
         "results": results,
         "notes": list(dict.fromkeys(note for sheet in sheets for note in sheet.notes)),
         "response_notes": [f"{name}: responses and errors are {words}" for name, words in whose.items()],
+        "paper": [sheet.name for sheet in sheets if _is_of_paper(sheet)],
         "searched": any(result["points"] for result in results),
         "shaped": any(result["shape"] for result in results),
         "with_modes": any(sheet.full is not None for sheet in sheets),
@@ -67,7 +69,8 @@ def _drawn(sheet, pairs):
         drawn |= {"eps_frequencies": packed(accuracy.frequencies), "eps": packed(accuracy.eps)}
     if full is not None:
         drawn |= {
-            "full_frequencies": packed(full.frequencies), "exact_eps": packed(sheet.eps), "modes": packed(full.modes)
+            "full_frequencies": packed(full.frequencies), "exact_eps": packed(sheet.errors.eps),
+            "modes": packed(full.modes),
         }  # fmt: skip
     return drawn
 
@@ -85,12 +88,13 @@ def _shown(sheet):
         "name": sheet.name,
         "sentence": accuracy.sentence if accuracy is not None else "",
         "reached": accuracy is not None and accuracy.reached,
-        "caveat": accuracy.caveat if accuracy is not None else "",
+        "alarms": list(accuracy.warnings) if accuracy is not None and accuracy.reached else [],
+        "directions": directions_of(sheet),
         "facts": _facts(sheet),
-        "warnings": list(record.warnings),
-        "exact": [] if sheet.eps is None else [
+        "warnings": [item for item in record.warnings if accuracy is None or item not in accuracy.warnings],
+        "exact": [] if sheet.errors is None else [
             {"f (Hz)": f, "exact eps": eps}
-            for f, eps in zip(sheet.full.frequencies.tolist(), sheet.eps.tolist(), strict=True)
+            for f, eps in zip(sheet.full.frequencies.tolist(), sheet.errors.eps.tolist(), strict=True)
         ],
         "proofs": [] if accuracy is None else [
             {"f (Hz)": item.frequency, "said": item.said, "exact": item.exact} for item in accuracy.proofs
@@ -114,6 +118,19 @@ def _shown(sheet):
         "shape": None if sheet.body is None else {"count": len(sheet.body["names"]), "start": sheet.body["start"] + 1},
         "shape_note": sheet.body_sentence,
     }  # fmt: skip
+
+
+def _is_of_paper(sheet):
+    accuracy = sheet.record.accuracy
+    return accuracy is not None and accuracy.measure.kind == "paper"
+
+
+def directions_of(sheet) -> list[dict]:
+    """How well each direction is known: against the full model, else as estimated."""
+    accuracy = sheet.record.accuracy
+    if sheet.errors is not None:
+        return rows_of_directions(sheet.errors.directions, sheet.full.frequencies)
+    return accuracy.direction_rows if accuracy is not None else []
 
 
 def frequency_rows(sheet) -> list[dict]:

@@ -7,11 +7,11 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from ..analysis.check import check
-from ..analysis.error import relative_error
+from ..analysis.error import Errors, as_compared, errors_of
 from ..analysis.error_check import measuring_damping
 from ..analysis.frequency_response import frequency_response
 from ..formats.result_file import Result, read_result
-from ..model.damping import Damping, ModalDamping
+from ..model.damping import Damping
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
@@ -29,20 +29,21 @@ MOST_MODES = 40  # of the full model
 
 @dataclass(frozen=True)
 class Full:
-    """The response (E, r, p) of a full model at `frequencies` (E,) in Hz, and its lowest `modes` in Hz."""
+    """The response (E, r, p) of a full model at `frequencies` (E,) in Hz, that of its inputs where they act (E, p), and
+    its lowest `modes` in Hz."""
 
     frequencies: np.ndarray
     response: np.ndarray
+    drive: np.ndarray
     modes: np.ndarray
 
 
 @dataclass
 class Sheet:
     """What a report says of one result: the file, the reduced model as it is `measured` and the damping `law` of the
-    full model for that, with `words` on it; its response (F, r, p) at `frequencies` (F,) in Hz over the band. Errors
-    have `weights` (see reduction.weights).
+    full model for that, with `words` on it; its response (F, r, p) at `frequencies` (F,) in Hz over the band.
 
-    With a full model: `full`, which may be that of a sheet before (`full_as_before`), and the error `eps` at its
+    With a full model: `full`, which may be that of a sheet before (`full_as_before`), and the `errors` at its
     frequencies. `body`: shapes for the page and a sentence, by body_for_page.
     """
 
@@ -54,10 +55,9 @@ class Sheet:
     band: tuple[float, float]
     frequencies: np.ndarray
     response: np.ndarray
-    weights: object = None
     full: Full | None = None
     full_as_before: bool = False
-    eps: np.ndarray | None = None
+    errors: Errors | None = None
     body: dict | None = None
     body_sentence: str = ""
     notes: list = field(default_factory=list)
@@ -102,9 +102,11 @@ def _sheet(name, result, read, band):
     if accuracy is not None:
         reduced, law, words = as_measured(reduced, accuracy), measuring_damping(accuracy, law), accuracy.measured
     limits = tuple(band or band_of(result.reduced, [other.reduced for other in read]))
+    if accuracy is None:
+        reduced, law, told = as_compared(reduced, limits)
+        words = told or words
     grid = _grid(limits, reduced.frequencies)
-    weights = accuracy and accuracy.weights
-    return Sheet(name, result, reduced, law, words, limits, grid, frequency_response(reduced, grid), weights)
+    return Sheet(name, result, reduced, law, words, limits, grid, frequency_response(reduced, grid))
 
 
 def _measuring(result, read):
@@ -127,9 +129,6 @@ def _grid(band, pseudo):
 
 def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
     """The response of the full model at some frequencies, its modes, and the error. Collective."""
-    if isinstance(sheet.law, ModalDamping):
-        sheet.notes.append(f"{sheet.name}: modal damping belongs to a reduced model; there is no full response with it")
-        return
     same = next((item for item in before if item.full is not None and _same_question(item, sheet)), None)
     if same is not None:
         sheet.full, sheet.full_as_before = same.full, True
@@ -140,7 +139,9 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
             units = check(full_model.model)["units"] if full_model.model.dofs is not None else None
         sheet.notes += [f"{path} looks like {units}: from its mass, size, and speed of waves"] if units else []
     found = frequency_response(sheet.measured, sheet.full.frequencies)
-    sheet.eps = relative_error(sheet.full.response, found, sheet.weights)
+    sheet.errors = errors_of(
+        sheet.measured, sheet.full.frequencies, sheet.full.response, found, sheet.full.drive
+    )
 
 
 def _solved(full_model, sheet, count, groups, progress):
@@ -149,7 +150,7 @@ def _solved(full_model, sheet, count, groups, progress):
     beside = BESIDE * sheet.reduced.frequencies
     beside = beside[(beside > low) & (beside < high)][:BESIDE_AT_MOST]
     frequencies = np.unique(np.concatenate([np.linspace(low or high / count, high, count), beside]))
-    response = full_model.response(frequencies, groups, progress)
+    response, drive = full_model.response(frequencies, groups, progress)
     # a few more than the reduced model has in the band, which some modes may be missing in
     wanted = min(2 * int((sheet.reduced.frequencies <= high).sum()) + 4, MOST_MODES)
     wanted = min(wanted, sheet.record.free_size - sheet.record.rigid_body_modes)
@@ -157,7 +158,7 @@ def _solved(full_model, sheet, count, groups, progress):
         modes = modal.frequencies
     if modes[-1] < high:
         sheet.notes.append(f"{sheet.name}: the {wanted} lowest modes of the model are shown")
-    return Full(frequencies, response, modes)
+    return Full(frequencies, response, drive, modes)
 
 
 def _same_question(one, other):
