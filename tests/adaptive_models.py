@@ -47,14 +47,19 @@ class Case:
 
     def truth(self, frequencies):
         """H (S, r, p) with the damping that is measured with, by dense elimination with a step of refinement."""
+        return self.truth_and_drive(frequencies)[0]
+
+    def truth_and_drive(self, frequencies):
+        """H (S, r, p), and b_i^T A^-1 b_i (S, p) of every input."""
         C = self.B if self.Ct is None else self.Ct
-        found = []
+        found, drive = [], []
         for A in dynamic(self.K, self.M, self.D if isinstance(self.damping, GivenDamping) else None, self.law(),
                          frequencies):  # fmt: skip
             X = np.linalg.solve(A, self.B.astype(complex))
             X += np.linalg.solve(A, self.B - A @ X)
             found.append(C.T @ X)
-        return np.array(found)
+            drive.append((self.B * X).sum(axis=0))
+        return np.array(found), np.array(drive)
 
 
 def dynamic(K, M, D, law, frequencies):
@@ -163,10 +168,9 @@ def fresh(case, rom, seed=5, count=31, beside=3):
 def said_and_true(case, rom, frequencies):
     """eps (S,) as the curve of the result has it there, and by dense solves."""
     law, given = case.law(), isinstance(case.damping, GivenDamping)
-    H = case.truth(frequencies)
-    error = np.linalg.norm(H - reduced_response(rom, law, frequencies, given), axis=(1, 2))
-    true = error / np.linalg.norm(H, axis=(1, 2))
+    H, drive = case.truth_and_drive(frequencies)
     accuracy = rom.record.accuracy
+    true = accuracy.measure.eps(H - reduced_response(rom, law, frequencies, given), H, drive)
     curve = np.log(np.maximum(accuracy.eps, 1e-300))
     return np.exp(np.interp(frequencies, accuracy.frequencies, curve)), true
 

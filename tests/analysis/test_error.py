@@ -1,35 +1,39 @@
-"""The worst pair of responses: relative to itself, but for pairs that symmetry makes nothing of."""
+"""The error of responses in arrays: by directions, and the paper's."""
 
 import numpy as np
 import pytest
 
 from hpcred.analysis.error import error_integral, relative_error
 from hpcred.parallel.failures import InputError
-from hpcred.reduction.pseudo_modal import worst_pair
 
 
-def test_the_worst_pair_is_relative_to_itself_and_not_to_the_largest():
-    """A stiff direction that is 30 % off hides in the norm of all; round-off of a zero does not count."""
+def test_a_stiff_direction_is_relative_to_itself_and_not_to_the_largest():
+    """One that is 30 % off hides in the norm of all; round-off of a zero does not count."""
     full = np.array([[[1.0, 1e-16], [1e-16, 1e-6]], [[2.0, 0.0], [0.0, 2e-6]]], dtype=complex)
     reduced = full.copy()
     reduced[0, 0, 0] *= 1.001
     reduced[1, 1, 1] *= 1.3
     reduced[0, 0, 1] = 3e-16
-    assert relative_error(full, reduced).max() == pytest.approx(1e-3, rel=1e-6)
-    i, j, error = worst_pair(full, reduced)
-    assert (i, j) == (1, 1) and error == pytest.approx(0.3)
+    assert relative_error(full, reduced, "paper").max() == pytest.approx(1e-3, rel=1e-6)
+    assert relative_error(full, reduced).max() == pytest.approx(0.3)
+    scale = np.array([1e-3, 1e5])
+    assert relative_error(full * scale * scale[:, None], reduced * scale * scale[:, None]).max() == pytest.approx(0.3)
 
 
-def test_a_resonance_that_is_right_does_not_hide_a_pair_that_is_wrong_in_all_of_the_band():
-    """A stiff direction that is off everywhere but where it takes a small part in a resonance."""
-    full = np.ones((9, 2, 2), dtype=complex)
-    full[:, 1, 1] = 1e-2
-    full[4] *= 1e4
-    reduced = full.copy()
-    reduced[:, 1, 1] -= 0.9e-2
-    assert np.median(relative_error(full, reduced)) < 1e-2
-    i, j, error = worst_pair(full, reduced)
-    assert (i, j) == (1, 1) and error == pytest.approx(0.9)
+def test_other_outputs_need_drive_points():
+    full = np.ones((3, 1, 2), dtype=complex)
+    with pytest.raises(InputError, match="^relative_error: 1 outputs and 2 inputs are not the same places; give the"):
+        relative_error(full, full)
+    with pytest.raises(InputError, match=r"^relative_error: found drive \(3, 1\), expected \(3, 2\)"):
+        relative_error(full, full, drive=np.ones((3, 1)))
+    with pytest.raises(InputError, match="^measure: found 'norm', expected 'directions' or 'paper'"):
+        relative_error(full, full, "norm", drive=np.ones((3, 2)))
+    # the second input moves nothing but a little of its own place
+    full[:, 0, 1] = 1e-3
+    wrong = full * [1.01, 1.5]
+    drive = np.ones((3, 2)) * [4.0, 9.0]
+    assert relative_error(full, wrong, drive=drive) == pytest.approx(np.full(3, 0.01))
+    assert relative_error(full[:, :, 1:], wrong[:, :, 1:], drive=drive[:, 1:]) == pytest.approx(np.full(3, 0.5))
 
 
 def test_an_error_of_nothing_is_none_and_that_of_no_number_is_no_number():

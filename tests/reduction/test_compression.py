@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from adaptive_models import chain, unit
 
+import hpcred
 from hpcred.reduction.compression import compressed, snapshots
-from hpcred.reduction.error_estimate import grid
-from hpcred.reduction.pseudo_modal import Law, columns, diagonalised, relative, response, restricted
+from hpcred.reduction.error_estimate import Comparison, grid, measure_of
+from hpcred.reduction.pseudo_modal import Law, columns, diagonalised, response, responses, restricted
 
 BAND = (0.0, 10.0)
 
@@ -26,26 +27,34 @@ def model_and_ports(kind, law):
     return diagonalised(K, L, D, law), other if "outputs" in kind else (same, same)
 
 
+def whole(model, law, ports, kind):
+    settings = hpcred.Adaptive(tolerance=1e-2, band=BAND, measure=kind)
+    return Comparison(model, model, np.eye(len(model.squares)), law, ports, measure_of(settings, model, law, ports))
+
+
+@pytest.mark.parametrize("measured", ["directions", "paper"])
 @pytest.mark.parametrize("goal", [1e-2, 1e-5])
 @pytest.mark.parametrize("kind", ["plain", "outputs", "D", "unsymmetric D, outputs"])
-def test_goal_is_reached(kind, goal):
+def test_goal_is_reached(kind, goal, measured):
     law = Law() if "D" in kind else Law(eta=2e-3)
     model, ports = model_and_ports(kind, law)
     S = grid([model], law, BAND)
-    U = compressed(model, law, S, ports, goal)
+    pair = whole(model, law, ports, measured)
+    U = compressed(pair, S, goal)
     assert np.allclose(U.T @ U, np.eye(U.shape[1]), atol=1e-12)
     assert U.shape[1] < 45
-    H = response(model, law, S, ports)
+    H, drive = responses(model, law, S, ports)
 
     def error(columns):
-        return relative(H - response(restricted(model, columns, law)[0], law, S, ports), H).max()
+        wrong = H - response(restricted(model, columns, law)[0], law, S, ports)
+        return pair.measure.eps(wrong, H, drive).max()
 
     assert error(U) <= goal + 1e-9
     # at least as good as the plain singular vectors
-    flat = columns(snapshots(model, law, S, ports))
+    flat = columns(snapshots(model, law, S, ports, pair.measure))
     plain = np.linalg.svd(flat, full_matrices=False)[0]
     assert error(plain[:, : U.shape[1] - 1]) > goal or U.shape[1] == 1
-    few = compressed(model, law, S, ports, goal, most=4)
+    few = compressed(pair, S, goal, most=4)
     assert few.shape[1] == 4
 
 
@@ -53,11 +62,11 @@ def test_no_goal_keeps_everything_and_a_zero_response_harms_nothing():
     law = Law(eta=2e-3)
     model, ports = model_and_ports("plain", law)
     S = grid([model], law, BAND, 30)
-    assert compressed(model, law, S, ports, 0.0).shape[1] == 60
+    assert compressed(whole(model, law, ports, "directions"), S, 0.0).shape[1] == 60
     # two bodies without a tie: nothing arrives
     K = np.kron(np.eye(2), chain(10)[0])
     apart = diagonalised(K, unit(20, 2, 13))
     silent = np.eye(2)[:, :1], np.eye(2)[:, 1:]
     S = grid([apart], law, BAND, 30)
-    U = compressed(apart, law, S, silent, 1e-3)
-    assert np.isfinite(U).all()
+    for measured in ("directions", "paper"):
+        assert np.isfinite(compressed(whole(apart, law, silent, measured), S, 1e-3)).all()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hpcred.reduction.measure import PAPER
 from hpcred.reduction.pseudo_modal import (
     Law,
     PseudoModal,
@@ -10,12 +11,12 @@ from hpcred.reduction.pseudo_modal import (
     difference,
     nested,
     poles,
-    relative,
     response,
     restricted,
     solve,
 )
 
+relative = PAPER.eps  # of differences and what they are of
 F = np.linspace(0.0, 8.0, 23)
 LAWS = {"Rayleigh": Law(alpha=0.3, beta=1e-3), "loss factor": Law(eta=0.02), "all": Law(0.1, 1e-3, 0.01)}
 
@@ -63,7 +64,7 @@ def test_states_and_responses_are_those_of_the_dense_matrices(law, damped, symme
             assert np.linalg.norm(state - expected) < 1e-11 * np.linalg.norm(expected)
     for kind in ("same", "other outputs"):
         H = response(model, law, F, ports(kind))
-        assert relative(H - dense_response(K, L, D, law, ports(kind)), H).max() < 1e-11
+        assert relative(H - dense_response(K, L, D, law, ports(kind)), H, None).max() < 1e-11
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
@@ -77,7 +78,7 @@ def test_difference_of_nested_models_is_exact(law, kind, damped, symmetric):
     E = difference(inner, outer, nested(inner, outer), law, F, ports(kind))
     part = dense_response(K[:k, :k], L[:k], None if D is None else D[:k, :k], law, ports(kind))
     H = dense_response(K, L, D, law, ports(kind))
-    assert relative(E - (H - part), H).max() < 1e-11
+    assert relative(E - (H - part), H, None).max() < 1e-11
 
 
 def test_a_subspace_has_the_response_of_its_dense_projection():
@@ -90,10 +91,10 @@ def test_a_subspace_has_the_response_of_its_dense_projection():
     assert np.allclose(V.T @ V, np.eye(5), atol=1e-13)
     assert np.allclose(V.T @ K @ V, np.diag(inner.squares), atol=1e-9)
     expected = dense_response(V.T @ K @ V, V.T @ L, V.T @ D @ V, law, ports("same"))
-    assert relative(response(inner, law, F, ports("same")) - expected, expected).max() < 1e-11
+    assert relative(response(inner, law, F, ports("same")) - expected, expected, None).max() < 1e-11
     E = difference(inner, outer, embedding, law, F, ports("other outputs"))
     H = [response(model, law, F, ports("other outputs")) for model in (outer, inner)]
-    assert relative(E - (H[0] - H[1]), H[0]).max() < 1e-11
+    assert relative(E - (H[0] - H[1]), H[0], None).max() < 1e-11
 
 
 def test_difference_has_no_cancellation():
@@ -132,11 +133,6 @@ def test_frequencies_come_in_parts_that_fit(monkeypatch):
     parts = difference(*arguments), response(outer, Law(), F, ports("same"))
     for a, b in zip(whole, parts, strict=True):
         assert np.allclose(a, b, rtol=1e-9, atol=0)
-
-
-def test_an_error_without_a_response_is_infinite_and_nothing_is_zero():
-    zero, one = np.zeros((1, 1, 1)), np.ones((1, 1, 1))
-    assert relative(zero, zero) == 0 and relative(one, zero) == np.inf and relative(one, 2 * one) == 0.5
 
 
 def test_a_free_motion_beside_a_given_damping_is_infinite_at_0_hz_and_right_elsewhere():
