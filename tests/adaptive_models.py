@@ -64,8 +64,12 @@ class Case:
 
 def dynamic(K, M, D, law, frequencies):
     """A(s), one by one."""
+    higher, power = 0.0, K
+    for coefficient in law.higher:
+        power = K @ np.linalg.solve(M, power)
+        higher = higher + coefficient * power
     for a, b, s in zip(*coefficients(law, frequencies), strict=True):
-        yield a * K + b * M + (0.0 if D is None else s * D)
+        yield a * K + b * M + s * higher + (0.0 if D is None else s * D)
 
 
 def reduced_response(rom, law, frequencies, given):

@@ -235,6 +235,10 @@ class Basis:
             multiply(block, self._factor(factor))
         self.size = factor.shape[1]
 
+    def clear(self):
+        """Drop all columns but those that are deflated."""
+        self.size = 0
+
     def _pending(self, owned, block, images):
         """Columns to add, and what was taken out of them at once: V^H M X, or None.
 

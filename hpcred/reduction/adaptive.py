@@ -136,7 +136,7 @@ class Search:
                     return reason
                 good = not self._choose_next(again)
             if good:
-                check_massless(self.projections, [point.frequency for point in self.points])
+                self._check_massless()
                 return ""
             if hidden:  # the next point checks the model that has these modes
                 judge.before = self.projections.hold, self.projections.basis.size
@@ -270,7 +270,7 @@ class Search:
             if not new:  # the loads and their chain are exhausted: what do random columns reveal?
                 new = self.solver.extend_by_random()
             if not new:
-                check_complete(self.projections, self.settings.band)
+                self._unless_smooth(check_complete, self.settings.band)
             blocks.take(new)
             with progress.stage("estimate"):
                 self._look_at_damping()
@@ -284,6 +284,26 @@ class Search:
             progress.say(f"{blocks.frequency:.6g} Hz, block {blocks.order}: {size} columns{known}")
             if judged.done:
                 return judged
+
+    def _unless_smooth(self, check, *arguments):
+        """Have a check of the whole basis refuse it only where smoothing its columns does not help."""
+        try:
+            check(self.projections, *arguments)
+        except InputError:
+            if not self.solver.smooth():
+                raise
+            check(self.projections, *arguments)
+
+    def _check_massless(self):
+        """Refuse a basis that has lost solutions on dofs without mass; one that can hold nothing more is smoothed."""
+        points = [point.frequency for point in self.points]
+        try:
+            check_massless(self.projections, points)
+        except InputError:
+            self.solver.nearby = None if not self.solver.multigrid else self.solver.nearby
+            if self.solver.extend_by_random():
+                raise
+            self._unless_smooth(check_massless, points)
 
     def _judged(self, blocks) -> Judgement:
         """What the basis is worth after a block of a point. Raises InputError."""
@@ -388,7 +408,7 @@ class Search:
         for _ in range(2):
             before = decided(comm, projections.model)
             lowest, highest = before.frequencies[0], before.frequencies[-1]
-            if MIXING * (highest / max(lowest, 1e-300)) ** 2 <= self.judge.goal:
+            if MIXING * highest**2 <= self.judge.goal * lowest**2:
                 break
             projections.rotate(before.vectors)
             kept = before.vectors.T @ kept

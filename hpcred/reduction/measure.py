@@ -64,7 +64,9 @@ class Measure:
     def floors(self) -> tuple[np.ndarray, np.ndarray]:
         """The least h (r,) and g (p,) that scales() gives."""
         g, which = np.sqrt(np.array(self.inputs)), np.array(self.drive, dtype=int)
-        return np.where(which >= 0, np.array(self.outputs) * g[which], self.outputs), g
+        h = np.array(self.outputs)
+        h[which >= 0] *= g[which[which >= 0]]
+        return h, g
 
     @property
     def silent(self) -> tuple[int, ...]:

@@ -184,6 +184,20 @@ class PointSolver:
             x = owned.owns(random_block(self.run.model.K, 2, seed=self._random))
             return self.extend_by({"random": self._random}, lambda: self.run.times_mass(x))
 
+    def smooth(self) -> bool:
+        """Replace the basis by A^-1 M times its pseudo-modes, which spans the same where it can hold nothing more, but
+        without the round-off that columns have on dofs without mass. Returns whether that could be done."""
+        run, projections = self.run, self.projections
+        if self.is_nearby or self.multigrid:
+            return False
+        projections.rotate(decided(run.model.comm, projections.model).vectors)
+        with Owned(run.model.comm) as owned:
+            load = owned.owns(run.times_mass(projections.basis.columns))
+            block = owned.owns(create_block(run.model.K, projections.basis.size))
+            self._factor().solve(load, block)
+            projections.replace(block)
+        return True
+
     def _history(self) -> dict:
         """What a load depends on that is made from the basis."""
         points = [[point.frequency, point.columns] for point in self._points]

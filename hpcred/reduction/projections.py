@@ -51,6 +51,15 @@ class Projections:
     def rotate(self, turn):
         """Replace the basis by its combinations `turn` (m, m), orthonormal, and project on these."""
         self.basis.multiply(turn)
+        self._project_all()
+
+    def replace(self, block):
+        """Replace the basis by the span of a block."""
+        self.basis.clear()
+        self.basis.extend(block)
+        self._project_all()
+
+    def _project_all(self):
         self._starts, self.K, self.L = [0], np.zeros((0, 0)), self.L[:0]
         self.D = None if self.D is None else np.zeros((0, 0))
         self._project(0)

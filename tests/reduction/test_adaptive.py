@@ -125,7 +125,7 @@ def test_lumped_masses(comm, tolerance):
             reduced = hpcred.frequency_response(measured, frequencies)
         full = hpcred.frequency_response(model, frequencies, FRAME, Structural(accuracy.loss_factor))
     assert accuracy.reached and accuracy.noise < 1e-7
-    assert hpcred.relative_error(full, reduced).max() <= accuracy.largest + accuracy.noise
+    assert hpcred.relative_error(full, reduced, accuracy.measure).max() <= accuracy.largest + accuracy.noise
 
 
 def test_a_search_that_ended_at_its_first_point_says_so(comm):
@@ -175,7 +175,7 @@ def test_same_points_and_size_on_any_number_of_ranks_and_in_both_builds(name, co
     assert (size, len(points)) == expected, (size, points)
 
 
-EXPECTED = {"chains tied 1e-5": (17, 2), "25 masses, 40 dashpots": (22, 2), "other outputs": (26, 2)}
+EXPECTED = {"chains tied 1e-5": (17, 2), "25 masses, 40 dashpots": (23, 2), "other outputs": (26, 2)}
 
 
 @pytest.mark.mpi(ranks=(2, 3))
@@ -237,10 +237,8 @@ def test_damping_that_is_measured_with():
     assert law_of(Rayleigh(2.0, 1e-5), 1e-3, band)[0] == law_of(Caughey((2.0, 1e-5)), 1e-3, band)[0] == Law(2.0, 1e-5)
     assert law_of(Structural(0.04), 1e-3, band)[0] == Law(eta=0.04)
     assert law_of(ModalDamping(table=((0.0, 0.03), (50.0, 0.01))), 1e-3, band)[0].eta == pytest.approx(0.02)
-    # the smallest ratio of a_0 / (2 w) + a_1 w / 2 + a_2 w^3 / 2 over the band
-    omega = 2 * np.pi * np.linspace(0.1, 100.0, 20001)
-    least = (2.0 / omega + 1e-5 * omega + 1e-12 * omega**3).min()
-    assert law_of(Caughey((2.0, 1e-5, 1e-12)), 1e-3, band)[0].eta == pytest.approx(least, rel=1e-2)
+    assert law_of(Caughey((2.0, 1e-5, 1e-12)), 1e-3, band)[0] == Law(2.0, 1e-5, higher=(1e-12,))
+    assert law_of(Rayleigh(0.0, 1e-13), 1e-3, band)[0] == Law(eta=2e-3)  # no damping to speak of
 
 
 def test_the_curve_its_mean_and_its_largest_value_belong_together(solid):
@@ -412,10 +410,10 @@ def test_loads_along_directions_without_mass_are_refused_in_these_words(comm, t)
     t, across = np.array(t), np.array([-t[1], t[0]])
     with pytest.raises(InputError, match="M is singular, and a basis of"):
         checked(massless_along(t, t), 1e-4, comm)
-    # the deflection of the second along t has the mass of that across; without a count of modes the search goes on
-    # until nothing is left of it
-    for load in (across,) if is_complex() else (across, across + t):
-        assert checked(massless_along(t, load), 1e-4, comm)[0].reached
+    assert checked(massless_along(t, across), 1e-4, comm)[0].reached
+    # the deflection along t has the mass of that across, until nothing is left of it
+    with pytest.raises(InputError, match="M is singular, and a basis of"):
+        checked(massless_along(t, across + t), 1e-9, comm)
     case = massless_along(t, across)
     with massless_along(t, t).model(comm) as model, pytest.raises(InputError, match="no vector is left"):
         hpcred.reduce(model, [Krylov(2.0, 1)])
