@@ -86,6 +86,7 @@ class Search:
         self._waiting = self._first_points()  # to take before searching
         self._closing = False  # whether the model is good, so that the next point proves it
         self._proves_by_factor = False  # since conjugate gradients did not come to an end
+        self._sought = False  # whether modes that no load moves were looked for without a count
         self._made: int | None = None  # factors before the point that is under way
         if self.solver.multigrid:
             self.judge.enough = HAS_MODES  # or less, where a basis with that estimate lacked modes
@@ -149,11 +150,16 @@ class Search:
         if not self.solver.multigrid:
             self._proves_by_factor = True
             self._waiting.insert(0, f)
-        elif self.judge.enough < self.judge.goal:
-            return "since modes of the band are missing"
-        else:
+        elif self.judge.enough >= self.judge.goal:
             self.judge.enough /= 100
             self._waiting, self._closing = [0.0], False
+        elif self._sought:
+            return "since modes of the band are missing"
+        else:  # those that no load moves
+            self._sought = True
+            self.solver.go_to(0.0)
+            find_hidden(self.solver, self.judge, [(self.settings.band[1], 0)])
+            self._waiting.insert(0, f)
         return ""
 
     def _choose_next(self, again) -> bool:

@@ -1,4 +1,4 @@
-"""Modes that no load moves: what inertia counts and a basis lacks enters; random columns find it."""
+"""Find modes that no load moves, which inertia counts but a basis misses, by random columns."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def find_hidden(solver: PointSolver, judge: Judge, counted) -> tuple[int, float]
     projections, run = solver.projections, solver.run
     size, used, moving = projections.basis.size, 0, None
     while used < HIDDEN:
-        before = projections.basis.size
+        before, by_random = projections.basis.size, moving is None
         used += solver.extend_by_random() if moving is None else _extend_by_modes(solver, moving)
         if projections.basis.size == before:
             check_complete(projections, judge.settings.band)
             break
         moving, lack = decided(run.model.comm, _moving, projections, before, counted)
-        if moving is None and lack <= 0:
+        if moving is None and lack <= 0 and (solver.counts or by_random):  # which show all, but for a count
             break
     run.note("modes that no load moves", used, projections.basis.size - size)
     return decided(run.model.comm, _change, judge, size, counted)

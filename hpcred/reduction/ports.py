@@ -1,4 +1,4 @@
-"""Inputs and outputs of a run enter; the independent loads among them leave, and both in terms of these."""
+"""Find the independent loads among the inputs and outputs of a run, and both in terms of these."""
 
 from __future__ import annotations
 
@@ -28,12 +28,24 @@ def loads_and_ports(run):
     if run.rigid is not None:
         run.rigid.equilibrate(L)
     kept, factor = decided(model.comm, _independent_columns, inner(L, L), before)
+    turn = np.eye(sum(widths))[:, kept]
+    others = np.setdiff1d(np.arange(sum(widths)), kept)
+    if len(kept) and len(others):  # what is left of them, which their Gram matrix has no digits for
+        with Owned(model.comm) as owned:
+            rest = owned.owns(L.copy())
+            rest_of = np.eye(sum(widths))[:, others] - turn @ factor[:, others]
+            multiply(rest, rest_of)
+            rest.setActiveColumns(0, len(others))
+            more, part = decided(model.comm, _independent_columns, inner(rest, rest), before[others])
+        turn = np.hstack([turn, rest_of[:, more]])
+        factor = np.vstack([factor, np.zeros((len(more), sum(widths)))])
+        factor[len(kept) :, others] = part
     for columns_of, what in ((factor[:, : widths[0]], "input loads"), (factor[:, -widths[-1] :], "output measures")):
         if not columns_of.any():
             L.destroy()
             raise InputError(f"{model.name}: no {what} the elastic dofs of the model; the response is zero")
-    multiply(L, np.eye(sum(widths))[:, kept])
-    L.setActiveColumns(0, len(kept))
+    multiply(L, turn)
+    L.setActiveColumns(0, turn.shape[1])
     Lb = factor[:, : widths[0]]
     return L, (Lb, Lb if model.Ct is None else factor[:, widths[0] :])
 
