@@ -1,4 +1,4 @@
-"""The error of a reduced model over frequency, direction by direction or as in the paper (55), and its integral Q (57)."""
+"""Compute the error of a reduced model over frequency, by directions or as in the paper (55), and Q (57)."""
 
 from __future__ import annotations
 

@@ -32,8 +32,8 @@ class Job:
     direction]; without them those of the model are taken, or all directions of all interfaces. `interface`: see
     model.interfaces.Interface; its name stands for a node in inputs, outputs and frames. `band`: Hz. `tolerance`:
     eps that points, orders and size are chosen for, over the band, within the limits `adaptive` (see
-    reduction.accuracy.Limits); `measure`, `static`: see reduction.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that says so
-    ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result; `report`: whether
+    reduction.accuracy.Limits); `measure`, `static`: see reduction.accuracy.Adaptive; `unreached`: where it is not
+    reached the model is written under a name that says so ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result; `report`: whether
     an HTML report is written beside it. `body_origin` (m), `lumped_integrals`: see multibody.floating_frame.
     deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
     out_of_core, low_rank, memory_mb, solver: see linalg.factorisation.Factoring. `store`: a folder of expansion points
@@ -87,7 +87,7 @@ class Job:
             raise InputError("band: missing; a tolerance is over a band, [lower, upper] in Hz")
         for key in ("measure", "static"):
             if self.tolerance is None and getattr(self, key) != getattr(Adaptive, key):
-                raise InputError(f"{key}: found it without a tolerance, to which it belongs; give both, or leave it out")
+                raise InputError(f"{key}: found it without a tolerance, to which it belongs; give both or neither")
         if self.tolerance is None and self.adaptive != Limits():
             raise InputError(
                 "adaptive: found limits of a search, but no tolerance that it is to reach; write tolerance and band "

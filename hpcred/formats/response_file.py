@@ -31,7 +31,8 @@ ARRAYS = (*RESPONSES, "drive", "eps")
 SCHEMA = {
     "frequencies": Entry("real", ("f",), needed=True), "eps": Entry("real", ("f",)),
     "input_names": Entry("text", ("p",), needed=True), "output_names": Entry("text", ("r",), needed=True),
-    **{key: Entry("complex", ("f", "r", "p")) for key in RESPONSES}, "drive": Entry("complex", ("f", "p")), "record": Entry("text", (), needed=True),
+    **{key: Entry("complex", ("f", "r", "p")) for key in RESPONSES}, "drive": Entry("complex", ("f", "p")),
+    "record": Entry("text", (), needed=True),
 }  # fmt: skip
 
 

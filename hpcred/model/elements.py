@@ -142,6 +142,16 @@ def surface_triangles(cells: dict[str, np.ndarray]) -> np.ndarray:
     return triangles_of(corners[seen], np.full_like(middles[seen], -1))
 
 
+def share_of_faces(comm, elements, nodes) -> float:
+    """How many of the faces of the surface lie on a set of nodes (k,), ascending; faces between elements of two ranks
+    count as surface. 0 without elements. `elements`: as for surface_areas. Collective."""
+    corners, _, solid = all_faces(elements)
+    seen = corners[free(corners, solid)]
+    on = ((seen < 0) | np.isin(seen, nodes)).all(axis=1)
+    total, mine = comm.allreduce(len(on)), comm.allreduce(int(on.sum()))
+    return mine / total if total else 0.0
+
+
 def surface_areas(comm, elements, nodes, points) -> np.ndarray:
     """The area (k,) in m^2 of the faces that lie on a set of nodes, in equal shares of the nodes of each face.
 

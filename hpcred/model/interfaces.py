@@ -115,7 +115,7 @@ class InterfaceNode:
     """A reference node: its `name`, its number `node`, which no node of the body has, and its `position` in m.
 
     `directions`: those in which its set moves it. `count`: the number of nodes of its set, and `definition`: what it
-    was made from; 0 and None after reading a result.
+    was made from; 0 and None after reading a result. `doubts`: sentences on what may not have been meant.
     """
 
     name: str
@@ -124,6 +124,7 @@ class InterfaceNode:
     directions: tuple[str, ...] = SIX
     definition: Interface | None = field(default=None, compare=False)
     count: int = field(default=0, compare=False)
+    doubts: tuple[str, ...] = field(default=(), compare=False)
 
 
 def find_interface(model, node) -> int | None:
@@ -132,10 +133,11 @@ def find_interface(model, node) -> int | None:
 
 
 def doubts_of_interfaces(model) -> list[str]:
-    """Sentences on sets of which some nodes have no row, and so no part in the motion of the interface. Collective."""
+    """Sentences on sets that may not be what was meant, or of which some nodes have no row, and so no part in the
+    motion of the interface. Collective."""
     made = [item for item in model.interfaces if item.definition and isinstance(item.definition.nodes, Nodes)]
     sizes = model.set_sizes if made else {}
-    return [
+    return [doubt for item in model.interfaces for doubt in item.doubts] + [
         f"interface '{item.name}': {total - item.count} of the {total} nodes of the set '{name}' have no row in "
         f"{model.name}, since they follow others; it moves with the {item.count} that have"
         for item in made if (name := item.definition.nodes.set) and item.count < (total := sizes.get(name, 0))

@@ -12,8 +12,8 @@ from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.ranges import COUNT, FREQUENCY, require_band, within
 from .error_estimate import UNIFORM
-from .pseudo_modal import Law
 from .measure import PAPER, Measure
+from .pseudo_modal import Law
 
 ROUND_OFF = "limited by round-off"  # why a search ended
 UNDAMPED = 1e-8  # damping ratio up to which a mode counts as undamped
@@ -135,7 +135,8 @@ def directions_table(by: Measure, parts, outputs, inputs) -> tuple[Direction, ..
         each = np.where(np.isnan(each), np.inf, each)
         for j in range(len(outputs)):
             k, i = np.unravel_index(each[:, j].argmax(), each[:, j].shape)
-            largest[j] = max(largest[j], (float(each[k, j, i]), float(frequencies[k]), int(i)), key=lambda item: item[0])
+            if each[k, j, i] > largest[j][0]:
+                largest[j] = float(each[k, j, i]), float(frequencies[k]), int(i)
     errors, sizes = first
     found = []
     for j, (error, f, worst) in enumerate(largest):
@@ -170,7 +171,8 @@ class Accuracy:
     round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in
     words; `unproven`: why no exact value stands behind the estimate, "" where one does. `measured`: with which damping,
     in words; `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model
-    alone, else 0; `beside_damping`: whether the damping matrix counts too. `modes`: counted by inertia below the highest point, those of the big model, and how many were missing.
+    alone, else 0; `beside_damping`: whether the damping matrix counts too. `big_size`: columns before the compression;
+    `highest`: pseudo-frequency (Hz); `missing_modes`: of the band that inertia counts and the model has not.
     `measure`: what eps is, with its floors; `directions`: of every output, the worst first, against the big model.
     `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against
     exact. `points`: in order. `multigrid`: whether there was no factor.
@@ -268,7 +270,8 @@ def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
     top, and that in words."""
     if isinstance(damping, GivenDamping):
         law, loss = Law(eta=damping.loss_factor), damping.loss_factor
-        return law, True, "measured with the damping matrix of the model" + f" and the loss factor {loss:g}" * bool(loss)
+        words = "measured with the damping matrix of the model"
+        return law, True, f"{words} and the loss factor {loss:g}" if loss else words
     if isinstance(damping, Structural) and damping.loss_factor:
         return Law(eta=damping.loss_factor), False, f"measured with the loss factor {damping.loss_factor:g}"
     if isinstance(damping, Rayleigh | Caughey):

@@ -47,6 +47,8 @@ KEPT_WITHOUT_MASS = 1e-7  # the same with dofs without mass: round-off there gro
 UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
 ENDED = "the search ended before a second point"
 HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
+FEW_BELOW = 0.1  # of the upper end of a band: a lower end up to it leaves few modes below the band
+MANY, LARGE_PART = 30, 0.2  # modes in the band, and of all modes: beyond both the band is doubted
 AT_END = 0.9  # of the band: above it a point counts the modes of the band
 MIXING = 1e-14  # round-off of K on the columns of a basis, relative to the highest square of a frequency
 TOGETHER = 2**22  # errors of single responses that are held at a time
@@ -239,6 +241,7 @@ class Search:
             solver.nearby = self._point_of_factor(f)
         with Owned(run.model.comm) as owned:
             f, count = solver.open(f)
+            self._look_at_count(f, count)
             blocks, chain = Blocks(f, self._closing), None
             if self._by_mass and (solver.nearby is None or not (f or self.points)):
                 chain = owned.owns(solver.chain(f))
@@ -259,6 +262,25 @@ class Search:
         if f or not solver.multigrid:  # whose models are all exact at 0 Hz
             self.proofs += judged.proofs
         return judged
+
+    def _look_at_count(self, f, count):
+        """Doubt a band with a large part of all modes, and refuse one with more than the basis may have, once the first
+        point has counted them."""
+        low, high = self.settings.band
+        if self.points or not count or low > FEW_BELOW * high or f < AT_END * high:
+            return
+        size, name = self.run.model.size, self.run.model.name
+        if count > self.settings.columns:
+            raise InputError(
+                f"band: {count} of the {size} modes of {name} lie below {f:g} Hz, by the inertia of K - omega^2 M, and "
+                f"the basis of a search has at most {self.settings.columns} columns (adaptive.columns); is the band in "
+                "Hz, and are M and K in the units of one system? Ask for a lower band"
+            )
+        if count > MANY and count > LARGE_PART * size:
+            self.run.remark(
+                f"band: {count} of the {size} modes of {name} lie below {f:g} Hz, by the inertia of K - omega^2 M, so "
+                "that the reduced model cannot be small; no mesh follows so many of its modes"
+            )
 
     def _point_of_factor(self, f) -> float | None:
         """The point whose factor serves a point f that is to prove the model, where it may, else None."""

@@ -14,7 +14,7 @@ from .accuracy import Adaptive, Proof
 from .error_estimate import UNIFORM, Comparison, grid, largest, measure_of, next_point, rounded
 from .measure import Measure
 from .projections import HELD_BACK, Projections, places
-from .pseudo_modal import PseudoModal, nested
+from .pseudo_modal import nested
 from .search_checks import check_response
 
 MARGIN = 0.1  # of the tolerance that the big basis is made for; the rest is for the compression

@@ -6,7 +6,6 @@ import numpy as np
 
 from ..linalg.basis import Basis
 from ..linalg.blocks import copy_of, inner
-from ..parallel.decisions import decided
 from ..parallel.failures import Owned
 from .projection import project
 from .pseudo_modal import Law, PseudoModal, diagonalised
@@ -24,9 +23,9 @@ class Projections:
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
     `K` (m, m) = V^T K V, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) = V^T D V, or None unless
-    `damped`: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `ports`: (Lb (l, p),
-    Lc (l, r)), inputs and outputs in terms of L; `law`: the proportional damping of the models. Raises InputError (see
-    ports).
+    `damped`: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `ports`:
+    (Lb (l, p), Lc (l, r)), inputs and outputs in terms of L; `law`: the proportional damping of the models. Raises
+    InputError (see ports).
     """
 
     def __init__(self, run: Run, basis: Basis, law: Law, damped: bool):

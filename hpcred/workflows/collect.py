@@ -26,7 +26,8 @@ SELF = MPI.COMM_SELF
 
 def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> dict:
     """One row a run: name, status, the keys that vary, size, Q (57), the largest eps against the full model, the
-    estimate of an automatic reduction, the direction that is known worst, seconds, factorisations made and saved, and memory of all ranks in MB.
+    estimate of an automatic reduction, the direction that is known worst, seconds, factorisations made and saved, and
+    memory of all ranks in MB.
 
     `output`: a .csv, .json or HDF5 file for the table, see formats.sweep_table. `figures`: a folder, created where
     needed, for error over size, error over each key with numbers, and eps(f), as PNG and SVG. `store`: as for
@@ -68,7 +69,8 @@ def _row(run, state, full, keys):
     row = {"run": run.name, "status": state.word}
     row |= {key: _plain(run.values.get(key), run.labels.get(key)) for key in keys}
     row |= dict.fromkeys(
-        ("size", "Q", "eps", "estimate", "worst_direction", "seconds", "factorisations", "factorisations_saved", "memory_mb")
+        ("size", "Q", "eps", "estimate", "worst_direction", "seconds", "factorisations", "factorisations_saved",
+         "memory_mb")
     )
     if not state.done:
         return row, None

@@ -30,15 +30,16 @@ SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
 @locks_given_back()
 def compare_results(
     results, full, *, frequencies=(), band=None, points: int = 61, modes: int = 10, output=None, figure=None,
-    measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
+    measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
+    progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Results of one model (names of files) against the model file `full`, which is solved once. Collective.
 
     They must have the same inputs, outputs, frame and damping. The other keywords are those of evaluate_result.
     `rows`: for each result its coordinates, their number, where some are rigid-body ones also that of the elastic
     ones, the largest eps, Q (57), and the direction that is known worst by itself with its error. All are measured
-    alike: by "directions", whatever they were reduced to, unless `measure` is "paper". `modes`: the lowest modes of the model (so many) and, for each result, the relative error
-    of the frequency of its pseudo-mode with the largest modal assurance criterion,
+    alike: by "directions", whatever they were reduced to, unless `measure` is "paper". `modes`: the lowest modes of the model (so many) and, for each
+    result, the relative error of the frequency of its pseudo-mode with the largest modal assurance criterion,
 
         MAC = (phi^T M psi)^2 / (phi^T M phi psi^T M psi),
 

@@ -34,7 +34,9 @@ def test_a_long_caughey_series_holds_in_the_reduced_coordinates(comm):
     law = hpcred.Caughey((1.0, 1e-5, 1e-12))
     for mass in (1.0, 0.0):
         M = np.diag([1.0, 1, 1, 1, 1, mass])
-        with hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, inputs=np.eye(6)[:, :1]) as model:
-            with hpcred.reduce(model, [Modes(count=2), StaticCorrection()], damping=law) as rom:
-                squares = (2 * np.pi * rom.frequencies) ** 2
-                assert np.allclose(rom.D, np.diag(1.0 + 1e-5 * squares + 1e-12 * squares**2), rtol=1e-9, atol=1e-9)
+        with (
+            hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, inputs=np.eye(6)[:, :1]) as model,
+            hpcred.reduce(model, [Modes(count=2), StaticCorrection()], damping=law) as rom,
+        ):
+            squares = (2 * np.pi * rom.frequencies) ** 2
+            assert np.allclose(rom.D, np.diag(1.0 + 1e-5 * squares + 1e-12 * squares**2), rtol=1e-9, atol=1e-9)
