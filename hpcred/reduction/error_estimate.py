@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .measure import PAPER, SILENT, Measure, directions, drive_points
+from .measure import IDLE, PAPER, SILENT, Measure, directions, drive_points
 from .pseudo_modal import Law, PseudoModal, chunks, difference, norms, response, responses, solve
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
@@ -86,7 +86,9 @@ def measure_of(settings, model: PseudoModal, law: Law, ports) -> Measure:
     H, drive = responses(model, law, frequencies, ports)
     of = drive_points(Lb, Lc)
     silent = _silent(model, law, frequencies, ports) if (of[0] < 0).any() else ()
-    return directions(frequencies, H, drive, of, silent)
+    found = directions(frequencies, H, drive, of, silent)
+    # an input that moves nothing elastic, which a warning names, has no response that could be wrong
+    return replace(found, inputs=tuple(value or IDLE for value in found.inputs))
 
 
 def _silent(model, law, frequencies, ports) -> list[int]:

@@ -20,6 +20,7 @@ import numpy as np
 PARALLEL = 1e-9  # sine of the angle between a load and a measure of the same direction
 STATIC = 1e-3  # of the median, below which a response at 0 Hz is a zero and no floor
 SILENT = 1e-10  # of |C_j| |x|, below which an output does not feel the states x, but for round-off
+IDLE = 1e300  # floor of an input that moves nothing, beside which no error counts
 NO_INPUT, FEELS_NOTHING = -1, -2  # of an output that no input acts at, and of one that feels no input
 
 

@@ -187,3 +187,12 @@ def test_a_full_response_is_measured_by_directions(rod):
     assert found.accuracy.measure.kind == "directions" and found.check.passed
     drive = np.einsum("fii->fi", exact)
     assert hpcred.relative_error(exact, found.response, found.accuracy.measure, drive=drive).max() < 1e-4
+
+
+def test_an_input_that_moves_nothing_is_no_obstacle(comm):
+    """Its column is zero; round-off over nothing had been an infinite error."""
+    B = np.hstack([unit(20, 3), np.zeros((20, 1)), unit(20, 11)])
+    case = Case("idle", *chain(20), B, up_to(*chain(20), 5))
+    with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-4, band=case.band) as rom:
+        accuracy = rom.record.accuracy
+    assert accuracy.reached and accuracy.largest > 1e-6
