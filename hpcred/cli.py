@@ -239,6 +239,7 @@ def reduce(
     if accuracy is not None:
         made = counted(accuracy.factorisations, "factorisation")
         session.verdict(f"{accuracy.sentence}, {made}, {found.size_in_words}", accuracy.reached)
+        show_table(DIRECTIONS, accuracy.direction_rows)
     show_table(
         f"{found.output}: {found.size_in_words} for {record.size} dofs",
         [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
@@ -246,7 +247,6 @@ def reduce(
     )  # fmt: skip
     show_table(INTERFACES, record.interface_rows)
     if accuracy is not None:
-        show_table(DIRECTIONS, accuracy.direction_rows)
         show_table("Expansion points", [
             {"f (Hz)": item.frequency, "columns": item.columns, "modes below": in_words(item.modes_below),
              "estimate after it": in_words(item.estimate), "factor": item.factor_in_words} for item in accuracy.points
