@@ -33,8 +33,9 @@ class Job:
     model.interfaces.Interface; its name stands for a node in inputs, outputs and frames. `band`: Hz. `tolerance`:
     eps that points, orders and size are chosen for, over the band, within the limits `adaptive` (see
     reduction.accuracy.Limits); `measure`, `static`: see reduction.accuracy.Adaptive; `unreached`: where it is not
-    reached the model is written under a name that says so ("mark"), as `output` ("write"), or not ("refuse"). `write_basis`: whether V goes into the result; `report`: whether
-    an HTML report is written beside it. `body_origin` (m), `lumped_integrals`: see multibody.floating_frame.
+    reached the model is written under a name that says so ("mark"), as `output` ("write"), or not ("refuse").
+    `write_basis`: whether V goes into the result; `report`: whether an HTML report is written beside it. `body_origin`
+    (m), `lumped_integrals`: see multibody.floating_frame.
     deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
     out_of_core, low_rank, memory_mb, solver: see linalg.factorisation.Factoring. `store`: a folder of expansion points
     (see formats.point_store).

@@ -159,8 +159,8 @@ def _doubts(model, item, own, position, sets) -> tuple[str, ...]:
     reach, off = np.linalg.norm(own.points - centre, axis=1).max(), np.linalg.norm(position - centre)
     if reach > 0 and off > OFF * reach:
         doubts.append(
-            f"{where}: at: its reference node lies {off:.3g} m from the centre of its set, which reaches {reach:.3g} m; "
-            "is `at` in m?"
+            f"{where}: at: its reference node lies {off:.3g} m from the centre of its set, which reaches {reach:.3g} m "
+            "from there; is `at` in m?"
         )
     return tuple(doubts)
 

@@ -38,8 +38,9 @@ def compare_results(
     They must have the same inputs, outputs, frame and damping. The other keywords are those of evaluate_result.
     `rows`: for each result its coordinates, their number, where some are rigid-body ones also that of the elastic
     ones, the largest eps, Q (57), and the direction that is known worst by itself with its error. All are measured
-    alike: by "directions", whatever they were reduced to, unless `measure` is "paper". `modes`: the lowest modes of the model (so many) and, for each
-    result, the relative error of the frequency of its pseudo-mode with the largest modal assurance criterion,
+    alike: by "directions", whatever they were reduced to, unless `measure` is "paper". `modes`: the lowest modes of the
+    model (so many) and, for each result, the relative error of the frequency of its pseudo-mode with the largest modal
+    assurance criterion,
 
         MAC = (phi^T M psi)^2 / (phi^T M phi psi^T M psi),
 

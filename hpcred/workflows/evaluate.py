@@ -44,8 +44,8 @@ def evaluate_result(
     `frequencies` (Hz), or else `points` of them over `band` (two numbers, default that of the job). The frame, the
     damping, the inputs and outputs of the full model are those of the reduction, and so is `factoring` unless it is
     given; that it is the model of the reduction is checked. `measure`: what eps is, "directions" or "paper", by default
-    as the model was reduced. Modal ratios are measured as the loss factor of the smallest. `output`: a .csv or HDF5 file
-    for the responses, see formats.response_file. `figure`: a .png, .svg or .pdf of a response and its error, see
+    as the model was reduced. Modal ratios are measured as the loss factor of the smallest. `output`: a .csv or HDF5
+    file for the responses, see formats.response_file. `figure`: a .png, .svg or .pdf of a response and its error, see
     workflows.pair_figures, for each of the `pairs` "output/input", by default the largest. `groups`: see
     frequency_response. Returns plain numbers for a table or JSON. Raises InputError.
     """
