@@ -224,9 +224,10 @@ class Accuracy:
         # responses of round-off are compared with each other; without an exact value nothing bounds an estimate
         more = " or more" if self.stopped == ROUND_OFF or self.unproven else ""
         about = f"{self.largest + self.noise:.1e}{more}"
+        eps = "eps (55)" if self.measure.kind == "paper" else "eps"
         claim = (
-            f"eps <= {self.tolerance:g} over {low:g} to {high:g} Hz" if self.reached
-            else f"NOT REACHED: eps is about {about}, not {self.tolerance:g}, over {low:g} to {high:g} Hz, "
+            f"{eps} <= {self.tolerance:g} over {low:g} to {high:g} Hz" if self.reached
+            else f"NOT REACHED: {eps} is about {about}, not {self.tolerance:g}, over {low:g} to {high:g} Hz, "
             f"{self.stopped}"
         )  # fmt: skip
         doubt = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
