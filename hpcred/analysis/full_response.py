@@ -100,7 +100,9 @@ def full_response(
                 usual, frequencies, frame, damping, tolerance=tolerance, band=band, adaptive=adaptive, check=check,
                 seed=seed, groups=groups, factoring=factoring, progress=progress,
             )  # fmt: skip
-        return replace(found, response=unscaled(found.response, inputs * outputs))
+        return replace(
+            found, response=unscaled(found.response, inputs * outputs), accuracy=found.accuracy.times(inputs, outputs)
+        )
     frequencies = np.unique(checked_frequencies(frequencies))
     if not len(frequencies):
         raise InputError("frequencies: found none, expected at least one, in Hz")

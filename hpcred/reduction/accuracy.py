@@ -207,6 +207,11 @@ class Accuracy:
             return replace(self, noise=noise, reached=False, stopped=ROUND_OFF)
         return replace(self, noise=noise)
 
+    def times(self, inputs: float, outputs: float) -> Accuracy:
+        """The same of a model whose inputs and outputs are multiplied by factors."""
+        directions = tuple(replace(item, static=item.static * inputs * outputs) for item in self.directions)
+        return replace(self, measure=self.measure.times(inputs, outputs), directions=directions)
+
     @property
     def factorisations(self) -> int:
         """Factors that were made."""

@@ -12,7 +12,7 @@ docs/theory/error.md. The paper's eps (55) is ||E||_F / ||H||_F.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -20,6 +20,7 @@ import numpy as np
 PARALLEL = 1e-9  # sine of the angle between a load and a measure of the same direction
 STATIC = 1e-3  # of the median, below which a response at 0 Hz is a zero and no floor
 SILENT = 1e-10  # of |C_j| |x|, below which an output does not feel the states x, but for round-off
+TINY = 1e-300  # least floor
 IDLE = 1e300  # floor of an input that moves nothing, beside which no error counts
 NO_INPUT, FEELS_NOTHING = -1, -2  # of an output that no input acts at, and of one that feels no input
 
@@ -60,6 +61,15 @@ class Measure:
         """eps (S,); 0 where E and H vanish."""
         each = self.each(E, H, drive)
         return np.linalg.norm(each, axis=(1, 2)) if self.kind == "paper" else each.max(axis=(1, 2), initial=0.0)
+
+    def times(self, inputs: float, outputs: float) -> Measure:
+        """The measure of responses whose inputs and outputs are multiplied by factors."""
+        if self.kind == "paper":
+            return self
+        at = np.array(self.drive, dtype=int) >= 0
+        found = np.array(self.outputs) * np.where(at, outputs / inputs, outputs)
+        floors = np.clip(np.array(self.inputs) * inputs * inputs, TINY, IDLE)
+        return replace(self, inputs=tuple(floors.tolist()), outputs=tuple(found.tolist()))
 
     @property
     def floors(self) -> tuple[np.ndarray, np.ndarray]:

@@ -83,7 +83,10 @@ def reduce(
     with scaled(model, inputs, outputs) as usual:
         reduced = _reduce(usual, **given)
     reduced.B, reduced.C = reduced.B * inputs, reduced.C * outputs
-    reduced.record = replace(reduced.record, signature=signature_of(model))
+    accuracy = reduced.record.accuracy
+    reduced.record = replace(
+        reduced.record, signature=signature_of(model), accuracy=accuracy and accuracy.times(inputs, outputs)
+    )
     return reduced
 
 

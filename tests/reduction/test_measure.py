@@ -196,3 +196,21 @@ def test_an_input_that_moves_nothing_is_no_obstacle(comm):
     with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-4, band=case.band) as rom:
         accuracy = rom.record.accuracy
     assert accuracy.reached and accuracy.largest > 1e-6
+
+
+def test_inputs_in_unusual_units_have_the_same_error(comm):
+    """Their model is reduced with other factors, in which the measure is kept."""
+    K, M = chain(20)
+    for Ct in (None, unit(20, 7, 3)):
+        found = []
+        for factor in (1.0, 2.0**200):
+            case = Case("far", K, M, unit(20, 3, 11) * factor, up_to(K, M, 5), Ct=None if Ct is None else Ct / factor)
+            with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-3, band=case.band) as rom:
+                check = hpcred.check_reduced(rom, model, 2, seed=1)
+            assert check.passed and np.allclose(check.said, check.exact, rtol=0.2, atol=1e-8)
+            found.append((rom.size, rom.record.accuracy))
+        (size, one), (other, far) = found
+        assert size == other and far.largest == pytest.approx(one.largest, rel=1e-6)
+        scale = factor**2 if Ct is None else 1.0
+        known = {item.output: item.static * scale for item in one.directions}
+        assert {item.output: item.static for item in far.directions} == pytest.approx(known)
