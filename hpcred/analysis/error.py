@@ -9,7 +9,7 @@ import numpy as np
 from ..model.damping import Damping, ModalDamping, Structural
 from ..parallel.failures import InputError
 from ..reduction.accuracy import Direction, directions_table, law_of
-from ..reduction.measure import NO_INPUT, PAPER, Measure, directions, drive_points
+from ..reduction.measure import IDLE, NO_INPUT, PAPER, SILENT, Measure, directions
 from ..reduction.reduced_model import ReducedModel
 
 
@@ -84,26 +84,29 @@ class Errors:
 
 
 def errors_of(
-    reduced: ReducedModel, frequencies, full, found, drive=None, measure: str | None = None
+    reduced: ReducedModel, frequencies, full, found, drive, measure: str | None = None, anew=False
 ) -> Errors:
     """The errors of responses `found` (F, r, p) of a reduced model, of those of the full one, at frequencies (F,) in
     Hz, ascending.
 
-    `drive` (F, p): drive-point responses of the full model, without which they are those of the reduced one where its
-    outputs are not its inputs. `measure`: by default that which the model was reduced with, else "directions", whose
-    floors are of `full`.
+    `drive` (F, p): drive-point responses of the full model. `measure`: by default that which the model was reduced
+    with, else "directions", whose floors are those of `full` where the reduction states none; with `anew` always.
     """
+    if measure not in (None, "directions", "paper"):
+        raise InputError(f"measure: found '{measure}', expected 'directions' or 'paper'")
     record = reduced.record
     accuracy = record.accuracy if record is not None else None
-    which, ratio = drive_points(reduced.B, reduced.C.T)
-    if drive is None and len(which) == reduced.B.shape[1] and (which == np.arange(len(which))).all():
-        drive = np.einsum("fii->fi", full) / ratio
-    if drive is None:
-        drive = np.einsum("mp,fmp->fp", reduced.B, reduced.states(2j * np.pi * frequencies))
-    by = directions(frequencies, full, drive, (which, ratio))
-    kind = measure or (accuracy.measure.kind if accuracy is not None else "directions")
-    if accuracy is not None and accuracy.measure.kind == "directions":
-        by = accuracy.measure
+    known = accuracy.measure if accuracy is not None else PAPER
+    if known.kind == "directions" and not anew:
+        by = known
+    else:
+        nothing = np.flatnonzero((full == 0).all(axis=(0, 2)))
+        silent = {*known.silent, *_silent(reduced, frequencies), *nothing.tolist()}
+        by = directions(frequencies, full, drive, _places(reduced), sorted(silent))
+        by = replace(by, inputs=tuple(
+            IDLE if k < len(known.inputs) and known.inputs[k] == IDLE else value for k, value in enumerate(by.inputs)
+        ))  # fmt: skip
+    kind = measure or ("directions" if accuracy is None or anew else known.kind)
     used = PAPER if kind == "paper" else by
     table = directions_table(
         by, [(frequencies, by.each(full - found, full, drive), full)], reduced.output_names, reduced.input_names
@@ -111,16 +114,33 @@ def errors_of(
     return Errors(relative_error(full, found, used, drive=drive), used, table)
 
 
+def _places(reduced):
+    """For each output the input at the same place, by name, and the ratio of the two (see measure.drive_points)."""
+    inputs = {name: i for i, name in enumerate(reduced.input_names)}
+    which = np.array([inputs.get(name, NO_INPUT) for name in reduced.output_names], dtype=int)
+    return which, np.ones(len(which))
+
+
+def _silent(reduced, frequencies):
+    """Outputs (from 0) that feel no input of a reduced model, but for round-off."""
+    parts = np.array_split(frequencies, 1 + len(frequencies) * reduced.size**2 // 2**20)
+    feels, size = False, np.linalg.norm(reduced.C, axis=1)[:, None]
+    for part in parts:
+        states = reduced.states(2j * np.pi * part)
+        bound = size * np.linalg.norm(states, axis=1)[:, None, :]
+        feels = feels | (np.abs(reduced.C @ states) > SILENT * bound).any(axis=(0, 2))
+    return np.flatnonzero(~np.broadcast_to(feels, len(reduced.C))).tolist()
+
+
 def as_compared(reduced: ReducedModel, band) -> tuple[ReducedModel, Damping, str]:
     """A reduced model as it can be set beside the full one over a band (Hz), the damping law of that, and words on it:
-    modal ratios, of which the full model has no response, are the loss factor that an accuracy is measured with."""
-    damping, accuracy = reduced.record.damping, reduced.record.accuracy
+    modal ratios, of which the full model has no response, are the loss factor of the smallest over the band."""
+    damping = reduced.record.damping
     if not isinstance(damping, ModalDamping):
         return reduced, damping, ""
     law, _, words = law_of(damping, 0.0, band)
-    eta = accuracy.loss_factor if accuracy is not None else law.eta
-    other = replace(reduced, D=np.zeros_like(reduced.D), loss_factor=eta, columns=None, left_columns=None)
-    return other, Structural(eta), accuracy.measured if accuracy is not None else words
+    other = replace(reduced, D=np.zeros_like(reduced.D), loss_factor=law.eta, columns=None, left_columns=None)
+    return other, Structural(law.eta), words
 
 
 def error_integral(frequencies: np.ndarray, errors: np.ndarray) -> float:

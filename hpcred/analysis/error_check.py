@@ -128,9 +128,10 @@ def check_reduced(
 def _resonances(reduced, accuracy):
     """Where the response may peak as it is measured (k,), in Hz, and the damping ratios there: by the poles, which a
     given D moves off the pseudo-frequencies."""
-    if accuracy.loss_factor:
+    if accuracy.loss_factor and not accuracy.beside_damping:
         return reduced.frequencies, accuracy.loss_factor / 2
-    return at_poles(elastic_part(reduced).poles())
+    f, ratios = at_poles(elastic_part(reduced).poles())
+    return f, ratios + accuracy.loss_factor / 2
 
 
 def bound_of(accuracy: Accuracy) -> float:

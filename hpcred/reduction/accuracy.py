@@ -12,7 +12,7 @@ from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.ranges import COUNT, FREQUENCY, require_band, within
 from .error_estimate import UNIFORM
-from .measure import PAPER, Measure
+from .measure import IDLE, PAPER, TINY, Measure
 from .pseudo_modal import Law
 
 ROUND_OFF = "limited by round-off"  # why a search ended
@@ -137,15 +137,20 @@ def directions_table(by: Measure, parts, outputs, inputs) -> tuple[Direction, ..
             k, i = np.unravel_index(each[:, j].argmax(), each[:, j].shape)
             if each[k, j, i] > largest[j][0]:
                 largest[j] = float(each[k, j, i]), float(frequencies[k]), int(i)
-    errors, sizes = first
+    (errors, sizes), g = first, np.sqrt(np.maximum(by.inputs, TINY))
     found = []
     for j, (error, f, worst) in enumerate(largest):
-        i = by.drive[j] if by.drive[j] >= 0 else int(sizes[j].argmax())
+        i = by.drive[j] if by.drive[j] >= 0 else int((sizes[j] / g).argmax())
         found.append(Direction(
-            output=outputs[j], input=inputs[i], static=float(sizes[j, i]), static_error=float(errors[j, i]),
-            largest=error, frequency=f, worst_input=inputs[worst],
+            output=outputs[j], input=inputs[i], static=float(sizes[j, i]), static_error=float(min(errors[j, i], IDLE)),
+            largest=min(error, IDLE), frequency=f, worst_input=inputs[worst],
         ))  # fmt: skip
     return tuple(sorted(found, key=lambda item: -item.largest))
+
+
+def worst_in_words(directions) -> str:
+    """The output that is known worst by itself, with its error; "" where that is not known."""
+    return "".join(f"{item.output}: {item.largest:.2g} at {item.frequency:.6g} Hz" for item in directions[:1])
 
 
 def rows_of_directions(directions, band) -> list[dict]:
@@ -246,10 +251,7 @@ class Accuracy:
     @property
     def worst_direction(self) -> str:
         """The output that is known worst by itself, with its error; "" where that is not known."""
-        if not self.directions:
-            return ""
-        worst = self.directions[0]
-        return f"{worst.output}: {worst.largest:.2g} at {worst.frequency:.6g} Hz"
+        return worst_in_words(self.directions)
 
     @property
     def beyond(self) -> tuple[Direction, ...]:

@@ -48,6 +48,7 @@ UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes bel
 ENDED = "the search ended before a second point"
 HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 FEW_BELOW = 0.1  # of the upper end of a band: a lower end up to it leaves few modes below the band
+HOPELESS = 300  # modes in the band, beyond which a search that may have fewer columns is not begun
 MANY, LARGE_PART = 30, 0.2  # modes in the band, and of all modes: beyond both the band is doubted
 AT_END = 0.9  # of the band: above it a point counts the modes of the band
 MIXING = 1e-14  # round-off of K on the columns of a basis, relative to the highest square of a frequency
@@ -270,7 +271,7 @@ class Search:
         if self.points or not count or low > FEW_BELOW * high or f < AT_END * high:
             return
         size, name = self.run.model.size, self.run.model.name
-        if count > self.settings.columns:
+        if count > max(self.settings.columns, HOPELESS):
             raise InputError(
                 f"band: {count} of the {size} modes of {name} lie below {f:g} Hz, by the inertia of K - omega^2 M, and "
                 f"the basis of a search has at most {self.settings.columns} columns (adaptive.columns); is the band in "
@@ -417,17 +418,17 @@ class Search:
 
     # the end
 
-    def compress(self, reason, drop_above=None, kept=range(0)) -> tuple[np.ndarray, Accuracy]:
+    def compress(self, reason, drop_above=None, kept=range(0), beside=0) -> tuple[np.ndarray, Accuracy]:
         """The columns U (m, k) of the basis that the tolerance asks for, and what is known of them. Collective.
 
         The columns `kept` of the basis stay in the span of U. Pseudo-modes above `drop_above` (Hz) are left out, and
-        what that does to the error counts.
+        what that does to the error counts. `beside`: coordinates of rigid-body motion that come later.
         """
         kept = np.eye(self.projections.basis.size)[:, list(kept)]
         with self.run.progress.stage("project"):
             kept = self._project_again(kept)
         with self.run.progress.stage("compress"):
-            return decided(self.run.model.comm, self._compress, reason, drop_above, kept)
+            return decided(self.run.model.comm, self._compress, reason, drop_above, kept, beside)
 
     def _project_again(self, kept) -> np.ndarray:
         """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones: what
@@ -454,8 +455,8 @@ class Search:
         H, drive = pair.responses(S)
         return float(pair.measure.eps(H - response(before, pair.law, S, pair.ports), H, drive).max())
 
-    def _compress(self, reason, drop_above, kept):
-        found, judge = compress(self.judge, reason, drop_above, kept), self.judge
+    def _compress(self, reason, drop_above, kept, beside):
+        found, judge = compress(self.judge, reason, drop_above, kept, beside), self.judge
         largest = float(found.curve.max()) + (judge.rest if found.reason else min(judge.rest, 3 * judge.floor))
         return found.factor, self.accuracy(
             found.reason, found.pair, found.frequencies, found.curve, largest=largest, noise=found.noise,
@@ -481,7 +482,7 @@ class Search:
             proofs=tuple(self.proofs), frequencies=tuple(frequencies.tolist()), eps=tuple(curve.tolist()),
             loss_factor=pair.law.eta, beside_damping=self.projections.D is not None, multigrid=multigrid,
             unproven="; ".join(unproven), measure=pair.measure,
-            directions=directions_of(pair, frequencies, self.settings, self.run.model),
+            directions=directions_of(pair, frequencies, self.settings, self.run.model) if np.isfinite(largest) else (),
         )  # fmt: skip
         return found.with_noise(noise)
 

@@ -62,7 +62,7 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
         return np.minimum(measure.each(inside.difference(frequencies), *known), LARGE)
 
     def fits(U):
-        return _total(errors(U), measure).max() <= goal
+        return measure.total(errors(U)).max() <= goal
 
     even = leading(1.0)
     if most is not None:
@@ -76,7 +76,7 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
         weights, U = np.ones((len(frequencies), 1, states.shape[2])), even[:, : best.shape[1] - 1]
         for _ in range(rounds):
             each = errors(U)
-            curve = _total(each, measure)
+            curve = measure.total(each)
             if curve.max() <= goal:
                 break
             of_inputs, of_outputs = each.max(axis=1), each.max(axis=2)
@@ -87,10 +87,6 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
             break
         best = U
     return joined(fixed, best)
-
-
-def _total(each, measure):
-    return np.linalg.norm(each, axis=(1, 2)) if measure.kind == "paper" else each.max(axis=(1, 2))
 
 
 def inner_of(pair: Comparison, U) -> Comparison:
@@ -117,19 +113,19 @@ class Compressed(NamedTuple):
     reason: str
 
 
-def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarray) -> Compressed:
+def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarray, beside: int) -> Compressed:
     """The few combinations of a basis that the tolerance asks for, after a search; local.
 
     `reason`: why the search ended before the tolerance was reached, or "". The columns `kept` (m, c), in terms of
     those of the basis, stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the
-    error counts. Raises InputError.
+    error counts. `beside`: coordinates that join the model later, and count for the size. Raises InputError.
     """
     eps, est, noise = judge.settings.tolerance, judge.rest, judge.noise
     outer = judge.projections.model()
     whole = judge.compare(outer, outer, np.eye(len(outer.squares)))
     goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
     fixed = np.linalg.qr(outer.vectors.T @ kept)[0] if kept.shape[1] else kept
-    found, frequencies, curve, limited = _reach(judge, whole, goal, fixed)
+    found, frequencies, curve, limited = _reach(judge, whole, goal, fixed, beside)
     reason = reason or limited
     if drop_above is not None and found.inner.frequencies[-1] > drop_above:
         found, frequencies, curve = _without_modes_above(drop_above, found, frequencies)
@@ -139,13 +135,14 @@ def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarr
     return Compressed(outer.vectors @ found.embedding, found, frequencies, curve, noise, reason)
 
 
-def _reach(judge, whole: Comparison, goal, fixed):
+def _reach(judge, whole: Comparison, goal, fixed, beside):
     """The smallest model whose error stays below the goal between the frequencies as well, beside the big one; a grid
-    and its error on it; and why the size that was asked for does not let it, or ""; `fixed`: see compressed()."""
+    and its error on it; and why the size that was asked for does not let it, or ""; `fixed`: see compressed(),
+    `beside`: see compress()."""
     settings, law, outer = judge.settings, whole.law, whole.outer
     S, limited, most = grid([outer], law, settings.band), "", settings.size
-    if most is not None and fixed.shape[1]:  # interface coordinates, which those of rigid-body motion join
-        most -= judge.projections.run.framed.rigid_size
+    if most is not None:
+        most -= beside
     for trial in range(TRIALS + 1):
         U = compressed(whole, S, goal, fixed) if trial < TRIALS else np.eye(len(outer.squares))
         if most is not None and U.shape[1] > most:
@@ -153,7 +150,7 @@ def _reach(judge, whole: Comparison, goal, fixed):
             U = compressed(whole, S, 0.0, fixed, most=most)
         found = inner_of(whole, U)
         fine, curve = largest(found, grid([outer, found.inner], law, settings.band, 2 * UNIFORM, FINE))
-        if curve.max() <= 1.02 * goal or most == U.shape[1]:
+        if curve.max() <= 1.02 * goal or (most is not None and U.shape[1] >= most):
             break
         S = np.unique(np.concatenate([S, fine[curve > 0.8 * goal]]))
     return found, *resolved(found, fine, curve, 3 * judge.noise), limited

@@ -59,7 +59,10 @@ class Measure:
 
     def eps(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:
         """eps (S,); 0 where E and H vanish."""
-        each = self.each(E, H, drive)
+        return self.total(self.each(E, H, drive))
+
+    def total(self, each: np.ndarray) -> np.ndarray:
+        """eps (S,) of the errors of all responses (S, r, p)."""
         return np.linalg.norm(each, axis=(1, 2)) if self.kind == "paper" else each.max(axis=(1, 2), initial=0.0)
 
     def times(self, inputs: float, outputs: float) -> Measure:

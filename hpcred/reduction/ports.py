@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..linalg.blocks import create_block, from_dense, inner, local_rows, multiply
+from ..model.frames import ONLY_RIGID
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 
-GONE = 1e-12  # of the norm of a load: what is left without its rigid-body part is round-off
+GONE = ONLY_RIGID  # of the norm of a load: what is left without its rigid-body part is round-off
 DEPENDENT_PORT = 1e-13  # of the square of a load: what others leave of it, below which it is a combination of them
 
 
@@ -46,6 +47,10 @@ def loads_and_ports(run):
             raise InputError(f"{model.name}: no {what} the elastic dofs of the model; the response is zero")
     multiply(L, turn)
     L.setActiveColumns(0, turn.shape[1])
+    # loads of about one size, by powers of 2, which change no digit: what is parallel does not depend on units
+    size = decided(model.comm, lambda gram: 2.0 ** np.round(np.log2(np.sqrt(np.diag(gram)))), inner(L, L))
+    multiply(L, np.diag(1 / size))
+    factor = size[:, None] * factor
     Lb = factor[:, : widths[0]]
     return L, (Lb, Lb if model.Ct is None else factor[:, widths[0] :])
 

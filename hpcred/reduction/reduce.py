@@ -269,7 +269,9 @@ def _kept_columns(vectors, run, adaptive, settings) -> range:
         ConstraintModes().extend(vectors, run)
     if adaptive.static == "exact":
         StaticCorrection().extend(vectors, run)
-    rigid = run.framed.rigid_size if settings.coordinates == "interface" else 0
+    if adaptive.static == "exact" and settings.drop_above is not None:
+        raise InputError("drop_above: found it beside static = 'exact', whose deflections it may cut; leave one out")
+    rigid = _rigid_beside(run, settings)
     if adaptive.size is not None and adaptive.size < rigid + vectors.size:
         raise InputError(
             f"adaptive.size: found {adaptive.size}, expected at least {rigid + vectors.size}, by which the interfaces "
@@ -278,26 +280,31 @@ def _kept_columns(vectors, run, adaptive, settings) -> range:
     return range(vectors.size)
 
 
+def _rigid_beside(run, settings) -> int:
+    """Coordinates of rigid-body motion, which interface coordinates of a free body have besides."""
+    return run.framed.rigid_size if settings.coordinates == "interface" else 0
+
+
 def _to_tolerance(vectors, run, adaptive, groups, settings, kept) -> tuple[Accuracy, Projections]:
     """Extend the basis until the tolerance is proven, and compress it; what is known of it, and its projections. The
     columns `kept` stay in the span."""
     before = vectors.size
     try:
-        search, factor, accuracy = _search(vectors, run, adaptive, groups, settings.drop_above, kept)
+        search, factor, accuracy = _search(vectors, run, adaptive, groups, settings, kept)
     except DoesNotFit as error:
         if vectors.size > before or not run.solvers.give_up_factors(error):
             raise
-        search, factor, accuracy = _search(vectors, run, adaptive, groups, settings.drop_above, kept)
+        search, factor, accuracy = _search(vectors, run, adaptive, groups, settings, kept)
     run.note("compressed", vectors.size, factor.shape[1])
     vectors.multiply(factor)
     return accuracy, search.projections
 
 
-def _search(vectors, run, adaptive, groups, drop_above, kept):
+def _search(vectors, run, adaptive, groups, settings, kept):
     """The search, the factor that compresses its basis, and what is known of it; the columns `kept` stay in its span.
     """
     search = Search(vectors, run, adaptive, groups)
-    return search, *search.compress(search.search(), drop_above, kept)
+    return search, *search.compress(search.search(), settings.drop_above, kept, _rigid_beside(run, settings))
 
 
 def _check_size(framed, basis, adaptive) -> int:

@@ -60,7 +60,8 @@ def largest_residual(projections, frequencies, damped=True) -> float:
     with Owned(model.comm) as owned:
         whole = owned.owns(_combined(projections, [], factors[:1], scale))
         rest = owned.owns(_combined(projections, matrices, factors, scale))
-        rest, whole = (np.sqrt(np.diag(inner(block, block))) for block in (rest, whole))
+        # real and imaginary parts are columns of their own
+        rest, whole = (np.hypot(*np.split(np.sqrt(np.diag(inner(block, block))), 2)) for block in (rest, whole))
     return float(decided(model.comm, lambda: np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0).max()))
 
 

@@ -16,6 +16,7 @@ from ..formats.result_file import read_result
 from ..formats.sweep_file import read_sweep
 from ..formats.sweep_table import check_table_name, write_sweep_table
 from ..parallel.failures import InputError
+from ..reduction.accuracy import worst_in_words
 from ..reduction.interface_coordinates import elastic_part
 from ..report.figures import pyplot
 from ..report.sweep_figures import curves_figure, key_figure, size_figure, stem_of
@@ -86,9 +87,9 @@ def _row(run, state, full, keys):
         curve = record.accuracy.frequencies, record.accuracy.eps
     if full is not None and full.is_file():
         frequencies, errors = errors_against(elastic_part(reduced), full)
-        curve, worst = (frequencies, errors.eps), errors.directions[0]
+        curve = frequencies, errors.eps
         row["Q"], row["eps"] = error_integral(*curve), float(errors.eps.max())
-        row["worst_direction"] = f"{worst.output}: {worst.largest:.2g} at {worst.frequency:.6g} Hz"
+        row["worst_direction"] = worst_in_words(errors.directions)
     return row, curve
 
 
@@ -96,8 +97,10 @@ def errors_against(reduced, path):
     """Frequencies (F,) in Hz and the Errors of a ReducedModel against the full response of a file. Raises InputError.
     """
     responses = read_responses(path)
-    if responses.full is None:
-        raise InputError(f"{path}: has no response of a full model; remove it, and it is made again")
+    if responses.full is None or responses.drive is None:
+        raise InputError(
+            f"{path}: has no response of a full model, or not that at its inputs; remove it, and it is made again"
+        )
     for key in ("input_names", "output_names"):
         if getattr(responses, key) != getattr(reduced, key):
             raise InputError(f"{path}: its {key.replace('_', ' ')} are not those of the reduced model")

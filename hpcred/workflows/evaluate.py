@@ -64,7 +64,7 @@ def evaluate_result(
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     damping, words = record.damping, ""
     if full is not None:
-        reduced, damping, words = as_compared(reduced, record.accuracy.band if record.accuracy else (grid[0], grid[-1]))
+        reduced, damping, words = as_compared(reduced, (grid[0], grid[-1]))
     arrays = {"frequencies": grid, "reduced": frequency_response(reduced, grid)}
     report["reduced_norm"] = np.linalg.norm(arrays["reduced"], axis=(1, 2)).tolist()
     if full is not None:

@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
-from adaptive_models import Case, chain, fresh, reduced_response, unit, up_to
+from adaptive_models import Case, chain, fresh, reduced_response, tied_chains, unit, up_to
 
 import hpcred
+from hpcred.analysis.error import errors_of
+from hpcred.analysis.frequency_response import response_and_drive
 from hpcred.reduction.measure import FEELS_NOTHING, NO_INPUT, PAPER, directions, drive_points
+from hpcred.reduction.reduced_model import as_measured
 
 pytestmark = pytest.mark.mpi
 
@@ -214,3 +217,41 @@ def test_inputs_in_unusual_units_have_the_same_error(comm):
         scale = factor**2 if Ct is None else 1.0
         known = {item.output: item.static * scale for item in one.directions}
         assert {item.output: item.static for item in far.directions} == pytest.approx(known)
+
+
+def test_results_beside_each_other_leave_out_what_feels_nothing(comm):
+    """Of two chains without a tie: an output on the other one had an infinite error where floors were made anew."""
+    K, M = tied_chains(0.0)
+    case = Case("apart", K, M, unit(80, 5), (0.0, 8.0), Ct=unit(80, 30, 47))
+    with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-4, band=case.band) as rom:
+        f = np.linspace(*case.band, 21)
+        measured = as_measured(rom, rom.record.accuracy)
+        law = hpcred.Structural(rom.record.accuracy.loss_factor)
+        full, drive = response_and_drive(model, f, None, law)
+        found = hpcred.frequency_response(measured, f)
+        for anew in (False, True):
+            errors = errors_of(measured, f, full, found, drive, anew=anew)
+            assert errors.eps.max() < 1e-3 and errors.measure.silent == (1,)
+        with pytest.raises(hpcred.InputError, match="^measure: found 'papr', expected 'directions' or 'paper'"):
+            errors_of(measured, f, full, found, drive, "papr")
+
+
+def test_sizes_hold_with_exact_statics_and_nothing_of_them_is_dropped(rod):
+    given = {"tolerance": 1e-6, "band": BAND, "static": "exact"}
+    asked = hpcred.Adaptive(**given, size=16)
+    with hpcred.reduce(rod, frame=hpcred.Buckens(), adaptive=asked) as rom:
+        assert rom.size == 16 and rom.record.accuracy.stopped == "with 16 coordinates"
+    with pytest.raises(hpcred.InputError, match="^drop_above: found it beside static = 'exact'"):
+        hpcred.reduce(rod, frame=hpcred.Buckens(), drop_above=1e4, **given)
+
+
+def test_loads_of_all_sizes_are_no_drive_points_of_their_sum(comm):
+    """An output of the places of two inputs is none of them, however large the second one is."""
+    C, B = unit(20, 5) + unit(20, 17), unit(20, 5, 17)
+    found = []
+    for factor in (1.0, 1e10):
+        case = Case("sum", *chain(20), B * [1.0, factor], up_to(*chain(20), 5), Ct=C)
+        with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-4, band=case.band) as rom:
+            found.append((rom.size, rom.record.accuracy))
+    assert all(accuracy.measure.drive == (NO_INPUT,) for _, accuracy in found)
+    assert found[0][0] == found[1][0] and found[0][1].largest == pytest.approx(found[1][1].largest, rel=1e-6)
