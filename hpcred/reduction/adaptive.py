@@ -49,6 +49,7 @@ ENDED = "the search ended before a second point"
 HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 FEW_BELOW = 0.1  # of the upper end of a band: a lower end up to it leaves few modes below the band
 HOPELESS = 300  # modes in the band, beyond which a search that may have fewer columns is not begun
+ABOVE = 1.5  # of the band: modes that come down to it are followed from there, where they are not counted
 MANY, LARGE_PART = 30, 0.2  # modes in the band, and of all modes: beyond both the band is doubted
 AT_END = 0.9  # of the band: above it a point counts the modes of the band
 MIXING = 1e-14  # round-off of K on the columns of a basis, relative to the highest square of a frequency
@@ -161,7 +162,7 @@ class Search:
         else:  # those that no load moves
             self._sought = True
             self.solver.go_to(0.0)
-            find_hidden(self.solver, self.judge, [(self.settings.band[1], 0)])
+            find_hidden(self.solver, self.judge, [(ABOVE * self.settings.band[1], 0)])
             self._waiting.insert(0, f)
         return ""
 

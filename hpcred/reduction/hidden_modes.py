@@ -12,6 +12,7 @@ from .pseudo_modal import nested
 from .search_checks import check_complete
 
 HIDDEN = 60  # random columns at most
+QUIET = 2  # pairs of random columns that show nothing new, after which all is found that there is no count for
 
 
 def find_hidden(solver: PointSolver, judge: Judge, counted) -> tuple[int, float]:
@@ -21,7 +22,7 @@ def find_hidden(solver: PointSolver, judge: Judge, counted) -> tuple[int, float]
     `counted`: points (Hz) with the number of modes below each; `solver`: at one of them, or at 0 Hz.
     """
     projections, run = solver.projections, solver.run
-    size, used, moving = projections.basis.size, 0, None
+    size, used, moving, quiet = projections.basis.size, 0, None, 0
     while used < HIDDEN:
         before, by_random = projections.basis.size, moving is None
         used += solver.extend_by_random() if moving is None else _extend_by_modes(solver, moving)
@@ -29,7 +30,8 @@ def find_hidden(solver: PointSolver, judge: Judge, counted) -> tuple[int, float]
             check_complete(projections, judge.settings.band)
             break
         moving, lack = decided(run.model.comm, _moving, projections, before, counted)
-        if moving is None and lack <= 0 and (solver.counts or by_random):  # which show all, but for a count
+        quiet = quiet + 1 if by_random and moving is None else 0
+        if moving is None and lack <= 0 and (solver.counts or quiet == QUIET):
             break
     run.note("modes that no load moves", used, projections.basis.size - size)
     return decided(run.model.comm, _change, judge, size, counted)

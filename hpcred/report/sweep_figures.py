@@ -1,6 +1,5 @@
 """Figures of a sweep: rows of its table and error curves enter; error over size, over each key, and eps(f) leave."""
 
-import math
 import re
 
 from .figures import COLOURS, DASHES, INK, pyplot, save
@@ -11,17 +10,21 @@ MOST = 16  # curves that a legend can tell apart
 
 def size_figure(stem, rows, series, error):
     """`error` over the size, logarithmic, one colour for each text of `series(row)`; the line joins the best of each
-    size, so that the lowest one wins there. stem.png and stem.svg."""
+    size, so that the lowest one wins there, and has its worst direction. stem.png and stem.svg."""
     figure, axes = _axes("coordinates", error, "Error over size")
     for i, (label, group) in enumerate(_grouped(rows, series)):
         best = {}
-        for row in group:
-            best[row["size"]] = min(row[error], best.get(row["size"], math.inf))
+        for row in sorted(group, key=lambda row: -row[error]):
+            best[row["size"]] = row
         sizes = sorted(best)
         style = _style(i)
         axes.plot([row["size"] for row in group], [_positive(row[error]) for row in group], style["marker"],
                   color=style["color"], markersize=4, alpha=0.5)  # fmt: skip
-        axes.plot(sizes, [_positive(best[size]) for size in sizes], label=label, **style)
+        axes.plot(sizes, [_positive(best[size][error]) for size in sizes], label=label, **style)
+        for size in sizes:
+            worst = (best[size].get("worst_direction") or "").rpartition(": ")[0]
+            axes.annotate(worst, (size, _positive(best[size][error])), (3, 3), textcoords="offset points", fontsize=6,
+                          color=style["color"])  # fmt: skip
     axes.xaxis.get_major_locator().set_params(integer=True)
     _finish(figure, axes, stem)
 
