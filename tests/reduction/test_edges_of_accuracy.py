@@ -97,13 +97,13 @@ def test_a_long_series_is_measured_as_it_is(comm):
     w = 2 * np.pi * up_to(K, M, 10)[1]
     case = Case("series", K, M, unit(40, 3, 22), up_to(K, M, 10), damping=Caughey((0.01 * w, 0.01 / w, 1e-3 / w**3)))
     accuracy, _ = reached(case, 1e-4, comm)
-    assert accuracy.measured == "measured with the damping of the model"
+    assert accuracy.measured.startswith("measured with the damping of the model") and not accuracy.loss_factor
 
 
 def test_multigrid_finds_modes_that_no_load_moves(comm):
     """A block of square section with one force at a corner: half of its modes are not loaded."""
-    if is_complex():
-        pytest.skip("the same in both builds, and slow")
+    if is_complex() or comm.size > 1:
+        pytest.skip("tested elsewhere on several ranks and in both builds; this takes many solves")
     with hpcred.solid((3, 3, 3), inputs=1, comm=comm) as model:
         K, M, B = dense_model(model)
         band = 0.0, 1.05 * float(Case("", K, M, B, (0.0, 1.0)).frequencies[8])
