@@ -330,7 +330,8 @@ class Search:
         try:
             check_massless(self.projections, points)
         except InputError:
-            self.solver.nearby = None if not self.solver.multigrid else self.solver.nearby
+            if not self.solver.multigrid:
+                self.solver.nearby = None  # so that it factors a point of its own
             if self.solver.extend_by_random():
                 raise
             self._unless_smooth(check_massless, points)

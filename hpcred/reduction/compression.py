@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -92,7 +93,7 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
 def inner_of(pair: Comparison, U) -> Comparison:
     """The comparison of a model on orthonormal columns U (m, k) of the coordinates of `pair.outer` with that."""
     inner, embedding = restricted(pair.outer, U, pair.law)
-    return Comparison(inner, pair.outer, embedding, pair.law, pair.ports, pair.measure)
+    return replace(pair, inner=inner, embedding=embedding)
 
 
 def joined(first, others) -> np.ndarray:
@@ -161,5 +162,5 @@ def _without_modes_above(limit, found: Comparison, frequencies):
     if not kept.any():
         raise InputError(f"drop_above: no pseudo-frequency lies below {limit:g} Hz")
     inner, turn = restricted(found.inner, np.eye(len(kept))[:, kept], found.law)
-    fewer = Comparison(inner, found.outer, found.embedding @ turn, found.law, found.ports, found.measure)
+    fewer = replace(found, inner=inner, embedding=found.embedding @ turn)
     return fewer, *largest(fewer, frequencies)

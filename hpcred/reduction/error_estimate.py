@@ -46,7 +46,7 @@ class Comparison:
         """curve(), and what it may grow to beside a frequency (S,), 0 where no scale has a minimum."""
         E, known = self.difference(frequencies), self.responses(frequencies)
         each = self.measure.each(E, *known)
-        curve = self.measure.eps(E, *known)
+        curve = self.measure.total(each)
         if self.measure.kind == "paper":
             return curve, np.zeros_like(curve)
         most = np.zeros_like(curve)

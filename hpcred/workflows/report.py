@@ -76,8 +76,7 @@ def choose_pairs(sheet: Sheet, wanted=()) -> list[tuple[str, int, int]]:
     outputs, inputs = sheet.reduced.output_names, sheet.reduced.input_names
     shown = pairs_by_name(wanted, outputs, inputs, sheet.name)
     if not shown:
-        known = sheet.errors.directions if sheet.errors is not None else accuracy_directions(sheet)
-        worst = [(outputs.index(item.output), inputs.index(name)) for item in known
+        worst = [(outputs.index(item.output), inputs.index(name)) for item in sheet.directions
                  for name in dict.fromkeys((item.input, item.worst_input))]  # fmt: skip
         every = dict.fromkeys([*worst[:MOST_PAIRS], *pairs_to_show(sheet.response, outputs, inputs, MOST_PAIRS)])
         shown = list(every)[:MOST_PAIRS]
@@ -87,9 +86,3 @@ def choose_pairs(sheet: Sheet, wanted=()) -> list[tuple[str, int, int]]:
             "--pairs chooses others"
         )
     return [(f"{outputs[i]}/{inputs[j]}", i, j) for i, j in shown]
-
-
-def accuracy_directions(sheet: Sheet):
-    """The directions of an automatic reduction, the worst first."""
-    accuracy = sheet.record.accuracy
-    return accuracy.directions if accuracy is not None else ()

@@ -126,11 +126,11 @@ def _is_of_paper(sheet):
 
 
 def directions_of(sheet) -> list[dict]:
-    """How well each direction is known: against the full model, else as estimated."""
-    accuracy = sheet.record.accuracy
-    if sheet.errors is not None:
-        return rows_of_directions(sheet.errors.directions, sheet.full.frequencies)
-    return accuracy.direction_rows if accuracy is not None else []
+    """The directions of a sheet for a table."""
+    band = sheet.full.frequencies if sheet.full is not None else sheet.band
+    if sheet.full is None and sheet.record.accuracy is not None:
+        band = sheet.record.accuracy.band
+    return rows_of_directions(sheet.directions, band)
 
 
 def frequency_rows(sheet) -> list[dict]:

@@ -68,6 +68,13 @@ class Sheet:
         return elastic_part(self.result.reduced)
 
     @property
+    def directions(self):
+        """How well each output is known, the worst first: against the full model, else as estimated."""
+        if self.errors is not None:
+            return self.errors.directions
+        return self.record.accuracy.directions if self.record.accuracy is not None else ()
+
+    @property
     def record(self):
         return self.result.reduced.record
 
