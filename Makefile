@@ -1,56 +1,97 @@
-# make demo | test | fuzz | coverage | test-slow | test-ccx | test-dolfinx | test-chromium | test-slurm | docs | test-docs | bench | lint | install
+# make demo | install | test | test-slow | test-wheel | test-ccx | test-dolfinx | test-chromium | test-slurm | test-docs |
+#      test-debian12 | test-debian13 | test-kernels | fuzz | coverage | docs | bench | lint
 #
-# On Debian, `install` brings the missing system packages (as root or by sudo) and a virtual environment on top
-# of them. To use an existing PETSc instead (cluster module, conda), see "Installing" in README.md.
+# On Debian 12 and 13, and systems with the same packages, `install` brings the missing system packages (as root or by
+# sudo) and a virtual environment on top of them. For another PETSc (cluster module, conda) see docs/install.md.
 
+# apt and dpkg take the patterns: MUMPS has its version in the name of its package
 DEBIAN := python3-petsc4py python3-petsc4py-real python3-petsc4py-complex \
           python3-slepc4py python3-slepc4py-real python3-slepc4py-complex \
-          python3-mpi4py python3-h5py-mpi python3-numpy python3-scipy python3-matplotlib \
-          mpi-default-bin libmumps-ptscotch-5.5 libopenblas0-pthread python3-venv
+          python3-mpi4py python3-h5py python3-h5py-mpi python3-numpy python3-scipy python3-matplotlib \
+          mpi-default-bin libmumps-ptscotch-[0-9]* libopenblas0-pthread python3-venv
+KERNELS := $(if $(filter x86_64,$(shell uname -m)),Haswell Prescott)
 SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 PYTHON := .venv/bin/python
 
-# Open MPI refuses root and more ranks than cores unless told; both are normal in a container. On one machine it need
-# not look for networks, which takes it 0.2 s at every start.
+# Open MPI refuses root and more ranks than cores unless told; both are normal in a container. Versions 4 and 5 have
+# names of their own for the latter. On one machine it need not look for networks, which takes it 0.2 s at every start.
 export OMPI_ALLOW_RUN_AS_ROOT := 1
 export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 export OMPI_MCA_rmaps_base_oversubscribe := 1
+export PRTE_MCA_rmaps_default_mapping_policy := :oversubscribe
 export OMPI_MCA_pml ?= ob1
+export OMPI_MCA_btl ?= ^tcp
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install demo test fuzz coverage test-slow test-ccx test-dolfinx test-chromium test-slurm docs test-docs bench lint
+.PHONY: install demo test fuzz coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm docs test-docs \
+        test-packages test-kernels test-debian12 test-debian13 bench lint
+
+# $(call apt,packages) installs those that are missing
+define apt
+@set -f; command -v dpkg-query >/dev/null || { echo "make: this is no Debian or Ubuntu; see docs/install.md" >&2; exit 2; }; \
+missing=$$(for p in $(1); do dpkg-query -W -f='$${Status}\n' "$$p" 2>/dev/null | grep -q 'ok installed' || echo "$$p"; done); \
+if [ -n "$$missing" ]; then \
+    $(SUDO) apt-get update -qq && \
+    $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing; \
+fi
+endef
 
 install: .venv/.ready
 
-# The compiled packages come from Debian and are built for numpy 1: pip takes only the others, and
-# nothing may bring numpy 2 or another h5py.
-PURE := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+# The compiled packages come from Debian: pip takes only the others, and may bring no other version of these.
+COMPILED := {"numpy", "scipy", "matplotlib", "mpi4py", "h5py", "petsc4py", "slepc4py"}
+VERSIONS := from importlib import metadata; \
+        found = {d.name: d.version for d in reversed(list(metadata.distributions()))}; \
+        print(*(f"{name}=={found[name]}" for name in $(COMPILED) if name in found), sep="\n")
+PURE     := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
         deps = p["dependencies"] + p["optional-dependencies"]["test"]; \
-        debian = {"numpy", "scipy", "matplotlib", "mpi4py", "h5py", "petsc4py", "slepc4py", "tomli"}; \
-        print(*(d for d in deps if re.match("\\w+", d)[0] not in debian), sep="\n")
+        print(*(d for d in deps if re.match("\\w+", d)[0] not in $(COMPILED) | {"scipy_dae"}), sep="\n")
 
 .venv/.ready: pyproject.toml Makefile
-	@missing=$$(for p in $(DEBIAN); do dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
-	if [ -n "$$missing" ]; then \
-	    $(SUDO) apt-get update -qq && \
-	    $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing; \
-	fi
+	$(call apt,$(DEBIAN))
 	/usr/bin/python3 -m venv --clear --system-site-packages .venv
-	echo "numpy<1.25" > .venv/constraints.txt
-	.venv/bin/python -c '$(PURE)' > .venv/requirements.txt
+	/usr/bin/python3 -c '$(VERSIONS)' > .venv/constraints.txt
+	/usr/bin/python3 -c '$(PURE)' > .venv/requirements.txt
 	.venv/bin/python -m pip install -q -c .venv/constraints.txt -r .venv/requirements.txt
-	.venv/bin/python -m pip install -q --no-deps -e .
+	.venv/bin/python -m pip install -q --no-deps scipy_dae  # asks for a newer numpy than it needs
+	.venv/bin/python -m pip install -q --no-deps --config-settings editable_mode=compat -e .
 	.venv/bin/python -m compileall -q hpcred
+	@[ "$$(id -u)" != 0 ] || echo "export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1" >> .venv/bin/activate
 	@touch $@
 
 demo: install
 	mpiexec -n 2 $(PYTHON) -m hpcred
 
-test: install
-	$(PYTHON) -m pytest --beside -m "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs"
+QUICK := "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs and not wheel"
 
-test-slow: install
+# exudyn needs a libGL, tests of FMUs compile
+test-packages: install
+	$(call apt,gcc libc6-dev libgl1)
+
+test: test-packages
+	$(PYTHON) -m pytest --beside -m $(QUICK)
+
+test-slow: test-packages
 	$(PYTHON) -m pytest -m slow
+
+# the wheel and the source distribution, in environments that have nothing else
+test-wheel: install
+	$(PYTHON) -m pytest -m wheel
+
+# the numerical rooms with other kernels of OpenBLAS, whose round-off differs: those of processors without AVX-512, and
+# the oldest
+test-kernels: install
+	for kernel in $(KERNELS); do \
+	    OPENBLAS_CORETYPE=$$kernel $(PYTHON) -m pytest -q --beside -m $(QUICK) \
+	        tests/linalg tests/reduction tests/analysis tests/model || exit 1; \
+	done
+
+# a bare system in build/, as a new user has it
+test-debian12:
+	$(SUDO) tests/systems/debian.sh bookworm make demo test
+
+test-debian13:
+	$(SUDO) tests/systems/debian.sh trixie make demo test
 
 # Cases made by rule, run and judged (tests/fuzz/__init__.py): right, refused, internal error, wrong; the last two
 # must be zero. What fails is kept in fuzz-failures/. KINDS=DMIG,model runs only the kinds of cases that begin so.
@@ -66,34 +107,27 @@ TESTS := tests
 
 coverage: install
 	$(PYTHON) -m coverage run -m pytest -q -k "not 2-ranks and not 3-ranks and not complex" \
-	    -m "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs" $(TESTS)
+	    -m $(QUICK) $(TESTS)
 	$(PYTHON) -m coverage report
 
 # CalculiX and gmsh compute the example in examples/calculix
 test-ccx: install
-	@which ccx gmsh >/dev/null && $(PYTHON) -c "import gmsh" 2>/dev/null || { $(SUDO) apt-get update -qq && \
-	    $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
-	    calculix-ccx gmsh python3-gmsh; }
+	$(call apt,calculix-ccx gmsh python3-gmsh)
 	$(PYTHON) -m pytest -m ccx
 
 # DOLFINx, in both builds, assembles the matrices of examples/dolfinx
 test-dolfinx: install
-	@dpkg-query -W python3-dolfinx-real python3-dolfinx-complex >/dev/null 2>&1 || { $(SUDO) apt-get update -qq && \
-	    $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
-	    python3-dolfinx python3-dolfinx-real python3-dolfinx-complex; }
+	$(call apt,python3-dolfinx python3-dolfinx-real python3-dolfinx-complex)
 	$(PYTHON) -m pytest -m dolfinx
 
 # reports in a browser without a screen
 test-chromium: install
-	@which chromium >/dev/null || { $(SUDO) apt-get update -qq && \
-	    $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium; }
+	$(call apt,chromium)
 	$(PYTHON) -m pytest -m chromium
 
 # SLURM on this machine as this user, in a temporary folder: the scripts of jobs/ are submitted to it
 test-slurm: install
-	@PATH="$$PATH:/usr/sbin" which slurmctld slurmd sbatch munged >/dev/null || { $(SUDO) apt-get update -qq && \
-	    $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
-	    slurmctld slurmd slurm-client munge; }
+	$(call apt,slurmctld slurmd slurm-client munge)
 	$(PYTHON) -m pytest -m slurm -v
 
 .venv/.docs-ready: .venv/.ready

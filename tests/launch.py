@@ -11,9 +11,11 @@ def mpi_environment(**more):
     """Open MPI refuses root and more ranks than cores unless told, and looks for networks unless told not to."""
     return {
         "OMPI_MCA_pml": "ob1",
+        "OMPI_MCA_btl": "^tcp",
         **os.environ,
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",  # Open MPI 4
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",  # Open MPI 5
         **more,
     }

@@ -6,9 +6,10 @@ columns. Small factors (Gram matrices, coefficients) are numpy arrays, identical
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
+from mpi4py import MPI
 
 from ..parallel.petsc import PETSc, SLEPc
 
@@ -16,8 +17,12 @@ from ..parallel.petsc import PETSc, SLEPc
 def create_block(mat: PETSc.Mat, columns: int) -> SLEPc.BV:
     """A zero block of `columns` columns that A x = b of `mat` can have as b and x. The caller destroys it."""
     block = SLEPc.BV().create(comm=mat.comm)
+    rows = mat.getLocalSize()[0]
+    if hasattr(block, "setLeadingDimension"):  # SLEPc >= 3.20 pads columns: see `packed`
+        with suppress(PETSc.Error):  # debug builds want the same number on all ranks
+            block.setLeadingDimension(max(rows, 1))
+    block.setSizes((rows, mat.getSize()[0]), columns)
     block.setType(SLEPc.BV.Type.MAT)
-    block.setSizes((mat.getLocalSize()[0], mat.getSize()[0]), columns)
     return block
 
 
@@ -29,6 +34,23 @@ def dense(block: SLEPc.BV):
         yield mat
     finally:
         block.restoreMat(mat)
+
+
+@contextmanager
+def packed(mat: PETSc.Mat):
+    """A dense matrix whose columns follow each other without a gap: `mat`, or a copy that is copied back at the end.
+
+    PETSc's solves by MUMPS ignore the leading dimension of right-hand sides and solutions.
+    """
+    gap = mat.getDenseLDA() > max(mat.getLocalSize()[0], 1)
+    if not mat.comm.tompi4py().allreduce(gap, MPI.LOR):
+        yield mat
+        return
+    copy = create_dense(mat, mat.getSize()[1])
+    mat.copy(copy)
+    yield copy
+    copy.copy(mat)
+    copy.destroy()
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from ..parallel.failures import ComputationError, InputError
 from ..parallel.memory import MB, available_mb
 from ..parallel.petsc import PETSc, SLEPc
 from ..parallel.ranges import within
-from .blocks import dense
+from .blocks import dense, packed
 from .options import temporary_options
 
 MORE_ROOM = (-8, -9, -14, -15, -17, -20)  # INFOG(1): a workspace was too small
@@ -320,8 +320,8 @@ class Factorisation:
     def back_substitute(self, load: SLEPc.BV, solution: SLEPc.BV):
         """solution = A^-1 load, all active columns in one call of MUMPS, unchecked."""
         start = time.perf_counter()
-        with dense(load) as b, dense(solution) as x:
-            self._ksp.getPC().getFactorMatrix().matSolve(b, x)
+        with dense(load) as b, dense(solution) as x, packed(b) as right, packed(x) as result:
+            self._ksp.getPC().getFactorMatrix().matSolve(right, result)
             columns = x.getSize()[1]
         record = self.records[-1]
         record.columns_solved += columns

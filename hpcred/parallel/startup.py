@@ -13,7 +13,7 @@ import sys
 import numpy as np
 from mpi4py import MPI
 
-from . import failures
+from . import INSTALL, failures
 from .failures import InputError
 
 ordering = 5  # of MUMPS (icntl_7): METIS, or what it takes instead where it was built without
@@ -93,7 +93,7 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
         except ModuleNotFoundError as error:
             places = ", ".join(f"{key}={os.environ[key]}" for key in ("PETSC_DIR", "PETSC_ARCH") if key in os.environ)
             raise InputError(
-                f"no petsc4py for {places}; install it for this PETSc (README.md, Installing), or leave these out of "
+                f"found no petsc4py for {places}; install it for this PETSc (docs/install.md), or leave these out of "
                 "the environment"
             ) from error
 
@@ -121,7 +121,7 @@ def _choose(builds, preferred):
             f"(found: {', '.join(builds) or 'none'}); install it or set PETSC_DIR and SLEPC_DIR"
         )
     if not builds:
-        raise InputError("no petsc4py found; install it (README.md, Installing) or set PETSC_DIR and SLEPC_DIR")
+        raise InputError(f"found no petsc4py; {INSTALL}")
     return builds[_insisted or (preferred if preferred in builds else next(iter(builds)))]
 
 

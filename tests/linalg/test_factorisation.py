@@ -12,12 +12,12 @@ import hpcred
 import hpcred as package
 from hpcred import Krylov, Modes
 from hpcred.linalg import factorisation
-from hpcred.linalg.blocks import create_block, from_dense
+from hpcred.linalg.blocks import apply, create_block, from_dense, local_rows, random_block
 from hpcred.linalg.factorisation import Factoring, Factorisation
 from hpcred.linalg.solvers import ShiftedSolver
 from hpcred.parallel import startup
 from hpcred.parallel.failures import ComputationError, InputError
-from hpcred.parallel.petsc import PETSc
+from hpcred.parallel.petsc import PETSc, SLEPc
 
 FREQUENCIES = np.linspace(5, 295, 30)
 JOB = (
@@ -49,6 +49,37 @@ def test_a_workspace_that_is_too_small_is_enlarged(comm):
         if comm.size == 1:
             assert solver.records[0].workspace_retries > 0
         solver.close()
+
+
+def block_of_slepc(mat, columns):
+    """A block as SLEPc makes it by itself, with columns that are padded to an even length since 3.20."""
+    block = SLEPc.BV().create(comm=mat.comm)
+    block.setSizes((mat.getLocalSize()[0], mat.getSize()[0]), columns)
+    block.setType(SLEPc.BV.Type.MAT)
+    return block
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("create", [create_block, block_of_slepc])
+@pytest.mark.parametrize("columns", [1, 2, 5])
+@pytest.mark.parametrize("last", [0, 101, 1000])
+def test_columns_with_an_odd_number_of_rows_on_each_rank(comm, create, columns, last):
+    """PETSc's solves by MUMPS ignore that columns may be padded; `last`: rows of the last rank."""
+    local = 101 if comm.rank < comm.size - 1 or comm.size == 1 else last
+    rows = comm.allreduce(local)
+    mat = PETSc.Mat().createAIJ(((local, rows), (local, rows)), nnz=(3, 2), comm=comm)
+    for row in range(*mat.getOwnershipRange()):
+        for column in range(max(row - 1, 0), min(row + 2, rows)):
+            mat.setValue(row, column, 3.0 + row if row == column else -1.0)
+    mat.assemble()
+    expected, load, solution = random_block(mat, columns), create(mat, columns), create(mat, columns)
+    apply(mat, expected, load)
+    factorisation = Factorisation(mat, "lu", "odd_")
+    factorisation.factor(mass="0", damping="0", inertia_relief=False)
+    factorisation.back_substitute(load, solution)
+    with local_rows(expected) as x, local_rows(solution) as y:
+        assert np.allclose(x, y, rtol=0, atol=1e-12)
+    factorisation.close()
 
 
 @pytest.mark.mpi
