@@ -54,7 +54,7 @@ def test_a_module_that_one_rank_cannot_load_ends_the_job_on_all(hpcred, tmp_path
     run = hpcred("--version", program=("program.py",), ranks=2, timeout=30)
     assert run.returncode == 1
     said = [line for line in run.stderr.splitlines() if line.startswith("hpcred: ")]
-    assert "h5py" in said[0] and "Traceback" not in run.stderr
+    assert any("h5py" in line for line in said) and "Traceback" not in run.stderr
 
 
 FAULTS = {

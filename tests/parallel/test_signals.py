@@ -17,9 +17,11 @@ import scipy.io
 import scipy.sparse
 from helpers import SIMULATION, to_dense
 from launch import mpi_environment
+from mpi4py import MPI
 
 import hpcred as package
 
+OPEN_MPI_5 = MPI.Get_library_version().startswith("Open MPI v5")
 LONG = SIMULATION.replace("end = 0.05", "end = 1e4").replace("steps = 20", "steps = 100000")
 NEW = ("c.h5", "c.json", "result.h5", "r.json", "e.h5", "result.SID_FEM", "simulation.h5", "simulation.csv",
        "simulation.png")  # fmt: skip
@@ -97,7 +99,10 @@ def test_two_ranks_end_with_a_line(simulation, whom, number):
     job = start(simulation, 2, "simulate", "sim.toml", "--quiet")
     time.sleep(4)
     told = end(job, job.pid if whom == "launcher" else ranks_of(job)[1].pid, number)
-    assert told == ["hpcred: terminated (rank 0)" if whom == "launcher" else "hpcred: interrupted (rank 1)"]
+    if whom == "rank":
+        assert told == ["hpcred: interrupted (rank 1)"]
+    else:  # Open MPI 5 no longer passes on what ranks print once the launcher ends
+        assert told == ["hpcred: terminated (rank 0)"] or (OPEN_MPI_5 and not told)
     assert job.returncode != 0
     assert sorted(simulation.iterdir()) == before
 
