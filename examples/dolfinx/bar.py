@@ -58,7 +58,7 @@ def nodes(V):
 
 
 def elements(V):
-    """Nodes of the cells of this rank in the order of VTK, by the name of their kind in meshio.
+    """Nodes of the cells of this rank in the order of VTK, by kind.
 
     Nodes are numbered from 1 as DOLFINx numbers its dofs over all ranks, so that three rows belong to each in turn.
     """

@@ -4,7 +4,7 @@ matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all
 matrices/K, M and, where there is one, D (nonzeros)
 inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
-elements/<kind> (elements, nodes): node numbers, where known, for pictures; kinds as meshio names them
+elements/<kind> (elements, nodes): node numbers, where known, for pictures; kinds of model.elements
 held/node, direction, position: as dofs/, of the dofs without row, held at zero by the program that wrote the matrices
 sets/<name>: node numbers; signs in the name that HDF5 does not take are written as in web addresses (%2F)
 remarks: sentences of the readers of the files

@@ -1,5 +1,4 @@
-"""Files for ParaView: the shapes of a result with their points and elements enter, one .vtu leaves, or with a motion a
-.pvd and one .vtu a time.
+"""Write files for ParaView: the shapes of a result as one .vtu, or a motion as a .pvd and one .vtu a time.
 
 Shapes are those of the basis, whatever damping, inputs and outputs the reduced model has. Names of arrays have only
 letters, digits, dots and underscores, which every part of ParaView takes.
@@ -8,13 +7,24 @@ letters, digits, dots and underscores, which every part of ParaView takes.
 from __future__ import annotations
 
 import re
+import struct
+from base64 import b64decode, b64encode
+from collections import Counter
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..parallel.failures import InputError
+
 AT_ONCE = 2**25  # numbers of displacements that are held at a time
+TYPES = {  # of cells in VTK, whose nodes have the order of model.elements
+    "vertex": 1, "line": 3, "triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14,
+    "line3": 21, "triangle6": 22, "quad8": 23, "tetra10": 24, "hexahedron20": 25, "wedge15": 26,
+}  # fmt: skip
+GROUPS = ("PointData", "CellData", "Points", "Cells")
+NUMBERS = {"f": ("Float64", "<f8"), "i": ("Int64", "<i8"), "u": ("UInt8", "u1")}  # by the letter of NumPy
 
 
 def write_vtk(path, shapes) -> list[str]:
@@ -66,6 +76,82 @@ def _cells(shapes):
 
 
 def _write_mesh(path, points, cells, data):
-    import meshio  # slow to import
+    """Write a .vtu whose arrays are in base64, each behind its length in bytes."""
+    counts, sizes = zip(*(nodes.shape for nodes in cells.values()), strict=True)
+    groups = {
+        "PointData": data,
+        "Points": {"points": points},
+        "Cells": {
+            "connectivity": np.concatenate([nodes.ravel() for nodes in cells.values()]),
+            "offsets": np.cumsum(np.repeat(sizes, counts)),
+            "types": np.repeat(np.array([TYPES[kind] for kind in cells], np.uint8), counts),
+        },
+    }
+    with open(path, "w", encoding="ascii") as file:
+        file.write('<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
+                   'header_type="UInt64">\n<UnstructuredGrid>\n'
+                   f'<Piece NumberOfPoints="{len(points)}" NumberOfCells="{sum(counts)}">\n')  # fmt: skip
+        for group, arrays in groups.items():
+            file.write(f"<{group}>\n")
+            for name, values in arrays.items():
+                _write_array(file, name, values)
+            file.write(f"</{group}>\n")
+        file.write("</Piece>\n</UnstructuredGrid>\n</VTKFile>\n")
 
-    meshio.Mesh(points, list(cells.items()), data).write(path, file_format="vtu")
+
+def _write_array(file, name, values):
+    kind, number = NUMBERS[values.dtype.kind]
+    columns = values.shape[1] if values.ndim > 1 else 1
+    content = np.ascontiguousarray(values, number).tobytes()
+    file.write(f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{columns}" format="binary">\n')
+    file.write(b64encode(struct.pack("<Q", len(content)) + content).decode())
+    file.write("\n</DataArray>\n")
+
+
+def describe(path) -> dict:
+    """Return the numbers of points and cells of a .vtu, and the names of its point data.
+
+    Cells are by kind where their types stand in the XML as text or as bytes that are not packed, as ours do. Raises
+    InputError for other files of VTK, ValueError for arrays that are not whole.
+    """
+    points, cells, kinds, names = 0, 0, Counter(), []
+    root, group = {}, None
+    for event, item in ElementTree.iterparse(path, ("start", "end")):
+        if item.tag == "AppendedData":  # bytes that are no XML
+            break
+        if event == "start":
+            group = item.tag if item.tag in GROUPS else group
+            if item.tag == "VTKFile":
+                root = item.attrib
+                if root.get("type") != "UnstructuredGrid":
+                    raise InputError(
+                        f"{path}: found a VTK file of the type {root.get('type')}, expected UnstructuredGrid"
+                    )
+            elif item.tag == "Piece":
+                points, cells = points + int(item.get("NumberOfPoints")), cells + int(item.get("NumberOfCells"))
+        elif item.tag == "DataArray":
+            name = item.get("Name")
+            if group == "PointData" and name not in names:
+                names.append(name)
+            found = _content(item, root)
+            if group == "Cells" and name == "types" and found is not None:
+                kinds.update(found)
+            item.clear()
+    known = {code: kind for kind, code in TYPES.items()}
+    by_kind = {known.get(code, f"of type {code}"): count for code, count in kinds.items()}
+    return {"points": points, "cells": by_kind or cells, "point_data": names}
+
+
+def _content(item, root):
+    """The numbers of an array as text, or its bytes, or None where they are packed or elsewhere. Raises ValueError."""
+    if item.get("format") == "ascii":
+        return [int(float(word)) for word in item.text.split()] if item.get("Name") == "types" else None
+    if item.get("format") != "binary" or root.get("compressor"):
+        return None
+    content = b64decode((item.text or "").strip(), validate=True)
+    order = ">" if root.get("byte_order") == "BigEndian" else "<"
+    head = struct.Struct(order + ("Q" if root.get("header_type") == "UInt64" else "I"))
+    (length,) = head.unpack_from(content)
+    if length != len(content) - head.size:
+        raise ValueError(f"{item.get('Name')}: found {len(content) - head.size} bytes, expected {length}")
+    return content[head.size :]

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..parallel.failures import InputError
 
-# names of the kinds are those of meshio
+# nodes of all kinds are in the order of VTK
 ABAQUS = {
     "C3D4": "tetra", "C3D10": "tetra10", "C3D8": "hexahedron", "C3D20": "hexahedron20", "C3D6": "wedge",
     "C3D15": "wedge15", "C3D5": "pyramid", "S3": "triangle", "S4": "quad", "S8": "quad8", "STRI3": "triangle",

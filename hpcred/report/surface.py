@@ -32,7 +32,7 @@ class Surface:
 
 
 def surface_of(points, cells: dict) -> Surface:
-    """The surface of a body: `points` (k, 3), `cells` by kind (names of meshio) as indices of points."""
+    """The surface of a body: `points` (k, 3), `cells` by kind (of model.elements) as indices of points."""
     corners, middles, solid = all_faces(cells)
     seen = free(corners, solid)
     corners, middles = corners[seen], middles[seen]

@@ -6,20 +6,18 @@ Each function takes the name of a file, on one rank.
 from __future__ import annotations
 
 import csv
-import io
 import json
 import mmap
 import re
 import zipfile
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from xml.etree import ElementTree
 
 from numpy.lib import format as npy
 
 from ..formats import outputs, uff
+from ..formats import vtk as vtk_file
 from ..parallel.petsc import MPI
-from .info_of_output import damaged
 
 SHAPE = re.compile(rb"(?m)^ {4}-1\r?\n {4}55\r?\n(.*?)\r?$")  # the name of a dataset 55
 SUPERELEMENTS = {  # how they begin, and the name and number of each interface node in them
@@ -49,18 +47,7 @@ def vtk(path) -> dict:
     if collection:
         times = [float(item.get("timestep")) for item in ElementTree.parse(path).iter("DataSet")]
         return {"format": "ParaView collection (.pvd)", "times": len(times), "end_s": times[-1] if times else None}
-    from meshio import vtu  # slow to import
-
-    with redirect_stdout(io.StringIO()) as said, redirect_stderr(said):
-        mesh = vtu.read(path)
-    if said.getvalue():  # of arrays that it leaves out
-        raise damaged(path, ValueError(" ".join(said.getvalue().split())))
-    return {
-        "format": "VTK file (.vtu)",
-        "points": len(mesh.points),
-        "cells": {block.type: len(block.data) for block in mesh.cells},
-        "point_data": list(mesh.point_data),
-    }
+    return {"format": "VTK file (.vtu)", **vtk_file.describe(path)}
 
 
 def mbdyn(path) -> dict:
