@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from ..parallel.failures import InputError, printable
 
@@ -20,6 +21,7 @@ try:
     import fast_matrix_market
 except ImportError:
     fast_matrix_market = None
+SCIPY_HAS_IT = tuple(map(int, scipy.__version__.split(".")[:2])) >= (1, 12)  # behind scipy.io.mmread
 
 PIECE = 2**19  # bytes of text parsed at a time: what is copied on the way stays in the cache
 LONGEST_LINE = 2**26  # bytes; a small gzip file may hold one of any length
@@ -354,12 +356,12 @@ def whole(piece: Piece, values: np.ndarray, lines: np.ndarray, what: str, low=1,
 def triples(piece: Piece, commas=False) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
     """Rows and columns (from 0; from 1 in the file) and values of lines of row, column, value, which the caller copies.
 
-    And which line of the piece each is, or None where each line is one. By fast_matrix_market where it is installed
-    and the text is plain, else as `numbers`. Raises InputError that names the line.
+    And which line of the piece each is, or None where each line is one. By fast_matrix_market where it is installed,
+    or SciPy has it, and the text is plain, else as `numbers`. Raises InputError that names the line.
     """
     if commas:
         refuse_empty_fields(piece, without_comments(piece.text))
-    if fast_matrix_market is not None:
+    if fast_matrix_market is not None or SCIPY_HAS_IT:
         found = _plain_triples(piece.text.replace(b",", b" ") if commas else piece.text)
         if found is not None:
             return *found, None
@@ -385,12 +387,22 @@ def _plain_triples(text):
         return None
     head = b"%%%%MatrixMarket matrix coordinate complex general\n%d %d %d\n" % (MANY, MANY, lines)
     try:
-        (values, (rows, columns)), _ = fast_matrix_market.read_coo(_Marked(head, text), parallelism=1)
+        values, rows, columns = _by_fast_matrix_market(_Marked(head, text))
     except (ValueError, OverflowError):
         return None
     if len(values) != lines or not np.isnan(values.imag).all():
         return None
     return rows, columns, values.real
+
+
+def _by_fast_matrix_market(source):
+    if fast_matrix_market is not None:
+        (values, (rows, columns)), _ = fast_matrix_market.read_coo(source, parallelism=1)
+        return values, rows, columns
+    from scipy.io import mmread  # slow to import
+
+    found = mmread(source)
+    return found.data, found.row, found.col
 
 
 class _Marked:

@@ -34,10 +34,12 @@ def piece_of(path, content, comm):
     return Piece(write(path, content, comm), content.encode("latin-1"), 0)
 
 
-def both_ways(monkeypatch):
-    """With and without fast_matrix_market."""
+def all_ways(monkeypatch):
+    """By fast_matrix_market, by that of SciPy, and without, as far as they are there."""
     yield
     monkeypatch.setattr(text, "fast_matrix_market", None)
+    yield
+    monkeypatch.setattr(text, "SCIPY_HAS_IT", False)
     yield
 
 
@@ -47,7 +49,7 @@ def both_ways(monkeypatch):
 )
 def test_numbers_of_every_writer(comm, folder, monkeypatch, value, number):
     piece = piece_of(folder / "a.txt", f"1 1 2.5\n3 4 {value}\n", comm)
-    for _ in both_ways(monkeypatch):
+    for _ in all_ways(monkeypatch):
         i, j, v, _ = triples(piece)
         assert i.tolist() == [0, 2] and j.tolist() == [0, 3] and v.tolist() == [2.5, number]
 
@@ -60,26 +62,25 @@ def test_numbers_of_every_writer(comm, folder, monkeypatch, value, number):
 )  # fmt: skip
 def test_values_are_parsed_to_the_last_character(comm, folder, monkeypatch, line):
     piece = piece_of(folder / "a.txt", f"1 1 2.5\n{line}\n3 3 1.0\n", comm)
-    for _ in both_ways(monkeypatch):
+    for _ in all_ways(monkeypatch):
         with pytest.raises(InputError, match=r"a.txt, line 2: found '2") if line[0] == "2" else pytest.raises(
             InputError, match="a.txt, line 2: found '0 2 1.0', expected the row number as a whole number of at least 1"
         ):
             triples(piece)
 
 
+@pytest.mark.skipif(not (text.fast_matrix_market or text.SCIPY_HAS_IT), reason="needs SciPy 1.12 or fast_matrix_market")
 def test_the_fast_parser_is_used_for_plain_text(comm, folder, monkeypatch):
     """What it reads of a plain text is what the slow one reads."""
-    pytest.importorskip("fast_matrix_market")
     rng = np.random.default_rng(1)
     rows = rng.integers(1, 10**9, 500)
     values = rng.standard_normal(500) * 10.0 ** rng.integers(-300, 300, 500)
     content = "".join(f" {i}\t{i}  {v!r}\r\n" for i, v in zip(rows.tolist(), values.tolist(), strict=True))
     piece = piece_of(folder / "a.txt", content, comm)
-    fast = triples(piece)
-    assert fast[3] is None
-    assert np.array_equal(fast[0] + 1, rows) and np.array_equal(fast[2], values)
-    monkeypatch.setattr(text, "fast_matrix_market", None)
-    assert all(np.array_equal(a, b) for a, b in zip(fast[:3], triples(piece)[:3], strict=True))
+    for _ in all_ways(monkeypatch):
+        found = triples(piece)
+        assert (found[3] is None) == bool(text.fast_matrix_market or text.SCIPY_HAS_IT)
+        assert np.array_equal(found[0] + 1, rows) and np.array_equal(found[2], values)
 
 
 @pytest.mark.parametrize("line", ["1 2", "1 2 3 4", "1 2 x", "1 2 3 # remark", "1 2 nan(7)x", "1 2\n3"])
