@@ -156,3 +156,9 @@ bench: install .venv-peers/.ready
 
 lint: install
 	.venv/bin/ruff check .
+
+# sets the version, builds the sdist and the wheel into dist/, commits and tags; uploads nothing (.ci/release.py)
+.PHONY: release
+release: install
+	$(PYTHON) -m pip install -q build
+	$(PYTHON) .ci/release.py "$(VERSION)"

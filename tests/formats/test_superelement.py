@@ -110,7 +110,7 @@ def test_structural_damping_for_nastran(tmp_path, comm):
 
 @pytest.mark.parametrize("kind", KINDS[:2], ids=str)
 def test_nastran_files_in_pyyeti(tmp_path, kind):
-    """pyYeti and pyNastran need another numpy: docs/export-nastran.md has what they found."""
+    """docs/export-nastran.md has what pyYeti and pyNastran found."""
     pytest.importorskip("pyyeti")
     from pyyeti.nastran import bulk, op4
 

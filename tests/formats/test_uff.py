@@ -60,6 +60,25 @@ def test_shapes_of_a_result(comm, folder):
         assert np.array_equal(cells, shapes.nodes[shapes.cells["hexahedron"]])
 
 
+@pytest.mark.mpi(ranks=(1,), build="real")
+def test_shapes_in_pyuff(comm, folder):
+    pyuff = pytest.importorskip("pyuff")
+    with hpcred.solid((2, 2, 2), inputs=2, comm=comm) as model, hpcred.reduce(model, [Modes(count=3)]) as rom:
+        hpcred.write_result(folder / "r.h5", rom, model)
+    export_result(folder / "r.h5", "uff", comm=comm)
+    units, nodes, *others = pyuff.UFF(str(folder / "r.uff")).read_sets()
+    assert units["length"] == units["force"] == 1 and [item["type"] for item in others] == [2412, 55, 55, 55]
+    with read_result(folder / "r.h5", MPI.COMM_SELF).shapes() as shapes:
+        assert np.array_equal(nodes["node_nums"], shapes.nodes)
+        assert np.array_equal(np.transpose([nodes[key] for key in "xyz"]), shapes.points)
+        for k, shape in enumerate(others[1:]):
+            assert shape["freq"] == pytest.approx(shapes.frequencies[k], rel=1e-5)
+            assert np.array_equal(shape["node_nums"], shapes.nodes)
+            moved = shapes.displacement(k)
+            found = np.transpose([shape[key] for key in ("r1", "r2", "r3")])
+            assert np.abs(found - moved).max() < 1e-5 * np.abs(moved).max()
+
+
 class Cells:
     """One element of each kind that a file can hold."""
 
