@@ -1,4 +1,5 @@
-"""This checkout against an earlier commit, in turn in one run: seconds of the reduction of README's table, and ratios.
+"""This checkout against an earlier commit, in turn in one run: seconds of the reduction in the table of
+docs/benchmarks.md, and ratios.
 
 usage: python benchmarks/against.py COMMIT [cells along x y z] [rounds]
 """

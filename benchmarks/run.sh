@@ -1,5 +1,5 @@
 #!/bin/sh
-# All benchmarks one after the other; tables on the terminal, as <name>.json in the folder of results, and in README.md.
+# All benchmarks one after the other; tables on the terminal, as <name>.json in the folder of results, and in docs/benchmarks.md.
 # usage: benchmarks/run.sh [folder]
 set -e
 here=$(cd "$(dirname "$0")" && pwd)

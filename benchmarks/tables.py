@@ -1,4 +1,4 @@
-"""Write the tables of benchmarks in README.md from the results of a run: python benchmarks/tables.py [folder].
+"""Write the tables of benchmarks in docs/benchmarks.md from the results of a run: python benchmarks/tables.py [folder].
 
 They stand between two comments; rows whose results are not in the folder are left out.
 """
@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-README = Path(__file__).parent.parent / "README.md"
+PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
 BEGIN, END = "<!-- benchmarks: made by benchmarks/tables.py -->", "<!-- end of benchmarks -->"
 HEAD = ("work", "dofs", "hpcred", "peer", "peer / hpcred", "largest difference")
 
@@ -138,12 +138,12 @@ def main(folder="benchmark-results"):
     machines = []
     tables = [table(folder, HEAD, COMPARED, machines), table(folder, ("more", "value"), MORE, machines)]
     if not machines:
-        sys.exit(f"{folder}: found no results for a table; README.md stays as it is")
+        sys.exit(f"{folder}: found no results for a table; docs/benchmarks.md stays as it is")
     said = f"Measured on: {'; '.join(dict.fromkeys(machines))}."
-    before, rest = README.read_text().split(BEGIN)
+    before, rest = PAGE.read_text().split(BEGIN)
     after = rest.split(END)[1]
     text = "\n".join("".join(lines) for lines in tables if lines)
-    README.write_text("".join([before, BEGIN, "\n", text, f"\n{said}\n", END, after]))
+    PAGE.write_text("".join([before, BEGIN, "\n", text, f"\n{said}\n", END, after]))
 
 
 if __name__ == "__main__":

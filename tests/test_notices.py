@@ -65,3 +65,12 @@ def test_the_citation_names_the_paper():
     (paper,) = citation["references"]
     assert [author["family-names"] for author in paper["authors"]] == ["Lehner", "Eberhard"]
     assert paper["title"] in " ".join((ROOT / "README.md").read_text().split()) and str(paper["year"]) == "2006"
+
+
+@pytest.mark.parametrize("recipe, prefix", [("environment.yml", ""), ("spack/package.py", "py-")])
+def test_recipes_name_what_hpcred_needs(recipe, prefix):
+    text = (ROOT / "pyproject.toml").read_text()
+    needed = re.findall(r"^    \"(\w+)", re.search(r"^dependencies = \[\n(.*?)^\]", text, re.M | re.S)[1], re.M)
+    words = set(re.findall(r"[\w-]+", (ROOT / recipe).read_text().replace("python-xxhash", "xxhash")))
+    words |= {word.replace("-", "_") for word in words} | {word.removeprefix(prefix) for word in words}
+    assert len(needed) > 10 and [name for name in needed if name not in words | {"tomli"}] == []

@@ -45,7 +45,7 @@ def test_a_petsc_dir_without_petsc4py_is_named():
     found = subprocess.run([sys.executable, "-m", "hpcred", "info", __file__], capture_output=True, text=True,
                            env=mpi_environment(PETSC_DIR="/nowhere"))  # fmt: skip
     assert found.returncode == 2
-    assert "error: no petsc4py for PETSC_DIR=/nowhere; install it for this PETSc" in found.stderr
+    assert "error: found no petsc4py for PETSC_DIR=/nowhere; install it for this PETSc" in found.stderr
 
 
 @pytest.mark.parametrize(("given", "left"), [({}, "None"), ({"OMPI_MCA_pml": "ob1,ucx"}, "ob1,ucx")])
