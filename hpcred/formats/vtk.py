@@ -133,19 +133,22 @@ def describe(path) -> dict:
             name = item.get("Name")
             if group == "PointData" and name not in names:
                 names.append(name)
-            found = _content(item, root)
+            found = _types(item, root)
             if group == "Cells" and name == "types" and found is not None:
                 kinds.update(found)
             item.clear()
+    if kinds and kinds.total() != cells:
+        raise ValueError(f"types: found {kinds.total()}, expected {cells}")
     known = {code: kind for kind, code in TYPES.items()}
     by_kind = {known.get(code, f"of type {code}"): count for code, count in kinds.items()}
     return {"points": points, "cells": by_kind or cells, "point_data": names}
 
 
-def _content(item, root):
-    """The numbers of an array as text, or its bytes, or None where they are packed or elsewhere. Raises ValueError."""
+def _types(item, root):
+    """The types of cells, or None of other arrays, and where they are packed or elsewhere. Raises ValueError."""
+    types = item.get("Name") == "types"
     if item.get("format") == "ascii":
-        return [int(float(word)) for word in item.text.split()] if item.get("Name") == "types" else None
+        return [int(word) for word in item.text.split()] if types else None
     if item.get("format") != "binary" or root.get("compressor"):
         return None
     content = b64decode((item.text or "").strip(), validate=True)
@@ -154,4 +157,7 @@ def _content(item, root):
     (length,) = head.unpack_from(content)
     if length != len(content) - head.size:
         raise ValueError(f"{item.get('Name')}: found {len(content) - head.size} bytes, expected {length}")
-    return content[head.size :]
+    if not types:
+        return None
+    letters, bits = re.fullmatch(r"(U?Int)(\d+)", item.get("type")).groups()
+    return np.frombuffer(content[head.size :], f"{order}{letters[0].lower()}{int(bits) // 8}").tolist()

@@ -134,21 +134,27 @@ def test_every_kind_of_element_and_every_digit(tmp_path):
 FOREIGN = """<?xml version="1.0"?><VTKFile type="UnstructuredGrid" {head}><UnstructuredGrid>
 <Piece NumberOfPoints="3" NumberOfCells="2">
 <PointData><DataArray Name="u" type="Float32" {place}><InformationKey /></DataArray>
-<DataArray Name="v" type="Float32" {place} /></PointData><CellData><DataArray Name="w" {place} /></CellData>
+<DataArray Name="v" type="Float32" {place} /></PointData>
+<CellData><DataArray Name="w" type="Int8" {place}>1 2</DataArray></CellData>
 <Cells><DataArray Name="types" type="Int32" {types}</DataArray></Cells></Piece></UnstructuredGrid>{end}"""
 TEXT = {"head": "", "types": 'format="ascii"> 5 42 ', "place": 'format="ascii"', "end": "</VTKFile>"}
 APPENDED = {"head": 'compressor="vtkZLibDataCompressor"', "types": 'format="appended" offset="0">',
             "place": 'format="appended" offset="8"', "end": '<AppendedData encoding="raw">_\x00&<\xff'}  # fmt: skip
+LARGE = {**TEXT, "head": 'byte_order="BigEndian"', "types": 'format="binary">AAAACAAAAAUAAAAq'}
 CUT = {**TEXT, "types": 'format="binary">BAAAAAUA'}  # a length of 4 and two bytes
 
 
 def test_files_of_other_programs(tmp_path):
     path = tmp_path / "a.vtu"
-    for parts, cells in ((TEXT, {"triangle": 1, "of type 42": 1}), (APPENDED, 2)):
+    kinds = {"triangle": 1, "of type 42": 1}
+    for parts, cells in ((TEXT, kinds), (LARGE, kinds), (APPENDED, 2)):
         path.write_bytes(FOREIGN.format(**parts).encode("latin-1"))
         assert vtk.describe(path) == {"points": 3, "cells": cells, "point_data": ["u", "v"]}
     path.write_text(FOREIGN.format(**CUT))
     with pytest.raises(ValueError, match="types: found 2 bytes, expected 4"):
+        vtk.describe(path)
+    path.write_text(FOREIGN.format(**{**TEXT, "types": 'format="ascii"> 5 '}))
+    with pytest.raises(ValueError, match="types: found 1, expected 2"):
         vtk.describe(path)
     path.write_text('<?xml version="1.0"?><VTKFile type="PolyData"><PolyData><Piece /></PolyData></VTKFile>')
     with pytest.raises(InputError, match="found a VTK file of the type PolyData, expected UnstructuredGrid"):
