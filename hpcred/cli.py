@@ -56,6 +56,10 @@ FORMATS = (
 )
 DIRECTIONS = "Directions by themselves, the least accurate first (|H| in SI units: m/N, rad/(N m))"
 INTERFACES = "Interfaces, and where their reference nodes are (m)"
+NEXT = """next: hpcred report demo_result.h5    draws its responses, error and shapes: report.html
+      hpcred example crank            writes a model with bearings, model.h5
+      hpcred info model.h5            says what a model is and needs
+      hpcred --help                   lists all commands"""
 MOST_SETS = 20  # node sets that info lists
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
@@ -92,10 +96,12 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
     if context.invoked_subcommand is None:
         progress, output = session.progress(), "demo_result.h5"
         rows = hpcred.run_demo(output, progress=progress)
-        show_table("Stabilisation linkage, force at node 20, chord frame, 0 to 300 Hz, and the paper's Table 1", rows)
+        show_table("Stabilisation linkage, force at node 20, 0 to 300 Hz, and the paper's Table 1", rows)
         session.write_json(json, rows)
-        print(f"model of row 0 written to {output}")
-        show_timing(progress.timing())
+        timing = progress.timing()
+        effort = f"{timing.elapsed:.3g} s, at most {max(timing.memory_mb_per_rank):.0f} MB a rank"
+        print(f"model of row 0 written to {output}; {effort}")
+        print(NEXT)
     elif json is not None:
         raise InputError("--json: found before the command; write it after the command")
 
@@ -349,9 +355,11 @@ def sweep(
 
 
 def _named_shortly(rows):
-    """Rows of runs with as much of their names as tells them apart."""
-    names = told_apart([row["run"] for row in rows])
-    return [row | {"run": name} for row, name in zip(rows, names, strict=True)]
+    """Rows of runs with as much of their names as tells them apart, and then the names of their files."""
+    names = [row["run"] for row in rows]
+    short = told_apart(names)
+    files = [{"result": f"{name}.h5"} if short != names else {} for name in names]
+    return [row | {"run": name} | file for row, name, file in zip(rows, short, files, strict=True)]
 
 
 @app.command()

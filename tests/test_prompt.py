@@ -99,6 +99,17 @@ def test_tables_fit_the_terminal(monkeypatch, capsys, columns):
     assert all(word in text for word in ("1.23456e-07", "1.98765e-10", "second-order", "|u_y"))
 
 
+def test_words_of_tables_are_whole_and_as_they_are(monkeypatch, capsys):
+    """Names of files can be copied, however long; nothing in a text is taken for a sign or a colour."""
+    monkeypatch.setenv("COLUMNS", "80")
+    name = "basis-modal_order-1_tolerance-0.0001_frame-buckens.h5"
+    show_table("", [{"run": "1", "worst": "piston:x: 6e-05 at 0 Hz [bold]", "file": name, "other": f"{name}/{name}"}])
+    text = capsys.readouterr().out
+    assert f" {name} " in text and f" {name}/{name} " in text
+    assert "piston:x:" in text and "[bold]" in text
+    assert max(len(line) for line in text.splitlines() if f"/{name}" not in line and "─" not in line) <= 80
+
+
 @pytest.mark.parametrize("names, short", [
     (["basis-modal_order-1", "basis-modal_order-3", "basis-krylov_order-1"], ["modal_1", "modal_3", "krylov_1"]),
     (["tol-1e-04_n-7", "tol-1e-06_n-7"], ["1e-04", "1e-06"]),

@@ -17,11 +17,15 @@ from ..parallel.declared import declared
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.petsc import MPI, PETSc
 from ..parallel.ranges import FREQUENCY, within
+from ..reduction.error_estimate import at_poles
 from ..reduction.groups import Group
 from ..reduction.reduced_model import ReducedModel, require_finite
 
 SMALL = 10_000  # dofs up to which every rank takes its own share of the frequencies
 TINY = 150  # dofs up to which full matrices take less time than the calls of a sparse solver
+DRAWN = 801  # equally spaced frequencies of a curve; more around its resonances
+NEAR = np.sinh(0.8 * np.arange(-6, 7))  # distances of those from a resonance, in half-widths of its peak
+SHARPEST = 1e-4  # damping ratio as which a smaller one is drawn: undamped peaks have no end
 TOGETHER = 2**20  # bytes of the matrices that are solved in one call, which stay in the cache
 
 
@@ -85,6 +89,25 @@ def checked_frequencies(frequencies) -> np.ndarray:
     values = np.array(declared("frequencies", frequencies, tuple[float, ...]))
     within("frequencies", values.tolist(), FREQUENCY)
     return values
+
+
+def resonances_of(reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (k,) in Hz where the response of a ReducedModel may peak, and their damping ratios (k,)."""
+    frequencies, ratios = at_poles(reduced.poles())
+    return frequencies, ratios + reduced.loss_factor / 2
+
+
+def frequencies_to_draw(band, resonances, tabulated=()) -> np.ndarray:
+    """Frequencies (F,) over a band (Hz) between which a curve is drawn without losing a peak, and the `tabulated` ones.
+
+    `resonances`: frequencies (k,) and damping ratios (k,). Above 0 Hz, where free bodies have no response.
+    """
+    (low, high), (at, ratios) = band, resonances
+    damped = ratios > SHARPEST
+    near = at[:, None] * (1 + np.maximum(ratios, SHARPEST)[:, None] * NEAR)
+    near = near[damped[:, None] | (NEAR != 0)]
+    found = np.concatenate([np.linspace(low or high / DRAWN, high, DRAWN), near])
+    return np.union1d(found[(found > 0) & (found >= low) & (found <= high)], tabulated)
 
 
 def _in_groups(framed, frequencies, factoring, progress, groups):

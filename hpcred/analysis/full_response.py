@@ -8,7 +8,7 @@ error is estimated as in the search, from the model without the newest columns.
 from __future__ import annotations
 
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from ..reduction.reduce import ROOM, check_model, warnings_of
 from ..reduction.round_off import projected_again
 from ..reduction.run import Run
 from .error_check import Check, bound_of, fresh_frequencies, measuring_damping
-from .frequency_response import checked_frequencies, frequency_response
+from .frequency_response import checked_frequencies, frequencies_to_draw, frequency_response
 
 POLE = 1e-10  # relative distance of the square of a frequency from an undamped pole, as near as poles are known
 
@@ -45,6 +45,7 @@ class FullResponse:
     `eps` (F,): its relative error as estimated at each of them, round-off included, with the damping of the response.
     `accuracy`: over the whole band, with the damping that it says, and the proofs. `check`: fresh frequencies against
     full solves, if asked for. `factorisations`: of the search. `warnings`: sentences.
+    `models`, `scale`: what the response is computed from, and a factor of it.
     """
 
     frequencies: np.ndarray
@@ -57,6 +58,15 @@ class FullResponse:
     timing: Timing
     check: Check | None = None
     warnings: tuple[str, ...] = ()
+    models: _Models | None = field(default=None, repr=False)
+    scale: float = 1.0
+
+    def to_draw(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`frequencies`, `response` and `eps` with more of them between, so that curves show all peaks."""
+        ends = self.frequencies[0], self.frequencies[-1]
+        fine = frequencies_to_draw(ends, resonances(self.models.pair.outer, self.models.law), self.frequencies)
+        H, eps = self.models.at(fine)
+        return fine, self.scale * H, eps
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -101,8 +111,9 @@ def full_response(
                 seed=seed, groups=groups, factoring=factoring, progress=progress,
             )  # fmt: skip
         return replace(
-            found, response=unscaled(found.response, inputs * outputs), accuracy=found.accuracy.times(inputs, outputs)
-        )
+            found, response=unscaled(found.response, inputs * outputs), accuracy=found.accuracy.times(inputs, outputs),
+            scale=found.scale * inputs * outputs,
+        )  # fmt: skip
     frequencies = np.unique(checked_frequencies(frequencies))
     if not len(frequencies):
         raise InputError("frequencies: found none, expected at least one, in Hz")
@@ -162,13 +173,13 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
             run.remarks += doubts_of_digits(model, framed.model.K, outer.squares, basis.columns)
             again = tuple(projected_again(projections))
             pair = search.judge.compare(outer if seen is None else seen, outer, _embedding(seen, outer))
-            models = _Models(pair, again, seen is not None)
-            values, eps, accuracy = decided(model.comm, _evaluate, search, reason, frequencies, law, models)
+            models = _Models(pair, again, seen is not None, law)
+            values, eps, accuracy = decided(model.comm, _evaluate, search, reason, frequencies, models)
         factorisations, warnings = tuple(run.factorisations), (*warnings, *run.warnings)
     return FullResponse(
         frequencies=frequencies, response=values, eps=eps, accuracy=accuracy, input_names=model.input_names,
         output_names=model.output_names, factorisations=factorisations, warnings=warnings,
-        timing=progress.timing(),
+        timing=progress.timing(), models=models,
     ), models  # fmt: skip
 
 
@@ -196,15 +207,22 @@ def _check_support(model, frame, frequencies):
 @dataclass(frozen=True, eq=False)
 class _Models:
     """The models of a search, to tell their difference anywhere in the band: the basis beside what its error is seen
-    from (`pair`), which may not be `known`, and the basis projected `again`, which shows the round-off; local."""
+    from (`pair`), which may not be `known`, and the basis projected `again`, which shows the round-off; `law`: the
+    damping of the response; local."""
 
     pair: Comparison
     again: tuple
     known: bool
+    law: Law
 
     @property
     def resonances(self):
         return resonances(self.pair.outer, self.pair.law)
+
+    def at(self, frequencies):
+        """The response (S, r, p) and its estimated error (S,), round-off included."""
+        values = response(self.pair.outer, self.law, frequencies, self.pair.ports)
+        return values, sum(self.curve(self.law, frequencies))
 
     def curve(self, law, frequencies):
         """Estimated errors and their noise (S,), with a law of damping."""
@@ -238,17 +256,15 @@ def _seen(search, reason, outer):
     return outer if complete else search.projections.model(hold) if hold else None
 
 
-def _evaluate(search, reason, frequencies, law, models):
+def _evaluate(search, reason, frequencies, models):
     """Response and estimated error at the frequencies, and the accuracy over the band."""
-    outer = models.pair.outer
+    outer, law = models.pair.outer, models.law
     if law == Law() and outer.D is None:
         gap = np.abs(frequencies[:, None] ** 2 - outer.frequencies**2).min(axis=1, initial=np.inf)
         poles = frequencies[gap <= POLE * frequencies**2]
         if len(poles):
             raise InputError(f"frequency {poles[0]:.10g} Hz is a pole of the full model; leave it out or add damping")
-    values = response(outer, law, frequencies, models.pair.ports)
-    eps = sum(models.curve(law, frequencies))  # round-off is part of what a user sees
-    return values, eps, _accuracy(search, models, reason)
+    return *models.at(frequencies), _accuracy(search, models, reason)
 
 
 def _accuracy(search, models, reason) -> Accuracy:

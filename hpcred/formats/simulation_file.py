@@ -6,7 +6,8 @@ docs/simulate.md lists them.
 simulation.h5, with nt output times, m elastic coordinates, k nodes, c and d components of constraints, s springs:
 t (nt); position (nt, 3) of the body frame; quaternion (nt, 4), scalar first; velocity, angular_velocity (nt, 3) in body
 axes; elastic, elastic_velocity (nt, m)
-nodes/number, name (k); nodes/position, displacement, rotation (nt, k, 3) in inertial axes; rotation: a vector in rad
+nodes/number, name (k); nodes/position, displacement, rotation (nt, k, 3) in inertial axes; rotation: a vector in rad,
+which goes on beyond pi
 constraints/name (c), such as 7:x; constraints/force (nt, c) on the body; constraints/moment_name (d), such as 7:rx;
 constraints/moment (nt, d) on the body; all joints and drives of a node together, in inertial axes
 springs/name (s), such as 1:7 for the first one, at node 7; springs/force, moment (nt, s, 3) on the body; springs/energy

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..linalg.blocks import dense_matrix
 from ..parallel.failures import InputError
-from .dofs import OWN, SCALAR, Dofs
+from .dofs import DIRECTIONS, OWN, SCALAR, Dofs, target_of
 from .second_order_model import SecondOrderModel
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "inch": 0.0254, "in": 0.0254, "ft": 0.3048}
@@ -84,6 +84,19 @@ def units_of(text: str) -> Units:
 def rotational(direction: np.ndarray) -> np.ndarray:
     """Which of these directions (see dofs.DIRECTIONS) are rotations."""
     return ((direction >= 3) & (direction < SCALAR)) | (direction >= OWN + 3)
+
+
+def unit_of_response(output: str, given: str) -> str:
+    """The unit in SI of a response, such as rad/N, of the names of its output and its input; "" where one of them does
+    not name a displacement or a rotation."""
+    found = []
+    for name in (output, given):
+        target = target_of(name)
+        direction = DIRECTIONS.index(target[1]) if isinstance(target, tuple) else SCALAR
+        found.append(None if direction == SCALAR else int(rotational(np.array(direction))))
+    if None in found:
+        return ""
+    return f"{('m', 'rad')[found[0]]}/{('N', '(N m)')[found[1]]}"
 
 
 def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:

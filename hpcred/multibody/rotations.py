@@ -3,6 +3,7 @@
 import numpy as np
 
 SMALL = 1e-3  # rad; below it, series have no error that double precision could show
+NO_AXIS = 1e-7  # rad; below it, a rotation has no axis that could be told from round-off
 
 
 def rotation(p: np.ndarray) -> np.ndarray:
@@ -40,6 +41,33 @@ def of_vector(vector) -> np.ndarray:
 def vector_of(matrix) -> np.ndarray:
     """The rotation vector (3,) of a matrix, or (k, 3) of (k, 3, 3); not longer than pi."""
     return _scipy().from_matrix(matrix).as_rotvec()
+
+
+def continuous(vectors) -> np.ndarray:
+    """The same rotations in time, as vectors that may be longer than pi: (nt, ..., 3) of (nt, ..., 3).
+
+    Each differs by whole turns about its axis and is as near as possible to the one before it. Beside a full turn,
+    rotations about other axes have no vector near that: a single such time does not change the number of turns.
+    """
+    found = np.array(vectors, dtype=float)
+    if not len(found):
+        return found
+    last, lost = found[0], np.zeros(found.shape[1:-1], dtype=bool)
+    for i in range(1, len(found)):
+        near = _nearest(found[i], last)
+        far = np.linalg.norm(near - last, axis=-1) > np.pi
+        near = np.where((far & lost)[..., None], _nearest(found[i], found[i - 1]), near)
+        last = np.where((far & ~lost)[..., None], last, near)
+        found[i], lost = near, far & ~lost
+    return found
+
+
+def _nearest(vector, other):
+    """`vector` (..., 3) with whole turns about its axis, as near as possible to `other` (..., 3)."""
+    angle, length = (np.linalg.norm(item, axis=-1, keepdims=True) for item in (vector, other))
+    axis = np.where(angle > NO_AXIS, vector / np.maximum(angle, NO_AXIS), other / np.maximum(length, NO_AXIS))
+    turns = np.round(((other - vector) * axis).sum(axis=-1, keepdims=True) / (2 * np.pi))
+    return vector + 2 * np.pi * turns * axis
 
 
 def rate_matrix(vector) -> np.ndarray:

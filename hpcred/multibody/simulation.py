@@ -15,7 +15,7 @@ from .drives import AnyDrive
 from .equations_of_motion import FlexibleBody, node_motion
 from .joints import AXES, Joint, holds_of
 from .loads import AnyForce, AnyMoment, Vector, load_of
-from .rotations import quaternion, rotation, vector_of
+from .rotations import continuous, quaternion, rotation, vector_of
 from .springs import ZERO, AnySpring, element_of
 
 MOST_STEPS = 1e8  # that a simulation may need; they take weeks
@@ -104,7 +104,7 @@ class Motion:
     position (nt, 3) of the body frame and quaternion (nt, 4), scalar first; velocity (nt, 3) and angular_velocity
     (nt, 3) in body axes; elastic, elastic_velocity (nt, m). For k nodes with node_names (texts): node_position
     (nt, k, 3), node_displacement from the undeformed place at the start, and node_rotation from the undeformed
-    rotation there, a rotation vector not longer than pi (that of the body frame where node_rotates is false), inertial
+    rotation there, a rotation vector that goes on beyond pi (that of the body where node_rotates is false), inertial
     axes. constraint_force (nt, c) in N and constraint_moment (nt, d) in N m on the body with `constraint_names` and
     `moment_names`, inertial axes. spring_force, spring_moment (nt, s, 3) on the body and spring_energy (nt, s), with
     `spring_names`. energies: kinetic, elastic, gravity, springs, work (of forces and moments), drives (their work),
@@ -305,13 +305,14 @@ def _nodes(body, undeformed, t, states, system):
     places = np.array([[node.x for node in nodes] for nodes in moved]).reshape(shape)
     first = [undeformed[item.node] for item in body.nodes]
     turned = [node.R @ start.R.T for nodes in moved for node, start in zip(nodes, first, strict=True)]
+    rotations = vector_of(np.array(turned)).reshape(shape) if turned else np.zeros(shape)
     return {
         "nodes": [item.node for item in body.nodes],
         "node_names": list(_names(body).values()),
         "node_rotates": [item.rotates for item in body.nodes],
         "node_position": places,
         "node_displacement": places - np.array([start.x for start in first]).reshape(shape[1:]),
-        "node_rotation": vector_of(np.array(turned)).reshape(shape) if turned else np.zeros(shape),
+        "node_rotation": continuous(rotations),
     }
 
 

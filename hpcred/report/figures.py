@@ -4,12 +4,15 @@ from importlib.util import find_spec
 
 import numpy as np
 
+from ..model.units import unit_of_response
 from ..multibody.simulation import AXES
 from ..parallel.failures import InputError
 
 INK = "#333333"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")  # told apart with any colour vision (Okabe and Ito)
 DASHES = ("-", "--", "-.", ":")
+UNKNOWN = "SI units"  # of a response, where the names of its output and input do not tell them
+FEW = 100  # frequencies up to which each is a dot
 
 
 def has_matplotlib() -> bool:
@@ -35,7 +38,8 @@ def error_figure(stem, frequencies, curves, title):
     plt = pyplot()
     figure, axes = plt.subplots(figsize=(7.5, 5.0), layout="constrained")
     for (label, errors), colour, dash in zip(curves, COLOURS, DASHES, strict=False):
-        axes.semilogy(frequencies, errors, dash, color=colour, linewidth=1.1, label=label)
+        marker = "." if len(frequencies) <= FEW else None  # of the frequencies that were solved at
+        axes.semilogy(frequencies, errors, dash, color=colour, linewidth=1.1, marker=marker, label=label)
     axes.set(xlabel="frequency (Hz)", ylabel="relative error", title=title)
     axes.set_xlim(0, frequencies[-1])
     axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
@@ -75,14 +79,15 @@ def motion_figure(path, motion):
     def curves(names, values, least=0.0):
         """Of values (nt, k, 3), but for those that change by no more than `least`."""
         return [(f"{name} {a}", values[:, j, i]) for j, name in enumerate(names) for i, a in enumerate(AXES)
-                if np.ptp(values[:, j, i]) > least]  # fmt: skip
+                if np.nanmax(values[:, j, i]) - np.nanmin(values[:, j, i]) > least]  # fmt: skip
 
     rotating = np.flatnonzero(motion.node_rotates)
     names = [f"node {name}" for name in motion.node_names]
     springs = [f"spring {name}" for name in motion.spring_names]
     panels = [
         ("displacement (m)", curves(names, motion.node_displacement, least=1e-9)),
-        ("rotation (rad)", curves([names[j] for j in rotating], motion.node_rotation[:, rotating], least=1e-9)),
+        ("rotation (rad)", curves([names[j] for j in rotating], _without_jumps(motion.node_rotation[:, rotating]),
+                                  least=1e-9)),
         ("constraint force (N)", list(zip(motion.constraint_names, motion.constraint_force.T, strict=True))),
         ("constraint moment (N m)", list(zip(motion.moment_names, motion.constraint_moment.T, strict=True))),
         ("spring force (N)", curves(springs, motion.spring_force)),
@@ -91,6 +96,12 @@ def motion_figure(path, motion):
     ]
     at_rest = [("energy (J)", list(motion.energies.items()))]
     time_figure(path, motion.t, [panel for panel in panels if panel[1]] or at_rest)
+
+
+def _without_jumps(vectors):
+    """Rotation vectors (nt, k, 3), NaN behind a jump, so that no line is drawn there."""
+    jump = np.linalg.norm(np.diff(vectors, axis=0), axis=-1) > np.pi
+    return np.concatenate([vectors[:1], np.where(jump[..., None], np.nan, vectors[1:])])
 
 
 def time_figure(path, t, panels):
@@ -120,42 +131,59 @@ def check_figure_name(path):
         raise InputError(f"figure {path}: expected a name that ends in {', '.join(FIGURES)}")
 
 
-def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"):
-    """Magnitude and phase of responses over frequency, and below their relative error.
+def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=None):
+    """Magnitude and phase of responses over frequency on an empty figure, and below their estimated relative error.
 
-    `curves`: (label, complex (F,)) pairs, of which the largest MOST are drawn; `eps` (F,). `kind`: png, svg or pdf.
+    `curves`: (output, input, complex (F,)), of which the largest MOST are drawn. `errors`: frequencies (S,) and eps
+    (S,), or None where nothing is known.
     """
-    plt = pyplot()
-    largest = sorted(range(len(curves)), key=lambda i: -np.abs(curves[i][1]).max())[:MOST]
-    figure, (size, phase, error) = plt.subplots(
-        3, figsize=(9.0, 8.0), sharex=True, layout="constrained", height_ratios=(3, 2, 1.5)
-    )
-    for place, i in enumerate(sorted(largest)):
-        label, values = curves[i]
+    largest = sorted(range(len(curves)), key=lambda i: -np.abs(curves[i][2]).max())[:MOST]
+    curves = [curves[i] for i in sorted(largest)]
+    units = [unit_of_response(*names) or UNKNOWN for *names, _ in curves]
+    rows = 2 if errors is None else 3
+    panels = figure.subplots(rows, sharex=True, height_ratios=(3, 2, 1.5)[:rows])
+    for place, ((output, given, values), unit) in enumerate(zip(curves, units, strict=True)):
         style = {"linestyle": DASHES[place // len(COLOURS)], "color": COLOURS[place % len(COLOURS)], "linewidth": 1.1}
-        size.semilogy(frequencies, np.abs(values), label=label, **style)
-        angle = np.angle(values, deg=True)
-        jump = np.flatnonzero(np.abs(np.diff(angle)) > 180) + 1  # no line from one end of the circle to the other
-        phase.plot(np.insert(frequencies, jump, frequencies[jump]), np.insert(angle, jump, np.nan), **style)
-    error.semilogy(frequencies, np.maximum(eps, 1e-18), color=INK, linewidth=1.0)
-    error.axhline(tolerance, color=COLOURS[1], linewidth=1.0, linestyle="--")
-    error.annotate("tolerance", (0.995, tolerance), xycoords=("axes fraction", "data"), ha="right", va="top",
-                   fontsize=8, color=COLOURS[1])  # fmt: skip
-    size.set(title=title, ylabel="|H|")
-    phase.set(ylabel="phase (degrees)", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
-    error.set(xlabel="frequency (Hz)", ylabel="estimated\nrelative error")
+        label = f"{output}/{given}" + (f" ({unit})" if len(set(units)) > 1 else "")
+        draw_response(*panels[:2], frequencies, values, label=label, **style)
+    panels[0].set(title=title, ylabel=f"|H| ({units[0]})" if len(set(units)) == 1 else "|H|, units beside the names")
+    if errors is not None:
+        panels[2].semilogy(errors[0], np.maximum(errors[1], 1e-18), color=INK, linewidth=1.0)
+        panels[2].set_ylabel("estimated\nrelative error")
+    if tolerance is not None:
+        panels[2].axhline(tolerance, color=COLOURS[1], linewidth=1.0, linestyle="--")
+        panels[2].annotate("tolerance", (0.995, tolerance), xycoords=("axes fraction", "data"), ha="right", va="top",
+                           fontsize=8, color=COLOURS[1])  # fmt: skip
+    panels[-1].set_xlabel("frequency (Hz)")
     if len(frequencies) > 1:
-        error.set_xlim(frequencies[0], frequencies[-1])
-    for axes in (size, phase, error):
+        panels[-1].set_xlim(frequencies[0], frequencies[-1])
+    for axes in panels:
         axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
-    size.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False, title="output/input",
-                title_fontsize=8)  # fmt: skip
+    panels[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False, title="output/input",
+                     title_fontsize=8)  # fmt: skip
+
+
+def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"):
+    """The figure of draw_responses as a file, with `eps` (F,). `kind`: png, svg or pdf."""
+    plt = pyplot()
+    figure = plt.figure(figsize=(9.0, 8.0), layout="constrained")
+    draw_responses(figure, frequencies, curves, title, (frequencies, eps), tolerance)
     figure.savefig(path, dpi=150, format=kind, metadata={"Date": None} if kind == "svg" else None)
     plt.close(figure)
 
 
-def pair_figure(path, curves, title, errors=(), kind="png"):
-    """Magnitude and phase of one response by several models, and below the relative error where `errors` are given.
+def draw_response(size, phase, frequencies, values, label, **style):
+    """One curve: the magnitude on the axes `size`, the angle on the axes `phase`."""
+    size.semilogy(frequencies, np.where(values != 0, np.abs(values), np.nan), label=label, **style)
+    angle = np.angle(values, deg=True)
+    jump = np.flatnonzero(np.abs(np.diff(angle)) > 180) + 1  # no line from one end of the circle to the other
+    phase.plot(np.insert(frequencies, jump, frequencies[jump]), np.insert(angle, jump, np.nan), **style)
+    phase.set(ylabel="phase (degrees)", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
+
+
+def pair_figure(path, curves, output, given, errors=(), kind="png"):
+    """Magnitude and phase of the response of an output to an input, by name, by several models, and below the relative
+    error where `errors` are given.
 
     `curves`: (label, frequencies (F,) in Hz, complex (F,)); `errors`: (label, frequencies, (F,)). Those whose label
     ends in "full model", and errors that end in "exact", are dots where there are few. `kind`: png, svg or pdf.
@@ -166,13 +194,8 @@ def pair_figure(path, curves, title, errors=(), kind="png"):
         rows, figsize=(7.5, 2.2 + 1.9 * rows), sharex=True, layout="constrained", height_ratios=(3, 2, 2)[:rows]
     )
     for place, (label, frequencies, values) in enumerate(curves):
-        style = _style(place, label, len(frequencies))
-        panels[0].semilogy(frequencies, np.where(values != 0, np.abs(values), np.nan), label=label, **style)
-        angle = np.angle(values, deg=True)
-        jump = np.flatnonzero(np.abs(np.diff(angle)) > 180) + 1  # no line from one end of the circle to the other
-        panels[1].plot(np.insert(frequencies, jump, frequencies[jump]), np.insert(angle, jump, np.nan), **style)
-    panels[0].set(title=title, ylabel="|H|")
-    panels[1].set(ylabel="phase (degrees)", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
+        draw_response(*panels[:2], frequencies, values, label=label, **_style(place, label, len(frequencies)))
+    panels[0].set(title=f"output {output}, input {given}", ylabel=f"|H| ({unit_of_response(output, given) or UNKNOWN})")
     if errors:
         _error_panel(panels[2], errors)
     _finish(figure, panels, curves[0][1], path, kind)
@@ -191,9 +214,9 @@ def errors_figure(path, curves, title, tolerance=None, kind="png"):
 def _style(place, label, count):
     full = label.endswith("full model")
     colour = INK if full else COLOURS[place % len(COLOURS)]
-    if full and count > 100:  # under the others
+    if full and count > FEW:  # under the others
         return {"color": "#bbbbbb", "linestyle": "-", "linewidth": 3.5, "zorder": 1}
-    if label.endswith(("full model", "exact")) and count <= 100:
+    if label.endswith(("full model", "exact")) and count <= FEW:
         return {"color": colour, "linestyle": "none", "marker": "o", "markersize": 4.5, "fillstyle": "none"}
     return {"color": colour, "linestyle": DASHES[place // len(COLOURS) % len(DASHES)], "linewidth": 1.2}
 

@@ -2,7 +2,7 @@
 
 import re
 
-from .figures import COLOURS, DASHES, INK, pyplot, save
+from .figures import COLOURS, DASHES, FEW, INK, pyplot, save
 
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
 MOST = 16  # curves that a legend can tell apart
@@ -26,6 +26,7 @@ def size_figure(stem, rows, series, error):
             axes.annotate(worst, (size, _positive(best[size][error])), (3, 3), textcoords="offset points", fontsize=6,
                           color=style["color"])  # fmt: skip
     axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.margins(x=0.12, y=0.08)  # for the names of directions
     _finish(figure, axes, stem)
 
 
@@ -48,7 +49,7 @@ def curves_figure(stem, curves):
     """eps over frequency of all runs, {label: (frequencies, eps)}. stem.png and stem.svg."""
     figure, axes = _axes("frequency (Hz)", "relative error", f"Relative error of {len(curves)} reduced models")
     for i, (label, (frequencies, eps)) in enumerate(curves.items()):
-        style = _style(i) | {"marker": None}
+        style = _style(i) | {"marker": "." if len(frequencies) <= FEW else None}  # of what was solved
         axes.plot(frequencies, [_positive(value) for value in eps], label=label, **style)
     _finish(figure, axes, stem)
 

@@ -13,29 +13,27 @@ from ..parallel.failures import agreed
 from ..parallel.petsc import MPI
 from ..parallel.progress import Timing
 
-WORD = 12  # letters of a word that is not parted where there is room
-
 
 def show_table(title, rows: list[dict]):
     """Print rows, dicts with the same keys, as a table on rank 0; numbers are right-aligned.
 
-    It is as wide as the terminal (or COLUMNS), 80 where there is none: texts take several lines, numbers do not;
-    columns that do not fit follow below, behind the first one again.
+    It is as wide as the terminal (or COLUMNS), 80 where there is none: texts take several lines between their words,
+    which are never parted, so that names can be copied; columns that do not fit follow below, behind the first one
+    again.
     """
     if MPI.COMM_WORLD.rank or not rows:
         return
     if title:
         print(title)
     width = shutil.get_terminal_size().columns
-    least = {column: min(_widest(column, rows), WORD) if not _numeric(column, rows) else _widest(column, rows)
-             for column in rows[0]}  # fmt: skip
+    least = {column: _widest(column, rows) for column in rows[0]}
     first, *others = rows[0]
     while True:
         taken, room = [first], width - least[first] - 4
         while others and (len(taken) == 1 or least[others[0]] + 2 <= room):
             room -= least[others[0]] + 2
             taken.append(others.pop(0))
-        _show(taken, rows, width)
+        _show(taken, rows, max(width, width - room))
         if not others:
             return
 
@@ -70,11 +68,11 @@ def _show(columns, rows, width):
         if _numeric(column, rows):
             table.add_column(textwrap.fill(column, widest), justify="right", no_wrap=True)
         else:
-            table.add_column(column, overflow="fold", min_width=min(widest, WORD))
+            table.add_column(column, min_width=widest)
     for row in rows:
         table.add_row(*(_cell(row[column]) for column in columns))
     try:
-        Console(file=sys.stdout, width=width, highlight=False).print(table)
+        Console(file=sys.stdout, width=width, highlight=False, markup=False, emoji=False).print(table)
     except SystemExit as error:  # so rich says that a pipe was closed
         raise BrokenPipeError from error
 

@@ -9,7 +9,12 @@ import numpy as np
 
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.error_check import accuracy_of, check_reduced, measuring_damping, said_at
-from ..analysis.frequency_response import checked_frequencies, frequency_response
+from ..analysis.frequency_response import (
+    checked_frequencies,
+    frequencies_to_draw,
+    frequency_response,
+    resonances_of,
+)
 from ..formats.locks import locks_given_back
 from ..formats.outputs import check_outputs
 from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
@@ -91,11 +96,12 @@ def evaluate_result(
         responses = Responses(**arrays, **names, record=made)
         rescued(lambda place: write_responses(place, responses, comm), output, comm)
     if figure is not None:
-        labels = {"reduced": "reduced", "full": "full model"}
-        curves = [(label, grid, arrays[key]) for key, label in labels.items() if key in arrays]
         names = reduced.output_names, reduced.input_names
         every = shown or pairs_to_show(arrays["reduced"], *names)
         shown = shown or pairs_to_show(arrays["reduced"], *names, MOST_FIGURES)
+        fine = frequencies_to_draw((grid[0], grid[-1]), resonances_of(reduced), grid)
+        curves = [("reduced", fine, frequency_response(reduced, fine))]
+        curves += [("full model", grid, arrays["full"])] if full is not None else []
         report["figures"] = figures_of_pairs(figure, *names, curves, comm, shown)
         report["responses"] = len(every)
     return report

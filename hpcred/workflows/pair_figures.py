@@ -25,9 +25,9 @@ def check_figures(path, comm, reads, progress):
 def figures_of_pairs(path, outputs, inputs, responses, comm, pairs) -> list[str]:
     """Draw the responses of `outputs` (r) to `inputs` (p), by name, of `pairs` of their places. Collective.
 
-    `responses`: (label, frequencies (F,) in Hz, complex (F, r, p)), the reduced one first; where the second one is at
-    the same frequencies, the difference of the two relative to the second is drawn too. The only pair that there is is
-    drawn as `path`, others under names with the pair in them. Returns the names of the files.
+    `responses`: (label, frequencies (F,) in Hz, complex (F, r, p)), the reduced one first; where a second one is at
+    some of its frequencies, the difference of the two relative to the second is drawn too. The only pair that there is
+    is drawn as `path`, others under names with the pair in them. Returns the names of the files.
     """
     path, written = Path(path), []
     alone = len(outputs) * len(inputs) == 1
@@ -37,10 +37,7 @@ def figures_of_pairs(path, outputs, inputs, responses, comm, pairs) -> list[str]
         with atomic_output(target, comm) as temporary, agreed(comm):
             if comm.rank == 0:
                 curves = [(label, f, values[:, i, j]) for label, f, values in responses]
-                errors = [("of this pair", curves[0][1], _relative(curves[0][2], curves[1][2]))] if (
-                    len(curves) > 1 and np.array_equal(curves[0][1], curves[1][1])) else []  # fmt: skip
-                pair_figure(temporary, curves, f"output {outputs[i]}, input {inputs[j]}", errors,
-                            kind=target.suffix[1:])  # fmt: skip
+                pair_figure(temporary, curves, outputs[i], inputs[j], _errors(*curves), kind=target.suffix[1:])
         written.append(str(target))
     return written
 
@@ -74,7 +71,14 @@ def in_file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in ".-_" else "_" if letter != ":" else "" for letter in name)
 
 
-def _relative(reduced, full):
-    size = np.abs(full)
-    return np.divide(np.abs(reduced - full), size, out=np.full(len(full), np.nan), where=size > 0)
+def _errors(reduced, full=None):
+    """The relative error of curves (label, frequencies, values) at the frequencies of the full model, if there is one.
+    """
+    if full is None:
+        return []
+    _, frequencies, values = full
+    size = np.abs(values)
+    difference = np.abs(reduced[2][np.searchsorted(reduced[1], frequencies)] - values)
+    error = np.divide(difference, size, out=np.full(len(size), np.nan), where=size > 0)
+    return [("of this pair, exact", frequencies, error)]
 

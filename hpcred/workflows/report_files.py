@@ -46,7 +46,7 @@ def draw_files(folder, kind, sheets, chosen) -> list[str]:
     for name in names:
         curves = _curves_of(name, sheets, chosen)
         into(f"response_{name.replace('/', '-')}", lambda path, c=curves, n=name: pair_figure(
-            path, c, "output {}, input {}".format(*n.split("/", 1)), kind=kind))  # fmt: skip
+            path, c, *n.split("/", 1), kind=kind))  # fmt: skip
     errors = _errors_of(sheets)
     if errors:
         tolerances = {sheet.record.accuracy.tolerance for sheet in sheets if sheet.record.accuracy is not None}

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..model.dofs import target_of
+from ..model.units import unit_of_response
 from ..reduction.accuracy import rows_of_directions
 from ..reduction.record import versions
+from ..report.figures import UNKNOWN
 from ..report.page import packed
 from ..report.tables import in_words
 from .report_sheets import kind_in_words
@@ -52,7 +54,7 @@ def _drawn(sheet, pairs):
         "name": sheet.name,
         "frequencies": packed(sheet.frequencies),
         "pairs": [
-            {"name": name, "re": packed(H[:, i, j].real), "im": packed(H[:, i, j].imag)}
+            {"name": name, "unit": _unit(name), "re": packed(H[:, i, j].real), "im": packed(H[:, i, j].imag)}
             | ({} if F is None else {"full_re": packed(F[:, i, j].real), "full_im": packed(F[:, i, j].imag)})
             for name, i, j in pairs
         ],
@@ -73,6 +75,10 @@ def _drawn(sheet, pairs):
             "modes": packed(full.modes),
         }  # fmt: skip
     return drawn
+
+
+def _unit(pair):
+    return unit_of_response(*pair.split("/", 1)) or UNKNOWN
 
 
 def _finite(value):

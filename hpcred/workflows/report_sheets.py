@@ -9,7 +9,7 @@ import numpy as np
 from ..analysis.check import check
 from ..analysis.error import Errors, as_compared, errors_of
 from ..analysis.error_check import measuring_damping
-from ..analysis.frequency_response import frequency_response
+from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
 from ..formats.result_file import Result, read_result
 from ..model.damping import Damping
 from ..parallel.failures import InputError
@@ -20,8 +20,6 @@ from ..report.tables import in_words
 from .evaluate import band_of, short_names
 from .full_model import difference_of, factoring_of, full_of_record, start_for
 
-FREQUENCIES = 801  # equally spaced; more around the pseudo-frequencies
-AROUND = 1e-4 * np.array([1, 3, 10, 30, 100])  # relative distances from a pseudo-frequency
 BESIDE = 1.0003  # times a pseudo-frequency
 BESIDE_AT_MOST = 8  # exact frequencies beside pseudo-frequencies
 MOST_MODES = 40  # of the full model
@@ -112,7 +110,7 @@ def _sheet(name, result, read, band):
     if accuracy is None:
         reduced, law, told = as_compared(reduced, limits)
         words = told or words
-    grid = _grid(limits, reduced.frequencies)
+    grid = frequencies_to_draw(limits, resonances_of(reduced))
     return Sheet(name, result, reduced, law, words, limits, grid, frequency_response(reduced, grid))
 
 
@@ -123,15 +121,6 @@ def _measuring(result, read):
     known = [record.accuracy for record in (other.reduced.record for other in read)
              if record.damping == own.damping and record.accuracy is not None]  # fmt: skip
     return own.accuracy or next(iter(known), None)
-
-
-def _grid(band, pseudo):
-    """Frequencies of the band, more of them at peaks; above 0 Hz, where free bodies have no response."""
-    low, high = band
-    inside = pseudo[(pseudo > low) & (pseudo < high)]
-    near = (inside[:, None] * (1 + np.concatenate([-AROUND, AROUND]))).ravel()
-    grid = np.concatenate([np.linspace(low or high / FREQUENCIES, high, FREQUENCIES), near])
-    return np.unique(grid[(grid >= low) & (grid <= high)])
 
 
 def _add_full(sheet, path, count, before, groups, factoring, comm, progress):

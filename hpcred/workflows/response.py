@@ -74,12 +74,13 @@ def response_file(
         if output is not None:
             _write(output, found, report, comm, polar)
         if figure is not None:
-            curves = _curves(found)
+            drawn, response, eps = found.to_draw()
+            curves = _curves(found, response)
             with atomic_output(figure, comm) as temporary, agreed(comm):
                 if comm.rank == 0:
                     effort = counted(report["factorisations"], "factorisation")
                     title = f"{report['model']}: {counted(len(chosen), 'frequency', 'frequencies')}, {effort}"
-                    response_figure(temporary, found.frequencies, curves, found.eps, found.accuracy.tolerance, title,
+                    response_figure(temporary, drawn, curves, eps, found.accuracy.tolerance, title,
                                     kind=Path(figure).suffix[1:])  # fmt: skip
             report["figure"] = str(figure)
             if len(curves) > MOST:
@@ -92,11 +93,10 @@ def _arrays(found: FullResponse) -> dict:
     return {key: getattr(found, key) for key in keys}
 
 
-def _curves(found: FullResponse) -> list:
-    """Name and values of every pair that is worth drawing."""
+def _curves(found: FullResponse, response) -> list:
+    """Output, input and values of every pair of a response (F, r, p) that is worth drawing."""
     outputs, inputs = found.output_names, found.input_names
-    return [(f"{outputs[i]}/{inputs[j]}", found.response[:, i, j])
-            for i, j in pairs_to_show(found.response, outputs, inputs)]  # fmt: skip
+    return [(outputs[i], inputs[j], response[:, i, j]) for i, j in pairs_to_show(response, outputs, inputs)]
 
 
 def _write(output, found, report, comm, polar):

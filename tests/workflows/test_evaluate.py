@@ -251,7 +251,7 @@ def test_a_figure_of_every_response(linkage_folder, monkeypatch, capsys):
     text = Path("one.svg").read_text()
     command = ["evaluate", "result.h5", "--full", "model.h5", "--band", "1,300", "--points", "5", "--figure", "two.svg"]
     assert run(command) == 0
-    assert len(Path("two.svg").read_text()) > 1.3 * len(text)
+    assert [page.count('<g id="axes_') for page in (text, Path("two.svg").read_text())] == [2, 3]
     assert run(["reduce", "job.toml", "--set", 'inputs=[[20, "z"], [12, "z"]]', "--set", 'output="r.h5"']) == 0
     assert run(["evaluate", "r.h5", "--band", "1,300", "--points", "5", "--figure", "f.png", "--json", "e.json"]) == 0
     figures = json.loads(Path("e.json").read_text())["figures"]
@@ -270,6 +270,23 @@ def test_a_figure_of_every_response(linkage_folder, monkeypatch, capsys):
         (["evaluate", "r.h5", "--pairs", "12:z/20:z"], "--pairs: belongs to --figure"),
     ):
         assert says in refused(capsys, *arguments)
+
+
+def test_curves_show_their_peaks_and_units(linkage_folder, monkeypatch):
+    """Three frequencies are tabulated, far from all resonances."""
+    drawn = {}
+    monkeypatch.setattr(pair_figures, "pair_figure", lambda path, curves, *names, **_: (
+        path.write_bytes(b""), drawn.update(curves=curves, names=names)))  # fmt: skip
+    assert run(["reduce", "job.toml"]) == 0
+    command = ["evaluate", "result.h5", "--full", "model.h5", "--band", "1,300", "--points", "3", "--figure", "f.png"]
+    assert run(command) == 0
+    (_, f, H), (_, full_f, full) = drawn["curves"]
+    assert full_f.tolist() == [1.0, 150.5, 300.0] and set(full_f) <= set(f)
+    assert np.abs(H).max() > 100 * np.abs(full).max()
+    assert drawn["names"][:2] == ("20:z", "20:z")
+    (label, error_f, error), = drawn["names"][2]
+    assert label.endswith("exact") and error_f.tolist() == full_f.tolist()
+    assert error == pytest.approx(np.abs(H[np.isin(f, full_f)] - full) / np.abs(full))
 
 
 def test_pairs_worth_a_figure():

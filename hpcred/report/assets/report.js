@@ -12,14 +12,14 @@ const MORE = ["#999999", "#f0e442", "#44525a", "#8c510a", "#762a83", "#b2df8a", 
 const DASHES = ["solid", "dash", "dot", "dashdot"];
 const INK = "#26323a";
 const BUTTONS = { displaylogo: false, responsive: true, modeBarButtons: [["toImage", "zoom2d", "pan2d", "autoScale2d", "resetScale2d"]] };
-const axis = (title, more) => ({ title: { text: title }, gridcolor: "#e3e8eb", zeroline: false, linecolor: "#b9c3c9", ...more });
+const axis = (title, more) => ({ title: { text: title, standoff: 8 }, automargin: true, gridcolor: "#e3e8eb", zeroline: false, linecolor: "#b9c3c9", ...more });
 const layout = (more) => ({
   font: { family: "system-ui, sans-serif", size: 13, color: INK }, margin: { l: 78, r: 20, t: 12, b: 46 },
   paper_bgcolor: "white", plot_bgcolor: "white", hovermode: "closest", legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, ...more,
 });
 const named = (i) => data.results[i].name;
 const positive = (value) => (value > 0 ? value : null);
-const powers = { type: "log", exponentformat: "power", dtick: undefined, nticks: 8 };
+const powers = { type: "log", exponentformat: "power", nticks: 4 }; // few, so that those of 2 and 5 never touch
 
 // ---------------------------------------------------------------- responses
 function magnitude(re, im) { return Array.from(re, (x, k) => positive(Math.hypot(x, im[k]))); }
@@ -38,9 +38,11 @@ for (const name of names) choice.add(new Option(name, name));
 
 function drawResponse() {
   const traces = [];
+  let unit = "";
   data.results.forEach((result, i) => {
     const pair = result.pairs.find((item) => item.name === choice.value);
     if (!pair) return;
+    unit = pair.unit;
     const line = { color: COLOURS[i % COLOURS.length], width: 1.8, dash: DASHES[i % DASHES.length] };
     const f = Array.from(numbers(result.frequencies)), re = numbers(pair.re), im = numbers(pair.im);
     traces.push({ x: f, y: magnitude(re, im), mode: "lines", name: named(i), line, legendgroup: named(i), hovertemplate: "%{x:.5g} Hz: %{y:.4g}<extra>" + named(i) + "</extra>" });
@@ -55,7 +57,7 @@ function drawResponse() {
   });
   const type = document.getElementById("logf").checked ? "log" : "linear";
   return Plotly.react("response", traces, layout({
-    xaxis: axis("frequency (Hz)", { type, anchor: "y2" }), yaxis: axis("|H|", { ...powers, domain: [0.4, 1] }),
+    xaxis: axis("frequency (Hz)", { type, anchor: "y2" }), yaxis: axis(`|H| (${unit})`, { ...powers, domain: [0.4, 1] }),
     yaxis2: axis("phase (degrees)", { domain: [0, 0.33], range: [-190, 190], tickvals: [-180, -90, 0, 90, 180] }),
   }), BUTTONS);
 }
