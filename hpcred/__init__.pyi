@@ -109,6 +109,8 @@ from .workflows.info import inspect_file as inspect_file
 from .workflows.modes import mass_in_words as mass_in_words
 from .workflows.modes import modes_of_file as modes_of_file
 from .workflows.modes import tables_of_modes as tables_of_modes
+from .workflows.notebook import plot_modes as plot_modes
+from .workflows.notebook import plot_response as plot_response
 from .workflows.paper import reproduce as reproduce
 from .workflows.reduce import reduce_job as reduce_job
 from .workflows.report import report_file as report_file

@@ -268,6 +268,29 @@ class SecondOrderModel:
             self.name, Gt=Gt, interfaces=self.interfaces,
         )  # fmt: skip
 
+    def plot_modes(self, count: int = 6, *, frame=None, factoring=None):
+        """Draw the lowest elastic modes of a model with nodes: see hpcred.plot_modes.
+
+        Collective.
+
+        Parameters
+        ----------
+        count : int, default 6
+            How many elastic modes.
+        frame : Frame, optional
+            Reference frame of a free body; by default it is free.
+        factoring : Factoring, optional
+            How to factor.
+
+        Returns
+        -------
+        matplotlib.figure.Figure or None
+            On rank 0; None on the others.
+        """
+        import hpcred  # the public functions, which stand above
+
+        return hpcred.plot_modes(self, count, frame=frame, factoring=factoring)
+
     def _unit_columns(self, key, targets):
         """Rows of this rank of a matrix of unit columns, or of columns of G^T, and their names."""
         targets = declared(key, targets, tuple[int | tuple[int | str, str], ...])

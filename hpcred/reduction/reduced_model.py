@@ -82,6 +82,26 @@ class ReducedModel:
         loads = np.broadcast_to(self.B.astype(complex), (*dynamic.shape[:-2], *self.B.shape))
         return np.linalg.solve(dynamic, loads)
 
+    def plot(self, pairs=None, *, band=None):
+        """Draw the frequency response, and its estimated error where that is known: see hpcred.plot_response.
+
+        Collective.
+
+        Parameters
+        ----------
+        pairs : str or list of str, optional
+            Responses such as "20:z/1:x", output and input; by default those of all drive points.
+        band : (float, float), optional
+            Hz; by default that of the reduction.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        import hpcred  # the public functions, which stand above
+
+        return hpcred.plot_response(self, pairs, band=band)
+
     def poles(self) -> np.ndarray:
         """The 2m roots of det(s^2 M + s D + K) in rad/s, by imaginary part."""
         size = self.size

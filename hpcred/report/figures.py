@@ -1,6 +1,7 @@
 """Figures; rank 0 only. Matplotlib is imported when the first one is drawn."""
 
 from importlib.util import find_spec
+from io import BytesIO
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from ..model.units import unit_of_response
 from ..multibody.simulation import AXES
 from ..parallel.failures import InputError
 
+MISSING = "figures need matplotlib: pip install 'hpcred[plots]'"
 INK = "#333333"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")  # told apart with any colour vision (Okabe and Ito)
 DASHES = ("-", "--", "-.", ":")
@@ -25,12 +27,29 @@ def pyplot():
     try:
         import matplotlib
     except ImportError as error:
-        raise InputError("figures need matplotlib: pip install 'hpcred[plots]'") from error
+        raise InputError(MISSING) from error
     matplotlib.use("Agg")
     matplotlib.rcParams["svg.hashsalt"] = "hpcred"
     from matplotlib import pyplot as plt
 
     return plt
+
+
+def new_figure(**keywords):
+    """An empty matplotlib Figure of which pyplot knows nothing, and which notebooks show. Raises InputError when
+    matplotlib is not installed."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise InputError(MISSING) from error
+
+    class ShownFigure(Figure):
+        def _repr_png_(self):
+            picture = BytesIO()
+            self.savefig(picture, format="png", dpi=80)
+            return picture.getvalue()
+
+    return ShownFigure(**keywords)
 
 
 def error_figure(stem, frequencies, curves, title):
@@ -146,7 +165,8 @@ def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=No
         style = {"linestyle": DASHES[place // len(COLOURS)], "color": COLOURS[place % len(COLOURS)], "linewidth": 1.1}
         label = f"{output}/{given}" + (f" ({unit})" if len(set(units)) > 1 else "")
         draw_response(*panels[:2], frequencies, values, label=label, **style)
-    panels[0].set(title=title, ylabel=f"|H| ({units[0]})" if len(set(units)) == 1 else "|H|, units beside the names")
+    panels[0].set_title(title, fontsize=10)
+    panels[0].set_ylabel(f"|H| ({', '.join(dict.fromkeys(units))})")
     if errors is not None:
         panels[2].semilogy(errors[0], np.maximum(errors[1], 1e-18), color=INK, linewidth=1.0)
         panels[2].set_ylabel("estimated\nrelative error")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..parallel.failures import InputError
-from .figures import COLOURS, INK, pyplot
+from .figures import COLOURS, INK, new_figure, pyplot
 from .rasteriser import Canvas
 from .surface import Surface, surface_of
 
@@ -47,32 +47,42 @@ def draw_shapes(path, shapes, modes=None, kind="png") -> list[str]:
     formats.result_file.Shapes). `modes`: numbers from 1, by default the first six elastic ones. Colour is the size of
     the displacement; the undeformed outline is grey. Raises InputError where there is no such shape.
     """
-    plt = pyplot()
-    stage = _Stage(shapes, _chosen(shapes, modes, FIRST), DOTS)
+    pyplot()
+    chosen = _chosen(shapes, modes, FIRST)
+    figure = _figure(shapes, chosen)
+    figure.savefig(path, dpi=DOTS, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    return [shapes.names[k] for k in chosen]
+
+
+def figure_of_shapes(shapes, modes=None):
+    """The picture of draw_shapes as a matplotlib Figure. Raises InputError."""
+    return _figure(shapes, _chosen(shapes, modes, FIRST))
+
+
+def _figure(shapes, chosen):
+    stage = _Stage(shapes, chosen, DOTS)
     figure, images = stage.figure()
     for k, image in enumerate(images):
         image.set_data(stage.picture(k, 1.0))
-    figure.savefig(path, dpi=DOTS, format=kind, metadata={"Date": None} if kind == "svg" else None)
-    plt.close(figure)
-    return [shapes.names[k] for k in stage.modes]
+    return figure
 
 
 def animate_shapes(path, shapes, modes=None, kind="gif") -> list[str]:
     """As draw_shapes, moving: one period of each, without end; by default of the first shape only."""
-    plt = pyplot()
+    pyplot()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
     stage = _Stage(shapes, _chosen(shapes, modes, 1), MOVING_DOTS)
     figure, images = stage.figure()
-    frames = {}
+    canvas, frames = FigureCanvasAgg(figure), {}
     amplitudes = np.sin(2 * np.pi * np.arange(FRAMES) / FRAMES).round(12)
     for amplitude in amplitudes:
         if amplitude not in frames:  # most are passed twice
             for k, image in enumerate(images):
                 image.set_data(stage.picture(k, amplitude))
-            figure.canvas.draw()
-            frames[amplitude] = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
-    plt.close(figure)
+            canvas.draw()
+            frames[amplitude] = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
     if kind == "gif":
         palette = frames[1.0].quantize(256, method=Image.Quantize.MEDIANCUT)
         frames = {key: frame.quantize(palette=palette, dither=Image.Dither.NONE) for key, frame in frames.items()}
@@ -164,9 +174,8 @@ class _Stage:
 
     def figure(self):
         """An empty matplotlib figure with titles, axes, scale bar and colour bar, and its images, one a shape."""
-        plt = pyplot()
         tall = self.rows * (self.panel[1] + TITLE) + FOOT
-        figure = plt.figure(figsize=(WIDTH, tall), dpi=self.dots)
+        figure = new_figure(figsize=(WIDTH, tall), dpi=self.dots)
         images = []
         for place, k in enumerate(self.modes):
             row, column = divmod(place, self.columns)
@@ -224,7 +233,9 @@ def render(surface: Surface, moved, values, view: View, marks=()) -> np.ndarray:
 
     `values` (v,), 0 to 1, are its colour; `marks` (k, 3): points that are marked, hidden or not.
     """
-    colours = pyplot().get_cmap("viridis")
+    from matplotlib import colormaps
+
+    colours = colormaps["viridis"]
     canvas = Canvas(view.width, view.height)
     image = np.ones((view.height, view.width, 3))
     screen = view.screen(moved)

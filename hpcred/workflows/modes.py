@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -112,25 +112,36 @@ def _by_motion(values, digits, there):
 
 
 def _draw(figure, model, found):
-    """The picture, by way of a file that is read mode by mode, as a result is. Collective."""
+    with (
+        atomic_output(figure, model.comm) as temporary,
+        shapes_of_modes(Path(f"{temporary}.h5"), model, found) as shapes,
+    ):
+        if shapes is not None:
+            draw_shapes(temporary, shapes, kind=Path(figure).suffix[1:].lower())
+
+
+@contextmanager
+def shapes_of_modes(store, model, found):
+    """The Shapes of the elastic modes on rank 0, None on the others, by way of the file `store`, which is read mode by
+    mode, as a result is, and removed. Collective. Raises InputError."""
     comm, elastic = model.comm, found.frequencies[found.rigid :]
     if model.dofs is None or found.shapes is None or not len(elastic):
-        raise InputError(f"figure {figure}: no elastic mode with nodes to draw; ask for more modes, or convert --nodes")
-    with atomic_output(figure, comm) as temporary:
-        store = Path(f"{temporary}.h5")
-        try:
-            with writing(store, comm) as file:
-                file.attribute("format", "hpcred-shapes")
-                file.attribute("first_number", found.rigid + 1)  # as in the table
-                with local_rows(found.shapes) as rows:
-                    columns = rows.real[:, rows.shape[1] - len(elastic) :]
-                    file.rows("basis/V", np.ascontiguousarray(columns.T), axis=1)
-                file.small("reduced/frequencies", elastic)
-                write_nodes(file, model)
-            with agreed(comm):
-                if comm.rank == 0:
-                    with reading(store, "hpcred-shapes") as file:
-                        draw_shapes(temporary, Shapes(file, str(figure)), kind=Path(figure).suffix[1:].lower())
-        finally:
+        raise InputError("figure: no elastic mode with nodes to draw; ask for more modes, or convert --nodes")
+    try:
+        with writing(store, comm) as file:
+            file.attribute("format", "hpcred-shapes")
+            file.attribute("first_number", found.rigid + 1)  # as in the table
+            with local_rows(found.shapes) as rows:
+                columns = rows.real[:, rows.shape[1] - len(elastic) :]
+                file.rows("basis/V", np.ascontiguousarray(columns.T), axis=1)
+            file.small("reduced/frequencies", elastic)
+            write_nodes(file, model)
+        with agreed(comm):
             if comm.rank == 0:
-                store.unlink(missing_ok=True)
+                with reading(store, "hpcred-shapes") as file:
+                    yield Shapes(file, model.name)
+            else:
+                yield None
+    finally:
+        if comm.rank == 0:
+            store.unlink(missing_ok=True)

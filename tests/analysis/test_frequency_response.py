@@ -115,3 +115,19 @@ def test_groups_of_ranks_share_the_frequencies(comm, frame):
             assert close(one, two) < 1e-9
         with pytest.raises(hpcred.InputError, match="groups: found 9"):
             hpcred.frequency_response(model, frequencies, frame, groups=9)
+
+
+@pytest.mark.parametrize("ratio, loss", [(1e-3, 0.0), (0.0, 2e-3), (1e-6, 0.0), (0.2, 0.0), (0.0, 0.0)])
+def test_curves_are_drawn_with_their_peaks(ratio, loss):
+    """Of one oscillator, whose dynamic magnification is 1 / (2 zeta sqrt(1 - zeta^2)), without end where undamped."""
+    omega = 2 * np.pi * 123.456
+    one = np.ones((1, 1))
+    rom = hpcred.ReducedModel(one, 2 * ratio * omega * one, omega**2 * one, one, one, np.array([123.456]), loss)
+    frequencies = frequency_response.frequencies_to_draw((0, 1000), frequency_response.resonances_of(rom), [0, 77.7])
+    assert frequencies[0] == 0 and 77.7 in frequencies and frequencies[-1] == 1000
+    highest = np.abs(hpcred.frequency_response(rom, frequencies)).max() * omega**2
+    zeta = ratio + loss / 2
+    if zeta > 1e-4:
+        assert highest == pytest.approx(1 / (2 * zeta * np.sqrt(1 - zeta**2)), rel=0.02)
+    else:
+        assert 1e3 < highest < 1e6

@@ -13,7 +13,7 @@ import hpcred
 from hpcred.cli import run
 from hpcred.model.dofs import Dofs
 from hpcred.model.second_order_model import SecondOrderModel
-from hpcred.model.units import units_of
+from hpcred.model.units import unit_of_response, units_of
 
 POUND = 0.45359237 * 9.80665
 # sizes in SI of the units of length and mass, the time, and a bar of steel in them, by the tables of handbooks
@@ -180,3 +180,11 @@ def test_an_export_in_other_units_is_that_of_a_model_in_them(folder, capsys, com
     assert sids[0].mass == pytest.approx(sids[1].mass) and sids[0].mass < 0.01
     assert sids[0].objects["J"].m0 == pytest.approx(sids[1].objects["J"].m0, rel=1e-9)
     assert "is in SI" in refused(capsys, "export", "result.h5", "--format", "vtk", "--units", "mm,t,s")
+
+
+@pytest.mark.parametrize("output, given, unit", [
+    ("20:z", "1:x", "m/N"), ("crank:rx", "1:x", "rad/N"), ("20:z", "a:b:ry", "m/(N m)"), ("1:rz", "1:rz", "rad/(N m)"),
+    ("3:own1", "3:own6", "m/(N m)"), ("7:scalar", "1:x", ""), ("dof 3", "1:x", ""), ("1:x", "input 1", ""),
+])  # fmt: skip
+def test_units_of_responses(output, given, unit):
+    assert unit_of_response(output, given) == unit

@@ -17,7 +17,16 @@ from hpcred import (
 from hpcred.multibody.equations_of_motion import node_motion
 from hpcred.multibody.joints import holds_of
 from hpcred.multibody.node_shapes import NodeShape
-from hpcred.multibody.rotations import of_vector, quaternion, quaternion_rate, rate_matrix, rotation, skew, vector_of
+from hpcred.multibody.rotations import (
+    continuous,
+    of_vector,
+    quaternion,
+    quaternion_rate,
+    rate_matrix,
+    rotation,
+    skew,
+    vector_of,
+)
 from hpcred.multibody.springs import element_of
 from hpcred.parallel.failures import InputError
 
@@ -261,3 +270,31 @@ def test_springs_that_do_not_fit():
         element_of(LineSpring(7, AXIS, 1.0), shape(), place, np.eye(3))
     with pytest.raises(InputError, match="spring.rotational_stiffness: node 8 has no rotations"):
         element_of(Bushing(8, rotational_damping=AXIS[:1] * 3), shape(8, rotates=False), place, np.eye(3))
+
+
+@pytest.mark.parametrize("axis", [(0, 0, 1), (1, -2, 2)])
+@pytest.mark.parametrize("steps", [97, 100])
+def test_rotation_vectors_go_on_beyond_pi(axis, steps):
+    """Three turns and back, as they are, also where an output time is at a full turn."""
+    angle = 6 * np.pi * np.sin(np.linspace(0, np.pi, steps + 1))
+    exact = angle[:, None, None] * np.array(axis) / np.linalg.norm(axis)
+    short = vector_of(Rotation.from_rotvec(exact[:, 0]).as_matrix())[:, None]
+    assert np.linalg.norm(short, axis=-1).max() < 3.2
+    assert continuous(short) == pytest.approx(exact, abs=1e-6)
+
+
+def test_rotation_vectors_beside_a_full_turn():
+    """A wobble about another axis has no vector near there at a full turn; the turns are counted on behind it."""
+    angle = np.linspace(0, 4 * np.pi, 41)
+    turned = Rotation.from_rotvec(np.outer(angle, [1, 0, 0])) * Rotation.from_rotvec([0, 1e-4, 0])
+    found = continuous(turned.as_rotvec()[:, None])[:, 0]
+    assert (Rotation.from_rotvec(found) * turned.inv()).magnitude().max() < 1e-12
+    away = np.abs(angle % (2 * np.pi) - np.pi) < 3.0  # from full turns
+    assert found[away, 0] == pytest.approx(angle[away], abs=1e-3)
+
+
+def test_tumbling_goes_on_where_it_can():
+    """Random rotations: the same rotations, and never farther from the one before than half a turn more than needed."""
+    turned = Rotation.random(200, random_state=1)
+    found = continuous(turned.as_rotvec()[:, None])[:, 0]
+    assert (Rotation.from_rotvec(found) * turned.inv()).magnitude().max() < 1e-9

@@ -14,7 +14,7 @@ import hpcred as package
 from hpcred.cli import run
 from hpcred.examples.beam import Rod
 from hpcred.parallel.petsc import is_complex
-from hpcred.workflows import evaluate
+from hpcred.workflows import evaluate, pair_figures
 from hpcred.workflows.pair_figures import in_file_name, pairs_to_show
 
 
