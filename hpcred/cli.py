@@ -56,10 +56,10 @@ FORMATS = (
 )
 DIRECTIONS = "Directions by themselves, the least accurate first (|H| in SI units: m/N, rad/(N m))"
 INTERFACES = "Interfaces, and where their reference nodes are (m)"
-NEXT = """next: hpcred report demo_result.h5    draws its responses, error and shapes: report.html
-      hpcred example crank            writes a model with bearings, model.h5
-      hpcred info model.h5            says what a model is and needs
-      hpcred --help                   lists all commands"""
+NEXT = """next: hpcred report demo_result.h5   draws responses, error and shapes: report.html
+      hpcred example crank           writes a model with bearings, model.h5
+      hpcred info model.h5           says what a model is and needs
+      hpcred --help                  lists all commands"""
 MOST_SETS = 20  # node sets that info lists
 ModelOutput = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 

@@ -33,9 +33,23 @@ def show_table(title, rows: list[dict]):
         while others and (len(taken) == 1 or least[others[0]] + 2 <= room):
             room -= least[others[0]] + 2
             taken.append(others.pop(0))
-        _show(taken, rows, max(width, width - room))
+        _show(_widths({column: least[column] for column in taken}, rows, room), rows)
         if not others:
             return
+
+
+def _widths(least, rows, room) -> dict[str, int]:
+    """The widths of columns: the `least`, and fair shares of the room that is left for those with longer texts."""
+    wanted = {} if room < 0 else {
+        column: max(len(column), *(len(_cell(row[column])) for row in rows)) - width for column, width in least.items()
+        if not _numeric(column, rows)
+    }  # fmt: skip
+    widths = dict(least)
+    for left, column in zip(range(len(wanted), 0, -1), sorted(wanted, key=wanted.get), strict=True):
+        more = max(min(wanted[column], room // left), 0)
+        widths[column] += more
+        room -= more
+    return widths
 
 
 def told_apart(names: list[str]) -> list[str]:
@@ -57,22 +71,23 @@ def _widest(column, rows) -> int:
     return max(map(len, " ".join([column, *(_cell(row[column]) for row in rows)]).split()), default=1)
 
 
-def _show(columns, rows, width):
+def _show(widths, rows):
     from rich import box  # not at the start of a run, most of which comes before its tables
     from rich.console import Console
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, header_style="", collapse_padding=True)
-    for column in columns:
-        widest = _widest(column, rows)
+    for column, width in widths.items():
+        blank = not table.columns  # before the first one, which rich forgets where padding collapses
         if _numeric(column, rows):
-            table.add_column(textwrap.fill(column, widest), justify="right", no_wrap=True)
+            table.add_column(textwrap.fill(column, width), justify="right", width=width + blank)
         else:
-            table.add_column(column, min_width=widest)
+            table.add_column(column, width=width + blank)
     for row in rows:
-        table.add_row(*(_cell(row[column]) for column in columns))
+        table.add_row(*(_cell(row[column]) for column in widths))
+    wide = sum(widths.values()) + 2 * len(widths) + 2  # with blanks beside each
     try:
-        Console(file=sys.stdout, width=width, highlight=False, markup=False, emoji=False).print(table)
+        Console(file=sys.stdout, width=wide, highlight=False, markup=False, emoji=False).print(table)
     except SystemExit as error:  # so rich says that a pipe was closed
         raise BrokenPipeError from error
 
