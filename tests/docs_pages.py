@@ -1,11 +1,13 @@
-"""The pages of the documentation, and the two programs in docs/ that make parts of them."""
+"""The pages of the documentation, and the programs in docs/ that make parts of them."""
 
 import importlib.util
+import re
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
+PATHS = re.compile(r"\bsee (?:the module |(?:[a-z]\w*\.)+)\w+")  # of the code, which a reader of a page does not have
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 
 
@@ -18,5 +20,6 @@ def load(path):
     return module
 
 
+notebooks = load(DOCS / "site" / "notebooks.py")
 reference = load(DOCS / "site" / "reference.py")
 tutorial = load(DOCS / "tutorial" / "run.py")

@@ -33,13 +33,14 @@ ON_PYTHON = (
     "all ranks call it, with the same arguments. Frequencies are in Hz, all other quantities in the units of the "
     "model, SI where it is in SI."
 )
+PATH = re.compile(r"\b[a-z]\w*(?:\.[a-z]\w*)*\.(\w+)")  # of something in the code
 ROOMS = {
-    "workflows": "Commands as functions",
     "reduction": "Reduction",
     "model": "Models, frames, damping, interfaces",
     "analysis": "Responses and errors",
     "multibody": "Multibody quantities and time",
     "formats": "Files",
+    "workflows": "Commands as functions",
     "linalg": "Factorisation",
     "parallel": "Running",
     "examples": "Examples",
@@ -175,8 +176,16 @@ def table_of_keys(table) -> str:
 def text_of(item) -> str:
     """The docstring as Markdown; a paragraph that explains fields one after the other becomes a list."""
     names = {field.name for field in fields(item)} if is_dataclass(item) else set()
-    paragraphs = re.split(r"\n\s*\n", inspect.getdoc(item) or "")
+    paragraphs = re.split(r"\n\s*\n", linked(inspect.getdoc(item) or "", "[`{name}`](python.md#{place})"))
     return "\n\n".join(_as_list(escaped(part), names) for part in paragraphs)
+
+
+def linked(text, link) -> str:
+    """A text with links where it has the path of a public name in the code, such as reduction.settings.Reduction."""
+    places = {place.removeprefix("hpcred."): place for names in public_places().values() for place in names}
+    return PATH.sub(
+        lambda path: link.format(name=path[1], place=places[path[0]]) if path[0] in places else path[0], text
+    )
 
 
 def _as_list(paragraph, names):
@@ -263,14 +272,21 @@ def _default(value):
 
 def python_names() -> str:
     """A page with the public names by room, for mkdocstrings."""
+    rooms = public_places()
+    parts = ["# Python", ON_PYTHON]
+    for room in [*ROOMS, *(room for room in rooms if room not in ROOMS)]:
+        if room in rooms:
+            functions_first = sorted(rooms[room], key=lambda place: place.rpartition(".")[2][0].isupper())
+            parts += [f"## {ROOMS.get(room, room)}", *(f"::: {place}" for place in functions_first)]
+    return joined(parts)
+
+
+def public_places() -> dict[str, list[str]]:
+    """Where the public names are in the code, by room."""
     rooms = {}
     stub = ast.parse((Path(hpcred.__file__).parent / "__init__.pyi").read_text())
     for node in stub.body:
         if isinstance(node, ast.ImportFrom):
             for alias in node.names:
                 rooms.setdefault(node.module.partition(".")[0], []).append(f"hpcred.{node.module}.{alias.name}")
-    parts = ["# Python", ON_PYTHON]
-    for room in [*ROOMS, *(room for room in rooms if room not in ROOMS)]:
-        if room in rooms:
-            parts += [f"## {ROOMS.get(room, room)}", *(f"::: {name}" for name in rooms[room])]
-    return joined(parts)
+    return rooms

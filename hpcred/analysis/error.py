@@ -20,7 +20,7 @@ def relative_error(full, reduced, measure: Measure | str = "directions", *, driv
     ----------
     full, reduced : array_like, complex, shape (F, r, p)
     measure : Measure or {"directions", "paper"}
-        What eps is (see reduction.measure): the errors of single responses over the drive points of their output and
+        What eps is: the errors of single responses over the drive points of their output and
         input, or ||H - Hr||_F / ||H||_F (55). By name the floors are those of `full` at these frequencies.
     drive : array_like, complex, shape (F, p), optional
         The drive-point responses of the inputs; by default the diagonal of `full`, which then has to have as many

@@ -60,7 +60,7 @@ def natural_modes(
 ) -> NaturalModes:
     """The `count` lowest undamped modes, those of rigid-body motions included. Collective.
 
-    `frame`: a reference frame holds the body or leaves it free, see model.frames; without one a free body with nodes
+    `frame`: a reference frame holds the body or leaves it free; without one a free body with nodes
     is taken as free. Where K has null vectors that the frame does not know (mechanisms, bodies without nodes) it is
     shifted. Raises InputError or ComputationError; the caller closes what is returned.
     """

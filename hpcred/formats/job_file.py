@@ -35,10 +35,11 @@ class Job:
     reduction.accuracy.Limits); `measure`, `static`: see reduction.accuracy.Adaptive; `unreached`: where it is not
     reached the model is written under a name that says so ("mark"), as `output` ("write"), or not ("refuse").
     `write_basis`: whether V goes into the result; `report`: whether an HTML report is written beside it. `body_origin`
-    (m), `lumped_integrals`: see multibody.floating_frame.
+    (m): the origin of the body frame; `lumped_integrals`: whether the volume integrals of multibody programs are sums
+    over the nodes, with lumped masses, instead of exact ones.
     deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
-    out_of_core, low_rank, memory_mb, solver: see linalg.factorisation.Factoring. `store`: a folder of expansion points
-    (see formats.point_store).
+    out_of_core, low_rank, memory_mb, solver: see linalg.factorisation.Factoring. `store`: a folder that keeps expansion
+    points for the next run.
     """
 
     model: str | Source

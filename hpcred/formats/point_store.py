@@ -39,7 +39,7 @@ NAME = re.compile(r"(chain|modes|attachment modes|solution|count)-[0-9a-f]{32}\.
 
 
 class PointStore:
-    """A Store (see reduction.chain) in a folder, which is made if it is not there.
+    """A store of expansion points in a folder, which is made if it is not there.
 
     Runs may use one folder at the same time: entries appear whole or not at all, and are independent of the number of
     ranks. Making one is collective. Raises InputError where the folder cannot be written.

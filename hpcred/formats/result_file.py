@@ -7,7 +7,8 @@ basis/V (m, n), one row a basis vector in the dofs of the full model (basis/W: t
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kind> (elements, nodes), held/,
     sets/<name>, as in model.h5
 floating_frame/: the quantities of multibody.floating_frame, for a one-sided basis of a model with nodes
-interface/node (k), name (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): see multibody.node_shapes
+interface/node (k), name (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): displacements
+phi q and rotations psi q of each node, which rotates where it has rotations
 record: JSON of reduction.record.Record
 """
 
@@ -244,7 +245,7 @@ def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=
     """Write what `reduce` made of a SecondOrderModel. Collective. Raises InputError when the file cannot be written.
 
     With the `model` come its nodes and elements, and the quantities that multibody programs need (for them the basis of
-    `reduced` must not be closed); `origin` (3,) of the body frame in m and `lumped`: see multibody.floating_frame.
+    `reduced` must not be closed); `origin` (3,) of the body frame in m; `lumped`: see floating_frame.
     `basis`: whether V is written.
     """
     declared("reduced", reduced, ReducedModel)

@@ -43,7 +43,7 @@ class SecondOrderModel:
     (elements of this rank, nodes) by kind of element, where known, for pictures. `held`: dofs that the program which
     wrote the matrices holds at zero, and which have no row; `sets`: node numbers by the name of the set; of both, this
     rank has a part, in any order. `remarks`: what the readers of the files had to say. `name` is for messages.
-    `interfaces`: the interface nodes (see model.interfaces), and Gt = G^T (n, 6k), sparse, with their motions G q. SI
+    `interfaces`: the interface nodes, and Gt = G^T (n, 6k), sparse, with their motions G q. SI
     units; `converted_from`: the units that the numbers came in, where they were converted.
 
     A model does not change after it was made; with_inputs and the like give another one on the same matrices. Each owns
@@ -269,7 +269,7 @@ class SecondOrderModel:
         )  # fmt: skip
 
     def plot_modes(self, count: int = 6, *, frame=None, factoring=None):
-        """Draw the lowest elastic modes of a model with nodes: see hpcred.plot_modes.
+        """Draw the lowest elastic modes of a model with nodes: see plot_modes.
 
         Collective.
 

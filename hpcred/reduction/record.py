@@ -45,7 +45,7 @@ class Record:
     reduction: frame, damping, basis and settings; what each ingredient brought; every factorisation, and how many more
     a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings; where the time went, and hints at what
     would take less; of an automatic one its accuracy. `job`: the job file with its overrides, file names absolute, and
-    `contents` of the files that it names (see formats.contents), by name.
+    `contents` of the files that it names, by name.
     """
 
     date: str

@@ -83,7 +83,7 @@ class ReducedModel:
         return np.linalg.solve(dynamic, loads)
 
     def plot(self, pairs=None, *, band=None):
-        """Draw the frequency response, and its estimated error where that is known: see hpcred.plot_response.
+        """Draw the frequency response, and its estimated error where that is known: see plot_response.
 
         Collective.
 

@@ -20,7 +20,7 @@ class Reduction:
     unstable, which is refused unless `allow_unstable`.
     `groups`: number of groups of ranks that factor different expansion points at the same time, each with a copy of the
     matrices, or "auto": as many as points, ranks and memory allow. `coordinates`: "modal", pseudo-modal ones, or
-    "interface": the displacements of the interfaces come first (see reduction.interface_coordinates).
+    "interface": the displacements of the interfaces come first, which other finite-element programs take as dofs.
     """
 
     deflation_tolerance: float = 1e-9

@@ -39,17 +39,17 @@ def new_figure(**keywords):
     """An empty matplotlib Figure of which pyplot knows nothing, and which notebooks show. Raises InputError when
     matplotlib is not installed."""
     try:
-        from matplotlib.figure import Figure
+        import matplotlib.figure
     except ImportError as error:
         raise InputError(MISSING) from error
 
-    class ShownFigure(Figure):
+    class Figure(matplotlib.figure.Figure):
         def _repr_png_(self):
             picture = BytesIO()
             self.savefig(picture, format="png", dpi=80)
             return picture.getvalue()
 
-    return ShownFigure(**keywords)
+    return Figure(**keywords)
 
 
 def error_figure(stem, frequencies, curves, title):

@@ -30,7 +30,7 @@ def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> 
     estimate of an automatic reduction, the direction that is known worst, seconds, factorisations made and saved, and
     memory of all ranks in MB.
 
-    `output`: a .csv, .json or HDF5 file for the table, see formats.sweep_table. `figures`: a folder, created where
+    `output`: a .csv, .json or HDF5 file for the table. `figures`: a folder, created where
     needed, for error over size, error over each key with numbers, and eps(f), as PNG and SVG. `store`: as for
     run_sweep. Returns rows, `missing` (runs without a result of their job), `curves` {run: (frequencies, eps)}, the
     names of the figures and remarks. Raises InputError.

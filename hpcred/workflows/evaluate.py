@@ -50,9 +50,9 @@ def evaluate_result(
     damping, the inputs and outputs of the full model are those of the reduction, and so is `factoring` unless it is
     given; that it is the model of the reduction is checked. `measure`: what eps is, "directions" or "paper", by default
     as the model was reduced. Modal ratios are measured as the loss factor of the smallest. `output`: a .csv or HDF5
-    file for the responses, see formats.response_file. `figure`: a .png, .svg or .pdf of a response and its error, see
-    workflows.pair_figures, for each of the `pairs` "output/input", by default the largest. `groups`: see
-    frequency_response. Returns plain numbers for a table or JSON. Raises InputError.
+    file for the responses, see write_responses. `figure`: a .png, .svg or .pdf of a response and its error, for
+    each of the `pairs` "output/input", by default the largest. `groups`: see frequency_response. Returns plain
+    numbers for a table or JSON. Raises InputError.
     """
     comm = comm or startup.start_mpi()
     reduced = elastic_part(read_result(result, comm).reduced)

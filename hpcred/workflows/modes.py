@@ -34,7 +34,7 @@ def modes_of_file(
 ) -> dict:  # fmt: skip
     """The `count` lowest undamped modes of a model file. Collective. Raises InputError or ComputationError.
 
-    `frame`, `factoring`: see analysis.natural_modes. `figure`: a .png of the first six elastic modes. Returns plain
+    `frame`, `factoring`: see natural_modes. `figure`: a .png of the first six elastic modes. Returns plain
     numbers for a table or JSON: frequencies_hz (m), the number of rigid_body_modes, which come first at 0 Hz, and with
     nodes participation_factors (m, 6), effective_masses (m, 6) and masses (6) along x, y, z and about the axes through
     the centre of mass.

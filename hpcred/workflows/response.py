@@ -37,7 +37,7 @@ def response_file(
 
     `frequencies` (Hz), or else `points` of them over `band`. `inputs`, `outputs`: dofs or a matrix file, as in a job;
     by default those of the model. `output`: a .csv (`polar`: magnitude and phase) or an HDF5 file, see
-    formats.response_file; `figure`: a .png, .svg or .pdf. Returns plain numbers for a table or JSON: sentences,
+    write_responses; `figure`: a .png, .svg or .pdf. Returns plain numbers for a table or JSON: sentences,
     whether the tolerance is `reached`, proofs, and of the response its norm and estimated error. Raises InputError or
     ComputationError.
     """

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 import pytest
 import typer.main
-from docs_pages import DOCS, PAGES, ROOT, reference
+from docs_pages import DOCS, PAGES, PATHS, ROOT, reference
 from pydantic import Field
 
 import hpcred.cli
@@ -158,6 +158,14 @@ def test_keys_are_taken_from_dataclasses():
     assert '| `mode` | `"a"` or `"b"` | `"a"` |' in page
     assert '## `[[shapes]]` of kind "round"' in page and "\\|r" not in page and "&lt;R" in page
     assert "| `sides` | list of number | `[1.0, 2.0]` |" in page
+
+
+def test_pages_do_not_send_readers_to_the_code():
+    """The page on Python is looked at when the site is built, with the docstrings in it."""
+    texts = {path.name: path.read_text() for path in PAGES} | GENERATED
+    assert {name: PATHS.findall(text) for name, text in texts.items() if PATHS.search(text)} == {}
+    job = GENERATED["reference/job-file.md"]
+    assert "see [`Limits`](python.md#hpcred.reduction.accuracy.Limits)" in " ".join(job.split())
 
 
 def test_the_reference_has_every_key_command_and_name():

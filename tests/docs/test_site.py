@@ -1,5 +1,6 @@
 """The built site: strict, whole, and without anything from a network."""
 
+import html
 import importlib.util
 import os
 import re
@@ -8,7 +9,7 @@ import subprocess
 import sys
 
 import pytest
-from docs_pages import DOCS, ROOT, reference
+from docs_pages import DOCS, PATHS, ROOT, reference, tutorial
 
 import hpcred
 
@@ -55,8 +56,25 @@ def test_formulas_are_drawn_without_a_script(site):
         assert not re.search(r"\$[^$<]*\\\w+", text), page
 
 
+def test_buttons_copy_commands_alone(site):
+    text = html.unescape((site / "tutorial" / "2-crank.html").read_text())
+    copied = re.findall(r'<div data-copy="([^"]*)" class="language-console', text)
+    page = (DOCS / "tutorial" / "2-crank.md").read_text()
+    typed = ["\n".join(tutorial.commands(block)) for block in tutorial.SESSION.findall(page)]
+    assert copied == typed and any("hpcred reduce" in block for block in copied)
+    assert not any(line.startswith(("$ ", " ─")) for block in copied for line in block.splitlines())
+
+
+def test_the_notebook_is_a_page_and_a_file(site):
+    text = (site / "notebook.html").read_text()
+    assert text.count('src="data:image/png;base64,') == 2 and 'href="notebook.ipynb"' in text
+    assert (site / "notebook.ipynb").read_bytes() == (DOCS / "notebook.ipynb").read_bytes()
+
+
 def test_every_public_name_has_its_place(site):
     text = (site / "reference" / "python.html").read_text()
+    assert re.search(r'id="(hpcred\.[\w.]+)"', text)[1].endswith(".reduce")
+    assert not PATHS.findall(re.sub(r"<[^>]+>", "", text))
     places = {place.rpartition(".")[2] for place in re.findall(r'id="(hpcred\.[\w.]+)"', text)}
     assert set(hpcred.__all__) <= places
 

@@ -1,10 +1,11 @@
 """The pages whose commands are run: what they show is what comes out, but for numbers that depend on the machine."""
 
+import json
 import re
 import shutil
 
 import pytest
-from docs_pages import DOCS, ROOT, tutorial
+from docs_pages import DOCS, ROOT, notebooks, tutorial
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 OF_THE_MACHINE = ("time ", "MUMPS ", "real PETSc", "complex PETSc")
@@ -32,6 +33,26 @@ def test_what_a_page_shows_is_what_its_commands_print(page, tmp_path):
     assert said(tutorial.run_page(text, tmp_path)) == said(text)
     for name in tutorial.pictures(text, page):
         assert tutorial.picture(tmp_path, name).stat().st_size > 10_000 and (page.with_suffix("") / name).exists()
+
+
+def test_a_notebook_has_what_its_cells_give(tmp_path, monkeypatch):
+    """Texts but for their numbers, and pictures."""
+    monkeypatch.chdir(tmp_path)
+    path = DOCS / "notebook.ipynb"
+    known = json.loads(path.read_text())
+    page, fresh = notebooks.as_markdown(path), notebooks.run_cells(known)
+    for old, new in zip(known["cells"], fresh["cells"], strict=True):
+        data, made = ([item.get("data", item) for item in cell.get("outputs", ())] for cell in (old, new))
+        assert [item.keys() for item in data] == [item.keys() for item in made]
+        for item, other in zip(data, made, strict=True):
+            assert ["image/png" in item or words(item)] == ["image/png" in other or words(other)]
+        assert "".join(old["source"]) in page
+    assert page.count('src="data:image/png;base64,iVBOR') == 2 and "](notebook.ipynb)" in page
+
+
+def words(output):
+    """The words of a text that a cell gives."""
+    return NUMBER.sub("#", "".join(output.get("text", output.get("text/plain")))).split()
 
 
 def test_a_page_is_written_anew(tmp_path):
