@@ -53,7 +53,7 @@ def _small(picture: bytes) -> str:
     from PIL import Image  # which is there where figures are drawn
 
     small, drawn = io.BytesIO(), Image.open(io.BytesIO(picture)).convert("RGB")
-    drawn.quantize(64, dither=Image.Dither.NONE).save(small, "png", optimize=True)
+    drawn.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(small, "png", optimize=True)
     return base64.b64encode(small.getvalue()).decode()
 
 

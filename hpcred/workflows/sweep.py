@@ -80,11 +80,12 @@ def run_sweep(
 ) -> dict:  # fmt: skip
     """Run the jobs of a sweep file on this machine, `parallel` at a time, by default as its [launch] says.
 
-    Finished runs are skipped, failed ones do not keep the others from running. `index` and `of`: only that share of the
-    runs, as a task of an array does. `store`: a folder of expansion points that the runs share. `dry_run`: only
-    say what there is. SIGINT and SIGTERM end all runs; SIGUSR1 asks them to end after the current point. Returns folder, `runs` (rows with name,
-    status, size, seconds, and the sentence of one that failed), how many finished, were skipped and failed, and the
-    numbers of factorisations made and saved. Raises InputError, Interrupted or Stopped.
+    Finished runs are skipped, failed ones do not keep the others from running. `index` and `of`: only that share of
+    the runs, as a task of an array does. `store`: a folder of expansion points that the runs share. `dry_run`: only
+    say what there is. SIGINT and SIGTERM end all runs; SIGUSR1 asks them to end after the current point. Returns
+    folder, `runs` (rows with name, status, size, seconds, and the sentence of one that failed), how many finished,
+    were skipped and failed, and the numbers of factorisations made and saved. Raises InputError, Interrupted or
+    Stopped.
     """
     _alone(comm, "sweep")
     sweep = read_sweep(path, store)
