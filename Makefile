@@ -53,7 +53,7 @@ PURE     := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["
 	/usr/bin/python3 -c '$(VERSIONS)' > .venv/constraints.txt
 	/usr/bin/python3 -c '$(PURE)' > .venv/requirements.txt
 	.venv/bin/python -m pip install -q -c .venv/constraints.txt -r .venv/requirements.txt
-	.venv/bin/python -m pip install -q --no-deps scipy_dae  # asks for a newer numpy than it needs
+	.venv/bin/python -m pip install -q --no-deps scipy_dae pyyeti pyNastran  # they ask for another numpy or h5py than they need
 	.venv/bin/python -m pip install -q --no-deps --config-settings editable_mode=compat -e .
 	.venv/bin/python -m compileall -q hpcred
 	@[ "$$(id -u)" != 0 ] || echo "export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1" >> .venv/bin/activate
@@ -160,5 +160,4 @@ lint: install
 # sets the version, builds the sdist and the wheel into dist/, commits and tags; uploads nothing (.ci/release.py)
 .PHONY: release
 release: install
-	$(PYTHON) -m pip install -q build
 	$(PYTHON) .ci/release.py "$(VERSION)"

@@ -78,7 +78,7 @@ def test_public_names_resolve_and_say_what_they_are(name):
 def test_modules_say_what_they_do_and_rooms_are_empty(name):
     path = MODULES[name]
     tree = ast.parse(path.read_text())
-    if path.name == "__init__.py" and name:
+    if path.name == "__init__.py" and name not in ("", "parallel"):  # which says where mpi4py is missing
         assert not tree.body or (len(tree.body) == 1 and ast.get_docstring(tree))
     else:
         assert ast.get_docstring(tree)
