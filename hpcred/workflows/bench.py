@@ -103,7 +103,7 @@ def _hints(report) -> list[str]:
     if report["ordering"] not in NESTED:
         found.append(
             f"MUMPS ordered by {report['ordering']}: large solids need about half the operations with METIS or Scotch; "
-            "on Debian install libmumps-ptscotch-5.5, elsewhere build MUMPS with METIS"
+            "on Debian `apt-get install 'libmumps-ptscotch-[0-9]*'`, elsewhere build MUMPS with METIS"
         )
     widths = report[f"solve_ms_per_column_of_{MANY}_by_width"]
     best = min(widths, key=widths.get)
