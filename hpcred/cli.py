@@ -574,8 +574,9 @@ def response(
     return 0 if report["reached"] else 1
 
 
-@app.command()
+@app.command(context_settings={"allow_extra_args": True})
 def export(
+    context: typer.Context,
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
     kind: Annotated[str, typer.Option("--format", help=FORMATS)] = "sid",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
@@ -587,6 +588,10 @@ def export(
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
+    if more := context.args:
+        option = "-o" if os.path.splitext(more[0])[1] else "--format"
+        raise InputError(f"export: found '{more[0]}' after {result}; a format is named by --format and the file to "
+                         f"write by -o: hpcred export {result} {option} {more[0]}")  # fmt: skip
     chosen = [int(word) if word.strip().isdecimal() else word.strip() for word in nodes.split(",")] if nodes else None
     shapes = [int(number) for number in words.numbers(modes, "--modes")] if modes else None
     report = hpcred.export_result(

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..linalg.factorisation import Factoring
 from ..model.damping import GivenDamping, Structural
-from ..model.second_order_model import require_model
+from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..reduction.accuracy import Accuracy
@@ -101,8 +101,8 @@ def measuring_damping(accuracy: Accuracy, damping):
 
 
 def check_reduced(
-    reduced: ReducedModel, model, count: int = 5, *, seed: int | None = None, groups: int | None = None,
-    factoring: Factoring | None = None, progress=None,
+    reduced: ReducedModel, model: SecondOrderModel, count: int = 5, *, seed: int | None = None,
+    groups: int | None = None, factoring: Factoring | None = None, progress=None,
 ) -> Check:  # fmt: skip
     """Set the stored error of an automatic reduction against full solves of its model at fresh frequencies. Collective.
 

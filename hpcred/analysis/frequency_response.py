@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..linalg.blocks import apply, as_pairs, create_block, from_dense, inner, multiply, unfold
 from ..linalg.factorisation import Factoring, SingularMatrix
 from ..linalg.free_motions import check_free_motions
 from ..linalg.refinement import REFINE_ABOVE
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
-from ..model.damping import ModalDamping, caughey_terms, loss_factor_of
-from ..model.frames import apply_frame
+from ..model.damping import Damping, ModalDamping, caughey_terms, loss_factor_of
+from ..model.frames import Frame, apply_frame
 from ..model.scales import scaled, scales_of, unscaled
-from ..model.second_order_model import require_inputs, require_model
-from ..parallel.declared import declared
+from ..model.second_order_model import SecondOrderModel, require_inputs, require_model
+from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.petsc import MPI, PETSc
+from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from ..reduction.error_estimate import at_poles
 from ..reduction.groups import Group
@@ -29,8 +31,11 @@ SHARPEST = 1e-4  # damping ratio as which a smaller one is drawn: undamped peaks
 TOGETHER = 2**20  # bytes of the matrices that are solved in one call, which stay in the cache
 
 
+@spelled
 def frequency_response(
-    model, frequencies, frame=None, damping=None, *, factoring: Factoring | None = None, progress=None, groups=None,
+    model: SecondOrderModel | ReducedModel, frequencies: ArrayLike, frame: Frame | None = None,
+    damping: Damping | None = None, *, factoring: Factoring | None = None, progress: Progress | None = None,
+    groups: int | None = None,
 ) -> np.ndarray:  # fmt: skip
     """H (frequencies, r, p) of a ReducedModel, or of a SecondOrderModel in a frame with a damping law.
 

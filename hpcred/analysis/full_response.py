@@ -7,21 +7,23 @@ error is estimated as in the search, from the model without the newest columns.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..linalg.basis import Basis
 from ..linalg.factorisation import Factoring, FactorRecord
-from ..model.damping import Caughey, ModalDamping, NoDamping, Rayleigh, Structural, caughey_terms
+from ..model.damping import Caughey, Damping, ModalDamping, NoDamping, Rayleigh, Structural, caughey_terms
 from ..model.digits import doubts_of_digits
-from ..model.frames import NoFrame, apply_frame, inputs_without_effect
+from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.rigid_body_modes import RigidBodyModes
 from ..model.scales import scaled, scales_of, unscaled
-from ..model.second_order_model import require_model
+from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.decisions import decided
-from ..parallel.declared import declared
+from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
 from ..reduction.accuracy import Accuracy, Adaptive
@@ -88,8 +90,10 @@ class FullResponse:
         return bool(self.accuracy.reached and self.eps.max() <= self.accuracy.tolerance and checked)
 
 
+@spelled
 def full_response(
-    model, frequencies, frame=None, damping=None, *, tolerance: float = 1e-6, band=None,
+    model: SecondOrderModel, frequencies: ArrayLike, frame: Frame | None = None, damping: Damping | None = None, *,
+    tolerance: float = 1e-6, band: Sequence[float] | None = None,
     adaptive: Adaptive | None = None, check: int = 0, seed: int | None = None, groups: int | None = None,
     factoring: Factoring | None = None, progress: Progress | None = None,
 ) -> FullResponse:  # fmt: skip

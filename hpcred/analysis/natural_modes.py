@@ -12,10 +12,10 @@ from ..linalg.factorisation import Factoring, SingularMatrix
 from ..linalg.free_motions import ZERO
 from ..linalg.refinement import IllConditioned
 from ..model.digits import doubts_of_digits
-from ..model.frames import Buckens, NoFrame, apply_frame
+from ..model.frames import Buckens, Frame, NoFrame, apply_frame
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities, rigid_motions
-from ..model.second_order_model import require_model
-from ..parallel.declared import declared
+from ..model.second_order_model import SecondOrderModel, require_model
+from ..parallel.declared import declared, spelled
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
 from ..reduction.modes import lowest, residuals
@@ -49,15 +49,17 @@ class NaturalModes:
         """(m, 6) in kg and kg m^2: the squares of the participation factors. Over all modes they sum to `masses`."""
         return None if self.participation is None else self.participation**2
 
-    def close(self):
+    def close(self) -> None:
         """Free the shapes. Collective."""
         if self.shapes is not None:
             self.shapes.destroy()
 
 
+@spelled
 def natural_modes(
-    model, count: int = 20, frame=None, *, factoring: Factoring | None = None, progress: Progress | None = None
-) -> NaturalModes:
+    model: SecondOrderModel, count: int = 20, frame: Frame | None = None, *, factoring: Factoring | None = None,
+    progress: Progress | None = None,
+) -> NaturalModes:  # fmt: skip
     """The `count` lowest undamped modes, those of rigid-body motions included. Collective.
 
     `frame`: a reference frame holds the body or leaves it free; without one a free body with nodes

@@ -23,10 +23,11 @@ import numpy as np
 
 from ..model.dofs import DIRECTIONS, SCALAR, target_of
 from ..multibody.body import check_viscous, instability, maker
-from ..parallel.failures import ComputationError, InputError
+from ..parallel.failures import ComputationError, InputError, printable
 from ..reduction.reduced_model import ReducedModel, require_finite
 
 SOURCES = Path(__file__).with_name("fmi2")  # body.c, and the headers of the FMI standard
+LONGEST = 63  # letters of an identifier that every compiler of C tells apart
 SYSTEMS = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}
 FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-fvisibility=hidden")
 UNITS = {
@@ -43,9 +44,10 @@ ROTATION = (("moment", "N.m"), ("rotation", "rad"), ("angular_velocity", "rad/s"
 UNKNOWN = (("input", None), ("output", None), ("output_rate", None))
 
 
-def write_fmu(path, reduced: ReducedModel) -> list[str]:
+def write_fmu(path, reduced: ReducedModel, name: str | None = None) -> list[str]:
     """Write an FMU; call it on one rank. Returns remarks.
 
+    `name`: of the body, in any letters, by default that of the model which was reduced.
     Raises InputError for structural damping, a model without inputs or outputs, or a machine without C compiler, and
     ComputationError when the compiler fails.
     """
@@ -57,13 +59,16 @@ def write_fmu(path, reduced: ReducedModel) -> list[str]:
     data = _data(reduced)
     guid = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, data)}}}"  # of the numbers, so that the same result gives the same file
     data = f'#define GUID "{guid}"\n{data}'
-    name = _identifier(reduced)
+    if name is None:
+        name = Path(reduced.record.model).stem if reduced.record is not None else "body"
+    name = printable(name).strip() or "body"  # XML has no control characters
+    identifier = _identifier(name)
     with tempfile.TemporaryDirectory() as build:
-        binary = Path(build) / f"{name}{suffix}"
+        binary = Path(build) / f"{identifier}{suffix}"
         (Path(build) / "body_data.h").write_text(data)
         _compile(compiler, build, binary)
         contents = {
-            "modelDescription.xml": _description(reduced, name, guid),
+            "modelDescription.xml": _description(reduced, name, identifier, guid),
             f"binaries/{folder}/{binary.name}": binary.read_bytes(),
             "sources/body.c": (SOURCES / "body.c").read_bytes(),
             "sources/body_data.h": data.encode(),
@@ -106,10 +111,9 @@ def _compile(compiler, build, binary):
         raise ComputationError(f"the FMU was not compiled by {compiler[0]} (exit status {run.returncode}): {told}")
 
 
-def _identifier(reduced) -> str:
-    """A name of the body that is an identifier in C."""
-    stem = Path(reduced.record.model).stem if reduced.record is not None else "body"
-    word = re.sub(r"\W", "_", stem, flags=re.ASCII)
+def _identifier(name) -> str:
+    """The name of the body as an identifier in C."""
+    word = re.sub(r"\W", "_", name, flags=re.ASCII)[:LONGEST]
     return word if re.match(r"[A-Za-z]", word) else f"body_{word}"
 
 
@@ -141,7 +145,7 @@ def _data(reduced) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _description(reduced, name, guid) -> bytes:
+def _description(reduced, name, identifier, guid) -> bytes:
     """modelDescription.xml."""
     root = ElementTree.Element("fmiModelDescription", {
         "fmiVersion": "2.0", "modelName": name, "guid": guid, "generationTool": maker(reduced),
@@ -149,7 +153,7 @@ def _description(reduced, name, guid) -> bytes:
         "variableNamingConvention": "flat", "numberOfEventIndicators": "0",
     })  # fmt: skip
     able = dict.fromkeys(("canGetAndSetFMUstate", "canSerializeFMUstate", "providesDirectionalDerivative"), "true")
-    able |= {"modelIdentifier": name, "canNotUseMemoryManagementFunctions": "true"}
+    able |= {"modelIdentifier": identifier, "canNotUseMemoryManagementFunctions": "true"}
     exchange = ElementTree.SubElement(root, "ModelExchange", {**able, "completedIntegratorStepNotNeeded": "true"})
     together = ElementTree.SubElement(root, "CoSimulation", {
         **able, "canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": "true"

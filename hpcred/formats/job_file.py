@@ -21,19 +21,19 @@ from .source import Source
 from .toml_file import CONFIG, check_file_names, parse, read_table
 
 PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`
-Targets = str | tuple[int | tuple[int | str, str], ...]
+Targets = str | tuple[int | str | tuple[int | str, str], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
     """One reduction: settings and files. Relative file names in a job file are relative to its folder.
 
-    `model`: model.h5, or matrix files. `inputs` and `outputs`: a matrix file, or dofs as numbers from 1 or [node,
-    direction]; without them those of the model are taken, or all directions of all interfaces. `interface`: see
-    model.interfaces.Interface; its name stands for a node in inputs, outputs and frames. `band`: Hz. `tolerance`:
-    eps that points, orders and size are chosen for, over the band, within the limits `adaptive` (see
-    reduction.accuracy.Limits); `measure`, `static`: see reduction.accuracy.Adaptive; `unreached`: where it is not
-    reached the model is written under a name that says so ("mark"), as `output` ("write"), or not ("refuse").
+    `model`: model.h5, or matrix files. `inputs` and `outputs`: a matrix file, or a list of dofs as numbers from 1 or
+    [node, direction], and of names of interfaces, for all of their directions; without them those of the model
+    are taken, or all directions of all interfaces. `interface`: see model.interfaces.Interface; its name stands for a
+    node in inputs, outputs and frames. `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over
+    the band, within the limits `adaptive` (see reduction.accuracy.Limits); `measure`, `static`: see
+    reduction.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that says so ("mark"), as `output` ("write"), or not ("refuse").
     `write_basis`: whether V goes into the result; `report`: whether an HTML report is written beside it. `body_origin`
     (m): the origin of the body frame; `lumped_integrals`: whether the volume integrals of multibody programs are sums
     over the nodes, with lumped masses, instead of exact ones.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import os
 import re
@@ -13,7 +12,7 @@ from typing import get_args, get_origin
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from ..parallel.declared import in_words, plain_type, types_of
+from ..parallel.declared import in_words, nearest, plain_type, types_of
 from ..parallel.failures import InputError
 from .text import absent
 
@@ -97,13 +96,13 @@ def _sentence(kind, table, details) -> str:
         key = details["loc"][-1]
         if where != key and key in top:
             return f"{where[:40]}: '{key}' is a key of the whole file; write it above the first table"
-        return f"{where[:40]}: unknown key{_near(key, names)}; known are {', '.join(names) or 'none'}"
+        return f"{where[:40]}: unknown key{nearest(key, names)}; known are {', '.join(names) or 'none'}"
     if details["type"].startswith("union_tag"):
         kinds = {_kind_of(item): item for item in get_args(kind)}
         if "kind" not in found:
             return f"{where}.kind: missing; expected one of {', '.join(kinds)}"
         return (
-            f"{where}.kind: found {found['kind']!r}, expected one of {', '.join(kinds)}{_near(found['kind'], kinds)}"
+            f"{where}.kind: found {found['kind']!r}, expected one of {', '.join(kinds)}{nearest(found['kind'], kinds)}"
         )
     if found is _MISSING:
         return f"{where}: missing; expected {_expected(kind)}"
@@ -169,11 +168,6 @@ def _as_toml(value):
 
 def _item(value):
     return f"'{value}'" if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _near(word, words) -> str:
-    close = difflib.get_close_matches(str(word), list(words), n=1, cutoff=0.5)
-    return f" (did you mean '{close[0]}'?)" if close else ""
 
 
 def _override(table, text):

@@ -11,7 +11,7 @@ import numpy as np
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, LABEL, within
-from .dofs import DIRECTIONS, rows_of_node
+from .dofs import DIRECTIONS, rows_of_node, target_name
 
 Vector = tuple[float, float, float]
 SIX = DIRECTIONS[:6]
@@ -156,14 +156,17 @@ def node_number(model, node) -> int:
     return model.interfaces[place].node
 
 
-def single_targets(model, target) -> list:
-    """A target of inputs or outputs, or all those of (node, "all"), with interface nodes by name. Collective.
+def interface_targets(interfaces) -> tuple[str, ...]:
+    """The names of the inputs that are all directions of all interfaces."""
+    return tuple(target_name((item.name, name)) for item in interfaces for name in item.directions)
 
-    Raises InputError.
-    """
-    if not isinstance(target, tuple | list):
+
+def single_targets(model, target) -> list:
+    """A target of inputs or outputs, or all those of (node, "all") or of the name of an interface, with interface nodes
+    by name. Collective. Raises InputError."""
+    if isinstance(target, int):
         return [target]
-    node, direction = target
+    node, direction = (target, "all") if isinstance(target, str) else target
     place = find_interface(model, node_number(model, node))
     if place is not None:
         node = model.interfaces[place].name

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..linalg.blocks import dense_matrix
 from ..linalg.csr import compress
-from ..parallel.declared import declared
+from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
 from ..parallel.shares import row_range
@@ -28,8 +31,16 @@ from .digests import digest_of
 from .dofs import SCALAR, Dofs, check_labels, dofs_per_node, row_of, target_name
 from .elements import check_elements
 from .interface_motion import with_interfaces
-from .interfaces import InterfaceNode, interface_column, single_targets
+from .interfaces import Interface, InterfaceNode, interface_column, interface_targets, single_targets
 from .petsc_matrices import decoupled, labels, taken
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    from scipy.sparse import sparray, spmatrix
+
+    Matrix: TypeAlias = spmatrix | sparray | np.ndarray
+    Targets: TypeAlias = Iterable[int | str | Sequence[int | str]]  # dofs, names of interfaces, (node, direction)
 
 SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
 
@@ -70,7 +81,7 @@ class SecondOrderModel:
     def __post_init__(self):
         watched(self.comm)
 
-    def __enter__(self):
+    def __enter__(self) -> SecondOrderModel:
         return self
 
     def __exit__(self, _, error, __):
@@ -78,7 +89,7 @@ class SecondOrderModel:
             settle(self.comm, error)
         self.close()
 
-    def close(self):
+    def close(self) -> None:
         """Free the PETSc objects. Collective."""
         for key in ("M", "D", "K", "B", "Ct", "Gt"):
             if (mat := vars(self).get(key)) is not None:
@@ -107,7 +118,7 @@ class SecondOrderModel:
             f"  inputs {listed(self.input_names)}; outputs {listed(self.output_names)}"
         )
 
-    def shared(self):
+    def shared(self) -> SecondOrderModel:
         """The same model with references of its own: either is closed without the other."""
         return self._with()
 
@@ -121,7 +132,7 @@ class SecondOrderModel:
         return other
 
     @cached_property
-    def comm(self):
+    def comm(self) -> MPI.Comm:
         return self.K.comm.tompi4py()
 
     @cached_property
@@ -211,28 +222,38 @@ class SecondOrderModel:
         diagonal.destroy()
         return value
 
-    def with_interfaces(self, interfaces):
-        """The model with interface nodes made from model.interfaces.Interface. Collective. Raises InputError."""
-        return with_interfaces(self, interfaces)
+    def with_interfaces(self, interfaces: Iterable[Interface]) -> SecondOrderModel:
+        """The model with interface nodes made from model.interfaces.Interface. Collective. Raises InputError.
 
-    def with_inputs(self, targets):
+        A model without inputs of its own gets all directions of all interfaces as inputs.
+        """
+        marked = with_interfaces(self, interfaces)
+        if self.B is not None and self.input_names != interface_targets(self.interfaces):
+            return marked
+        with marked:
+            if not marked.interfaces:
+                return marked._with(B=None, input_names=())
+            return marked.with_inputs([item.name for item in marked.interfaces])
+
+    def with_inputs(self, targets: Targets) -> SecondOrderModel:
         """The model with unit loads at dofs: numbers from 1, or (node, direction) pairs, with the number or the name of
-        an interface node as well, and "all" for every direction that a node has.
+        an interface node as well, and "all" for every direction that a node has; the name of an interface alone stands
+        for all of its directions.
 
         Collective. Raises InputError.
         """
         return self.with_input_columns(*self._unit_columns("inputs", targets))
 
-    def with_outputs(self, targets):
+    def with_outputs(self, targets: Targets) -> SecondOrderModel:
         """The model with displacements measured at dofs, given as for with_inputs. Collective. Raises InputError."""
         return self.with_output_columns(*self._unit_columns("outputs", targets))
 
-    def with_input_columns(self, local, names):
+    def with_input_columns(self, local: ArrayLike | None, names: Iterable[str]) -> SecondOrderModel:
         """The model with B from the rows of this rank (rows, p), and p names. Collective. Raises InputError."""
         local, names = named_columns(self.comm, self.local_rows, local, names, f"{self.name}: inputs")
         return self._with(B=None if local is None else dense_matrix(self.K, local), input_names=names)
 
-    def with_output_columns(self, local, names):
+    def with_output_columns(self, local: ArrayLike | None, names: Iterable[str]) -> SecondOrderModel:
         """The model with C^T from the rows of this rank (rows, r) and r names, or with C = B^T for None. Collective.
 
         Raises InputError.
@@ -240,7 +261,7 @@ class SecondOrderModel:
         local, names = named_columns(self.comm, self.local_rows, local, names, f"{self.name}: outputs")
         return self._with(Ct=None if local is None else dense_matrix(self.K, local), own_output_names=names)
 
-    def with_damping_matrix(self, D):
+    def with_damping_matrix(self, D: PETSc.Mat | None) -> SecondOrderModel:
         """The model with the damping matrix D on the pattern of K, or None; it takes D over. Collective.
 
         Raises InputError for NaN and Inf.
@@ -251,7 +272,7 @@ class SecondOrderModel:
                 check_finite(indptr, {"D": values}, D.getOwnershipRange()[0], self.name, self.dofs)
         return self._with(D=D)
 
-    def as_dual(self):
+    def as_dual(self) -> SecondOrderModel:
         """The model of the transposed transfer function: D^T for D (M and K are symmetric), C^T for B. Collective."""
         changed = {"B": None if self.Ct is None else copy(self.Ct), "Ct": None, "input_names": self.output_names}
         if self.D is not None and not self.symmetric:
@@ -293,9 +314,9 @@ class SecondOrderModel:
 
     def _unit_columns(self, key, targets):
         """Rows of this rank of a matrix of unit columns, or of columns of G^T, and their names."""
-        targets = declared(key, targets, tuple[int | tuple[int | str, str], ...])
+        targets = declared(key, targets, tuple[int | str | tuple[int | str, str], ...])
         if not targets:
-            raise InputError(f"{key}: found an empty list, expected dof numbers or (node, direction)")
+            raise InputError(f"{key}: found an empty list, expected dof numbers, (node, direction) or interfaces")
         targets = [single for target in targets for single in single_targets(self, target)]
         local = np.zeros((self.local_rows, len(targets)))
         for j, target in enumerate(targets):
@@ -309,25 +330,26 @@ class SecondOrderModel:
         return local, [target_name(target) for target in targets]
 
     @classmethod
+    @spelled
     def from_csr(
         cls,
-        comm,
-        size,
-        indptr,
-        indices,
-        values,
-        inputs=None,
-        outputs=None,
-        dofs=None,
-        input_names=(),
-        output_names=(),
-        name="model",
-        elements=None,
-        held=None,
-        sets=None,
-        remarks=(),
-        converted_from="",
-    ):
+        comm: MPI.Comm,
+        size: int,
+        indptr: np.ndarray,
+        indices: np.ndarray,
+        values: dict[str, np.ndarray],
+        inputs: ArrayLike | None = None,
+        outputs: ArrayLike | None = None,
+        dofs: Dofs | None = None,
+        input_names: Iterable[str] = (),
+        output_names: Iterable[str] = (),
+        name: str = "model",
+        elements: dict[str, np.ndarray] | None = None,
+        held: Dofs | None = None,
+        sets: dict[str, np.ndarray] | None = None,
+        remarks: Iterable[str] = (),
+        converted_from: str = "",
+    ) -> SecondOrderModel:
         """A model from the rows of this rank. Collective.
 
         `indptr` (rows + 1,), `indices` (nonzeros,) sorted global columns, `values`: dict of "K", "M" and
@@ -364,10 +386,29 @@ class SecondOrderModel:
         )  # fmt: skip
 
     @classmethod
-    def from_scipy(cls, K, M, D=None, comm=MPI.COMM_WORLD, **keywords):
+    @spelled
+    def from_scipy(
+        cls,
+        K: Matrix,
+        M: Matrix,
+        D: Matrix | None = None,
+        comm: MPI.Comm = MPI.COMM_WORLD,
+        *,
+        inputs: ArrayLike | Matrix | None = None,
+        outputs: ArrayLike | Matrix | None = None,
+        dofs: Dofs | None = None,
+        input_names: Iterable[str] = (),
+        output_names: Iterable[str] = (),
+        name: str = "model",
+        elements: dict[str, np.ndarray] | None = None,
+        held: Dofs | None = None,
+        sets: dict[str, np.ndarray] | None = None,
+        remarks: Iterable[str] = (),
+        converted_from: str = "",
+    ) -> SecondOrderModel:
         """A model from SciPy sparse (or dense) matrices that all ranks hold, for small cases. Collective.
 
-        Other keywords as for from_csr, with `inputs` (n, p), `outputs` (n, r) and `dofs` of all rows.
+        K, M, D (n, n); `inputs` (n, p), `outputs` (n, r) and `dofs` of all rows, the other keywords as for from_csr.
         """
         given = {key: coordinates(key, mat) for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
         sizes = {key: item[3] for key, item in given.items()}
@@ -375,15 +416,13 @@ class SecondOrderModel:
         if len(set(sizes.values())) > 1:
             found = ", ".join(f"{n} rows of {key}" for key, n in sizes.items())
             raise InputError(f"from_scipy: found {found}, expected the same number")
-        dofs = keywords.get("dofs")
         check_labels(dofs, size, "from_scipy")
         per_node = dofs_per_node(dofs) if dofs is not None else 1
         first, last = row_range(comm, size, per_node)
-        for key in ("inputs", "outputs"):
-            if keywords.get(key) is not None:
-                keywords[key] = real_columns(keywords[key], size, f"from_scipy: {key}")[first:last]
-        if dofs is not None:
-            keywords["dofs"] = dofs.take(slice(first, last))
+        inputs, outputs = (
+            None if columns is None else real_columns(columns, size, f"from_scipy: {key}")[first:last]
+            for key, columns in (("inputs", inputs), ("outputs", outputs))
+        )
         mine = {}
         for key, (i, j, v, _) in given.items():
             # a structurally symmetric pattern, also for an unsymmetric D
@@ -391,12 +430,27 @@ class SecondOrderModel:
             local = (i >= first) & (i < last)
             mine[key] = i[local], j[local], v[local]
         indptr, indices, values = compress(mine, first, last, size)
-        return cls.from_csr(comm, size, indptr, indices, values, **keywords)
+        return cls.from_csr(
+            comm, size, indptr, indices, values, inputs, outputs, dofs and dofs.take(slice(first, last)), input_names,
+            output_names, name, elements, held, sets, remarks, converted_from,
+        )  # fmt: skip
 
     @classmethod
+    @spelled
     def from_petsc(
-        cls, K, M, D=None, nodes=None, *, numbers=None, dofs=None, held=None, name="model", elements=None, sets=None
-    ):
+        cls,
+        K: PETSc.Mat,
+        M: PETSc.Mat,
+        D: PETSc.Mat | None = None,
+        nodes: ArrayLike | None = None,
+        *,
+        numbers: ArrayLike | None = None,
+        dofs: Dofs | None = None,
+        held: ArrayLike | None = None,
+        name: str = "model",
+        elements: dict[str, np.ndarray] | None = None,
+        sets: dict[str, np.ndarray] | None = None,
+    ) -> SecondOrderModel:
         """A model of matrices that are assembled in PETSc, as finite-element libraries leave them. Collective.
 
         K, M, D: PETSc.Mat (n, n) with one layout of rows and columns; the model keeps references, so that they can be

@@ -7,16 +7,19 @@ numbers and texts, so that settings can be compared, sent and written whatever t
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from dataclasses import fields
-from functools import cache
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
+from functools import cache, wraps
+from inspect import signature
 from types import NoneType, UnionType
-from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from .failures import InputError
 
+Function = TypeVar("Function", bound=Callable[..., Any])
 WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or false"}
 MANY = {str: "texts", int: "whole numbers", float: "numbers"}
 
@@ -40,7 +43,17 @@ def declared(key: str, value, kind):
     try:
         return _fitted(value, kind)
     except _Misfit as misfit:
-        raise InputError(f"{key}: found {_shown(value)}, expected {in_words(kind)}") from misfit
+        such = f", such as {meant}(...)" if (meant := _class_of_kind(value, kind)) else ""
+        raise InputError(f"{key}: found {_shown(value)}, expected {in_words(kind)}{such}") from misfit
+
+
+def _class_of_kind(word, kind) -> str | None:
+    """The name of the one of several dataclasses whose field `kind` is a word, as in frame="buckens"."""
+    parts = [plain_type(part) for part in (kind, *get_args(kind))]
+    for part in [*parts, *(inner for outer in parts for inner in get_args(outer))]:
+        if is_dataclass(part) and word in [item.default for item in fields(part) if item.name == "kind"]:
+            return part.__name__
+    return None
 
 
 @cache
@@ -53,6 +66,29 @@ def types_of(table) -> dict:
 def plain_type(kind):
     """A type without what Annotated says of it."""
     return get_args(kind)[0] if get_origin(kind) is Annotated else kind
+
+
+def spelled(function: Function) -> Function:
+    """Have a function refuse keywords that it does not have by an InputError, which names the one that was meant."""
+    parameters = signature(function).parameters.values()
+    names = [item.name for item in parameters if item.kind in (item.POSITIONAL_OR_KEYWORD, item.KEYWORD_ONLY)]
+
+    @wraps(function)
+    def checked(*arguments, **keywords):
+        for key in keywords:
+            if key not in names:
+                raise InputError(
+                    f"{function.__name__}: unknown keyword '{key}'{nearest(key, names)}; known are {', '.join(names)}"
+                )
+        return function(*arguments, **keywords)
+
+    return checked  # type: ignore[return-value]
+
+
+def nearest(word, words) -> str:
+    """Words in brackets that ask whether the one of some words was meant that is most alike; empty for none."""
+    close = get_close_matches(str(word), list(words), n=1, cutoff=0.5)
+    return f" (did you mean '{close[0]}'?)" if close else ""
 
 
 def in_words(kind, table: str = "") -> str:

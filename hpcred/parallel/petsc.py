@@ -5,6 +5,7 @@ by what it asks for, before PETSc is there.
 """
 
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
@@ -24,7 +25,11 @@ class _Later:
         return getattr(import_module(self._name), name)
 
 
-PETSc, SLEPc = _Later("petsc4py.PETSc"), _Later("slepc4py.SLEPc")
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+    from slepc4py import SLEPc
+else:
+    PETSc, SLEPc = _Later("petsc4py.PETSc"), _Later("slepc4py.SLEPc")
 
 
 def is_complex() -> bool:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
+from typing import Literal
 
 import numpy as np
 
 from ..linalg.basis import Basis
 from ..linalg.blocks import apply, copy_of, create_block
 from ..linalg.factorisation import DoesNotFit, Factoring
-from ..model.damping import ModalDamping, NoDamping, doubts_of_damping, loss_factor_of
+from ..model.damping import Damping, ModalDamping, NoDamping, doubts_of_damping, loss_factor_of
 from ..model.digits import doubts_of_digits
-from ..model.frames import Buckens, NoFrame, apply_frame, inputs_without_effect
+from ..model.frames import Buckens, Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.interfaces import doubts_of_interfaces
 from ..model.rigid_body_modes import doubts_of_nodes, exchange_of_matrices, soft_supports
 from ..model.scales import scaled, scales_of
-from ..model.second_order_model import SYMMETRIC_TO, require_inputs, require_model
+from ..model.second_order_model import SYMMETRIC_TO, SecondOrderModel, require_inputs, require_model
 from ..parallel.decisions import decided
-from ..parallel.declared import declared
+from ..parallel.declared import declared, spelled
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import MPI
 from ..parallel.progress import Progress
@@ -45,11 +47,29 @@ ROOM = 96  # columns that a search is expected to need
 BEYOND = 10.0  # times the highest frequency of a single node: a mesh has modes up to about five times that
 
 
+@spelled
 def reduce(
-    model, basis=(), frame=None, damping=None, *, tolerance: float | None = None, band=None, measure: str | None = None,
-    static: str | None = None, adaptive: Adaptive | None = None, settings: Reduction | None = None,
-    factoring: Factoring | None = None, store: Store | None = None, progress: Progress | None = None, **keywords,
-) -> ReducedModel:  # fmt: skip
+    model: SecondOrderModel,
+    basis: Ingredient | Iterable[Ingredient] = (),
+    frame: Frame | None = None,
+    damping: Damping | None = None,
+    *,
+    tolerance: float | None = None,
+    band: Sequence[float] | np.ndarray | None = None,
+    measure: Literal["directions", "paper"] | None = None,
+    static: Literal["tolerance", "exact"] | None = None,
+    adaptive: Adaptive | None = None,
+    settings: Reduction | None = None,
+    factoring: Factoring | None = None,
+    store: Store | None = None,
+    progress: Progress | None = None,
+    deflation_tolerance: float | None = None,
+    drop_above: float | None = None,
+    projection: Literal["one_sided", "two_sided"] | None = None,
+    allow_unstable: bool | None = None,
+    groups: int | Literal["auto"] | None = None,
+    coordinates: Literal["modal", "interface"] | None = None,
+) -> ReducedModel:
     """Reduce a SecondOrderModel by projection onto the span of the ingredients. Collective.
 
     `tolerance` and `band` (Hz), or an Adaptive with more to say: expansion points, orders and size are chosen so that
@@ -59,13 +79,20 @@ def reduce(
     they come first, and may be left out. `store`: where the blocks of points and sets of modes are kept from one
     reduction to the next, so that no point is factored twice (PointStore is one in a folder).
     `frame`: Tangent, Chord, Buckens or None; `damping`: Rayleigh, Caughey, GivenDamping, ModalDamping, Structural
-    or None. Other keywords are those of Reduction, such as drop_above=2000.0, and replace those of `settings`.
+    or None. The keywords from `deflation_tolerance` on are those of Reduction, and replace those of `settings`.
 
     The reduced model has V^T M V = I and diagonal V^T K V (but for a two-sided projection, W^T M V = I).
     Raises InputError or ComputationError, the same on all ranks; `model` is not changed.
     """
     require_model(model)
-    settings = replace(declared("settings", settings, Reduction | None) or Reduction(), **keywords)
+    given = {
+        "deflation_tolerance": deflation_tolerance, "drop_above": drop_above, "projection": projection,
+        "allow_unstable": allow_unstable, "groups": groups, "coordinates": coordinates,
+    }  # fmt: skip
+    settings = replace(
+        declared("settings", settings, Reduction | None) or Reduction(),
+        **{key: value for key, value in given.items() if value is not None},
+    )
     declared("factoring", factoring, Factoring | None)
     declared("progress", progress, Progress | None)
     if store is not None and not isinstance(store, Store):
@@ -74,7 +101,9 @@ def reduce(
     adaptive = _asked_accuracy(
         declared("adaptive", adaptive, Adaptive | None), tolerance, band, measure=measure, static=static
     )
-    given = {"basis": basis, "frame": frame or NoFrame(), "damping": damping or NoDamping(), "adaptive": adaptive,
+    frame = declared("frame", frame, Frame | None) or NoFrame()
+    damping = declared("damping", damping, Damping | None) or NoDamping()
+    given = {"basis": basis, "frame": frame, "damping": damping, "adaptive": adaptive,
              "settings": settings, "factoring": factoring or Factoring(), "store": store,
              "progress": progress or Progress(model.comm, show=False)}  # fmt: skip
     inputs, outputs = scales_of(model)

@@ -119,14 +119,14 @@ class ReducedModel:
         rigid = DOUBLE_ZERO * size if self.rigid_size else 0.0
         return roots[(roots.real > 1e-9 * size) & (np.abs(roots) > rigid)]
 
-    def close(self):
+    def close(self) -> None:
         """Free the basis. Collective."""
         for block in (self.columns, self.left_columns):
             if block is not None:
                 block.destroy()
         self.columns = self.left_columns = None
 
-    def __enter__(self):
+    def __enter__(self) -> ReducedModel:
         return self
 
     def __exit__(self, _, error, __):

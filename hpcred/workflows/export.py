@@ -45,7 +45,7 @@ class Export:
     `takes` "body": (path, Body) -> remarks; "reduced": (path, ReducedModel) -> remarks, for programs that know inputs
     and outputs and no nodes; "shapes": (path, shapes of all nodes) -> names of the shapes; "superelement":
     (Superelement, stem of the file) -> its content, those beside it by what follows the stem, remarks. `surface`:
-    whether the body has the surface that is drawn. `si`: whether the program that reads it wants SI.
+    whether the body has the surface that is drawn. `named`: whether the writer takes a `name` of the body. `si`: whether the program that reads it wants SI.
     """
 
     write: Callable
@@ -54,6 +54,7 @@ class Export:
     takes: str = "body"
     surface: bool = False
     picture: bool = False  # of chosen shapes
+    named: bool = False
     si: bool = False
 
     @property
@@ -70,7 +71,7 @@ EXPORTS = {
     "mbdyn": Export(write_mbdyn, ".fem", outputs.MBDYN),
     "statespace-mat": Export(write_state_space_mat, "_statespace.mat", outputs.MATLAB, takes="reduced"),
     "statespace-npz": Export(write_state_space_npz, "_statespace.npz", outputs.ZIP, takes="reduced"),
-    "fmu": Export(write_fmu, ".fmu", outputs.ZIP, takes="reduced"),
+    "fmu": Export(write_fmu, ".fmu", outputs.ZIP, takes="reduced", named=True),
     "vtk": Export(write_vtk, ".vtu", outputs.VTK, takes="shapes"),
     "uff": Export(write_uff, ".uff", outputs.UFF, takes="shapes"),
     **{suffix[1:]: Export(picture_of(suffix[1:]), suffix, kind, takes="shapes", picture=True)
@@ -147,7 +148,7 @@ def _write(export, path, target, nodes, system, modes) -> dict:
     if export.takes == "reduced":
         reduced = result.reduced
         with _naming(path):
-            remarks = export.write(target, reduced)
+            remarks = export.write(target, reduced, **({"name": Path(path).stem} if export.named else {}))
         named = {"inputs": list(reduced.input_names), "outputs": list(reduced.output_names)}
         return {"coordinates": reduced.size, **named, "remarks": remarks}
     body = result.body(nodes)

@@ -8,6 +8,7 @@ from pathlib import Path
 from ..formats.job_file import Job
 from ..formats.model_file import read_model
 from ..formats.node_table import read_node_numbers
+from ..model import interface_motion
 from ..parallel.failures import InputError, agreed
 
 
@@ -23,7 +24,7 @@ def model_of_job(job: Job, comm):
     for key in ("input", "output"):
         model = with_targets(model, key, getattr(job, key + "s"))
     if model.B is None and model.interfaces:
-        model = with_targets(model, "input", [(item.name, "all") for item in model.interfaces])
+        model = with_targets(model, "input", [item.name for item in model.interfaces])
     if model.B is None:
         with model:
             raise InputError(
@@ -41,7 +42,7 @@ def with_interfaces(model, interfaces):
         with agreed(model.comm):
             interfaces = [replace(item, nodes=read_node_numbers(item.nodes)) if isinstance(item.nodes, str) else item
                           for item in interfaces]  # fmt: skip
-        return model.with_interfaces(interfaces)
+        return interface_motion.with_interfaces(model, interfaces)
 
 
 def with_targets(model, key, targets):

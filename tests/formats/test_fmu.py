@@ -172,7 +172,7 @@ def test_what_cannot_be_is_refused_by_the_fmu(fmu):
                 refused()
         instance.doStep(0.0, STEP)
     description, folder = fmpy.read_model_description(fmu), fmpy.extract(fmu)
-    other = FMU2Slave(guid="{another}", unzipDirectory=folder, modelIdentifier=description.modelName)
+    other = FMU2Slave(guid="{another}", unzipDirectory=folder, modelIdentifier=description.coSimulation.modelIdentifier)
     with pytest.raises(Exception, match="Failed to instantiate"):
         other.instantiate()
     shutil.rmtree(folder)
@@ -189,6 +189,24 @@ def test_the_sources_are_whole_and_the_file_is_always_the_same(body, fmu, tmp_pa
     assert said.returncode == 0, said.stderr
     write_fmu(tmp_path / "again.fmu", body)
     assert (tmp_path / "again.fmu").read_bytes() == fmu.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "name, shown, identifier",
+    [
+        ("Rod <2> & \"Größe\"", "Rod <2> & \"Größe\"", "Rod__2_____Gr__e_"),
+        ("\x01\ufffe\udc80", "body", "body"),
+        ("7" * 250, "7" * 250, "body_" + "7" * 63),
+    ],
+)
+def test_a_body_of_any_name(body, tmp_path, name, shown, identifier):
+    path = tmp_path / "body.fmu"
+    write_fmu(path, body, name)
+    description = fmpy.read_model_description(path)  # validated
+    assert description.modelName == shown
+    assert description.coSimulation.modelIdentifier == identifier
+    with slave(path) as instance:
+        instance.doStep(0.0, STEP)
 
 
 def test_a_machine_that_cannot_compile_says_so(body, tmp_path, monkeypatch):

@@ -170,6 +170,24 @@ def test_a_tangent_frame_at_a_rigid_interface_clamps_the_face(comm):
             hpcred.reduce(block_with_ends(comm, cells=(4, 2, 2)), [Modes(count=2)], Tangent("left"))
 
 
+@pytest.mark.mpi
+def test_interfaces_are_inputs_unless_the_model_has_others(comm):
+    ends = [Interface(name=name, nodes=Nodes(set=name)) for name in ("BIG_EYE", "SMALL_EYE")]
+    with (
+        hpcred.crank(600, comm) as rod,
+        rod.with_interfaces(ends) as jointed,
+        jointed.with_inputs([(name, "all") for name in ("BIG_EYE", "SMALL_EYE")]) as by_hand,
+    ):
+        assert jointed.input_names == by_hand.input_names and len(jointed.input_names) == 12
+        assert jointed.digest_of("B") == by_hand.digest_of("B")
+        named = jointed.with_inputs(["SMALL_EYE", ("BIG_EYE", "x")])
+        assert named.input_names == (*jointed.input_names[6:], "BIG_EYE:x")
+        assert jointed.with_interfaces(ends[1:]).input_names == jointed.input_names[6:]  # in place of the others
+        assert rod.with_interfaces(ends).with_interfaces([]).B is None
+        assert rod.with_inputs([7]).with_interfaces(ends).input_names == ("dof 7",)
+
+
+
 def test_a_single_node_with_rotations_is_its_own_rigid_interface(comm):
     with bar(comm, 1.0, 4) as beam:
         marked = beam.with_interfaces([Interface(name="tip", nodes=(5,), kind="rigid")])

@@ -140,7 +140,22 @@ def test_columns_of_a_rank_that_do_not_fit_are_refused_on_all(solid):
             solid.with_output_columns(np.ones((rows, 1 + last)), ["a", "b"])
 
 
-@pytest.mark.parametrize("targets", [1, [1.0], [True], ["x"], [(1, 0)], [(1, "x", 2)], (1, "x"), {(1, "x")}, None, []])
+@pytest.mark.mpi
+def test_misspelled_keywords_and_names_for_classes_are_refused(solid):
+    for call, says in (
+        (lambda: hpcred.reduce(solid, tolerence=1e-4), "reduce: unknown keyword 'tolerence' .did you mean 'tolerance'"),
+        (lambda: hpcred.reduce(solid, frame="buckens"), r"frame: found 'buckens', .*, such as Buckens\(\.\.\.\)"),
+        (lambda: hpcred.natural_modes(solid, frame="tangent"), r"such as Tangent\(\.\.\.\)"),
+        (lambda: hpcred.reduce(solid, damping="rayleigh"), r"damping: found 'rayleigh', .*, such as Rayleigh\("),
+        (lambda: hpcred.SecondOrderModel.from_scipy(1, 1, dof=None), "from_scipy: .*'dof' .did you mean 'dofs'"),
+        (lambda: solid.with_inputs(["tip"]), "'tip' is no interface of"),
+    ):
+        with pytest.raises(hpcred.InputError, match=says):
+            call()
+
+
+
+@pytest.mark.parametrize("targets", [1, [1.0], [True], "x", [(1, 0)], [(1, "x", 2)], {(1, "x")}, None, []])
 def test_dofs_that_are_none_are_refused(solid, targets):
     for method in (solid.with_inputs, solid.with_outputs):
         with pytest.raises(InputError, match="^(in|out)puts: found .* expected (a list of|dof numbers)"):
