@@ -1,3 +1,5 @@
+from .analysis.bores import Bore as Bore
+from .analysis.bores import find_bores as find_bores
 from .analysis.check import check as check
 from .analysis.error import error_integral as error_integral
 from .analysis.error import relative_error as relative_error

@@ -33,7 +33,8 @@ class Job:
     are taken, or all directions of all interfaces. `interface`: see model.interfaces.Interface; its name stands for a
     node in inputs, outputs and frames. `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over
     the band, within the limits `adaptive` (see reduction.accuracy.Limits); `measure`, `static`: see
-    reduction.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that says so ("mark"), as `output` ("write"), or not ("refuse").
+    reduction.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that says so
+    ("mark"), as `output` ("write"), or not ("refuse").
     `write_basis`: whether V goes into the result; `report`: whether an HTML report is written beside it. `body_origin`
     (m): the origin of the body frame; `lumped_integrals`: whether the volume integrals of multibody programs are sums
     over the nodes, with lumped masses, instead of exact ones.

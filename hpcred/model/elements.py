@@ -92,6 +92,20 @@ def all_faces(cells: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.
     return np.concatenate(corners), np.concatenate(middles), np.concatenate(solid)
 
 
+def nodes_behind(cells: dict[str, np.ndarray]) -> np.ndarray:
+    """A corner (f,) of the element of each face, as all_faces has them, that is not on the face; -1 for shells."""
+    parts = [np.zeros(0, dtype=int)]
+    for kind, nodes in cells.items():
+        for face in FACES.get(kind, ()):
+            if kind in SHELLS:
+                parts.append(np.full(len(nodes), -1))
+                continue
+            corners = nodes[:, : NODES[kind.rstrip("0123456789")]]
+            off = (corners[:, :, None] != nodes[:, None, list(face)]).all(axis=2)
+            parts.append(corners[np.arange(len(nodes)), off.argmax(axis=1)])
+    return np.concatenate(parts)
+
+
 def free(corners: np.ndarray, solid: np.ndarray) -> np.ndarray:
     """Which faces count (f,): those of one solid only, and shells, each place once.
 

@@ -21,6 +21,7 @@ from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
 from ..parallel.petsc import MPI
+from .cylinders import nodes_on_cylinder
 from .dofs import SCALAR, require_dofs
 from .elements import share_of_faces, surface_areas
 from .interfaces import SIX, Interface, InterfaceNode, Nodes
@@ -78,7 +79,10 @@ def members(model, item) -> np.ndarray:
         raise InputError(f"{where}: nodes: found the text '{nodes}', expected numbers or Nodes")
     held = model.held if model.held is not None else dofs.take(slice(0, 0))
     placed = (dofs.direction != SCALAR, np.ones(len(held.node), bool))
-    if isinstance(nodes, Nodes) and nodes.set is None:
+    if isinstance(nodes, Nodes) and nodes.surface is not None:
+        numbers = _on_surface(model, nodes, where)
+        inside = [np.isin(part.node, numbers) for part in (dofs, held)]
+    elif isinstance(nodes, Nodes) and nodes.set is None:
         inside = [mask & nodes.contain(part.position) for mask, part in zip(placed, (dofs, held), strict=True)]
     elif isinstance(nodes, Nodes):
         names = model.set_sizes
@@ -114,6 +118,24 @@ def members(model, item) -> np.ndarray:
             f"({', '.join(f'{x:g}' for x in low)}) and ({', '.join(f'{x:g}' for x in high)}) m"
         )
     return inside[0]
+
+
+def _on_surface(model, nodes, where):
+    """The numbers (k,) of the nodes of a bore or a pin. Collective. Raises InputError where there are none."""
+    *ends, radius = nodes.surface
+    key = "bore" if nodes.bore is not None else "pin"
+    numbers = nodes_on_cylinder(model, ends, radius, key == "bore")
+    if len(numbers):
+        return numbers
+    if not any(model.comm.allgather(any(len(part) for part in model.elements.values()))):
+        raise InputError(
+            f"{where}: nodes.{key}: {model.name} has no elements, by which its surface is known; take a cylinder of a "
+            "little more than the radius, a node set, or numbers"
+        )
+    raise InputError(
+        f"{where}: nodes.{key}: no face of {model.name} lies on the cylinder of radius {radius:g} m "
+        f"{'around a hole' if key == 'bore' else 'seen from outside'}; `hpcred bores` lists those that there are"
+    )
 
 
 @dataclass(frozen=True)

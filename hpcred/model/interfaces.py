@@ -15,37 +15,47 @@ from .dofs import DIRECTIONS, rows_of_node, target_name
 
 Vector = tuple[float, float, float]
 SIX = DIRECTIONS[:6]
+WAYS = ("set", "box", "sphere", "cylinder", "bore", "pin")
 NAME = re.compile(r"[A-Za-z_][\w.\-]{0,62}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Nodes:
     """Which nodes: exactly one of `set`, the name of a node set; `box`, two corners; `sphere`, centre and radius;
-    `cylinder`, two points of its axis, at its ends, and radius; in m."""
+    `cylinder`, two points of its axis, at its ends, and radius; `bore`, the same of a hole, whose surface is taken;
+    `pin`, the same of a cylinder that is seen from outside; in m."""
 
     set: str | None = None
     box: tuple[Vector, Vector] | None = None
     sphere: tuple[Vector, float] | None = None
     cylinder: tuple[Vector, Vector, float] | None = None
+    bore: tuple[Vector, Vector, float] | None = None
+    pin: tuple[Vector, Vector, float] | None = None
 
     def __post_init__(self):
         as_declared(self, "interface.nodes.")
-        given = [key for key in ("set", "box", "sphere", "cylinder") if getattr(self, key) is not None]
+        given = [key for key in WAYS if getattr(self, key) is not None]
         if len(given) != 1:
             raise InputError(
-                f"interface.nodes: found {', '.join(given) or 'none'}, expected exactly one of set, box, sphere, "
-                "cylinder, or node numbers"
+                f"interface.nodes: found {', '.join(given) or 'none'}, expected exactly one of {', '.join(WAYS)}, "
+                "or node numbers"
             )
-        for key in ("box", "sphere", "cylinder"):
+        for key in WAYS[1:]:
             within(f"interface.nodes.{key}", getattr(self, key), COORDINATE)
-        radius = (self.sphere or self.cylinder or (1.0,))[-1]
+        axial = self.cylinder or self.surface
+        radius = (self.sphere or axial or (1.0,))[-1]
         if radius <= 0:
             raise InputError(f"interface.nodes: found radius {radius:g} m, expected a positive one")
-        if self.cylinder is not None and self.cylinder[0] == self.cylinder[1]:
-            raise InputError("interface.nodes.cylinder: its two points are the same, expected the ends of its axis")
+        if axial is not None and axial[0] == axial[1]:
+            raise InputError(f"interface.nodes.{given[0]}: its two points are the same, expected the ends of its axis")
+
+    @property
+    def surface(self) -> tuple[Vector, Vector, float] | None:
+        """The cylinder of a bore or a pin."""
+        return self.bore or self.pin
 
     def contain(self, points: np.ndarray) -> np.ndarray:
-        """Whether points (k, 3) lie inside, or on the surface up to 1e-9 of its size; not for a set."""
+        """Whether points (k, 3) lie inside, or on the surface up to 1e-9 of its size; of a box, sphere, cylinder."""
         if self.box is not None:
             low, high = np.sort(self.box, axis=0)
             slack = 1e-9 * np.abs(high - low).max()

@@ -45,7 +45,8 @@ class Export:
     `takes` "body": (path, Body) -> remarks; "reduced": (path, ReducedModel) -> remarks, for programs that know inputs
     and outputs and no nodes; "shapes": (path, shapes of all nodes) -> names of the shapes; "superelement":
     (Superelement, stem of the file) -> its content, those beside it by what follows the stem, remarks. `surface`:
-    whether the body has the surface that is drawn. `named`: whether the writer takes a `name` of the body. `si`: whether the program that reads it wants SI.
+    whether the body has the surface that is drawn. `named`: whether the writer takes a `name` of the body. `si`:
+    whether the program that reads it wants SI.
     """
 
     write: Callable

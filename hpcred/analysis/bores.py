@@ -1,0 +1,122 @@
+"""Find the holes and pins of a model, so that bearings need no coordinates typed in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.interfaces import Interface, Nodes
+from ..model.second_order_model import SecondOrderModel, require_model
+from ..model.surface_faces import gathered_surface
+from ..parallel.decisions import decided
+from ..parallel.declared import declared, spelled
+from ..parallel.failures import InputError
+from .cylinder_search import find_cylinders
+
+TURN = 120.0  # degrees: a fillet between two faces at right angles has 90
+DIGITS = 7  # of places, relative to the radius
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bore:
+    """A cylinder on the surface of a body: a "bore", around a hole, or a "pin", seen from outside; "shell" on shells.
+
+    `start` and `end` (m): the ends of its axis; `radius` in m; `turn`: degrees around the axis that the surface
+    covers, 360 for a whole one; `nodes`: their numbers, ascending.
+    """
+
+    name: str
+    kind: str
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+    turn: float
+    nodes: tuple[int, ...]
+
+    @property
+    def length(self) -> float:
+        """In m, along the axis."""
+        return float(np.linalg.norm(np.subtract(self.end, self.start)))
+
+    @property
+    def centre(self) -> tuple[float, float, float]:
+        """The middle of the axis (m)."""
+        x, y, z = ((np.array(self.start) + self.end) / 2).tolist()
+        return x, y, z
+
+    @property
+    def axis(self) -> tuple[float, float, float]:
+        """The direction of the axis, a unit vector."""
+        x, y, z = (np.subtract(self.end, self.start) / self.length).tolist()
+        return x, y, z
+
+    def interface(self, name: str | None = None, **more) -> Interface:
+        """An interface on it whose reference node is at its centre; `more`: other settings, such as kind="rigid"."""
+        where = Nodes(**{"pin" if self.kind == "pin" else "bore": (self.start, self.end, self.radius)})
+        return Interface(**{"name": name or self.name, "nodes": where, "at": self.centre} | more)
+
+
+@spelled
+def find_bores(model: SecondOrderModel, *, turn: float = TURN) -> tuple[Bore, ...]:
+    """Find the cylinders on the surface of a model: holes first, then pins, each the largest first. Collective.
+
+    Parameters
+    ----------
+    model : SecondOrderModel
+        With elements, whose free faces are the surface.
+    turn : float, default 120
+        Degrees around its axis that a cylinder has at least; rounded edges of a block have 90.
+
+    Returns
+    -------
+    tuple of Bore
+        The same on all ranks, named bore1, bore2, ..., pin1, ..., in SI units.
+
+    Raises
+    ------
+    InputError
+        If the model has no nodes or no elements with faces.
+
+    Notes
+    -----
+    Corners of faces have to lie on the cylinder to 0.2 % of its radius and span less than 52 degrees each, so that 8
+    faces make a turn. Cones, tori, spheres and flats are left out. The surface of the body is on one rank at a time.
+    """
+    require_model(model)
+    turn = declared("turn", turn, float)
+    if not 0 < turn <= 360:
+        raise InputError(f"turn: found {turn:g}, expected degrees from 0 to 360")
+    if model.dofs is None:
+        raise InputError(f"{model.name} has no node coordinates, and so no surface; convert it with --nodes")
+    surface = gathered_surface(model)
+    if not model.comm.bcast(surface is not None and len(surface.faces.corners)):
+        raise InputError(
+            f"{model.name} has no elements with faces, by which bores are found; convert it from an input file that "
+            "has them, or name the nodes of a bearing by {cylinder = [[x, y, z], [x, y, z], radius]} or a node set"
+        )
+    return decided(model.comm, _bores, surface, turn)
+
+
+def _bores(surface, turn):
+    """The bores of a surface on one rank."""
+    found = []
+    for item in find_cylinders(surface.faces, surface.points, turn):
+        taken = surface.faces.take(item.faces)
+        nodes = np.unique(np.concatenate([taken.corners.ravel(), taken.middles.ravel()]))
+        kind = {None: "shell", True: "bore", False: "pin"}[item.inwards]
+        # as many digits as mean something, so that 1e-19 is 0
+        places = DIGITS - 1 - int(np.floor(np.log10(item.radius)))
+        ends = [tuple(part + 0.0 for part in np.round(end, places).tolist()) for end in (item.start, item.end)]
+        found.append(Bore(
+            name="", kind=kind, start=ends[0], end=ends[1], radius=round(item.radius, places),
+            turn=round(item.turn, 1), nodes=tuple(surface.nodes[nodes[nodes >= 0]].tolist()),
+        ))  # fmt: skip
+    order = ("bore", "pin", "shell")
+    found.sort(key=lambda item: (order.index(item.kind), -item.radius, item.start, item.end))
+    number = dict.fromkeys(order, 0)
+    named = []
+    for item in found:
+        number[item.kind] += 1
+        named.append(Bore(**vars(item) | {"name": f"{item.kind}{number[item.kind]}"}))
+    return tuple(named)

@@ -1,0 +1,101 @@
+"""Find the faces that bound a body whose elements are spread over the ranks.
+
+No rank has all elements: each keeps the faces that its own elements do not share, faces meet on the rank that their
+smallest node number says, and those that occur once there are the surface, which is small beside the body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..parallel.exchange import exchange
+from ..parallel.lookup import look_up
+from .dofs import SCALAR
+from .elements import all_faces, free, nodes_behind
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """Faces: `corners` (f, 4) and `middles` (f, 4) as of elements.all_faces, and `behind` (f,), a node of the element
+    that is not on the face, -1 for shells."""
+
+    corners: np.ndarray
+    middles: np.ndarray
+    behind: np.ndarray
+
+    @property
+    def all_nodes(self) -> np.ndarray:
+        """(f, 9)"""
+        return np.column_stack([self.corners, self.middles, self.behind])
+
+    def take(self, chosen) -> Faces:
+        """Some of the faces, by a mask or by numbers."""
+        return Faces(self.corners[chosen], self.middles[chosen], self.behind[chosen])
+
+
+def faces_of(table: np.ndarray) -> Faces:
+    """The faces of a table (f, 9) of all their nodes."""
+    return Faces(table[:, :4], table[:, 4:8], table[:, 8])
+
+
+def faces_of_elements(elements: dict) -> Faces:
+    """All faces of elements, those between two of them twice."""
+    corners, middles, _ = all_faces(elements)
+    return Faces(corners, middles, nodes_behind(elements))
+
+
+def surface_faces(comm, elements: dict) -> Faces:
+    """This rank's part of the surface; `elements`: node numbers by kind, of this rank. Collective."""
+    found = faces_of_elements(elements)
+    shells = found.behind < 0
+    found = found.take(free(found.corners, ~shells) | shells)
+    smallest = np.where(found.corners < 0, np.iinfo(np.int64).max, found.corners).min(axis=1, initial=0)
+    table = exchange(comm, smallest % comm.size, list(found.all_nodes.T))
+    found = faces_of(np.stack(table, axis=1))
+    return found.take(free(found.corners, found.behind >= 0))
+
+
+def places_of(model, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whether nodes (k,) have a place, and their positions (k, 3) in m. Collective."""
+    parts = [(model.dofs, model.dofs.direction != SCALAR)]
+    if model.held is not None:
+        parts.append((model.held, np.ones(len(model.held.node), bool)))
+    node = np.concatenate([part.node[there] for part, there in parts]).astype(np.int64)
+    position = np.concatenate([part.position[there] for part, there in parts])
+    node, first = np.unique(node, return_index=True)
+    found, columns = look_up(model.comm, node, list(position[first].T), wanted)
+    return found, np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The surface of a body: `faces`, as indices of its `nodes` (v,), ascending, with their `points` (v, 3) in m.
+    `without_place`: the number of faces that were left out, since one of their nodes has no row and so no place."""
+
+    faces: Faces
+    nodes: np.ndarray
+    points: np.ndarray
+    without_place: int = 0
+
+
+def gathered_surface(model) -> Surface | None:
+    """The whole surface on rank 0, in an order that does not depend on the number of ranks; None on others. Collective.
+
+    It grows with the surface of the body, not with its volume.
+    """
+    table = surface_faces(model.comm, model.elements).all_nodes
+    mine = np.unique(table[table >= 0])
+    there, points = places_of(model, mine)
+    gathered = model.comm.gather((table, mine[there], points[there]))
+    if gathered is None:
+        return None
+    table, nodes, points = (np.concatenate(part) for part in zip(*gathered, strict=True))
+    nodes, first = np.unique(nodes, return_index=True)
+    points = points[first]
+    index = np.searchsorted(nodes, table).clip(max=max(len(nodes) - 1, 0))
+    known = (table < 0) | (nodes[index] == table if len(nodes) else False)
+    placed = known.all(axis=1)
+    index = np.where(table < 0, -1, index)[placed]
+    return Surface(faces_of(index[np.lexsort(index.T[::-1])]), nodes, points, int((~placed).sum()))
