@@ -18,11 +18,15 @@ from ..model.surface_faces import Faces
 SMOOTH = np.cos(np.radians(55.0))  # of the angle between neighbouring faces of one cylinder, at most
 FLAT = np.cos(np.radians(0.3))  # and at least
 GUESSES = (np.cos(np.radians(55.0)), np.cos(np.radians(25.0)))  # of the angle between a face and those of its patch
+COARSE = np.cos(np.radians(15.0))  # of the angle to a neighbour that is enough for a guess
 ACROSS = 0.4  # cosine between the normals of a patch and a guess of its axis, at most
 PATCH = 400  # faces of a patch
 TOLERANCES = (0.04, 0.015, 0.006, NEAR)  # of the radius, one after the other
 SIDES = np.cos(np.radians(10.0))  # around a face where nothing was found no other is tried
+ROUGH = 0.01  # of the radius: mean distance of the corners of a patch, to begin with, at most
+FILLED = 0.4  # of the tolerance: root mean square of the distances in a region that ends for no other reason
 EXACT = 3e-4  # of the radius: root mean square of the distances of the corners from their cylinder
+LEAST = 8  # corners, by which five numbers are more than known: those of three quadrilaterals side by side
 STRAIGHT = 1e-3  # of the length of an edge: distance of its middle from the chord
 SHARP = np.cos(np.radians(30.0))  # of the angle at the rim of a row of faces that is no belt of a sphere, at least
 PARTS = {  # of curved faces of three and four corners, which are places 0 to 3, the middles 4 to 7
@@ -64,30 +68,29 @@ class _Search:
         self.shell = self.pieces.behind < 0
         self.first, self.beside, self.cosine = _neighbours(self.pieces.corners, self.normals, self.shell)
         self.free = (np.abs(self.normals) > 0).any(axis=1)
+        self.waiting = np.zeros(len(self.free), bool)  # pieces to begin from
 
     def all(self):
         """Cylinders, one after the other."""
         owner = np.repeat(np.arange(len(self.free)), np.diff(self.first))
         bent = (self.cosine >= SMOOTH) & (self.cosine <= FLAT)
-        waiting = np.zeros(len(self.free), bool)
-        waiting[owner[bent]] = True
-        for seed in np.flatnonzero(waiting):
-            if not (waiting[seed] and self.free[seed]):
+        self.waiting[owner[bent]] = True
+        for seed in np.flatnonzero(self.waiting):
+            if not (self.waiting[seed] and self.free[seed]):
                 continue
             found = self._from(seed)
             if found is None:
-                around = self._flood(seed, lambda new, seed=seed: self._cosine(new, seed) >= SIDES, PATCH)
-                waiting[around] = False
-                waiting[seed] = False
+                alike = self._flood(seed, lambda new, seed=seed: self._cosine(new, seed) >= SIDES, PATCH)
+                self.waiting[alike] = False
+                self.waiting[seed] = False
                 continue
             yield found
 
     def _from(self, seed):
         """The cylinder that a piece belongs to, or None; its pieces are no longer free."""
         for axis in self._guesses(seed):
-            inwards_region = self._grown(seed, axis)
-            if inwards_region is not None:
-                return self._whole(*inwards_region)
+            if (grown := self._grown(seed, axis)) is not None:
+                return self._whole(*grown)
         return None
 
     def _cosine(self, pieces, seed):
@@ -123,7 +126,7 @@ class _Search:
             found.append(_least_direction(self.normals[patch]))
         mine = slice(self.first[seed], self.first[seed + 1])
         for other, cosine in zip(self.beside[mine], self.cosine[mine], strict=True):
-            if SMOOTH <= cosine <= FLAT:
+            if SMOOTH <= cosine <= COARSE:
                 axis = np.cross(self.normals[seed], self.normals[other])
                 found.append(axis / np.linalg.norm(axis))
         for k, axis in enumerate(found):
@@ -131,28 +134,35 @@ class _Search:
                 yield axis
 
     def _grown(self, seed, axis):
-        """The cylinder that grows from a piece, with an axis to begin with, its pieces, and whether it is a hole."""
+        """The cylinder that grows from a piece, with an axis to begin with, its pieces, and whether it is a hole; None
+        where it does not end, or does not fit."""
         patch = self._flood(seed, lambda new: (np.abs(self.normals[new] @ axis) <= ACROSS)
                             & (self._cosine(new, seed) >= GUESSES[0]), PATCH)  # fmt: skip
         if len(patch) < 2:
             return None
         corners = self._corners(patch)
-        cylinder = fitted(corners, around(corners, _least_direction(self.normals[patch])))
+        cylinder = fitted(corners, around(corners, _least_direction(self.normals[patch])), 1e-4)
+        if cylinder is None or np.abs(_distances(corners, cylinder)).mean() > ROUGH * cylinder.radius:
+            return None
         for share in TOLERANCES:
             before = None
-            for _ in range(12):
-                if cylinder is None or not 0 < cylinder.radius <= 5 * self.size:
+            for _ in range(4):
+                if cylinder.radius > self.size:
                     return None
                 tolerance = max(share * cylinder.radius, DIGITS * self.largest)
                 inwards = (cylinder.outwards(self.points[self.pieces.corners[seed, :1]]) @ self.normals[seed])[0] < 0
-                region = self._flood(seed, lambda new, c=cylinder, t=tolerance, i=inwards: self._lie_on(new, c, t, i))
+                region = self._region(seed, cylinder, tolerance, inwards)
                 if len(region) < 2:
                     return None
-                cylinder = fitted(self._corners(region), cylinder)
+                cylinder = fitted(self._corners(region), cylinder, 1e-6)
+                if cylinder is None:
+                    return None
                 if before is not None and np.array_equal(before, np.sort(region)):
                     break
                 before = np.sort(region)
-        distance = np.abs(_distances(self._corners(region), cylinder))
+            distance = np.abs(_distances(self._corners(region), cylinder))
+            if np.sqrt(np.mean(distance**2)) > FILLED * tolerance:
+                return None
         # what touches the cylinder, such as the beginning of a fillet, lies farther away than most
         bound = max(4 * float(np.median(distance)), DIGITS / 2 * self.largest, 1e-6 * cylinder.radius)
         if bound < tolerance:
@@ -162,20 +172,21 @@ class _Search:
                 return None
             distance = np.abs(_distances(core, cylinder))
         exact = np.sqrt(np.mean(distance**2)) <= max(EXACT * cylinder.radius, DIGITS / 2 * self.largest)
-        if not exact:
+        if not exact or len(distance) < LEAST:
+            self.waiting[region] = False  # whence the same would grow
             return None
         bound = max(bound, EXACT * cylinder.radius, DIGITS * self.largest)
-        region = self._flood(seed, lambda new: self._lie_on(new, cylinder, bound, inwards))
+        region = self._region(seed, cylinder, bound, inwards)
         return (cylinder, region, inwards) if len(region) >= 2 else None
 
     def _corners(self, pieces):
         corners = self.pieces.corners[pieces]
         return self.points[np.unique(corners[corners >= 0])]
 
-    def _lie_on(self, pieces, cylinder, tolerance, inwards):
-        return on_cylinder(
-            self.pieces.take(pieces), self.points, self.normals[pieces], cylinder, tolerance, bool(inwards)
-        )
+    def _region(self, seed, cylinder, tolerance, inwards):
+        """The pieces (k,) on a cylinder that hang together with one."""
+        on = on_cylinder(self.pieces, self.points, self.normals, cylinder, tolerance, bool(inwards))
+        return self._flood(seed, lambda new: on[new])
 
     def _whole(self, cylinder, region, inwards):
         """The cylinder with all faces of the surface that lie on it between its ends, or None for a belt of a sphere;
@@ -198,9 +209,11 @@ class _Search:
             if min(b, end) - max(a, start) > 0.5 * min(b - a, end - start):
                 start, end = min(a, start), max(b, end)
         on = on[(low >= start - tolerance) & (high <= end + tolerance)]
+        if not len(on):
+            return None
         self.free[np.isin(self.whole, on)] = False
         middle = cylinder.point + np.array([[start], [end]]) * axis
-        shells = (self.faces.behind[on] < 0).mean() > 0.5 if len(on) else False
+        shells = (self.faces.behind[on] < 0).mean() > 0.5
         return Found(middle[0], middle[1], cylinder.radius, None if shells else bool(inwards),
                      self._turn(on, cylinder), on)  # fmt: skip
 
@@ -315,11 +328,12 @@ def around(points, axis) -> Cylinder:
     return Cylinder(centre + size * solution[:2] @ plane, axis, size * float(np.sqrt(square)))
 
 
-def fitted(points, cylinder: Cylinder) -> Cylinder | None:
-    """The cylinder nearest to points (k, 3) by Gauss and Newton from another on, or None where it runs away."""
+def fitted(points, cylinder: Cylinder, to: float = 1e-12) -> Cylinder | None:
+    """The cylinder nearest to points (k, 3) by Gauss and Newton from another on, or None where it runs away; `to`: the
+    relative size of the last step."""
     point, axis, radius = points.mean(axis=0), cylinder.axis, cylinder.radius
     point = point - cylinder.outwards(point[None])[0]
-    for _ in range(20):
+    for _ in range(10):
         helper = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
         first = helper / np.linalg.norm(helper)
         plane = np.stack([first, np.cross(axis, first)])
@@ -336,7 +350,7 @@ def fitted(points, cylinder: Cylinder) -> Cylinder | None:
         radius = radius + float(step[4])
         if not np.isfinite(radius) or radius <= 0:
             return None
-        if np.abs(step).max() <= 1e-12 * radius:
+        if np.abs(step).max() <= to * radius:
             break
     return Cylinder(point, axis, radius)
 

@@ -67,14 +67,15 @@ def on_cylinder(faces: Faces, points, normals, cylinder: Cylinder, tolerance: fl
     corners, middles = faces.corners, faces.middles
     there = corners >= 0
     place = np.where(there, corners, corners[:, :1])
-    hit = cylinder.near(points[place], tolerance).all(axis=1)  # most faces end here
+    near = cylinder.near(points, tolerance)
+    hit = near[place].all(axis=1)  # most faces end here
     found = np.zeros(len(corners), bool)
     corners, middles, there, place = corners[hit], middles[hit], there[hit], place[hit]
     arm = cylinder.outwards(points[place])
     unit = arm / np.maximum(np.linalg.norm(arm, axis=2), 1e-300)[..., None]
     following = np.where(np.roll(there, -1, axis=1)[..., None], np.roll(unit, -1, axis=1), unit[:, :1])
     between = (unit * following).sum(axis=2)
-    curved = (middles >= 0) & cylinder.near(points[np.where(middles >= 0, middles, 0)], tolerance)
+    curved = (middles >= 0) & near[middles]
     between = np.where(curved, np.sqrt((1 + between.clip(-1, 1)) / 2), between)  # of half the angle
     mean, normals = unit.mean(axis=1), normals[hit]
     facing = (mean * normals).sum(axis=1) / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)
