@@ -88,8 +88,8 @@ class _Search:
 
     def _from(self, seed):
         """The cylinder that a piece belongs to, or None; its pieces are no longer free."""
-        for axis in self._guesses(seed):
-            if (grown := self._grown(seed, axis)) is not None:
+        for guess in self._guesses(seed):
+            if (grown := self._grown(seed, guess)) is not None:
                 return self._whole(*grown)
         return None
 
@@ -119,31 +119,28 @@ class _Search:
         return start + np.arange(len(start))
 
     def _guesses(self, seed):
-        """Unit vectors that may be the axis of the cylinder on which a piece lies."""
+        """Cylinders through pieces around one, as far as they fit these."""
         found = []
         for cosine in GUESSES:
             patch = self._flood(seed, lambda new, cosine=cosine: self._cosine(new, seed) >= cosine, PATCH)
-            found.append(_least_direction(self.normals[patch]))
+            found.append((_least_direction(self.normals[patch]), cosine))
         mine = slice(self.first[seed], self.first[seed + 1])
         for other, cosine in zip(self.beside[mine], self.cosine[mine], strict=True):
             if SMOOTH <= cosine <= COARSE:
                 axis = np.cross(self.normals[seed], self.normals[other])
-                found.append(axis / np.linalg.norm(axis))
-        for k, axis in enumerate(found):
-            if all(abs(axis @ other) < np.cos(np.radians(2.0)) for other in found[:k]):
-                yield axis
+                found.append((axis / np.linalg.norm(axis), GUESSES[0]))
+        for axis, cosine in found:
+            patch = self._flood(seed, lambda new, axis=axis, cosine=cosine: (self._cosine(new, seed) >= cosine)
+                                & (np.abs(self.normals[new] @ axis) <= ACROSS), PATCH)  # fmt: skip
+            if len(patch) > 1:
+                corners = self._corners(patch)
+                cylinder = fitted(corners, around(corners, _least_direction(self.normals[patch])), 1e-4)
+                if cylinder and np.abs(_distances(corners, cylinder)).mean() <= ROUGH * cylinder.radius:
+                    yield cylinder
 
-    def _grown(self, seed, axis):
-        """The cylinder that grows from a piece, with an axis to begin with, its pieces, and whether it is a hole; None
+    def _grown(self, seed, cylinder):
+        """The cylinder that grows from a piece, with one to begin with, its pieces, and whether it is a hole; None
         where it does not end, or does not fit."""
-        patch = self._flood(seed, lambda new: (np.abs(self.normals[new] @ axis) <= ACROSS)
-                            & (self._cosine(new, seed) >= GUESSES[0]), PATCH)  # fmt: skip
-        if len(patch) < 2:
-            return None
-        corners = self._corners(patch)
-        cylinder = fitted(corners, around(corners, _least_direction(self.normals[patch])), 1e-4)
-        if cylinder is None or np.abs(_distances(corners, cylinder)).mean() > ROUGH * cylinder.radius:
-            return None
         for share in TOLERANCES:
             before = None
             for _ in range(4):
