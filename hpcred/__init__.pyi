@@ -96,6 +96,7 @@ from .reduction.second_order_krylov import SecondOrderKrylov as SecondOrderKrylo
 from .reduction.settings import Reduction as Reduction
 from .workflows.batch import write_script as write_script
 from .workflows.bench import bench as bench
+from .workflows.bores import bores_of_file as bores_of_file
 from .workflows.collect import collect_sweep as collect_sweep
 from .workflows.compare import compare_results as compare_results
 from .workflows.convert import convert as convert

@@ -167,13 +167,20 @@ def info(
     band_top: Annotated[float | None, typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
     modes: Annotated[int | None, typer.Option(help="Find so many of the lowest frequencies.")] = None,
     verify: Annotated[bool, typer.Option("--verify", help="Read all of it, and check all checksums.")] = False,
+    figure: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Draw node sets, or the interfaces of a job: .png, .svg, .pdf.")
+    ] = None,
+    names: Annotated[str | None, typer.Option("--sets", metavar="A,B", help="Draw these node sets only.")] = None,
     json: JsonFile = None,
 ):
     """Say what a file is: what a model contains and needs, and the format and matrices of any other file."""
-    if verify and (below or band_top or modes):
+    if names and not figure:
+        raise InputError("--sets: belongs to --figure")
+    if verify and (below or band_top or modes or figure):
         raise InputError("--verify: cannot be combined with other questions; call info twice")
     report = hpcred.verify_file(file) if verify else hpcred.describe_file(
-        file, frequencies=words.numbers(below, "--below"), band_top=band_top, modes=modes, progress=session.progress()
+        file, frequencies=words.numbers(below, "--below"), band_top=band_top, modes=modes, figure=figure,
+        sets=names.split(",") if names else None, progress=session.progress(),
     )  # fmt: skip
     below_it = ("sets", "interfaces", "warnings")
     rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
@@ -183,7 +190,33 @@ def info(
     show_table(None, sets[:MOST_SETS])
     if len(sets) > MOST_SETS:
         print(f"and {len(sets) - MOST_SETS} more node sets; --json - lists all")
+    if figure:
+        print(f"written to {figure}")
     session.warn(report["warnings"])
+    session.write_json(json, report)
+
+
+@app.command()
+def bores(
+    model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
+    turn: Annotated[float, typer.Option(help="Degrees around its axis that a cylinder has at least.")] = 120.0,
+    figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw them: .png, .svg, .pdf.")] = None,
+    json: JsonFile = None,
+):
+    """Find the holes and pins of a model, and print them as interfaces for a job."""
+    report = hpcred.bores_of_file(model, turn=turn, figure=figure, progress=session.progress())
+    rows = [
+        {"name": row["name"], **dict(zip(("centre x", "y", "z"), row["centre"], strict=True)),
+         "axis": words.direction(row["axis"]), "radius": row["radius"], "length": row["length"],
+         "turn": f"{row['turn']:g}", "nodes": row["nodes"]} for row in report["bores"]
+    ]  # fmt: skip
+    if rows:
+        show_table(f"{model}: holes (bore) and pins; m, turn in degrees", rows)
+        print(f"Lines for the job; give them names of your own, and leave out what is no bearing\n\n{report['job']}")
+    else:
+        print(f"{model}: no cylinder of {turn:g} degrees or more on its surface; --turn takes less")
+    if figure:
+        print(f"written to {figure}")
     session.write_json(json, report)
 
 

@@ -85,6 +85,12 @@ def damping(text):
     raise InputError(f"--damping: found '{text}', expected none, given, rayleigh:ALPHA,BETA or loss:FACTOR")
 
 
+def direction(vector) -> str:
+    """A unit vector as x, y or z where it is one of these, else as three numbers."""
+    axis = next((name for name, part in zip("xyz", vector, strict=True) if abs(part) > 1 - 1e-9), None)
+    return axis or " ".join(f"{part:.4g}" for part in vector)
+
+
 def names(text, option):
     """Names by K, M, D, B, C, from such as K=kaa,M=maa."""
     pairs = [part.partition("=") for part in text.split(",")] if text else []

@@ -80,13 +80,13 @@ class Surface:
     without_place: int = 0
 
 
-def gathered_surface(model) -> Surface | None:
+def gathered_surface(model, more: np.ndarray | tuple = ()) -> Surface | None:
     """The whole surface on rank 0, in an order that does not depend on the number of ranks; None on others. Collective.
 
-    It grows with the surface of the body, not with its volume.
+    It grows with the surface of the body, not with its volume. `more`: numbers of nodes that are to be there as well.
     """
     table = surface_faces(model.comm, model.elements).all_nodes
-    mine = np.unique(table[table >= 0])
+    mine = np.unique(np.concatenate([table[table >= 0], np.asarray(more, np.int64)]))
     there, points = places_of(model, mine)
     gathered = model.comm.gather((table, mine[there], points[there]))
     if gathered is None:

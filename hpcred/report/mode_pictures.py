@@ -125,12 +125,13 @@ class View:
         return (points - self.middle) @ self.axes.T * self.scale + [self.width / 2, self.height / 2, 0.0]
 
 
-def axes_of_view(points) -> np.ndarray:
-    """Right, down and away (3, 3) for a body, z upwards; a flat body is seen from its broad side."""
+def axes_of_view(points, behind=False) -> np.ndarray:
+    """Right, down and away (3, 3) for a body, z upwards; a flat body is seen from its broad side. `behind`: from the
+    opposite side."""
     extent = np.ptp(points, axis=0)
     thin = int(extent.argmin())
     flat = extent[thin] < 0.2 * np.sort(extent)[1]
-    towards = np.array(FLAT[thin] if flat else ISOMETRIC)
+    towards = np.array(FLAT[thin] if flat else ISOMETRIC) * (-1.0 if behind else 1.0)
     away = -towards / np.linalg.norm(towards)
     right = np.cross(away, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -244,27 +245,27 @@ def render(surface: Surface, moved, values, view: View, marks=()) -> np.ndarray:
         canvas.fill(screen, surface.triangles)
         (y, x), number, weights = canvas.weights(screen, surface.triangles)
         corners = surface.triangles[number].T
-        normals = _normals(screen, surface.triangles)
+        normals = normals_on_screen(screen, surface.triangles)
         shade = 0.5 + 0.5 * np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
         image[y, x] = colours((weights * values[corners]).sum(axis=0))[:, :3] * shade[number][:, None]
-        if len(surface.edges) and _mean_length(screen, surface.edges) > 7 * FINE:
-            _paint(image, canvas.strokes(screen, surface.edges, 1, near), EDGE, 0.5)
+        if len(surface.edges) and mean_length(screen, surface.edges) > 7 * FINE:
+            paint(image, canvas.strokes(screen, surface.edges, 1, near), EDGE, 0.5)
     else:
         size = int(np.clip(np.sqrt(0.15 * view.width * view.height / len(screen)), 3 * FINE, 9 * FINE))
         order = np.argsort(-screen[:, 2], kind="stable")
         _splats(image, screen[order], colours(values[order])[:, :3], size)
     rest = view.screen(surface.points)
-    _paint(image, canvas.strokes(rest, surface.outline, FINE, near), UNDEFORMED, 0.9)
+    paint(image, canvas.strokes(rest, surface.outline, FINE, near), UNDEFORMED, 0.9)
     if len(surface.edges):
-        _paint(image, canvas.strokes(screen, surface.outline, FINE, near), OUTLINE, 0.75)
+        paint(image, canvas.strokes(screen, surface.outline, FINE, near), OUTLINE, 0.75)
     if len(marks):
         place = view.screen(np.asarray(marks))
         for width, colour in ((9 * FINE, (1.0, 1.0, 1.0)), (7 * FINE, MARK)):
-            _paint(image, canvas.discs(place, width, np.inf), colour, 1.0)
+            paint(image, canvas.discs(place, width, np.inf), colour, 1.0)
     return image
 
 
-def _normals(screen, triangles):
+def normals_on_screen(screen, triangles):
     """Unit normals (t, 3), towards the viewer."""
     a, b, c = (screen[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
@@ -272,11 +273,11 @@ def _normals(screen, triangles):
     return normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
 
 
-def _mean_length(screen, pairs):
+def mean_length(screen, pairs):
     return np.linalg.norm(screen[pairs[:, 0], :2] - screen[pairs[:, 1], :2], axis=1).mean()
 
 
-def _paint(image, pixels, colour, cover):
+def paint(image, pixels, colour, cover):
     image[pixels] = (1 - cover) * image[pixels] + cover * np.array(colour)
 
 

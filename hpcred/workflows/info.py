@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 
@@ -10,6 +12,8 @@ from ..formats import abaqus_input, calculix, node_table
 from ..formats.checked import CHECKSUM, CheckedFile
 from ..formats.entries import LabelledEntries
 from ..formats.hdf5 import opened, require_whole
+from ..formats.job_file import read_job
+from ..formats.locks import locks_given_back
 from ..formats.matrix_formats import format_of, read_entries
 from ..formats.model_file import FORMAT as MODEL
 from ..formats.model_file import read_model
@@ -18,12 +22,17 @@ from ..formats.outputs import HDF5, hdf5_kind
 from ..formats.sid import begins as begins_sid
 from ..formats.text import first_bytes, first_line
 from ..formats.unread import refuse_unread
+from ..model.interface_motion import members
+from ..model.interfaces import doubts_of_interfaces
 from ..parallel import startup
+from ..parallel.declared import nearest
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from .info_of_export import description_of, table
 from .info_of_output import OUTPUTS, damaged, read_whole, sid
+from .model_of_job import with_interfaces_of_job
+from .set_figure import check_figure, draw_sets_of
 
 
 def inspect_file(
@@ -47,15 +56,24 @@ def inspect_file(
         return inspect(model, frequencies, band_top, modes=modes, progress=progress)
 
 
+@locks_given_back()
 def describe_file(
-    path, *, frequencies=(), band_top=None, modes=None, variables=None, comm=None, progress: Progress | None = None
+    path, *, frequencies=(), band_top=None, modes=None, variables=None, figure=None, sets=None, comm=None,
+    progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """What a file is: of a model file what inspect_file says, of others their format and contents. Collective.
+    """What a file is: of a model file what inspect_file says, of a job file its model and interfaces, of others their
+    format and contents. Collective.
 
-    `variables`: names of matrices by K, M, D in a file that holds several. Raises InputError.
+    `variables`: names of matrices by K, M, D in a file that holds several. `figure`: a .png, .svg or .pdf of the node
+    sets of a model, or only of those named in `sets`, or of the interfaces of a job. Raises InputError.
     """
     comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
+    check_figure(figure, comm, [path], progress)
+    if sets is not None and Path(path).suffix == ".toml":
+        raise InputError("--sets: a job is drawn with its interfaces; leave it out")
+    if Path(path).suffix == ".toml" and not (frequencies or band_top or modes):
+        return _job(path, figure, comm, progress)
     with agreed(comm):
         kind, export = _kind_of(path), export_of(path)
         of_sid = begins_sid(first_bytes(path))
@@ -67,7 +85,12 @@ def describe_file(
             refuse_unread(path)
         if kind != MODEL and (frequencies or band_top or modes):
             raise InputError(f"{path}: modes can be found in a model file only; convert it first")
+        if kind != MODEL and figure is not None:
+            raise InputError(f"--figure: {path} is no model file and no job, whose sets can be drawn; convert it first")
     if kind == MODEL:
+        if figure is not None:
+            with read_model(path, comm) as model, progress.stage("figure"):
+                _draw(figure, model, sets)
         return inspect_file(
             path, frequencies=frequencies, band_top=band_top, modes=modes, comm=comm, progress=progress
         )
@@ -93,6 +116,44 @@ def describe_file(
         f"{path}: found a file that begins with {first_bytes(path)[:12]!r}, which is none of the formats of "
         "`hpcred convert --list-formats`"
     )
+
+
+def _draw(figure, model, names):
+    """The picture of the node sets of a model, or of those of some names. Collective. Raises InputError."""
+    known = model.set_sizes
+    for name in names or ():
+        if name not in known:
+            raise InputError(f"--sets: {model.name} has no set '{name}'{nearest(name, known)}; it has "
+                             f"{', '.join(known) or 'none'}")  # fmt: skip
+    if not known:
+        raise InputError(f"--figure: {model.name} has no node sets to draw; `hpcred bores` finds holes and pins, and "
+                         "`hpcred info job.toml --figure` draws the interfaces of a job")  # fmt: skip
+    draw_sets_of(figure, model, {name: model.sets.get(name, np.zeros(0, np.int64)) for name in names or known})
+
+
+def _job(path, figure, comm, progress):
+    """The model and the interfaces of a job, which are drawn. Collective. Raises InputError."""
+    with agreed(comm):
+        job = read_job(path)
+    with progress.stage("read", str(path)):
+        model = with_interfaces_of_job(job, comm)
+    with model:
+        found = model.interfaces
+        if figure is not None:
+            check_figure(figure, comm, [path, *job.files], progress)
+            if not found:
+                raise InputError(f"--figure: {path} has no [[interface]] to draw; `hpcred bores` prints some")
+            sets = {item.name: np.unique(model.dofs.node[members(model, item.definition)]) for item in found}
+            with progress.stage("figure"):
+                draw_sets_of(figure, model, sets, [(item.name, item.position) for item in found])
+        rows = [
+            {"interface": item.name, "node": item.node, "kind": item.definition.kind, "nodes": item.count}
+            | {axis: round(value, 12) + 0.0 for axis, value in zip("xyz", item.position, strict=True)} for item in found
+        ]  # fmt: skip
+        return {
+            "format": "job file", "model": model.name, "dofs": model.size, "output": job.output,
+            "interfaces": rows, "warnings": [*model.remarks, *doubts_of_interfaces(model)],
+        }  # fmt: skip
 
 
 def _on_one_rank(describe, path, comm):

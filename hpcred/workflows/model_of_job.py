@@ -14,13 +14,7 @@ from ..parallel.failures import InputError, agreed
 
 def model_of_job(job: Job, comm):
     """The model of a job with its inputs and outputs. Collective. Raises InputError."""
-    if isinstance(job.model, str):
-        model = read_model(job.model, comm)
-    else:
-        from ..formats.model_source import load_source  # which loads the readers of all formats
-
-        model = load_source(job.model, comm, Path(job.model.K).name)
-    model = with_interfaces(model, job.interface)
+    model = with_interfaces_of_job(job, comm)
     for key in ("input", "output"):
         model = with_targets(model, key, getattr(job, key + "s"))
     if model.B is None and model.interfaces:
@@ -32,6 +26,17 @@ def model_of_job(job: Job, comm):
                 "bearings by [[interface]]"
             )
     return model
+
+
+def with_interfaces_of_job(job: Job, comm):
+    """The model of a job with its interfaces. Collective. Raises InputError."""
+    if isinstance(job.model, str):
+        model = read_model(job.model, comm)
+    else:
+        from ..formats.model_source import load_source  # which loads the readers of all formats
+
+        model = load_source(job.model, comm, Path(job.model.K).name)
+    return with_interfaces(model, job.interface)
 
 
 def with_interfaces(model, interfaces):

@@ -1,0 +1,54 @@
+"""A model file enters; its holes and pins leave as a table, as lines of a job, and as a picture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..analysis.bores import TURN, Bore, find_bores
+from ..formats.locks import locks_given_back
+from ..formats.model_file import read_model
+from ..parallel import startup
+from ..parallel.progress import Progress
+from .set_figure import check_figure, draw_sets_of
+
+
+@locks_given_back()
+def bores_of_file(
+    model, *, turn: float = TURN, figure=None, comm=None, progress: Progress | None = None
+) -> dict:  # fmt: skip
+    """The holes and pins of a model file, see analysis.bores.find_bores. Collective. Raises InputError.
+
+    `figure`: a .png, .svg or .pdf of the model with them in colours. Returns plain numbers for a table or JSON:
+    `bores`, a list of name, kind, centre, axis, start, end, radius and length in m, turn in degrees and nodes (how many), and
+    `job`, their lines for a job file.
+    """
+    comm = comm or startup.start_mpi()
+    progress = progress or Progress(comm, show=False)
+    check_figure(figure, comm, [model], progress)
+    with progress.stage("read", str(model)):
+        loaded = read_model(model, comm)
+    with loaded:
+        with progress.stage("bores"):
+            found = find_bores(loaded, turn=turn)
+        if figure is not None:
+            with progress.stage("figure"):
+                draw_sets_of(figure, loaded, {item.name: np.array(item.nodes) for item in found})
+    rows = [
+        {key: getattr(item, key) for key in ("name", "kind", "centre", "axis", "start", "end", "radius", "length",
+                                             "turn")} | {"nodes": len(item.nodes)}
+        for item in found
+    ]  # fmt: skip
+    return {"model": str(model), "bores": rows, "job": "\n".join(map(lines_of_job, found))}
+
+
+def lines_of_job(bore: Bore) -> str:
+    """The table [[interface]] of a bore, in TOML."""
+    interface = bore.interface()
+    key = "pin" if interface.nodes.pin is not None else "bore"
+    start, end, radius = interface.nodes.surface
+    at = [float(f"{part:.9g}") for part in interface.at]
+    return (
+        f'[[interface]]\nname  = "{interface.name}"\n'
+        f"nodes = {{{key} = [{list(start)}, {list(end)}, {radius}]}}    # ends of the axis, radius; m\n"
+        f"at    = {at}\n"
+    )

@@ -1,0 +1,68 @@
+"""A model enters; a picture of sets of its nodes, such as those of bearings, leaves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..formats.hdf5 import atomic_output
+from ..formats.outputs import PICTURES, check_outputs
+from ..model.surface_faces import gathered_surface
+from ..parallel.failures import InputError, agreed
+from ..report.figures import pyplot
+from ..report.set_pictures import draw_sets
+from ..report.surface import surface_of
+
+KINDS = (".png", ".svg", ".pdf")
+
+
+def check_figure(figure, comm, reads, progress):
+    """Refuse the name of a picture that cannot be written, before anything is read. Collective."""
+    if figure is None:
+        return
+    kind = Path(figure).suffix.lower()
+    if kind not in KINDS:
+        raise InputError(f"figure {figure}: expected a name that ends in {', '.join(KINDS)}")
+    check_outputs({figure: PICTURES[kind]}, comm, reads, progress=progress)
+    with agreed(comm):
+        pyplot()  # refused early where there is none
+
+
+def draw_sets_of(figure, model, sets: dict, marks=()):
+    """Draw sets of nodes of a model: numbers (k,) on this rank, or the same on all, by name; `marks`: name and position
+    of reference nodes. The surface is on one rank. Collective. Raises InputError where there are no nodes."""
+    if model.dofs is None:
+        raise InputError(f"figure {figure}: {model.name} has no node coordinates to draw; convert it with --nodes")
+    comm = model.comm
+    lines = {kind: part for kind, part in model.elements.items() if kind.startswith("line")}
+    more = [part.ravel() for part in [*lines.values(), *sets.values()]]
+    if not any(comm.allgather(any(len(part) for part in model.elements.values()))):
+        more.append(model.dofs.node)  # nothing else shows the body
+    surface = gathered_surface(model, np.concatenate([np.zeros(0, np.int64), *more]))
+    lines, sets = comm.gather(lines), comm.gather(sets)
+    with atomic_output(figure, comm) as temporary, agreed(comm):
+        if comm.rank == 0:
+            places = []
+            for name in dict.fromkeys(name for part in sets for name in part):
+                numbers = np.concatenate([part[name] for part in sets if name in part])
+                places.append((name, np.flatnonzero(np.isin(surface.nodes, numbers))))
+            seen = surface_of(surface.points, _cells(surface, lines))
+            draw_sets(temporary, seen, surface.points, places, marks, Path(figure).suffix[1:].lower())
+
+
+def _cells(surface, lines) -> dict:
+    """Faces as shells, and lines, as indices of the points of a surface."""
+    faces, cells = surface.faces, {}
+    three, curved = faces.corners[:, 3] < 0, faces.middles[:, 0] >= 0
+    for kind, chosen in (("triangle", three & ~curved), ("triangle6", three & curved), ("quad", ~three & ~curved),
+                         ("quad8", ~three & curved)):  # fmt: skip
+        corners = 3 if kind.startswith("triangle") else 4
+        both = [faces.corners[chosen][:, :corners], faces.middles[chosen][:, :corners]]
+        cells[kind] = np.hstack(both[: 2 if kind[-1].isdigit() else 1])
+    for part in lines:
+        for kind, nodes in part.items():
+            index = np.searchsorted(surface.nodes, nodes).clip(max=len(surface.nodes) - 1)
+            there = (surface.nodes[index] == nodes).all(axis=1)
+            cells[kind] = np.concatenate([cells.get(kind, np.zeros((0, nodes.shape[1]), int)), index[there]])
+    return cells
