@@ -127,9 +127,10 @@ def _render(surface, nodes, sets, colours, view):
         paint(image, canvas.discs(screen, 3 * FINE, np.inf), GREY, 1.0)
     for k in order:
         place = view.screen(nodes[sets[k]])
-        hidden = canvas.discs(place, 4 * FINE, np.inf)
-        seen = canvas.discs(place, 4 * FINE, near)
-        paint(image, hidden & ~seen, colours[k], HIDDEN)
-        if not len(surface.triangles) or not inside[k][surface.triangles].all(axis=1).any():
-            paint(image, seen, colours[k], 1.0)  # no face is theirs
+        faceless = not inside[k][surface.triangles].all(axis=1).any()
+        size = (7 if faceless else 4) * FINE
+        seen = canvas.discs(place, size, near)
+        paint(image, canvas.discs(place, size, np.inf) & ~seen, colours[k], HIDDEN)
+        if faceless:
+            paint(image, seen, colours[k], 1.0)
     return image

@@ -19,8 +19,8 @@ def bores_of_file(
     """The holes and pins of a model file, see analysis.bores.find_bores. Collective. Raises InputError.
 
     `figure`: a .png, .svg or .pdf of the model with them in colours. Returns plain numbers for a table or JSON:
-    `bores`, a list of name, kind, centre, axis, start, end, radius and length in m, turn in degrees and nodes (how many), and
-    `job`, their lines for a job file.
+    `bores`, a list of name, kind, centre, axis, start, end, radius and length in m, turn in degrees and nodes (how
+    many), and `job`, their lines for a job file.
     """
     comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
