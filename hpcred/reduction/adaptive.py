@@ -39,7 +39,7 @@ from .point_solver import NoRegularPoint, PointSolver
 from .projections import Projections
 from .pseudo_modal import Law, response
 from .run import Run
-from .search_checks import check_complete, check_massless, check_motions, check_support
+from .search_checks import check_massless, check_motions, check_support, extend_by_random
 
 BLOCK = 16  # columns of a block that is made from residuals
 KEPT = 1e-13  # deflation tolerance: what round-off brings is compressed away at the end
@@ -298,9 +298,7 @@ class Search:
         while True:
             new = self._extend_by_block(blocks, chain)
             if not new:  # the loads and their chain are exhausted: what do random columns reveal?
-                new = self.solver.extend_by_random()
-            if not new:
-                self._unless_smooth(check_complete, self.settings.band)
+                new = extend_by_random(self.solver, self.judge)
             blocks.take(new)
             with progress.stage("estimate"):
                 self._look_at_damping()

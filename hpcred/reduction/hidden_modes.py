@@ -9,7 +9,7 @@ from .error_estimate import grid, missing, unsettled
 from .judging import Judge
 from .point_solver import PointSolver
 from .pseudo_modal import nested
-from .search_checks import check_complete
+from .search_checks import extend_by_random
 
 HIDDEN = 60  # random columns at most
 QUIET = 2  # pairs of random columns that show nothing new, after which all is found that there is no count for
@@ -25,9 +25,8 @@ def find_hidden(solver: PointSolver, judge: Judge, counted) -> tuple[int, float]
     size, used, moving, quiet = projections.basis.size, 0, None, 0
     while used < HIDDEN:
         before, by_random = projections.basis.size, moving is None
-        used += solver.extend_by_random() if moving is None else _extend_by_modes(solver, moving)
+        used += extend_by_random(solver, judge) if moving is None else _extend_by_modes(solver, moving)
         if projections.basis.size == before:
-            check_complete(projections, judge.settings.band)
             break
         moving, lack = decided(run.model.comm, _moving, projections, before, counted)
         quiet = quiet + 1 if by_random and moving is None else 0

@@ -188,7 +188,7 @@ class PointSolver:
         """Replace the basis by A^-1 M times its pseudo-modes, which spans the same where it can hold nothing more, but
         without the round-off that columns have on dofs without mass. Returns whether that could be done."""
         run, projections = self.run, self.projections
-        if self.is_nearby or self.multigrid:
+        if self.multigrid:
             return False
         projections.rotate(decided(run.model.comm, projections.model).vectors)
         with Owned(run.model.comm) as owned:

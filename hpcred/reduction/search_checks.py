@@ -71,6 +71,23 @@ def check_motions(projections, among):
         run.check_free_motions(lowest, among)
 
 
+def extend_by_random(solver, judge) -> int:
+    """Add random columns; returns how many are new. Refuse a basis that they add nothing to and that has lost part of
+    the responses.
+
+    Where M is singular, round-off on dofs without mass may hide what is new, and what the basis has of their static
+    deflection is an accident of its columns: both are decided on smooth ones.
+    """
+    new, projections = solver.extend_by_random(), solver.projections
+    if not new and _is_singular(projections.run) and solver.smooth():
+        new = solver.extend_by_random()
+        if new:  # the first columns are no longer the model that the next point was to check
+            judge.before = None
+    if not new:
+        check_complete(projections, judge.settings.band)
+    return new
+
+
 def check_complete(projections, band):
     """Refuse a basis that can hold nothing more, since M has no higher rank, and lacks part of the responses over the
     band (Hz)."""
@@ -85,16 +102,21 @@ def check_massless(projections, points):
     """Refuse a basis that has lost solutions of its points (Hz): those that move no mass, or to round-off on dofs
     without mass, which it is not orthonormal on."""
     run = projections.run
-    if not massless(run.model) and not run.massless:
+    if not _is_singular(run):
         return
     if largest_residual(projections, points, damped=False) > COMPLETE:
         raise _lost(projections)
     run.massless = False  # nothing was lost
 
 
+def _is_singular(run) -> bool:
+    """Whether M is known to be singular."""
+    return bool(run.massless or massless(run.model))
+
+
 def _lost(projections):
     model, size = projections.run.model, projections.basis.size
-    if not massless(model) and not projections.run.massless:
+    if not _is_singular(projections.run):
         return InputError(
             f"{model.name}: a basis of {size} columns, to which solutions add nothing, has lost part of the responses "
             "to round-off, as of a nearly free body close to its lowest frequency; take other points, or a band that "
