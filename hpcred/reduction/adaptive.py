@@ -313,26 +313,18 @@ class Search:
             if judged.done:
                 return judged
 
-    def _unless_smooth(self, check, *arguments):
-        """Have a check of the whole basis refuse it only where smoothing its columns does not help."""
-        try:
-            check(self.projections, *arguments)
-        except InputError:
-            if not self.solver.smooth():
-                raise
-            check(self.projections, *arguments)
-
     def _check_massless(self):
         """Refuse a basis that has lost solutions on dofs without mass; one that can hold nothing more is smoothed."""
         points = [point.frequency for point in self.points]
         try:
-            check_massless(self.projections, points)
+            lost = check_massless(self.projections, points)
         except InputError:
             if not self.solver.multigrid:
                 self.solver.nearby = None  # so that it factors a point of its own
-            if self.solver.extend_by_random():
+            if self.solver.extend_by_random() or not self.solver.smooth():
                 raise
-            self._unless_smooth(check_massless, points)
+            lost = check_massless(self.projections, points)
+        self.judge.lost = max(self.judge.lost, lost)
 
     def _judged(self, blocks) -> Judgement:
         """What the basis is worth after a block of a point. Raises InputError."""

@@ -121,7 +121,7 @@ def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarr
     those of the basis, stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the
     error counts. `beside`: coordinates that join the model later, and count for the size. Raises InputError.
     """
-    eps, est, noise = judge.settings.tolerance, judge.rest, judge.noise
+    eps, est, noise = judge.settings.tolerance, judge.rest, max(judge.noise, judge.lost)
     outer = judge.projections.model()
     whole = judge.compare(outer, outer, np.eye(len(outer.squares)))
     goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))

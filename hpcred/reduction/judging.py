@@ -60,14 +60,14 @@ class Judge:
     """Judges the models of a search. Methods are local, for one rank to decide by, and change nothing.
 
     `goal`: the tolerance of the big basis; `enough`: what serves at 0 Hz, if that is more. The search notes what was
-    judged last, `rest` (the estimate) and `noise`; and in `before` the columns (how many, or which) of the model that
+    judged last, `rest` (the estimate) and `noise`; the error by what the basis has `lost` to round-off; and in `before` the columns (how many, or which) of the model that
     the next point checks, and of the one that it was seen from.
     """
 
     def __init__(self, projections: Projections, settings: Adaptive):
         self.projections, self.settings = projections, settings
         self.goal, self.enough = MARGIN * settings.tolerance, 0.0
-        self.rest, self.noise = np.inf, 0.0
+        self.rest, self.noise, self.lost = np.inf, 0.0, 0.0
         self.before: tuple | None = None
 
     @property

@@ -18,7 +18,7 @@ from .residual_blocks import largest_residual
 ZERO = np.finfo(float).eps  # squares of frequencies, relative to the largest, that are round-off, and
 NEARLY_ZERO = 1e-12  # that may be, where round-off shows in the estimate too
 BETWEEN = (0.31, 0.77)  # of the band: where a basis that can hold nothing more is tried, which are no points
-COMPLETE = 1e-6  # residual of such a basis, relative to the loads, that is round-off
+LOST = 1e-2  # residual of such a basis, relative to the loads: round-off has come to 1e-5, what is lost leaves 0.1
 
 
 def check_support(run, band):
@@ -84,29 +84,36 @@ def extend_by_random(solver, judge) -> int:
         if new:  # the first columns are no longer the model that the next point was to check
             judge.before = None
     if not new:
-        check_complete(projections, judge.settings.band)
+        judge.lost = check_complete(projections, judge.settings.band)
     return new
 
 
-def check_complete(projections, band):
+def check_complete(projections, band) -> float:
     """Refuse a basis that can hold nothing more, since M has no higher rank, and lacks part of the responses over the
-    band (Hz)."""
+    band (Hz); returns the error that it may have for that reason."""
     run, (low, high) = projections.run, band
     if projections.basis.size >= run.model.size - run.framed.rigid_size:
-        return
-    if largest_residual(projections, [low + part * (high - low) for part in BETWEEN]) > COMPLETE:
-        raise _lost(projections)
+        return 0.0
+    return _error_lost(projections, largest_residual(projections, [low + part * (high - low) for part in BETWEEN]))
 
 
-def check_massless(projections, points):
+def check_massless(projections, points) -> float:
     """Refuse a basis that has lost solutions of its points (Hz): those that move no mass, or to round-off on dofs
-    without mass, which it is not orthonormal on."""
+    without mass, which it is not orthonormal on; returns the error that it may have for that reason."""
     run = projections.run
     if not _is_singular(run):
-        return
-    if largest_residual(projections, points, damped=False) > COMPLETE:
-        raise _lost(projections)
+        return 0.0
+    error = _error_lost(projections, largest_residual(projections, points, damped=False))
     run.massless = False  # nothing was lost
+    return error
+
+
+def _error_lost(projections, residual) -> float:
+    """The error by what a basis leaves as a residual: r^T A^-1 r, second order in that. Refused where all may be lost.
+    """
+    if residual > LOST:
+        raise _lost(projections)
+    return residual**2
 
 
 def _is_singular(run) -> bool:
