@@ -60,8 +60,8 @@ class Judge:
     """Judges the models of a search. Methods are local, for one rank to decide by, and change nothing.
 
     `goal`: the tolerance of the big basis; `enough`: what serves at 0 Hz, if that is more. The search notes what was
-    judged last, `rest` (the estimate) and `noise`; the error by what the basis has `lost` to round-off; and in `before` the columns (how many, or which) of the model that
-    the next point checks, and of the one that it was seen from.
+    judged last, `rest` (the estimate) and `noise`; the error by what the basis has `lost` to round-off; and in `before`
+    the columns (how many, or which) of the model that the next point checks, and of the one that it was seen from.
     """
 
     def __init__(self, projections: Projections, settings: Adaptive):
