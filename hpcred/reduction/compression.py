@@ -15,6 +15,7 @@ from .pseudo_modal import Law, PseudoModal, columns, is_symmetric, responses, re
 
 TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until the big model is kept
 LARGE = 1e6  # error that counts as any other above it
+TIE = 0.01  # by how much the first input or output counts less than the last, so that equal directions have an order
 
 
 def snapshots(model: PseudoModal, law: Law, frequencies, ports, measure: Measure) -> np.ndarray:
@@ -44,7 +45,9 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
 
     Leading left singular vectors of the snapshots, beside the orthonormal columns `fixed` (m, c), which are in the span
     of U. First k is found by bisection; then one column less is tried again and again, with the snapshots weighted anew
-    (at most `rounds` times) where the error is large. With `most` so many columns, whatever error they have.
+    (at most `rounds` times) where the error is large. With `most` so many columns, whatever error they have. Inputs and
+    outputs begin with slightly different weights: singular values of a symmetric body come in equal pairs, of which
+    round-off would choose the directions where k parts them.
     """
     model, law, ports, measure = pair.outer, pair.law, pair.ports, pair.measure
     fixed = np.zeros((len(model.squares), 0)) if fixed is None else fixed
@@ -65,7 +68,8 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
     def fits(U):
         return measure.total(errors(U)).max() <= goal
 
-    even = leading(1.0)
+    ties = 1 + TIE * np.linspace(0.0, 1.0, states.shape[2])
+    even = leading(ties)
     if most is not None:
         return joined(fixed, even[:, : max(most - fixed.shape[1], 0)])
     low, high = 0, len(model.squares) - fixed.shape[1]
@@ -74,7 +78,7 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
         low, high = (low, middle) if fits(even[:, :middle]) else (middle, high)
     best = even[:, :high]
     while best.shape[1] > 1:
-        weights, U = np.ones((len(frequencies), 1, states.shape[2])), even[:, : best.shape[1] - 1]
+        weights, U = np.tile(ties, (len(frequencies), 1, 1)), even[:, : best.shape[1] - 1]
         for _ in range(rounds):
             each = errors(U)
             curve = measure.total(each)
