@@ -123,6 +123,16 @@ def tied_chains(tie, n=40):
     return both + tie * 1e4 * np.outer(e, e), np.kron(np.eye(2), M)
 
 
+def massless_along(t, load, n=12):
+    """A chain in two directions whose masses are felt across `t` only, loaded at one node along `load`."""
+    t, (K, M) = np.array(t), chain(n)
+    across = np.array([-t[1], t[0]])
+    K = np.kron(K, np.outer(across, across) + 2 * np.outer(t, t))
+    B = np.zeros((2 * n, 1))
+    B[8:10, 0] = load
+    return Case("directions without mass", K, np.kron(M, np.outer(across, across)), B, (0.0, 8.0))
+
+
 def membrane(n=12):
     """A square membrane, whose modes come in pairs."""
     T = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)

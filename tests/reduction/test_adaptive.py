@@ -5,7 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
-from adaptive_models import Case, chain, fresh, hard_cases, pair, random_case, said_and_true, tied_chains, unit, up_to
+from adaptive_models import (
+    Case,
+    chain,
+    fresh,
+    hard_cases,
+    massless_along,
+    pair,
+    random_case,
+    said_and_true,
+    tied_chains,
+    unit,
+    up_to,
+)
 from helpers import dense_model, to_dense
 from launch import TWO_BUILDS
 
@@ -398,16 +410,6 @@ def test_forces_on_dofs_without_mass_are_refused_where_the_basis_is_full(comm):
         assert checked(Case("force beside it", K, M, unit(14, beside), band), 1e-4, comm)[0].reached
 
 
-def massless_along(t, load, n=12):
-    """A chain in two directions whose masses are felt across `t` only, loaded at one node along `load`."""
-    t, (K, M) = np.array(t), chain(n)
-    across = np.array([-t[1], t[0]])
-    K = np.kron(K, np.outer(across, across) + 2 * np.outer(t, t))
-    B = np.zeros((2 * n, 1))
-    B[8:10, 0] = load
-    return Case("directions without mass", K, np.kron(M, np.outer(across, across)), B, (0.0, 8.0))
-
-
 @pytest.mark.parametrize("t", [(0.0, 1.0), (0.6, 0.8)], ids=["axis", "skew"])
 def test_loads_along_directions_without_mass_are_refused_in_these_words(comm, t):
     """As of torsion of beams without inertia about their axes. M had been called indefinite where t is skew."""
@@ -424,6 +426,21 @@ def test_loads_along_directions_without_mass_are_refused_in_these_words(comm, t)
     case.B = np.hstack([case.B, massless_along(t, t).B])
     with case.model(comm) as model, hpcred.reduce(model, [Krylov(2.0, 2)]) as rom:
         assert any("move no mass" in warning for warning in rom.record.warnings)
+
+
+@pytest.mark.parametrize("part", [1e-2, 1e-3, 1e-5])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-7])
+def test_what_a_full_basis_leaves_of_a_load_is_an_error_of_second_order(comm, part, tolerance):
+    """A small part of the load acts along directions without mass: too little to refuse, too much to pass over."""
+    t, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+    case = massless_along(t, across + part * t)
+    with case.model(comm) as model, hpcred.reduce(model, tolerance=tolerance, band=case.band) as rom:
+        accuracy = rom.record.accuracy
+        true = said_and_true(case, rom, fresh(case, rom))[1].max()
+    assert true <= accuracy.largest + 1.1 * accuracy.noise
+    assert accuracy.reached == (part**2 < tolerance)
+    if not accuracy.reached:
+        assert 0.3 * part**2 < true and accuracy.noise < 3 * part**2
 
 
 def test_a_store_remembers_directions_without_mass(comm, tmp_path):
