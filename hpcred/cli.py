@@ -217,6 +217,7 @@ def bores(
         print(f"{model}: no cylinder of {turn:g} degrees or more on its surface; --turn takes less")
     if figure:
         print(f"written to {figure}")
+    session.warn(report["warnings"])
     session.write_json(json, report)
 
 

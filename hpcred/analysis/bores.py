@@ -83,6 +83,11 @@ def find_bores(model: SecondOrderModel, *, turn: float = TURN) -> tuple[Bore, ..
     Corners of faces have to lie on the cylinder to 0.2 % of its radius and span less than 52 degrees each, so that 8
     faces make a turn. Cones, tori, spheres and flats are left out. The surface of the body is on one rank at a time.
     """
+    return bores_and_doubts(model, turn)[0]
+
+
+def bores_and_doubts(model, turn: float) -> tuple[tuple[Bore, ...], list[str]]:
+    """What find_bores gives, and sentences on what it could not see. Collective."""
     require_model(model)
     turn = declared("turn", turn, float)
     if not 0 < turn <= 360:
@@ -95,11 +100,15 @@ def find_bores(model: SecondOrderModel, *, turn: float = TURN) -> tuple[Bore, ..
             f"{model.name} has no elements with faces, by which bores are found; convert it from an input file that "
             "has them, or name the nodes of a bearing by {cylinder = [[x, y, z], [x, y, z], radius]} or a node set"
         )
-    return decided(model.comm, _bores, surface, turn)
+    found, hidden = decided(model.comm, _bores, surface, turn)
+    return found, [
+        f"{hidden} faces of the surface are left out, since a node of theirs has no row in {model.name}: it follows "
+        "others, as in a rigid body; name its reference node in `inputs`, or export the body without it"
+    ] * bool(hidden)
 
 
 def _bores(surface, turn):
-    """The bores of a surface on one rank."""
+    """The bores of a surface, and how many faces it lacks; on one rank."""
     found = []
     for item in find_cylinders(surface.faces, surface.points, turn):
         taken = surface.faces.take(item.faces)
@@ -119,4 +128,4 @@ def _bores(surface, turn):
     for item in found:
         number[item.kind] += 1
         named.append(Bore(**vars(item) | {"name": f"{item.kind}{number[item.kind]}"}))
-    return tuple(named)
+    return tuple(named), surface.without_place

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis.bores import TURN, Bore, find_bores
+from ..analysis.bores import TURN, Bore, bores_and_doubts
 from ..formats.locks import locks_given_back
 from ..formats.model_file import read_model
 from ..parallel import startup
@@ -16,11 +16,11 @@ from .set_figure import check_figure, draw_sets_of
 def bores_of_file(
     model, *, turn: float = TURN, figure=None, comm=None, progress: Progress | None = None
 ) -> dict:  # fmt: skip
-    """The holes and pins of a model file, see analysis.bores.find_bores. Collective. Raises InputError.
+    """The holes and pins of a model file, see find_bores. Collective. Raises InputError.
 
     `figure`: a .png, .svg or .pdf of the model with them in colours. Returns plain numbers for a table or JSON:
     `bores`, a list of name, kind, centre, axis, start, end, radius and length in m, turn in degrees and nodes (how
-    many), and `job`, their lines for a job file.
+    many), `job`, their lines for a job file, and `warnings`.
     """
     comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
@@ -29,7 +29,7 @@ def bores_of_file(
         loaded = read_model(model, comm)
     with loaded:
         with progress.stage("bores"):
-            found = find_bores(loaded, turn=turn)
+            found, doubts = bores_and_doubts(loaded, turn)
         if figure is not None:
             with progress.stage("figure"):
                 draw_sets_of(figure, loaded, {item.name: np.array(item.nodes) for item in found})
@@ -38,7 +38,7 @@ def bores_of_file(
                                              "turn")} | {"nodes": len(item.nodes)}
         for item in found
     ]  # fmt: skip
-    return {"model": str(model), "bores": rows, "job": "\n".join(map(lines_of_job, found))}
+    return {"model": str(model), "bores": rows, "job": "\n".join(map(lines_of_job, found)), "warnings": doubts}
 
 
 def lines_of_job(bore: Bore) -> str:

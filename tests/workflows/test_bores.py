@@ -99,3 +99,17 @@ def test_a_body_without_bores_says_so(crank_folder, capsys):
         hpcred.write_model("solid.h5", solid)
     assert run(["bores", "solid.h5"]) == 0
     assert "solid.h5: no cylinder of 120 degrees or more on its surface; --turn takes less" in capsys.readouterr().out
+
+
+def test_holes_whose_nodes_have_no_row_are_said(crank_folder, comm, capsys):
+    """As of a rigid body in another program."""
+    with hpcred.read_model("model.h5", comm) as rod:
+        kept = ~np.isin(rod.dofs.node, rod.sets["BIG_EYE"])
+        rows = np.eye(kept.sum())
+        less = hpcred.SecondOrderModel.from_scipy(rows, rows, dofs=rod.dofs.take(kept), elements=rod.elements)
+        with less:
+            hpcred.write_model("less.h5", less)
+    assert run(["bores", "less.h5"]) == 0
+    said = capsys.readouterr().out
+    assert "faces of the surface are left out, since a node of theirs has no row" in said
+    assert "0.012" in said and "0.025]" not in said
