@@ -191,15 +191,16 @@ class _Search:
         self.free[region] = False
         if self._is_belt(region, cylinder):
             return None
-        axis = cylinder.axis * np.sign(cylinder.axis[np.abs(cylinder.axis).argmax()])
+        # towards positive x, or y, or z: the largest of its parts would be chosen by round-off, where two are alike
+        axis = cylinder.axis * np.sign(cylinder.axis[np.abs(cylinder.axis) > 1e-3][0])
         cylinder = replace(cylinder, axis=axis)
         tolerance = slack_of(cylinder.radius, self.largest)
         on = np.flatnonzero(
             on_cylinder(self.faces, self.points, self.face_normals, cylinder, tolerance, bool(inwards))
         )
         low, high = self._extents(on, cylinder)
-        start = cylinder.along(self._corners(region))
-        start, end = start.min(), start.max()
+        along = cylinder.along(self._corners(region))
+        start, end = along.min(), along.max()
         # parts beside each other, as of a bore with a keyway, are one
         for part in _parts(self.faces.corners[on]):
             a, b = low[part].min(), high[part].max()
