@@ -55,7 +55,12 @@ class PointSolver:
         self.counts = not is_complex() and self.run.model.symmetric and not self.multigrid
         self.nearby: float | None = 0.0 if self.multigrid else None
         self._mass = 0.0  # -omega^2 of the point
-        self._random = 0
+        self._random, self._smooth = 0, -1  # pairs of random columns; size of the basis that was smoothed
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether nothing has joined the basis since it was smoothed."""
+        return self._smooth == self.projections.basis.size
 
     @property
     def factored(self) -> float:
@@ -196,6 +201,7 @@ class PointSolver:
             block = owned.owns(create_block(run.model.K, projections.basis.size))
             self._factor().solve(load, block)
             projections.replace(block)
+        self._smooth = projections.basis.size
         return True
 
     def _history(self) -> dict:

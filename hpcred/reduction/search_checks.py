@@ -79,7 +79,7 @@ def extend_by_random(solver, judge) -> int:
     deflection is an accident of its columns: both are decided on smooth ones.
     """
     new, projections = solver.extend_by_random(), solver.projections
-    if not new and _is_singular(projections.run) and solver.smooth():
+    if not new and _is_singular(projections.run) and not solver.is_smooth and solver.smooth():
         new = solver.extend_by_random()
         if new:  # the first columns are no longer the model that the next point was to check
             judge.before = None
