@@ -39,7 +39,7 @@ from .point_solver import NoRegularPoint, PointSolver
 from .projections import Projections
 from .pseudo_modal import Law, response
 from .run import Run
-from .search_checks import check_massless, check_motions, check_support, extend_by_random
+from .search_checks import check_massless, check_motions, check_support, extend_by_random, is_singular
 
 BLOCK = 16  # columns of a block that is made from residuals
 KEPT = 1e-13  # deflation tolerance: what round-off brings is compressed away at the end
@@ -294,9 +294,9 @@ class Search:
 
     def _extend_at(self, blocks, chain) -> Judgement:
         """Add blocks until the estimate is small: those of a chain, or made from residuals."""
-        progress = self.run.progress
+        progress, smoothed = self.run.progress, False
         while True:
-            new = self._extend_by_block(blocks, chain)
+            new = self.solver.extend_by_loads() if smoothed else self._extend_by_block(blocks, chain)
             if not new:  # the loads and their chain are exhausted: what do random columns reveal?
                 new = extend_by_random(self.solver, self.judge)
             blocks.take(new)
@@ -310,8 +310,17 @@ class Search:
                 known = f", estimated error {judged.estimate:.1e}"
             size = self.projections.basis.size
             progress.say(f"{blocks.frequency:.6g} Hz, block {blocks.order}: {size} columns{known}")
-            if judged.done:
+            if smoothed or (judged.done and not self._smooth(judged)):
                 return judged
+            smoothed = judged.done
+
+    def _smooth(self, judged) -> bool:
+        """Smooth a basis that round-off on dofs without mass keeps from the tolerance; whether loads are to follow."""
+        noisy = judged.noise > self.settings.tolerance / 2 and is_singular(self.run) and not self.solver.is_smooth
+        if not (noisy and self.solver.smooth()):
+            return False
+        self.judge.before = None  # the first columns are no longer the model that this point was to check
+        return True
 
     def _check_massless(self):
         """Refuse a basis that has lost solutions on dofs without mass; one that can hold nothing more is smoothed."""

@@ -79,7 +79,7 @@ def extend_by_random(solver, judge) -> int:
     deflection is an accident of its columns: both are decided on smooth ones.
     """
     new, projections = solver.extend_by_random(), solver.projections
-    if not new and _is_singular(projections.run) and not solver.is_smooth and solver.smooth():
+    if not new and is_singular(projections.run) and not solver.is_smooth and solver.smooth():
         new = solver.extend_by_random()
         if new:  # the first columns are no longer the model that the next point was to check
             judge.before = None
@@ -101,7 +101,7 @@ def check_massless(projections, points) -> float:
     """Refuse a basis that has lost solutions of its points (Hz): those that move no mass, or to round-off on dofs
     without mass, which it is not orthonormal on; returns the error that it may have for that reason."""
     run = projections.run
-    if not _is_singular(run):
+    if not is_singular(run):
         return 0.0
     error = _error_lost(projections, largest_residual(projections, points, damped=False))
     run.massless = False  # nothing was lost
@@ -116,14 +116,14 @@ def _error_lost(projections, residual) -> float:
     return residual**2
 
 
-def _is_singular(run) -> bool:
+def is_singular(run) -> bool:
     """Whether M is known to be singular."""
     return bool(run.massless or massless(run.model))
 
 
 def _lost(projections):
     model, size = projections.run.model, projections.basis.size
-    if not _is_singular(projections.run):
+    if not is_singular(projections.run):
         return InputError(
             f"{model.name}: a basis of {size} columns, to which solutions add nothing, has lost part of the responses "
             "to round-off, as of a nearly free body close to its lowest frequency; take other points, or a band that "
