@@ -412,10 +412,12 @@ def _whole(path, variable, values, low, high):
     return values.astype(np.int64)
 
 
-def rows_of(path, variable, first, last) -> np.ndarray:
-    """The rows first..last (last - first, columns) of a dense matrix, as floats. Raises InputError."""
+def table_of(path, variable, first, last, across) -> np.ndarray:
+    """The rows, or with `across` the columns, first..last of a dense matrix, one in each row. Raises InputError."""
     rows, columns = variable.shape
     with open(path, "rb") as file:
-        element = _Element(path, file, variable.place)
-        parts = [element.numbers(variable.place.values, k * rows + first, k * rows + last) for k in range(columns)]
+        element, values = _Element(path, file, variable.place), variable.place.values
+        if across:
+            return np.array(element.numbers(values, first * rows, last * rows), dtype=float).reshape(-1, rows)
+        parts = [element.numbers(values, k * rows + first, k * rows + last) for k in range(columns)]
     return np.array(parts, dtype=float).reshape(columns, last - first).T

@@ -139,11 +139,10 @@ def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndar
         return i, np.repeat(np.arange(first, last), np.diff(starts)), v
 
 
-def rows_of(path, variable, first, last) -> np.ndarray:
-    """The rows first..last (last - first, columns) of a dense matrix, as floats. Raises InputError."""
+def table_of(path, variable, first, last, across) -> np.ndarray:
+    """The rows, or with `across` the columns, first..last of a dense matrix, one in each row. Raises InputError."""
     if variable.place is None:
-        return np.zeros((0, variable.shape[1]))
+        return np.zeros((0, variable.shape[not across]))
     with _opened(path) as file:
-        return file[variable.place][:, first:last].T.astype(float)
-
-
+        item = file[variable.place]
+        return (item[first:last] if across else item[:, first:last].T).astype(float)

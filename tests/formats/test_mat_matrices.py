@@ -92,11 +92,13 @@ def test_matrices_in_structs_are_chosen_by_name(comm, folder, kind):
     tree = {"s": {"kaa": {"k0": scipy.sparse.csc_matrix(K), "k101": M}, "maa": {"k0": M, "k101": K}}, "phi": K[:, :3]}
     path = saved(comm, folder, kind, tree)
     assert contents(path)["s.kaa.k0"].startswith(f"{SIZE} x {SIZE} sparse, {np.count_nonzero(K)} entries")
-    found_K, found_M = model_matrices(path, comm)  # k0: the residual structure
-    assert np.array_equal(found_K, K) and np.array_equal(found_M, M)
+    with load_export(path, comm) as model:  # k0: the residual structure
+        assert np.array_equal(to_dense(model.K), K) and np.array_equal(to_dense(model.M), M)
+        assert any("of such a name: s.kaa.k101, s.maa.k101;" in remark for remark in model.remarks)
     found_K, found_M = model_matrices(path, comm, variables={"K": "s.kaa.k101", "M": "s.maa.k101"})
     assert np.array_equal(found_K, M) and np.array_equal(found_M, K)
-    source = Source(str(path), str(path), B=str(path), variables={"B": "phi"})
+    names = {"K": "s.kaa.k0", "M": "s.maa.k0", "B": "phi"}
+    source = Source(str(path), str(path), B=str(path), variables=names)
     with load_source(source, comm) as model:
         assert np.array_equal(to_dense(model.K), K) and model.input_names == ("a.mat:1", "a.mat:2", "a.mat:3")
 
@@ -112,11 +114,60 @@ def test_nodes_and_dofs_name_the_rows(comm, folder, kind):
     assert np.array_equal(position, [place[n] for n in node])
 
 
+@pytest.mark.parametrize("kind", ["v5 packed", "v5", "v7.3", "v4"])
+@pytest.mark.parametrize("change", [
+    lambda nodes: nodes[np.argsort(nodes[:, 0]), 1:], lambda nodes: nodes[np.argsort(nodes[:, 0]), 1:].T,
+    lambda nodes: nodes.T,
+], ids=["n x 3", "3 x n", "4 x n"])  # fmt: skip
+def test_nodes_in_other_shapes(comm, folder, kind, change):
+    """Rows of x, y, z belong to the nodes 1, 2, 3, ...; six nodes of two dofs, so that no shape fits two forms."""
+    nodes = np.column_stack([[4, 2, 6, 1, 3, 5], np.arange(18.0).reshape(6, 3) ** 2])
+    dofs = np.array([(n, d) for n in range(1, 7) for d in (1, 3)])
+    path = saved(comm, folder, kind, {"K": K, "M": M, "nodes": change(nodes), "dofs": dofs.T.astype(float)})
+    with load_export(path, comm) as model:
+        node, direction, position = gathered(comm, model.dofs.node, model.dofs.direction, model.dofs.position)
+        assert any("'nodes'" in remark and "is read as" in remark for remark in model.remarks)
+    assert np.array_equal(np.column_stack([node, direction + 1]), dofs)
+    assert np.array_equal(position, nodes[np.argsort(nodes[:, 0]), 1:][node - 1])
+
+
+def test_arrays_that_are_no_nodes_are_spoken_of(comm, folder):
+    for tree, says in (
+        ({"nodes": DOFS[:, :1]}, "'nodes' (12 x 1 dense) is not read as nodes, expected rows of number, x, y, z or"),
+        ({"nodes": 4.0}, "'nodes' (1 x 1 dense) is not read as nodes"),
+        ({"dofs": DOFS}, "'dofs' is not read, since there is no array nodes"),
+        ({"nodes": NODES, "dofs": DOFS[:, :1]}, "'dofs' (12 x 1 dense) is not read as dofs, expected rows of node"),
+    ):
+        with load_export(saved(comm, folder, "v5", {"K": K, "M": M, **tree}), comm) as model:
+            assert any(says in remark for remark in model.remarks), model.remarks
+        comm.Barrier()
+
+
+@pytest.mark.parametrize("key", ["k", "K", "stiffness", "KGG"])
+def test_matrices_outside_of_structs_are_the_model(comm, folder, key):
+    """Those of elements, however many, do not make the whole one ambiguous, and are not taken in its place."""
+    elements = np.zeros(2, dtype=[("k", object), ("m", object)])
+    elements["k"], elements["m"] = [K[:6, :6]] * 2, [M[:6, :6]] * 2
+    for tree in ({"element": elements}, {"element": {"k": K[:6, :6]}}):
+        path = saved(comm, folder, "v5", {**tree, key: K, "M": M})
+        with load_export(path, comm) as model:
+            assert np.array_equal(to_dense(model.K), K) and np.array_equal(to_dense(model.M), M)
+            assert any("not read, though" in remark and "element" in remark for remark in model.remarks)
+        comm.Barrier()
+
+
+def test_one_of_several_structures_is_named_where_there_are_no_remarks(comm, folder):
+    path = saved(comm, folder, "v5", {"kaa": {"k0": K, "k101": M}, "M": M})
+    with pytest.raises(InputError, match="several matrices for K: kaa.k0, kaa.k101; choose by --variables K=NAME"):
+        read(path, comm, "K")
+    assert read(path, comm, "K", {"K": "kaa.k0"}).shape == K.shape
+
+
 def test_damping_is_taken_and_the_rest_is_spoken_of(comm, folder):
     path = saved(comm, folder, "v5", {"K": K, "M": M, "D": -M, "V": K, "C": np.ones((1, SIZE))})
     with load_export(path, comm) as model:
         assert np.array_equal(to_dense(model.D), -M)
-        assert any("not read, though of the same size: V" in remark for remark in model.remarks)
+        assert any("not read, though of the same size or of such a name: V" in remark for remark in model.remarks)
         assert any("D has a negative trace" in line for line in hpcred.check(model)["warnings"])
 
 
@@ -190,6 +241,8 @@ def test_parts_in_other_files_are_not_followed(comm, folder, kind):
         ({"K": K, "M": M, "nodes": NODES[[0, 0]]}, "found the node 7 more than once"),
         ({"K": K, "M": M, "nodes": NODES, "dofs": DOFS[:3]}, "found 3 rows of 'dofs', expected one for each of the 12"),
         ({"K": K, "M": M, "nodes": NODES, "dofs": DOFS * 1.5}, "found numbers in 'dofs' that are not whole"),
+        ({"K": K, "M": M, "nodes": NODES[:, 1:]},
+         r"found 'nodes' \(4 x 3 dense\), which may have rows of x, y, z of the nodes 1, 2, 3, ... or columns of number, x, y, z; save it with rows of number, x, y, z"),
         ({"text": "abc"}, "the file has no numeric matrix"),
     ],
 )
