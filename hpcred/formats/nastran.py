@@ -14,7 +14,7 @@ from ..model.dofs import OWN, SCALAR
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks
 from . import nastran_bulk, nastran_dmig, nastran_op2, nastran_op4
-from .entries import STRIDE, Entries, LabelledEntries, asymmetry, chunks, label_of
+from .entries import STRIDE, Entries, LabelledEntries, asymmetry, chunks, label_name, label_of
 from .nastran_names import STRUCTURAL, Choice, letter_of, named, none_found, pairs
 from .nastran_points import HELD, SETS, Points, present, refined, turn_of, turned_entries
 from .nastran_sets import hold_rotations_of_solids, mark_sets
@@ -345,7 +345,7 @@ def read_bulk(path, comm, variables=None) -> Parts:
     with agreed(comm):
         choice = _choices(path, names, [None] * len(names), variables)[0]
     wanted = {key: contents[place] for key, place in choice.places.items()}
-    matrices, warnings = nastran_dmig.read_matrices(path, comm, wanted)
+    matrices, warnings, lacking = nastran_dmig.read_matrices(path, comm, wanted)
     if "D" in matrices and not comm.allreduce(len(matrices["D"].values)):
         del matrices["D"]
     said = {key: f"{path}, matrix {wanted[key].name}" for key in matrices}
@@ -358,11 +358,14 @@ def read_bulk(path, comm, variables=None) -> Parts:
         with agreed(comm):
             files = nastran_bulk.companions(path)
         file = next(iter(comm.bcast(files)), None)
+        if file is None and lacking is not None:
+            raise lacking.error("; the file is cut off or damaged, or counts dofs that have no row: put the input file "
+                                "of the same name beside it")  # fmt: skip
         if file is None:
             parts.warnings.append(f"{path}: the nodes are not known; put the input file of the same name beside it")
             return parts
         deck = nastran_bulk.read_deck(file, comm)
-    _label_entries(comm, parts, deck)
+    _label_entries(comm, parts, deck, lacking)
     return parts
 
 
@@ -400,21 +403,51 @@ def _read_beside(path, comm, variables):
     )
 
 
-def _label_entries(comm, parts, deck):
-    """Labelled entries in x, y, z as far as they go, with the nodes of an input file."""
+def _label_entries(comm, parts, deck, lacking):
+    """Labelled entries in x, y, z as far as they go, with the nodes of an input file; `lacking`: see nastran_dmig."""
     points = nastran_bulk.points_of(deck, comm)
     _name_scalars(comm, parts, points)
     labels = np.concatenate([end for item in parts.matrices.values() for end in (item.rows, item.columns)])
     mask = present(comm, points, labels)
+    reason = mark_sets(deck, comm, points)
+    if lacking is not None:
+        _require_whole_set(comm, parts, deck, points, mask, lacking, reason)
     turn = turn_of(points, mask, points.local_labels(), by_label=True)
     for key, item in parts.matrices.items():
         parts.matrices[key] = LabelledEntries(*turned_entries(comm, turn, item.rows, item.columns, item.values))
-    reason = mark_sets(deck, comm, points)
     parts.warnings.append(f"nodes are those of {deck.path}")
     held = points.count(comm, points.there() & ~mask & (points.marks & HELD > 0))
     if held and not reason:
         parts.warnings.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
     _finish(comm, parts, _Rows(points, mask, deck.path, deck.elements), turn, mask)
+
+
+def _require_whole_set(comm, parts, deck, points, mask, lacking, reason):
+    """Raise InputError unless K announces as many columns as the model has dofs, as Simcenter Nastran does, and lacks
+    none but of dofs that have no row. Says how many no card takes away. `mask`: the dofs of all matrices; `reason`: why
+    the cards do not tell them."""
+    total = points.count(comm, points.there())
+    if total != lacking.matrix.columns:
+        raise lacking.error(f"; the file is cut off or damaged, or {deck.path}, which has {total} dofs, belongs to "
+                            "another model")  # fmt: skip
+    of_K = present(comm, points, parts.matrices["K"].columns)
+    ends = comm.allgather(points.local_labels()[mask & ~of_K][:1].tolist())
+    if lost := sum(ends, []):
+        raise lacking.error(f" or a reason why {label_name(lost[0])} has mass but no stiffness; the file is cut off or "
+                            "damaged")  # fmt: skip
+    hold_rotations_of_solids(deck, comm, points)
+    parts.warnings.append(
+        f"{lacking.path}: the header of {lacking.matrix.name} counts all {total} dofs of {deck.path}, of which "
+        f"{total - lacking.there} have no row"
+    )
+    untold = points.count(comm, points.there() & ~mask & (points.marks & SETS["A"] == 0))
+    if reason:
+        parts.warnings.append(f"{deck.path}: found {reason}; which dofs have no row is taken from the matrices")
+    elif untold:
+        parts.warnings.append(
+            f"{untold} of these no card of {deck.path} takes away; they are taken as those without stiffness, which "
+            "AUTOSPC holds"
+        )
 
 
 def _name_scalars(comm, parts, points):

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..model.dofs import SCALAR
 from ..parallel.failures import InputError, agreed
-from ..parallel.lookup import number_over_ranks, repeated_key
+from ..parallel.lookup import look_up, number_over_ranks, repeated_key
 from .abaqus_matrices import is_one_triangle
 from .entries import LabelledEntries, both_triangles, joined, label_name, label_of
 from .nastran_cards import CARD, lines_of, reals, wholes
@@ -35,6 +35,22 @@ class Matrix:
     form: int
     kind: int
     columns: int
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """A stiffness with fewer columns, `there`, than its header card says; none of its rows lacks one."""
+
+    path: object
+    matrix: Matrix
+    there: int
+
+    def error(self, sentence: str) -> InputError:
+        """An InputError on the number of columns."""
+        return InputError(
+            f"{self.path}: found {self.there} columns of the matrix {self.matrix.name}, expected {self.matrix.columns}"
+            + sentence
+        )
 
 
 def begins(start: bytes) -> bool:
@@ -95,11 +111,15 @@ def read(path, comm, key="K", variables=None) -> LabelledEntries:
     """One matrix of a file, for -K and the like. Collective. Raises InputError."""
     found = contents(path, comm)
     place = single(path, [item.name for item in found], key, variables)
-    return read_matrices(path, comm, {key: found[place]})[0][key]
+    entries, _, lacking = read_matrices(path, comm, {key: found[place]})
+    if lacking is not None:
+        raise lacking.error("; where it counts dofs that have no row, convert the file with its input file beside it")
+    return entries[key]
 
 
-def read_matrices(path, comm, wanted: dict[str, Matrix]) -> tuple[dict[str, LabelledEntries], list[str]]:
-    """The entries of matrices by key, from one pass through a file, and warnings. Collective. Raises InputError."""
+def read_matrices(path, comm, wanted: dict[str, Matrix]) -> tuple[dict, list[str], Lacking | None]:
+    """The entries of matrices by key, from one pass through a file, warnings, and what K lacks of the columns that it
+    announces. Collective. Raises InputError."""
     with agreed(comm):
         for matrix in wanted.values():
             if matrix.form not in (SQUARE, SYMMETRIC) or matrix.kind not in (1, 2, 3, 4):
@@ -120,17 +140,17 @@ def read_matrices(path, comm, wanted: dict[str, Matrix]) -> tuple[dict[str, Labe
         "of a free body come out at up to about +-1 Hz (real or imaginary), and its first elastic modes may be off in "
         "the third digit; binary OP4 has all digits",
     ]
-    result = {}
+    result, lacking = {}, None
     for key, matrix in wanted.items():
         i, j, v = joined(parts.pop(key), (np.int64, np.int64, float))
         _require_once(path, comm, matrix, i, j)
-        there = comm.allreduce(len(number_over_ranks(comm, j)[0]))
+        columns = number_over_ranks(comm, j)[0]
+        there = comm.allreduce(len(columns))
         if key == "K" and there < matrix.columns:
-            raise InputError(
-                f"{path}: found {there} columns of the matrix {matrix.name}, expected {matrix.columns}; the file is "
-                "cut off or damaged"
-            )
-        if there < matrix.columns:
+            lacking = Lacking(path, matrix, there)
+            if not all(comm.allgather(bool(look_up(comm, columns, [], np.unique(i))[0].all()))):
+                raise lacking.error("; the file is cut off or damaged")
+        elif there < matrix.columns:
             warnings.append(
                 f"{path}: the matrix {matrix.name} has {there} of {matrix.columns} columns, the others are 0"
             )
@@ -139,7 +159,7 @@ def read_matrices(path, comm, wanted: dict[str, Matrix]) -> tuple[dict[str, Labe
                 raise InputError(f"{path}: found both halves of the symmetric matrix {matrix.name}, expected one")
             i, j, v = both_triangles(i, j, v)
         result[key] = LabelledEntries(i, j, v)
-    return result, warnings
+    return result, warnings, lacking
 
 
 def _require_once(path, comm, matrix, i, j):

@@ -242,7 +242,8 @@ def test_parts_in_other_files_are_not_followed(comm, folder, kind):
         ({"K": K, "M": M, "nodes": NODES, "dofs": DOFS[:3]}, "found 3 rows of 'dofs', expected one for each of the 12"),
         ({"K": K, "M": M, "nodes": NODES, "dofs": DOFS * 1.5}, "found numbers in 'dofs' that are not whole"),
         ({"K": K, "M": M, "nodes": NODES[:, 1:]},
-         r"found 'nodes' \(4 x 3 dense\), which may have rows of x, y, z of the nodes 1, 2, 3, ... or columns of number, x, y, z; save it with rows of number, x, y, z"),
+         r"found 'nodes' \(4 x 3 dense\), which may have rows of x, y, z of the nodes 1, 2, 3, ... or columns of "
+         "number, x, y, z; save it with rows of number, x, y, z"),
         ({"text": "abc"}, "the file has no numeric matrix"),
     ],
 )

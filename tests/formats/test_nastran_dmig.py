@@ -142,6 +142,49 @@ def test_damaged_cards_are_refused(comm, folder, damage, says):
     assert says in str(error.value) and str(path) in str(error.value)
 
 
+DECK = "GRID,1,,1.,2.,3.\nSPOINT,9\nGRID,5\nSPC1,1,2345,1\nSPC1,1,123456,5\n"
+
+
+def test_columns_of_supports_may_be_counted(comm, folder):
+    """Simcenter Nastran says the number of all dofs, here 13, where supports leave three."""
+    text = LARGE.replace(f"{3:24d}", f"{13:24d}")
+    path = write(folder / "a.pch", text, comm)
+    with pytest.raises(InputError, match="found 3 columns of the matrix KAAX, expected 13; .* put the input file of"):
+        load_export(path, comm)
+    write(folder / "a.bdf", DECK, comm)
+    with load_export(path, comm) as model:
+        assert np.array_equal(to_dense(model.K), K) and np.array_equal(to_dense(model.M), M)
+        assert any("counts all 13 dofs" in item and "10 have no row" in item for item in model.remarks)
+        assert not any("AUTOSPC" in item for item in model.remarks)
+        assert comm.allreduce(len(model.held.node)) == 10
+    write(folder / "a.bdf", DECK.replace("SPC1,1,123456,5", "CROD,1,1,1,5"), comm)
+    with load_export(path, comm) as model:
+        assert np.array_equal(to_dense(model.K), K)
+        assert any("6 of these no card of" in item and "AUTOSPC" in item for item in model.remarks)
+
+
+@pytest.mark.parametrize("deck", [DECK, ""])
+def test_other_columns_may_not_be_missing(comm, folder, deck):
+    """A column of rows that are there, one with mass, and a count that is not that of the model's dofs."""
+    counted = LARGE.replace(f"{3:24d}", f"{13:24d}")
+    middle = counted.index("DMIG*   KAAX                           1               1")
+    last = counted.index("DMIG*   KAAX                           9")
+    write(folder / "a.bdf", deck, comm)
+    for text, says in (
+        (counted[:middle] + counted[counted.index("DMIG*   KAAX                           1               6") :],
+         "found 2 columns of the matrix KAAX, expected 13; the file is cut off or damaged"),
+        (counted[:last] + counted[counted.index("DMIG    MAAX") :], "found 2 columns of the matrix KAAX, expected 13"
+         + (" or a reason why 9:scalar has mass but no stiffness" if deck else "")),
+        (counted.replace(f"{13:24d}", f"{14:24d}"), "expected 14"
+         + ("; the file is cut off or damaged, or .*, which has 13 dofs" if deck else "")),
+    ):  # fmt: skip
+        path = write(folder / "a.pch", text, comm)
+        with pytest.raises(InputError, match=says):
+            load_export(path, comm)
+        with pytest.raises(InputError, match="columns of the matrix KAAX, expected 1"):
+            nastran_dmig.read(path, comm, "K")
+
+
 def test_entries_below_the_first_card_are_refused(comm, folder):
     for text, entry in ((WIDE, f"*      {1:17d}{1:16d}{2.0:16.1f}\n"), (LARGE, "        1       1               2.\n")):
         cut = text.index("DMIG*   KAAX                           1")
