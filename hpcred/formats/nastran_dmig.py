@@ -4,6 +4,7 @@ A matrix has a card NAME, 0, form, type, then one card a column: NAME, node, dir
 direction, real part, imaginary part. Of a symmetric matrix one half is given. The numbers have few digits.
 """
 
+import itertools
 import os
 import re
 from dataclasses import dataclass
@@ -17,11 +18,13 @@ from .abaqus_matrices import is_one_triangle
 from .entries import LabelledEntries, both_triangles, joined, label_name, label_of
 from .nastran_cards import CARD, lines_of, reals, wholes
 from .nastran_names import single
-from .text import first_bytes, first_line, records, refuse_packed, shown
+from .text import first_bytes, first_line, line_number, records, refuse_packed, shown
 
 NAME = re.compile(rb"DMIG")
 START = re.compile(rb"(?mi)^DMIG[ ,*\t]")
-BELOW_END = re.compile(rb"(?mi)^ENDDATA[^\n]*\n(?:[ \t]*(?:\$[^\n]*)?\r?\n)*[ \t]*[^\s$]")
+END = re.compile(rb"(?mi)^[ \t]*ENDDATA")
+END_LINE = re.compile(rb"(?i)ENDDATA[\s,]*(?:\s[0-9a-f]{8})?\s*(?:\$.*)?")  # Patran puts eight digits behind it
+REMARK = re.compile(rb"(?:\$.*)?")
 SQUARE, SYMMETRIC = 1, 6
 FORMS = {SQUARE: "square", SYMMETRIC: "symmetric", 2: "rectangular", 9: "rectangular"}
 COMPLEX = (3, 4)
@@ -63,6 +66,8 @@ def contents(path, comm) -> list[Matrix]:
     with agreed(comm):
         first_bytes(path)
         refuse_packed(path, "DMIG cards")
+    _require_end(path, comm)
+    with agreed(comm):
         mine, used, ends = [], set(), []
         for piece in _pieces(path, comm):
             lines = lines_of(piece, NAME, strict=True)
@@ -177,16 +182,39 @@ def _require_once(path, comm, matrix, i, j):
 
 
 def _pieces(path, comm):
-    size = os.path.getsize(path)
-    for piece in records(path, comm, 0, size, CARD):
-        if below := BELOW_END.search(piece.text):
-            raise piece.refusal(piece.text[: below.end()].count(b"\n"), "nothing below ENDDATA")
-        yield piece
-        if piece.start + len(piece.text) == size and not piece.text.endswith(b"\n"):
-            last = piece.text.rsplit(b"\n", 1)[-1]
-            if not re.match(rb"(?i)[ \t]*ENDDATA\b", last):
-                found = f"'{shown(last)}'" if last.strip() else f"of {len(last)} blanks"
-                raise InputError(f"{path}: found the last line {found} without an end; the file is cut off")
+    yield from records(path, comm, 0, os.path.getsize(path), CARD)
+
+
+def _require_end(path, comm):
+    """Raise InputError where cards stand behind ENDDATA, or the last line may be cut. Collective."""
+    with agreed(comm):
+        found = [piece.start + match.start() for piece in _pieces(path, comm) for match in END.finditer(piece.text)]
+    end = min((item for item in comm.allgather(min(found, default=None)) if item is not None), default=None)
+    with agreed(comm):
+        if comm.rank:
+            return
+        with open(path, "rb") as file:
+            if end is None:
+                last = _last_line(file)
+                if not last.endswith(b"\n"):
+                    found = f"'{shown(last)}'" if last.strip() else f"of {len(last)} blanks"
+                    raise InputError(f"{path}: found the last line {found} without an end; the file is cut off")
+                return
+            file.seek(end)
+            for expected in itertools.chain([END_LINE], itertools.repeat(REMARK)):
+                at, line = file.tell(), file.readline()
+                if not line:
+                    break
+                if not expected.fullmatch(line.strip()):
+                    raise InputError(
+                        f"{path}, line {line_number(path, at)}: found '{shown(line)}', expected nothing behind ENDDATA"
+                    )
+
+
+def _last_line(file):
+    """The last 200 bytes of a file at most, from the beginning of its last line on."""
+    file.seek(max(os.path.getsize(file.name) - 200, 0))
+    return file.read().splitlines(keepends=True)[-1]
 
 
 def _entries(piece, lines, matrix):

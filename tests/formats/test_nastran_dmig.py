@@ -142,6 +142,20 @@ def test_damaged_cards_are_refused(comm, folder, damage, says):
     assert says in str(error.value) and str(path) in str(error.value)
 
 
+@pytest.mark.parametrize("piece", [60, 2**19])
+def test_nothing_but_remarks_stands_behind_the_end(comm, folder, monkeypatch, piece):
+    monkeypatch.setattr(text_module, "PIECE", piece)
+    for end in ("ENDDATA", " enddata,\r\n", "ENDDATA 4e9d3b64\n\n", "ENDDATA $ x\n$ y\n  \n$ z"):
+        with load_export(write(folder / "a.pch", LARGE + end, comm), comm) as model:
+            assert np.array_equal(to_dense(model.K), K)
+        comm.Barrier()
+    for end in ("ENDDATA xyz", "ENDDATA 5.", "ENDDATADMIG\n", "ENDDATA\nxyz", "ENDDATA\n$ x\n  5.", " ENDDATA\n5.\n",
+                "ENDDATA\nGRID,1,,1.", "ENDDATA\n" + LARGE[LARGE.index("DMIG    MAAX") :]):  # fmt: skip
+        with pytest.raises(InputError, match="expected nothing behind ENDDATA"):
+            load_export(write(folder / "a.pch", LARGE + end, comm), comm)
+        comm.Barrier()
+
+
 DECK = "GRID,1,,1.,2.,3.\nSPOINT,9\nGRID,5\nSPC1,1,2345,1\nSPC1,1,123456,5\n"
 
 
@@ -207,7 +221,7 @@ def test_both_halves_of_a_symmetric_matrix_are_refused(comm, folder):
         (LARGE + "1 1 1 1 1\n", "expected a card, or a line that continues one"),
         (LARGE + "=,*1,==\n", "expected a card, or a line that continues one"),
         ("=,*1,==\n" + LARGE, "line 1: found .*expected a card"),
-        (LARGE + "ENDDATA\n\n*                      9               0 2.000000000D+00\n", "nothing below ENDDATA"),
+        (LARGE + "ENDDATA\n\n*                      9               0 2.000000000D+00\n", "nothing behind ENDDATA"),
     ],
 )
 def test_lines_that_belong_to_no_card(comm, folder, text, says):
