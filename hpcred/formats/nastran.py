@@ -19,7 +19,7 @@ from .nastran_names import STRUCTURAL, Choice, letter_of, named, none_found, pai
 from .nastran_points import HELD, SETS, Points, present, refined, turn_of, turned_entries
 from .nastran_sets import hold_rotations_of_solids, mark_sets
 from .node_table import Nodes
-from .parts import Parts
+from .parts import Parts, common_size, labels_in_order
 from .text import first_bytes
 
 NO_USET = (
@@ -317,19 +317,21 @@ def _finish(comm, parts, rows, turn, mask):
         at = points.turned[~held[points.turned, low : low + 3].all(axis=1)]
         label[at, low : low + 3] = label_of(points.label[at, None], OWN + low + np.arange(3))
     parts.removed = label[held]
-    turned, own = (comm.allreduce(count) for count in (len(points.turned), turn.own))
-    if turned:
-        parts.warnings.append(
-            f"{turned} nodes have displacement systems of their own (CD); their rows were turned to x, y, z"
-        )
-    if own:
-        parts.warnings.append(
-            f"{own} rows of such nodes stay in their own directions (own1 to own6), since not all three directions of "
-            "the node have rows: pictures and interface nodes leave them out"
-        )
+    parts.warnings += _said_of_turn(comm, points, turn)
     scalars = comm.allreduce(int(np.count_nonzero(mask[points.scalar])))
     if scalars:
         parts.warnings.append(f"{scalars} rows are scalar dofs (modal coordinates or scalar points), without a place")
+
+
+def _said_of_turn(comm, points, turn):
+    turned, own = (comm.allreduce(count) for count in (len(points.turned), turn.own))
+    if turned:
+        yield f"{turned} nodes have displacement systems of their own (CD); their rows were turned to x, y, z"
+    if own:
+        yield (
+            f"{own} rows of such nodes stay in their own directions (own1 to own6), since not all three directions of "
+            "the node have rows: pictures and interface nodes leave them out"
+        )
 
 
 def read_bulk(path, comm, variables=None) -> Parts:
@@ -369,21 +371,45 @@ def read_bulk(path, comm, variables=None) -> Parts:
     return parts
 
 
-def read_nodes(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
-    """Nodes, ascending by number, and elements of an input file, for matrices of other files.
+def read_nodes(path, comm) -> tuple[Nodes, dict[str, np.ndarray], Points]:
+    """Nodes, ascending by number, and elements of an input file, for matrices of other files; and its Points.
 
-    Collective. Raises InputError where nodes have displacement systems of their own, since the rows are not turned.
+    Collective. Raises InputError.
     """
     deck = nastran_bulk.read_deck(path, comm)
     points = nastran_bulk.points_of(deck, comm)
-    with agreed(comm):
-        if len(points.turned):
-            raise InputError(
-                f"{path}: found the node {points.label[points.turned[0]]} with a displacement system of its own (CD), "
-                "in which the rows of the matrices may be; convert the OP4 or punch file with this file beside it"
-            )
     label, position = points.label[~points.scalar], points.position[~points.scalar]
-    return Nodes(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label))), deck.elements
+    nodes = Nodes(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label)))
+    return nodes, deck.elements, points
+
+
+def turn_rows(comm, parts, points, path):
+    """Turn rows of matrices, which are in the displacement systems (CD) of an input file, to x, y, z. Collective.
+
+    Rows are labelled or numbered, and then named by `row_labels` or by the order of the nodes. Raises InputError.
+    """
+    if not comm.allreduce(len(points.turned)):
+        return
+    own = points.local_labels()
+    if isinstance(parts.matrices["K"], LabelledEntries):
+        labels = np.concatenate([end for item in parts.matrices.values() for end in (item.rows, item.columns)])
+        turn = turn_of(points, present(comm, points, labels), own, by_label=True)
+        for key, item in parts.matrices.items():
+            parts.matrices[key] = LabelledEntries(*turned_entries(comm, turn, item.rows, item.columns, item.values))
+    else:
+        label, row = parts.row_labels or labels_in_order(comm, parts.nodes, common_size(parts), parts.files["K"])
+        found, (number,) = look_up(comm, label, [row], own.ravel())
+        mask, number = found.reshape(own.shape), np.where(found, number, -1).reshape(own.shape)
+        turn = turn_of(points, mask, number, by_label=False)
+        for key, item in parts.matrices.items():
+            parts.matrices[key] = Entries(item.shape, *turned_entries(comm, turn, item.rows, item.columns, item.values))
+        known, (new,) = look_up(comm, own[mask], [turn.label[mask]], label)
+        parts.row_labels = np.where(known, new, label), row
+    parts.warnings += [f"{path}: {sentence}" for sentence in _said_of_turn(comm, points, turn)]
+    parts.warnings.append(
+        f"{path}: matrices of Nastran are in these systems; where those of another program are in x, y, z, as the forces "
+        "of rigid-body motions show, delete CD in the GRID cards"
+    )
 
 
 def _read_beside(path, comm, variables):

@@ -29,7 +29,7 @@ def read_source(source: Source, comm) -> Parts:
     with agreed(comm):
         for path in dict.fromkeys(files.values()):
             parts.warnings += doubts_of_end(path) if format_of(path).module in OF_LINES else []
-    is_input_file, turned = False, None
+    is_input_file, turned, points = False, None, None
     if source.nodes:
         with agreed(comm):
             start = first_bytes(source.nodes)
@@ -37,7 +37,7 @@ def read_source(source: Source, comm) -> Parts:
         if uff.begins(start):
             parts.nodes, parts.elements = uff.read(source.nodes, comm)
         elif nastran.begins_bulk(start):
-            parts.nodes, parts.elements = nastran.read_nodes(source.nodes, comm)
+            parts.nodes, parts.elements, points = nastran.read_nodes(source.nodes, comm)
         elif is_input_file:
             mesh = abaqus_input.read(source.nodes, comm)
             parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
@@ -69,6 +69,8 @@ def read_source(source: Source, comm) -> Parts:
         with agreed(comm):
             turned.refuse_turned()
     _remove_supports(comm, parts)
+    if points is not None:
+        nastran.turn_rows(comm, parts, points, source.nodes)
     return parts
 
 

@@ -11,7 +11,8 @@ import hpcred
 from hpcred import Buckens, InputError, Modes
 from hpcred.formats import nastran, nastran_op2, nastran_op4
 from hpcred.formats.assembly import assemble
-from hpcred.formats.model_source import load_export
+from hpcred.formats.model_source import load_export, load_source
+from hpcred.formats.source import Source
 from hpcred.model.dofs import DIRECTIONS
 from hpcred.model.rigid_body_modes import doubts_of_nodes
 
@@ -118,6 +119,55 @@ def test_rows_are_turned_to_the_global_axes(comm, folder, monkeypatch):
         assert report["rigid_body_modes"] < 6 and report["rigid_body_defect"] > 1e-3
         straight = to_dense(model.K)
     assert np.allclose(np.linalg.eigvalsh(turned), np.linalg.eigvalsh(straight), atol=1e-9 * np.abs(turned).max())
+
+
+TURNED = """GRID,1,,0.,0.,0.
+GRID,2,,1.,0.,0.,7
+GRID,3,,0.,1.,0.,8
+CORD2R,7,,0.,0.,0.,0.,0.,1.
+,.8,.6,0.
+CORD2C,8,,0.,0.,0.,0.,0.,1.
+,1.,0.,0.
+"""
+
+
+@pytest.mark.parametrize("rows", ["in order", "--dofs", "labelled", "one held"])
+def test_rows_of_other_files_are_turned_by_the_systems_of_the_deck(comm, folder, rows):
+    """x of node 2 is .8 x' - .6 y'; r and t of node 3, at 90 degrees, are y and -x."""
+    T = np.eye(9)
+    T[3:5, 3:5] = [[0.8, -0.6], [0.6, 0.8]]
+    T[6:8, 6:8] = [[0, -1], [1, 0]]
+    A = np.random.default_rng(4).standard_normal((2, 9, 9))
+    K, M = A @ A.transpose(0, 2, 1) + 9 * np.eye(9)
+    labels = [(n, d) for n in (1, 2, 3) for d in (1, 2, 3)]
+    kept = np.arange(9) if rows != "one held" else np.delete(np.arange(9), [3, 6])  # x' of node 2 and r of node 3
+    own = [(T.T @ item @ T)[np.ix_(kept, kept)] for item in (K, M)]
+    files = []
+    for key, item in zip("KM", own, strict=True):
+        if rows == "labelled":
+            lines = [f"DMIG,{key}AA,0,1,2,0,,,9"] + [
+                f"DMIG,{key}AA,{n},{d},,{i},{c},{item[r, k]:.14e}"
+                for k, (n, d) in enumerate(labels) for r, (i, c) in enumerate(labels)]  # fmt: skip
+        else:
+            lines = [f"{i + 1} {j + 1} {v!r}" for (i, j), v in np.ndenumerate(item)]
+        files.append(str(write(folder / f"{key}.txt", "\n".join(lines).replace("np.float64", "") + "\n", comm)))
+    nodes = str(write(folder / "deck.bdf", TURNED, comm))
+    dofs = "".join(f"{labels[k][0]} {labels[k][1]}\n" for k in kept)
+    dofs = str(write(folder / "dofs.txt", dofs, comm)) if rows in ("--dofs", "one held") else None
+    with load_source(Source(*files, nodes=nodes, dofs=dofs), comm) as model:
+        node, direction = gathered(comm, model.dofs.node, model.dofs.direction)
+        names = list(zip(node.tolist(), direction.tolist(), strict=True))
+        said = " ".join(model.remarks)
+        assert "deck.bdf: 2 nodes have displacement systems of their own (CD); their rows were turned" in said
+        if rows != "one held":
+            assert names == [(n, d - 1) for n, d in labels]
+            assert np.allclose(to_dense(model.K), K) and np.allclose(to_dense(model.M), M)
+            return
+        # t of node 3 is -x, y' of node 2 is no direction of x, y, z
+        own2, own3 = DIRECTIONS.index("own2"), DIRECTIONS.index("own3")
+        assert names[3:] == [(2, own2), (2, own3), (3, 0), (3, 2)] and "2 rows of such nodes stay" in said
+        sign = np.array([1, 1, 1, 1, 1, -1, 1])
+        assert np.allclose(to_dense(model.K), sign[:, None] * own[0] * sign)
 
 
 def test_the_input_file_stands_for_its_matrices(comm, folder):

@@ -179,7 +179,7 @@ def test_includes_are_followed(comm, folder):
     deck = "BEGIN BULK\nGRID,1\nINCLUDE {}\n$ INCLUDE none\nGRID,5\nENDDATA\nGRID,6\n"
     for name in ("parts\\grids.dat", "'parts/grids.dat'", "'parts/\ngrids.dat'", '"par\n  ts/ \nGrids.DAT"'):
         path = write(folder / "a.bdf", deck.format(name), comm)
-        nodes, _ = read_nodes(path, comm)
+        nodes, *_ = read_nodes(path, comm)
         label, place = gathered(comm, nodes.label, nodes.place)
         assert label.tolist() == [1, 2, 3, 4, 5] and place.tolist() == [0, 1, 2, 3, 4]
     with pytest.raises(InputError, match="found INCLUDE '', which is no file"):
