@@ -66,11 +66,6 @@ def _no_export(path) -> InputError:
     start, what = first_bytes(path), None
     if not start:
         return InputError(f"{path}: found an empty file")
-    if nastran_op2.begins(start):
-        return InputError(
-            f"{path}: found an OP2 of Nastran, of which only nodes and sets of dofs are read; give the .op4 or .pch of "
-            "the run, and leave this one beside it"
-        )
     refuse_unread(path)
     if start.startswith(HDF5):
         what = kind_of(path)
@@ -146,6 +141,8 @@ EXPORTS = (
            "its title, or a Matrix Market header with a mapping beside it", "the other matrices, mapping, nodes"),
     Export("Nastran OP4", nastran_op4.begins, nastran.read_op4, "the header of its first matrix",
            "other .op4 files, .op2, .bdf or .dat with nodes", True),
+    Export("Nastran OP2 with matrices", nastran_op2.begins, nastran.read_op4, "its records of one number",
+           ".bdf or .dat with nodes", True),
     Export("Nastran DMIG, or an input file with the matrices beside it", nastran.begins_bulk, nastran.read_bulk,
            "DMIG or other cards", ".pch or .op4 with the matrices, .bdf or .dat with nodes", True),
 )  # fmt: skip

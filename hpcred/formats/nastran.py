@@ -1,8 +1,8 @@
 """Exports of Nastran, OptiStruct and MYSTRAN: a file with its companions enters, the parts of a model leave.
 
-Matrices stand on OP4 or on DMIG cards; which dofs their rows are, and where the nodes lie, is said by an OP2 of the
-same name beside them (USET, BGPDT), or by the input file. Rows in displacement systems of the nodes (CD) are turned to
-x, y, z.
+Matrices stand on OP4, in OP2 or on DMIG cards; which dofs their rows are, and where the nodes lie, is said by an OP2 of
+the same name beside them (USET, BGPDT), or by the input file. Rows in displacement systems of the nodes (CD) are turned
+to x, y, z.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ import numpy as np
 from ..model.dofs import OWN, SCALAR
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks
-from . import nastran_bulk, nastran_dmig, nastran_op2, nastran_op4
+from . import nastran_bulk, nastran_dmig, nastran_op2, nastran_op2_matrices, nastran_op4
 from .entries import STRIDE, Entries, LabelledEntries, asymmetry, chunks, label_name, label_of
 from .nastran_names import STRUCTURAL, Choice, letter_of, named, none_found, pairs
 from .nastran_points import HELD, SETS, Points, present, refined, turn_of, turned_entries
@@ -49,7 +49,10 @@ def begins_bulk(start: bytes) -> bool:
 
 
 def read_op4(path, comm, variables=None) -> Parts:
-    """The model of an OP4 file. `variables`: names of matrices by K, M, D. Collective. Raises InputError."""
+    """The model of an OP4 file, or of an OP2 with matrices. `variables`: names of matrices by K, M, D. Collective.
+
+    Raises InputError.
+    """
     path = Path(path)
     files, contents = _op4_files(path, comm)
     names = [matrix.name for matrix in contents]
@@ -58,8 +61,7 @@ def read_op4(path, comm, variables=None) -> Parts:
     rows, choice, warnings = _rows_of(path, comm, [(item, contents[item.places["K"]].shape[0], se[item.places["K"]])
                                                    for item in choices], bool(variables))  # fmt: skip
     taken = {key: contents[place] for key, place in choice.places.items()}
-    matrices = {key: nastran_op4.read_matrix(files[choice.places[key]], comm, matrix)
-                for key, matrix in taken.items()}  # fmt: skip
+    matrices = {key: _read_matrix(files[choice.places[key]], comm, matrix) for key, matrix in taken.items()}
     if "D" in matrices and not comm.allreduce(len(matrices["D"].values)):
         del matrices["D"]
     said = {key: f"{files[choice.places[key]]}, matrix {taken[key].name}" for key in matrices}
@@ -73,16 +75,28 @@ def read_op4(path, comm, variables=None) -> Parts:
 
 
 def _op4_files(path, comm):
-    """All matrices of a file, and the file of each; those of files of the same name where it has no pair."""
-    contents = nastran_op4.contents(path, comm)
+    """All matrices of a file, and the file of each; those of OP4 files of the same name where it has no pair."""
+    with agreed(comm):
+        is_op2 = nastran_op2.begins(first_bytes(path))
+    contents = (nastran_op2_matrices if is_op2 else nastran_op4).contents(path, comm)
     files = [path] * len(contents)
-    if not pairs([matrix.name for matrix in contents]):
+    if is_op2 and not contents:
+        raise InputError(
+            f"{path}: found an OP2 of Nastran, without matrices, of which nodes and sets of dofs are read; give the "
+            ".op4 or .pch of the run, and leave this one beside it"
+        )
+    if not is_op2 and not pairs([matrix.name for matrix in contents]):
         with agreed(comm):
             others = [file for file in nastran_bulk.beside(path) if nastran_op4.begins(first_bytes(file))]
         for file in comm.bcast(others):
             more = nastran_op4.contents(file, comm)
             contents, files = contents + more, files + [file] * len(more)
     return files, contents
+
+
+def _read_matrix(file, comm, matrix):
+    is_op2 = isinstance(matrix, nastran_op2_matrices.Op2Matrix)
+    return (nastran_op2_matrices if is_op2 else nastran_op4).read_matrix(file, comm, matrix)
 
 
 def _superelements(files, contents, comm):
@@ -96,7 +110,7 @@ def _superelements(files, contents, comm):
         raise InputError(f"{starts[0]}: found matrices SE_START, but no LOOP_END behind the last; the file is cut off")
     for file, matrix in zip(files, contents, strict=True):
         if matrix.name == "SE_START" and matrix.shape == (1, 1):
-            values = comm.allgather(nastran_op4.read_matrix(file, comm, matrix).values)
+            values = comm.allgather(_read_matrix(file, comm, matrix).values)
             number = int(np.concatenate(values).sum())
         numbers.append(number)
     return numbers
@@ -172,7 +186,7 @@ def _rows_of(path, comm, candidates, insisted):
     """
     with agreed(comm):
         beside = nastran_bulk.beside(path)
-        op2 = next((file for file in beside if nastran_op2.begins(first_bytes(file))), None)
+        op2 = next((file for file in (path, *beside) if nastran_op2.begins(first_bytes(file))), None)
         other = next((file for file in beside if op2 is None and file.suffix.lower() == ".op2"), None)
         if other is not None:
             begins = first_bytes(other)[:12]
@@ -182,6 +196,9 @@ def _rows_of(path, comm, candidates, insisted):
     if op2 is None and not files:
         return None, candidates[0][0], [f"{path}: the nodes are not known; {NO_USET}"]
     groups = nastran_op2.points_by_superelement(op2, comm) if op2 else []
+    if op2 == path and not groups and not files:
+        return None, candidates[0][0], [f"{path}: found no tables BGPDT, EQEXIN and CSTM of all points; the nodes are "
+                                        "not known; put the input file of the same name beside it"]  # fmt: skip
     decks = [nastran_bulk.read_deck(file, comm) for file in files]
     decks = [deck for deck in decks if comm.allreduce(len(deck.label))]
     reasons = []
@@ -407,8 +424,8 @@ def turn_rows(comm, parts, points, path):
         parts.row_labels = np.where(known, new, label), row
     parts.warnings += [f"{path}: {sentence}" for sentence in _said_of_turn(comm, points, turn)]
     parts.warnings.append(
-        f"{path}: matrices of Nastran are in these systems; where those of another program are in x, y, z, as the forces "
-        "of rigid-body motions show, delete CD in the GRID cards"
+        f"{path}: matrices of Nastran are in these systems; where those of another program are in x, y, z, as the "
+        "forces of rigid-body motions show, delete CD in the GRID cards"
     )
 
 
@@ -418,14 +435,17 @@ def _read_beside(path, comm, variables):
         beside = nastran_bulk.beside(path)
         op4 = [file for file in beside if nastran_op4.begins(first_bytes(file))]
         punch = [file for file in beside if nastran_dmig.begins(first_bytes(file))]
-    op4, punch = comm.bcast((op4, punch))
+        op2 = [file for file in beside if nastran_op2.begins(first_bytes(file))]
+    op4, punch, op2 = comm.bcast((op4, punch, op2))
     if op4:
         return read_op4(op4[0], comm, variables)
     if punch:
         return read_bulk(punch[0], comm, variables)
+    if op2 and nastran_op2_matrices.contents(op2[0], comm):
+        return read_op4(op2[0], comm, variables)
     raise InputError(
-        f"{path}: found an input file of Nastran without matrices, expected {path.stem}.op4 or {path.stem}.pch with "
-        "them beside it; see docs/formats-nastran.md for what to type in Nastran"
+        f"{path}: found an input file of Nastran without matrices, expected {path.stem}.op4, {path.stem}.pch or "
+        f"{path.stem}.op2 with them beside it; see docs/formats-nastran.md for what to type in Nastran"
     )
 
 

@@ -16,6 +16,7 @@ from .nastran_points import DEPENDENT, HELD, OMITTED, SUPPORTED, TINY, Points, S
 from .text import LARGEST_LABEL, first_bytes
 
 NAMES = ("SLIST", "BGPDT", "USET", "EQEXIN", "CSTM")
+SHARE = 2**22  # bytes of a matrix that one rank decodes at a time, at least
 SCALAR_CODE = 2
 KIND, GRID, SCALAR = 3, 61, 12  # the place of the kind among the words of a point of the long form, and the kinds
 # bits of USET that the sets have: m; s, by cards and by points; o; r
@@ -166,13 +167,25 @@ class _Chain:
         return kind, self.key()
 
 
-def _tables(path):
-    """The wanted tables of a file, from one walk along its records on one rank."""
+@dataclass
+class Block:
+    """A table or matrix of a file; of a table its `records`, of a matrix (byte, columns before) of shares in `columns`.
+    """
+
+    name: str
+    order: str
+    size: int
+    trailer: tuple[int, ...]
+    records: list
+    columns: list
+
+
+def walk(path):
+    """Generate the Blocks of a file, from one walk along its records on one rank. Raises InputError."""
     start = first_bytes(path)
     if not begins(start):
         raise InputError(f"{path}: found a file that begins with {start[:12]!r}, expected one of OUTPUT2")
     order, size = _layout(start)
-    found = []
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         chain = _Chain(data, path, order, size)
         while not chain.ended:
@@ -185,14 +198,40 @@ def _tables(path):
                 continue
             name = chain.name(words)
             chain.pass_key(7, "trailer of 7 words")
-            chain.pieces(7)
-            records = []
-            while (following := chain.next_record()) != (0, 0):
-                kind, count = following
-                records.append(chain.pieces(count, kind))  # none for an empty column of a matrix
-            if name.startswith(NAMES):
-                found.append(Table(str(path), name, order, size, records[1:]))  # the first one is the name again
-    return found
+            place, _ = chain.pieces(7)[0]
+            trailer = struct.unpack_from(order + ("7i" if size == 4 else "7q"), data, place)
+            block, number = Block(name, order, size, trailer, [], []), 0
+            while True:
+                at = chain.at
+                kind, count = chain.next_record()
+                if block.columns and (kind == 0 or at >= block.columns[-1][0] + SHARE):
+                    block.columns.append((at, number))
+                if (kind, count) == (0, 0):
+                    break
+                if kind and not block.columns:
+                    block.columns.append((at, 0))
+                elif not kind and block.columns:
+                    raise chain.damaged("column of a matrix behind others")
+                records = chain.pieces(count, kind)  # none for an empty column of a matrix
+                number += kind
+                if not kind:
+                    block.records.append(records)
+            yield block
+
+
+def columns_of(path, data, matrix, share):
+    """Generate number (from 0) and strings (byte, bytes) of each column of a share of a matrix."""
+    chain = _Chain(data, path, *matrix.layout)
+    chain.at = matrix.starts[share]
+    for column in range(matrix.columns[share], matrix.columns[share + 1]):
+        kind, count = chain.next_record()
+        yield column, chain.pieces(count, kind)
+
+
+def _tables(path):
+    """The wanted tables of a file."""
+    return [Table(str(path), block.name, block.order, block.size, block.records[1:])  # the first one is the name again
+            for block in walk(path) if block.name.startswith(NAMES)]  # fmt: skip
 
 
 def _points(path, comm, group):

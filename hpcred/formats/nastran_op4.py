@@ -40,11 +40,16 @@ def contents(path, comm) -> list[Matrix]:
 
 def read_matrix(path, comm, matrix: Matrix) -> Entries:
     """The entries of a matrix that `contents` found. Collective. Raises InputError."""
+    read_shares = nastran_op4_text.read if matrix.is_text else nastran_op4_binary.read
+    return completed(path, comm, matrix, read_shares(path, comm, matrix))
+
+
+def completed(path, comm, matrix: Matrix, parts) -> Entries:
+    """The entries of all shares (rows, columns, values) of this rank, with what the form leaves out. Collective."""
     if matrix.form in TRIANGLES:
         raise InputError(
             f"{path}: found the matrix {matrix} as a triangular factor (form {matrix.form}), expected a whole matrix"
         )
-    parts = (nastran_op4_text if matrix.is_text else nastran_op4_binary).read(path, comm, matrix)
     i, j, v = joined(parts, (np.int64, np.int64, float))
     del parts
     rows, columns = matrix.shape
