@@ -1,7 +1,7 @@
 """ANSYS' archive of a model (.cdb, of CDWRITE): a text enters; nodes, angles of their axes and elements leave.
 
-Read are the blocks NBLOCK and EBLOCK, whose second line is the Fortran format of their fields, and ET, the types of
-elements. Each rank looks for them in its range of bytes, then all share the lines of each block.
+Read are the blocks NBLOCK and EBLOCK, whose second line is the Fortran format of their fields, and ET or ETBLOCK, the
+types of elements. Each rank looks for them in its range of bytes, then all share the lines of each block.
 """
 
 import re
@@ -17,12 +17,13 @@ from .node_table import finite
 from .text import LARGEST_LABEL, Piece, line_number, numbers, pieces, ragged, require_file, shown, whole
 
 COMMAND = re.compile(
-    rb"(?im)^[ \t]*(?:(?P<block>[NE]BLOCK)\b|(?P<type>ET[ \t]*,)|(?P<node>N,R5\.\d,LOC[ \t]*,(?![ \t]*-1))"
-    rb"|(?P<turn>(?:NROTAT|NMODIF|NANG)\b)|(?P<end>-1[ \t]*\r?$|N,(?:R5\.\d|UNBL),LOC[ \t]*,[ \t]*-1))[^\n]*"
+    rb"(?im)^[ \t]*(?:(?P<block>[NE]BLOCK)\b|(?P<types>ETBLOCK)\b|(?P<type>ET[ \t]*,)"
+    rb"|(?P<end>-1[ \t]*\r?$|N[ \t]*,[ \t]*(?:R5\.\d|UNBL)[ \t]*,[ \t]*LOC[ \t]*,[ \t]*-1)"
+    rb"|(?P<node>N[ \t]*,[ \t]*(?:R5\.\d[ \t]*,[ \t]*LOC[ \t]*,|\d))|(?P<turn>(?:NROTAT|NMODIF|NANG)\b))[^\n]*"
 )
 START = re.compile(rb"(?im)^[ \t]*(/COM|/PREP7|/NOPR|/BATCH|/TITLE|NUMOFF|NBLOCK|ET[ \t]*,)")
 HEAD = 11  # fields of an element in front of its nodes; the second is its type, the ninth how many nodes follow
-TYPE, COUNT = 1, 8
+TYPE, COUNT, NUMBER = 1, 8, 10
 FIRST = 8  # nodes in the first line of an element
 SOLIDS = {45, 46, 64, 65, 73, 92, 95, 148, 185, 186, 187, 190, 285}
 SHELLS = {28, 41, 42, 43, 63, 82, 91, 93, 99, 143, 150, 181, 182, 183, 281}
@@ -62,7 +63,9 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict]:
     with agreed(comm):
         blocks = _blocks(path, found) if comm.rank == 0 else None
     blocks = comm.bcast(blocks)
-    types = _types(found)
+    with agreed(comm):
+        types = _types(path, found) if comm.rank == 0 else None
+    types = comm.bcast(types)
     nodes, elements, counts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))], {}, []
     with agreed(comm):
         for block in blocks:
@@ -113,8 +116,8 @@ def _blocks(path, found):
                 raise InputError(f"{path}, line {number}: found no end of {name}; the file is cut off or damaged")
             if name == "NBLOCK" and not _fits(fields, words):
                 raise InputError(
-                    f"{path}, line {number}: found an NBLOCK of {len(fields)} fields, expected 3 integers and 6 "
-                    "numbers, or 1 and 3"
+                    f"{path}, line {number}: found an NBLOCK of {len(fields)} fields, expected 3 integers (1 of "
+                    "NBLOCK,3) and 3 to 6 numbers"
                 )
             if name == "EBLOCK" and not (len(fields) == HEAD + FIRST and all(field.whole for field in fields)):
                 raise InputError(
@@ -134,29 +137,46 @@ def _blocks(path, found):
 
 
 def _fits(fields, words):
+    """Whether an NBLOCK has node number, perhaps two more integers, x, y, z and perhaps angles."""
+    count = {"6": 3, "3": 1}.get("".join(words[1:2]))
     whole_numbers = [field.whole for field in fields]
-    if words[1:2] == ["6"]:
-        return whole_numbers == [True] * 3 + [False] * 6
-    return words[1:2] == ["3"] and whole_numbers == [True] + [False] * 3
+    return count is not None and whole_numbers in [[True] * count + [False] * k for k in range(3, 7)]
 
 
-def _types(found):
+def _types(path, found):
     """The numbers of ANSYS' element types (185 of SOLID185) by the type numbers that elements name."""
     types = {}
-    for _, kind, line in found:
+    for index, (position, kind, line) in enumerate(found):
         words = [word.strip() for word in line.split("!")[0].split(",")]
         if kind == "type" and len(words) > 2 and words[1].isdecimal() and len(words[1]) < 12:
             digits = re.search(r"\d{1,9}$", words[2])
             if digits:
                 types[int(words[1])] = int(digits[0])
+        elif kind == "types":
+            types |= _types_of_block(path, position, found[index + 1 : index + 2])
     return types
+
+
+def _types_of_block(path, position, after):
+    """The types in the lines of an ETBLOCK: number, type, key options."""
+    number = line_number(path, position)
+    if not after or after[0][1] != "end":
+        raise InputError(f"{path}, line {number}: found no end of ETBLOCK; the file is cut off or damaged")
+    with open(path, "rb") as file:
+        file.seek(position)
+        _, _, *lines = file.read(after[0][0] - position).splitlines() or [b""]
+    pairs = [line.split()[:2] for line in lines if line.strip()]
+    if not all(len(pair) == 2 and pair[0].isdigit() and pair[1].isdigit() for pair in pairs):
+        raise InputError(f"{path}, line {number}: found an ETBLOCK with other lines than number, type and key options")
+    return {int(key): int(type_) for key, type_ in pairs}
 
 
 def _nodes(piece, fields):
     """Labels, coordinates and angles of the lines of an NBLOCK; numbers that are left out at the end are zero."""
     table, lines = numbers(separated(piece, fields, fill=True), len(fields), commas=False)
     label = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
-    reals = table[:, 3:] if len(fields) == 9 else np.hstack([table[:, 1:], np.zeros((len(table), 3))])
+    reals = table[:, sum(field.whole for field in fields) :]
+    reals = np.hstack([reals, np.zeros((len(table), 6 - reals.shape[1]))])
     finite(piece, reals, lines)
     return label, reals[:, :3], reals[:, 3:]
 
@@ -172,7 +192,7 @@ def _elements(path, comm, block, types, elements):
         beyond = b"".join(file.readline() for _ in range(3) if file.tell() < block.stop)
     piece = Piece(path, own + beyond, low)
     values, counts, lines = ragged(separated(piece, block.fields), commas=False, expected="integers")
-    whole(piece, values, np.repeat(lines, counts), "the number of an element or node", 0, LARGEST_LABEL)
+    whole(piece, values, np.repeat(lines, counts), "a number of an element", -LARGEST_LABEL, LARGEST_LABEL)
     values = values.astype(np.int64)
     place = np.cumsum(counts) - counts
     mine = int(np.count_nonzero(lines < own.count(b"\n") + (not own.endswith(b"\n"))))
@@ -192,6 +212,10 @@ def _elements(path, comm, block, types, elements):
     if not fits[heads].all():
         raise piece.refusal(int(lines[heads[~fits[heads]][0]]), "an element of 11 numbers, then its nodes")
     table = values[np.minimum(place[heads, None] + np.arange(HEAD + 20), len(values) - 1)]
+    here = np.arange(HEAD + 20) < HEAD + np.minimum(nodes[heads], 20)[:, None]
+    here[:, [k for k in range(HEAD) if k not in (TYPE, NUMBER)]] = False  # keys of the geometry may be negative
+    if (negative := ((table < 0) & here).any(axis=1)).any():
+        raise piece.refusal(int(lines[heads[negative][0]]), "numbers of nodes, of an element and its type, from 0 on")
     for number in np.unique(table[:, TYPE]):
         for count in np.unique(table[table[:, TYPE] == number, COUNT]):
             some = table[(table[:, TYPE] == number) & (table[:, COUNT] == count), HEAD:][:, : min(count, 20)]

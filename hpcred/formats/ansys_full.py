@@ -2,18 +2,20 @@
 
 Each rank reads a share of the columns. The file keeps rows of held dofs (1 on the diagonal of K, all of M), and rows
 of dofs that constraint equations and couplings have eliminated (decoupled, 1 on the diagonal): both are left out.
+A distributed run writes a file of each process, body0.full, body1.full, ..., with what its elements add to the sum.
 """
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
-from ..parallel.lookup import look_up, repeated_key
+from ..parallel.lookup import look_up, number_over_ranks, repeated_key
 from . import ansys_records
 from .ansys_nodes import find_nodes, turn_found
 from .ansys_records import BLOCKS, INTEGER, RecordFile, Squeezed, columns, squeezed_columns
-from .entries import Entries, label_name, label_of, node_and_direction, require_sane
+from .entries import Entries, joined, label_name, label_of, node_and_direction, require_sane
 from .parts import Parts
 from .petsc_binary import row_share
 from .text import LARGEST_LABEL
@@ -44,6 +46,7 @@ class Header:
     constraints: int
     matrices: dict[str, tuple[int, int]]  # place and number of entries
     place: int  # of the records below the header
+    whole: tuple[int, int] | None  # equations and nodes of all parts, if this is one
 
 
 def begins(start: bytes) -> bool:
@@ -54,8 +57,72 @@ def begins(start: bytes) -> bool:
 def read_parts(path, comm):
     """K, M and D of a .full file, with the nodes of the .rst or .cdb file beside it. Collective. Raises InputError."""
     with agreed(comm):
-        file = RecordFile(path, FILE)
-        header = _header(file)
+        files, base = _files(path)
+    found = [_read(comm, *item) for item in files]
+    matrices, label, row, removed, following = found[0] if len(found) == 1 else _joined(comm, files, found)
+    parts = Parts(matrices, dict.fromkeys(matrices, str(path)), row_labels=(label, row), removed=removed)
+    if len(files) > 1:
+        parts.warnings.append(f"{path}: joined the parts {', '.join(file.path.name for file, _ in files)}")
+    label = np.concatenate([label, removed])
+    found = find_nodes(base, comm)
+    if found is None:
+        parts.warnings.append(
+            f"{path}: found neither .cdb nor .rst file beside it, so the model has no nodes; write the nodes by "
+            f"CDWRITE,DB,{base.stem},cdb"
+        )
+    else:
+        _require_places(comm, path, found, label)
+        parts.nodes, parts.elements = found.nodes, found.elements
+        parts.files["nodes"] = found.file
+        parts.warnings.append(f"{path}: nodes taken from {found.file}")
+        turn_found(comm, parts, found)
+    if following:
+        parts.warnings.append(
+            f"{path}: {following} dofs that follow others by constraint equations or couplings were removed; K and M "
+            "contain their part, but their own motion is not in the model, and pictures show it as zero"
+        )
+    return parts
+
+
+def _files(path):
+    """The file, or the parts of a distributed run to which it belongs, with their headers; and the name of the whole.
+
+    Raises InputError.
+    """
+    file = RecordFile(path, FILE)
+    files = [(file, _header(file))]
+    if files[0][1].whole is None:
+        return files, file.path
+    number = r"(0|[1-9]\d{0,5})"
+    name = re.fullmatch(f"(.*?){number}", file.path.stem)
+    if name is None:
+        raise InputError(
+            f"{path}: found the part of one process of a distributed run, expected a name with its number, such as "
+            f"{file.path.stem}0.full, beside those of the others; or join the parts by COMBINE,FULL in /AUX2"
+        )
+    beside = {int(match[1]): item for item in file.path.parent.iterdir() if item.suffix == file.path.suffix
+              and (match := re.fullmatch(re.escape(name[1]) + number, item.stem))}  # fmt: skip
+    missing = next((k for k in range(max(beside)) if k not in beside), None)
+    if missing is not None or len(beside) < 2:
+        raise InputError(
+            f"{path}: found the part of one process of a distributed run, expected those of all, but there is no "
+            f"{name[1]}{max(beside) + 1 if missing is None else missing}{file.path.suffix} beside it; put all parts "
+            "into one folder, or join them by COMBINE,FULL in /AUX2"
+        )
+    files = [RecordFile(beside[k], FILE) for k in sorted(beside)]
+    files = [(item, _header(item)) for item in files]
+    for item, header in files:
+        if header.whole != files[0][1].whole or set(header.matrices) != set(files[0][1].matrices):
+            raise InputError(
+                f"{item.path}: found a file of another run than {files[0][0].path.name} has, expected the parts of one "
+                "distributed run only; keep each run in a folder of its own"
+            )
+    return files, file.path.with_name(f"{name[1]}{file.path.suffix}")
+
+
+def _read(comm, file, header):
+    """Matrices, labels and numbers of the rows of this rank, labels of removed ones, and how many dofs follow others.
+    """
     label, held, slaves = _rows(comm, file, header)
     removed = np.union1d(held, slaves)
     matrices = {}
@@ -64,25 +131,41 @@ def read_parts(path, comm):
     row = (comm.exscan(len(label)) or 0) + np.arange(len(label))
     kept = ~np.isin(row, removed)
     row = row[kept] - np.searchsorted(removed, row[kept])
-    parts = Parts(matrices, dict.fromkeys(matrices, str(path)), row_labels=(label[kept], row), removed=label[~kept])
-    found = find_nodes(path, comm)
-    if found is None:
-        parts.warnings.append(
-            f"{path}: found neither .cdb nor .rst file beside it, so the model has no nodes; write the nodes by "
-            f"CDWRITE,DB,{file.path.stem},cdb"
-        )
-    else:
-        _require_places(comm, path, found, label)
-        parts.nodes, parts.elements = found.nodes, found.elements
-        parts.files["nodes"] = found.file
-        parts.warnings.append(f"{path}: nodes taken from {found.file}")
-        turn_found(comm, parts, found)
-    if len(slaves):
-        parts.warnings.append(
-            f"{path}: {len(slaves)} dofs that follow others by constraint equations or couplings were removed; K and M "
-            "contain their part, but their own motion is not in the model, and pictures show it as zero"
-        )
-    return parts
+    return matrices, label[kept], row, label[~kept], len(slaves)
+
+
+def _joined(comm, files, found):
+    """As _read, of the sum of the parts of a distributed run. Collective. Raises InputError."""
+    names, place = number_over_ranks(comm, np.concatenate([label for _, label, *_ in found]))
+    size = comm.allreduce(len(names))
+    gone, _ = number_over_ranks(comm, np.concatenate([removed for *_, removed, _ in found]))
+    both, _ = look_up(comm, gone, [], names)
+    nodes, _ = number_over_ranks(comm, np.unique(node_and_direction(np.concatenate([names, gone]))[0]))
+    total = size + comm.allreduce(len(gone)), comm.allreduce(len(nodes))
+    with agreed(comm):
+        first, header = files[0]
+        if both.any():
+            raise InputError(
+                f"{first.path}: found {label_name(names[both][0])} removed in one part of the distributed run, but not "
+                "in another, expected the same in all; join the parts by COMBINE,FULL in /AUX2"
+            )
+        if total != header.whole:
+            raise InputError(
+                f"{first.path}: found {total[0]} rows of {total[1]} nodes in {len(files)} parts of a distributed run, "
+                f"expected {header.whole[0]} of {header.whole[1]}; put all parts into one folder"
+            )
+    numbers = np.split(place, np.cumsum([len(label) for _, label, *_ in found])[:-1])
+    matrices = {}
+    for key in header.matrices:
+        parts = []
+        for (of_part, _, row, *_), number in zip(found, numbers, strict=True):
+            item = of_part.pop(key)
+            asked = np.unique(np.concatenate([item.rows, item.columns]))
+            _, (new,) = look_up(comm, row, [number], asked)
+            parts.append((*(new[np.searchsorted(asked, end)] for end in (item.rows, item.columns)), item.values))
+        matrices[key] = Entries((size, size), *joined(parts, (np.int64, np.int64, float)))
+    row = (comm.exscan(len(names)) or 0) + np.arange(len(names))
+    return matrices, names, row, gone, sum(count for *_, count in found)
 
 
 def _require_places(comm, path, found, label):
@@ -118,10 +201,11 @@ def _header(file):
         raise file.damaged(end, f"no end of the file, though the header says so ({file.size} words),")
     if end and end < file.size and not any(-(-(end + 1) // block) * block == file.size for block in BLOCKS):
         raise file.damaged(end, f"the end of the file, but {file.size} words")
-    if len(item) > 62 and item[62]:
+    is_part = len(item) > 62 and bool(item[62])
+    if is_part and (len(item) <= 67 or item[67]):
         raise InputError(
-            f"{file.path}: found the part of one process of a distributed run, expected the whole; join the parts by "
-            "COMBINE,FULL in /AUX2, or run on one process (-smp)"
+            f"{file.path}: found the part of one process of a distributed run with constraint equations between parts "
+            "(or no word on them), expected none; join the parts by COMBINE,FULL in /AUX2, or run on one process (-smp)"
         )
     if kan != MODAL:
         what = f"a {ANALYSES.get(kan, f'kind {kan} of')} analysis"
@@ -142,7 +226,7 @@ def _header(file):
     header = Header(
         equations=int(item[1]), active=int(item[2]), nodes=int(item[6]), directions=int(item[7]), unequal=int(item[32]),
         dofs=wide(35, 36), equations_of_constraint=int(item[20]), constraints=wide(30, 31), matrices=matrices,
-        place=place,
+        place=place, whole=(int(item[61]), int(item[65])) if is_part else None,
     )  # fmt: skip
     if not 0 < header.active <= header.equations or not 0 < header.directions <= 32 or header.nodes < 1:
         raise file.damaged(STANDARD_END, "impossible numbers of equations, nodes or dofs in the header")

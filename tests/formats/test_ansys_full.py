@@ -232,6 +232,74 @@ def test_files_that_no_model_can_come_from(comm, folder, options, says):
     assert says in str(error.value) and "made.full" in str(error.value)
 
 
+PARTS = [[0, 1, 2, 3], [3, 4, 5], [5, 0, 3]]  # nodes of NODES in each part of a run
+
+
+def put_parts(comm, folder, parts, name="body{}.full", held=(), **header):
+    """Parts of a distributed run, whose matrices are principal parts of K and M; and the sums of these."""
+    K_sum, M_sum = np.zeros((2, SIZE, SIZE))
+    for k, part in enumerate(PARTS):
+        rows = (3 * np.array(part)[:, None] + np.arange(3)).ravel()
+        K_sum[np.ix_(rows, rows)] += (k + 1) * K[np.ix_(rows, rows)]
+        M_sum[np.ix_(rows, rows)] += M[np.ix_(rows, rows)]
+        if comm.rank == 0 and k in parts:
+            write_full(folder / name.format(k),
+                       {"K": (k + 1) * K[np.ix_(rows, rows)], "M": M[np.ix_(rows, rows)]}, [NODES[item] for item in part],
+                       held=np.flatnonzero(np.isin(rows, held)), **{"item61": SIZE, "item62": 1, "item65": 6} | header)  # fmt: skip
+    if comm.rank == 0:
+        write_rst(folder / "body.rst", POSITION)
+    comm.Barrier()
+    return K_sum, M_sum
+
+
+@pytest.mark.parametrize("held", [[], [9, 17, 4]])
+def test_parts_of_a_distributed_run_are_joined(comm, folder, held):
+    """Two of the nodes of which dofs are held lie in several parts."""
+    sums = put_parts(comm, folder, (0, 1, 2), held=held)
+    for name in ("body0.full", "body2.full"):
+        parts = read_parts(folder / name, comm)
+        assert any("joined the parts body0.full, body1.full, body2.full" in item for item in parts.warnings)
+        found, label = dense(comm, parts)
+        names = np.array([STRIDE * number + k for number, _ in NODES for k in range(3)])
+        order = np.argsort(names)
+        order = order[~np.isin(order, held)]
+        assert np.array_equal(label, names[order])
+        assert sorted(np.concatenate(comm.allgather(parts.removed))) == sorted(names[held])
+        for key, matrix in zip("KM", sums, strict=True):
+            assert np.allclose(found[key], matrix[np.ix_(order, order)], rtol=1e-15)
+    with load_export(folder / "body1.full", comm) as model:
+        node, position = gathered(comm, model.dofs.node, model.dofs.position)
+        place = {int(row[0]): row[1:4] for row in POSITION}
+        assert np.array_equal(position, [place[n] for n in node])
+
+
+@pytest.mark.parametrize(
+    "parts, options, says",
+    [
+        ((0, 2), {}, "those of all, but there is no body1.full beside it"),
+        ((0,), {}, "those of all, but there is no body1.full beside it"),
+        ((0, 1), {"item61": 21}, "found 18 rows of 6 nodes in 2 parts of a distributed run, expected 21 of 6"),
+        ((0, 1, 2), {"item65": 7}, "found 18 rows of 6 nodes in 3 parts of a distributed run, expected 18 of 7"),
+        ((0, 1, 2), {"item67": 1}, "with constraint equations between parts"),
+    ],
+)
+def test_parts_that_are_not_all_are_refused(comm, folder, parts, options, says):
+    put_parts(comm, folder, parts, **options)
+    with pytest.raises(InputError, match=says):
+        read_parts(folder / "body0.full", comm)
+
+
+def test_parts_that_do_not_agree_are_refused(comm, folder):
+    put_parts(comm, folder, (0, 1, 2))
+    put_parts(comm, folder, (1,), held=[9])
+    with pytest.raises(InputError, match="found 4:x removed in one part of the distributed run, but not in another"):
+        read_parts(folder / "body0.full", comm)
+    comm.Barrier()
+    put_parts(comm, folder, (1,), item61=19)
+    with pytest.raises(InputError, match="body1.full: found a file of another run than body0.full has"):
+        read_parts(folder / "body0.full", comm)
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
 def test_numbers_that_are_none(comm, folder, value):
     bad = K.copy()

@@ -262,7 +262,7 @@ def test_nwrite_of_all_sizes(comm, folder):
         (archive(PLACES).replace("N,R5.3,LOC,       -1,", ""), "no end of NBLOCK"),
         (archive(PLACES)[:-60], "no end of NBLOCK"),
         (archive(PLACES, form="(3i9,6x21.13e3)"), "found the format"),
-        (archive(PLACES, form="(3i9,5e21.13e3)"), "NBLOCK of 8 fields"),
+        (archive(PLACES, form="(3i9,7e21.13e3)"), "NBLOCK of 10 fields"),
         (archive(PLACES).replace("2.0000000000000E", "2.00000x0000000E"), "numbers in fields of 9 characters"),
         ("/PREP7\nN,R5.3,LOC,1,0,0,0\n", "found nodes as single commands"),
         ("/PREP7\nFINISH\n", "found no nodes"),
@@ -285,6 +285,51 @@ def test_angles_and_touching_numbers_of_archives(comm, folder):
     label, position, angles = gathered(comm, *found[:3])
     assert label.tolist() == [7, 8] and np.array_equal(position[0], [-1, -2, -3])
     assert np.array_equal(angles[0], [10, -20, 30]) and not angles[1].any()
+
+
+@pytest.mark.parametrize("form, end, head", [
+    ("(3i9,3e21.13)", "N, R5.3, LOC, -1,", "NBLOCK,6,SOLID"), ("(3i9,6e21.13e3)", "n,unbl,loc,  -1", "NBLOCK,6"),
+    ("(1i9,2i9,4e21.13)", "N,R5.3,LOC,       -1,", "nblock, 6 ,solid"), ("(1i27,3e21.13)", "-1", "NBLOCK,3"),
+])  # fmt: skip
+def test_blocks_of_other_forms(comm, folder, form, end, head):
+    text = archive(PLACES, form=form).replace("N,R5.3,LOC,       -1,", end)
+    start = text.index("NBLOCK")
+    text = text[:start] + head + text[text.index("\n", start) :]
+    if head == "NBLOCK,3":
+        text = text.replace(f"{0:9d}{0:9d}", "").replace("1i27", "1i9")
+    found = read_nodes(write(folder / "a.cdb", text, comm), comm)
+    label, position = gathered(comm, found.nodes.label, found.nodes.position)
+    assert dict(zip(label.tolist(), map(tuple, position.tolist()), strict=True)) == PLACES
+
+
+def test_nodes_behind_a_block_are_not_passed_over(comm, folder):
+    for command in ("N,100,1.,2.,3.\n", "N, R5.3, LOC, 100, 1., 2., 3.\n"):
+        with pytest.raises(InputError, match="found nodes as single commands"):
+            read_nodes(write(folder / "a.cdb", archive(PLACES, elements=command), comm), comm)
+        comm.Barrier()
+
+
+def test_keys_of_the_geometry_may_be_negative(comm, folder):
+    """Those of elements that belong to no volume; types may stand in an ETBLOCK."""
+    brick = element(1, 5, range(1, 9)).replace(f"{0:9d}" * 2, f"{-3:9d}{0:9d}", 1)
+    brick = brick.replace(f"{0:9d}{8:9d}", f"{-1:9d}{8:9d}")
+    many = {number: (float(number), 0.0, 0.0) for number in range(1, 9)}
+    text = archive(many, elements=f"EBLOCK,19,SOLID,{1:10d},{1:10d}\n(19i9)\n{brick}{-1:9d}\n")
+    types = f"ETBLOCK,{2:9d},{2:9d}\n(2i9,19a9)\n" + f"{1:9d}{185:9d}{0:9d}\n{2:9d}{181:9d}{0:9d}\n{-1:9d}\n"
+    for content in (text, text.replace("ET,        1,185\nET,2,181\n", types)):
+        *_, found = ansys_cdb.read(write(folder / "a.cdb", content, comm), comm)
+        assert comm.allreduce(len(found.get("hexahedron", ()))) == 1
+        comm.Barrier()
+    for good, wrong in ((f"{5:9d}{1:9d}", f"{5:9d}{-1:9d}"), (f"{5:9d}{1:9d}", f"{-5:9d}{1:9d}")):
+        damaged = text.replace(brick, brick.replace(good, wrong, 1))
+        assert damaged != text
+        with pytest.raises(InputError, match="expected numbers of nodes, of an element and its type, from 0 on"):
+            ansys_cdb.read(write(folder / "a.cdb", damaged, comm), comm)
+        comm.Barrier()
+    for wrong in (types.replace("185", "x"), types.replace(f"{-1:9d}\n", "")):
+        with pytest.raises(InputError, match="ETBLOCK"):
+            ansys_cdb.read(write(folder / "a.cdb", text.replace("ET,2,181\n", wrong), comm), comm)
+        comm.Barrier()
 
 
 SOLID = "".join(f"{item:9d}" for item in (1, 1, 1, 1, 0, 0, 0, 0))
