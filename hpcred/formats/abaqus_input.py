@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..model.elements import NODES, abaqus_kind, in_vtk_order
+from ..model.elements import NODES, abaqus_kind, abaqus_nodes_more, in_vtk_order
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, sort_over_ranks
 from .abaqus_sets import GROUP, read_sets
@@ -443,8 +443,9 @@ def _elements(comm, blocks, groups, named, calculix):
             width = NODES[kind] + 1
             middle = name.upper() == "S8R5"  # which may name the node that it has in its middle
             surplus = (calculix or middle) and _numbers_in_first_line(block) > width
+            more = 0 if calculix else abaqus_nodes_more(name)
             for piece in pieces(block.path, comm, block.start, block.stop, continued=not surplus):
-                lines = _element_lines(piece, width, surplus)
+                lines = _with_more_nodes(piece, width, more) if more else _element_lines(piece, width, surplus)
                 found.setdefault(kind, []).append(lines[:, 1:])
                 keys.setdefault(kind, []).append(GROUP * groups.index(block.group) + lines[:, 0])
                 counts[name.upper()] += len(lines)
@@ -475,6 +476,33 @@ def _numbers_in_first_line(block):
     with open(block.path, "rb") as file:
         file.seek(block.start)
         return len(first_line(file.read(4096)).replace(b",", b" ").split())
+
+
+def _with_more_nodes(piece, width, more):
+    """As _element_lines, of elements that may name up to `more` further nodes, 0 or nothing where there is none.
+
+    These stand in the same line, or below one that ends with a comma.
+    """
+    filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
+    values, counts, lines = ragged(filled, blanks=False, expected=f"{width} to {width + more} numbers an element")
+    text = without_comments(filled.text).split(b"\n")
+    goes_on = [text[line].rstrip().endswith(b",") for line in lines]
+    first, total = [], []  # of each element: its line, and how many numbers it has
+    for k, count in enumerate(counts.tolist()):
+        if first and (total[-1] < width or (goes_on[k - 1] and total[-1] + count <= width + more)):
+            total[-1] += count
+        else:
+            first.append(k)
+            total.append(count)
+    total = np.array(total, np.int64)
+    wrong = np.flatnonzero((total < width) | (total > width + more))
+    if wrong.size:
+        raise piece.refusal(lines[first[wrong[0]]], f"{width} to {width + more} numbers an element")
+    place = np.arange(len(values)) - np.repeat(np.cumsum(total) - total, total)
+    line = np.repeat(lines, counts)
+    whole(piece, values[place < width], line[place < width], "the number of an element or node", 1, LARGEST_LABEL)
+    whole(piece, values[place >= width], line[place >= width], "the number of a node", 0, LARGEST_LABEL)
+    return values[place < width].reshape(-1, width).astype(np.int64)
 
 
 def _element_lines(piece, width, surplus=False):

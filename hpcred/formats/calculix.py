@@ -1,7 +1,8 @@
 """What CalculiX writes with *FREQUENCY, SOLVER=MATRIXSTORAGE: one of its files enters, the parts of a model leave.
 
 beam.sti and beam.mas are K and M without the dofs of supports and of dependent nodes; beam.dof names node and direction
-of each row; beam.inp beside them has nodes, elements, sets, supports (*Boundary) and rigid bodies.
+of each row; beam.inp beside them has nodes, elements, sets, supports (*Boundary) and rigid bodies. Without it beam.frd
+of another run has nodes and elements.
 """
 
 import re
@@ -14,7 +15,7 @@ from ..model.dofs import SCALAR
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, repeated_key, sort_over_ranks
 from ..parallel.petsc import MPI
-from . import abaqus_input, calculix_matrices
+from . import abaqus_input, calculix_frd, calculix_matrices
 from .calculix_matrices import read_triangle, require_last_line
 from .entries import joined, label_name, label_of, node_and_direction
 from .node_table import Nodes
@@ -30,6 +31,7 @@ EXPANDED = {  # what CalculiX makes of plane elements, whose rows have names tha
     "CPS": "solids with rows of their thickness",
     "CAX": "a sector of 2 degrees with 1/180 of the mass",
 }
+FLAT = ("triangle", "triangle6", "quad", "quad8", "line", "line3")
 MOVED = {"submodel", "basemotion"}  # parameters of *Boundary that prescribe motions of other kinds
 NO_NODES = np.zeros(0, np.int64)
 SUFFIXES = {"K": ".sti", "M": ".mas", "dofs": ".dof"}
@@ -47,13 +49,15 @@ def begins_dofs(start: bytes) -> bool:
 
 
 def files_of(path) -> dict[str, str]:
-    """The files K, M, dofs and, where it is there, input of the set to which a file belongs; also packed ones."""
+    """The files K, M, dofs and, where they are there, input and results of the set to which a file belongs; also packed
+    ones."""
     path = Path(path)
     stem = path.with_suffix("") if path.suffix == ".gz" else path
     found = {}
-    for key, suffix in {**SUFFIXES, "input": ".inp"}.items():
+    for key, suffix in {**SUFFIXES, "input": ".inp", "results": ".frd"}.items():
         plain = stem.with_suffix(suffix)
-        there = [item for item in (plain, plain.with_name(plain.name + ".gz")) if item.is_file()]
+        packed = [plain.with_name(plain.name + ".gz")] * (key != "results")
+        there = [item for item in (plain, *packed) if item.is_file()]
         if there:
             found[key] = str(there[0])
     return found
@@ -87,8 +91,8 @@ def read_parts(path, comm) -> Parts:
     parts = Parts({key: triangles.pop(key).mirrored() for key in ("K", "M")}, {key: files[key] for key in ("K", "M")})
     del K, M
     try:
-        _name_rows(comm, parts, files, label, row)
-    except _Unnamed as reason:
+        name_rows(comm, parts, files, label, row)
+    except Unnamed as reason:
         parts.warnings.append(
             f"{files['dofs']}: {reason}; the rows have no names, and inputs are named by the number of their row"
         )
@@ -119,13 +123,16 @@ def read_dofs(path, comm) -> tuple[np.ndarray, np.ndarray]:
     return label, places(comm, counts)
 
 
-class _Unnamed(Exception):
+class Unnamed(Exception):
     """Why the rows cannot have names; raised on all ranks."""
 
 
-def _name_rows(comm, parts, files, label, row):
-    """Fill in nodes, elements, sets, row labels and held dofs. Raises _Unnamed where the files do not tell them."""
-    mesh = _mesh_of(comm, files, label)
+def name_rows(comm, parts, files, label, row):
+    """Fill in nodes, elements, sets, row labels and held dofs. Raises Unnamed where the files do not tell them.
+
+    `files`: dofs, input or results, and those of the parts. Collective.
+    """
+    mesh = _mesh_of(comm, parts, files, label)
     inside = _inside_elements(comm, label, mesh.counts.get(INCOMPATIBLE, 0))
     turning = _turning(comm, files, mesh, label[~inside])
     label = with_rotations(label, turning)
@@ -149,27 +156,54 @@ def _name_rows(comm, parts, files, label, row):
         )
 
 
-def _mesh_of(comm, files, label):
-    """What the input file has, for rows with these labels. Raises _Unnamed where it does not say what they are."""
+def _mesh_of(comm, parts, files, label):
+    """What the input file or results have, for rows with these labels. Raises Unnamed where it does not say what they
+    are."""
     twice = repeated_key(comm, label)
     if twice is not None:
-        raise _Unnamed(f"found {label_name(twice)} for several rows, since CalculiX makes solids of beams and shells")
+        raise Unnamed(f"found {label_name(twice)} for several rows, since CalculiX makes solids of beams and shells")
     _require_order(comm, files["dofs"], label)
     if "input" not in files:
-        stem = Path(files["dofs"]).stem
-        raise _Unnamed(f"found no input file ({stem}.inp) beside it, which would give coordinates")
+        return _mesh_of_results(comm, parts, files, label)
     mesh = abaqus_input.read(files["input"], comm, calculix=True)
     with agreed(comm):
         _require_steps(files["input"], mesh.sections)
         _refuse_local_directions(mesh.sections)
     for kind in sorted(_element_types(mesh.sections)):
         if kind[:3] in EXPANDED:
-            raise _Unnamed(f"elements of the type {kind} become {EXPANDED[kind[:3]]} in CalculiX")
+            raise Unnamed(f"elements of the type {kind} become {EXPANDED[kind[:3]]} in CalculiX")
     return mesh
 
 
+def _mesh_of_results(comm, parts, files, label):
+    """The nodes and elements of results. Raises Unnamed where the rows may be others than those of their nodes."""
+    found = calculix_frd.read(files["results"], comm) if "results" in files else None
+    if found is None:
+        stem = Path(files["dofs"]).stem
+        raise Unnamed(
+            f"found no input file ({stem}.inp) beside it, which would give coordinates"
+            + (f", and {files['results']} has no nodes" if "results" in files else f", nor results ({stem}.frd)")
+        )
+    flat = sorted(set(found.elements) & set(FLAT))
+    if flat:
+        raise Unnamed(f"elements of {files['results']} ({', '.join(flat)}) become solids in CalculiX")
+    node, _ = node_and_direction(label)
+    there, _ = look_up(comm, found.nodes.label, [], node)
+    if other := sum(comm.allgather(np.unique(node[~there])[:1].tolist()), []):
+        raise Unnamed(
+            f"the node {min(other)} is not in {files['results']}, as those of rigid bodies and couplings, whose "
+            "directions only the input file tells"
+        )
+    parts.warnings += found.said(files["results"])
+    parts.warnings.append(
+        f"{files['results']}: nodes and elements are those of this file; supports and sets of nodes only the input "
+        "file tells"
+    )
+    return abaqus_input.Mesh(found.nodes, found.elements, {}, [], {})
+
+
 def _turning(comm, files, mesh, label):
-    """The REF node by ROT node of all rigid bodies whose rows have these labels. Raises _Unnamed where rows are those
+    """The REF node by ROT node of all rigid bodies whose rows have these labels. Raises Unnamed where rows are those
     of other nodes that CalculiX made."""
     turning, without = rigid_bodies(mesh.sections)
     node, _ = node_and_direction(label)
@@ -185,7 +219,7 @@ def _turning(comm, files, mesh, label):
         # CalculiX makes a ROT node for each *Rigid Body without one and each *Kinematic, with ascending numbers
         turning |= dict(zip(made, without, strict=True))
     elif made:
-        raise _Unnamed(
+        raise Unnamed(
             f"the node {made[0]} is not in {files['input']}, since CalculiX made it (give *Rigid Body a REF NODE and a "
             "ROT NODE of the input file, and each *Coupling with *Kinematic a REF NODE of its own)"
         )

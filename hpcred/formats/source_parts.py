@@ -3,8 +3,19 @@
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
-from ..parallel.lookup import look_up, sort_over_ranks
-from . import abaqus_input, abaqus_matrices, ansys_lists, ansys_nodes, matrix_market, nastran, node_table, uff
+from ..parallel.lookup import look_up, repeated_key, sort_over_ranks
+from . import (
+    abaqus_input,
+    abaqus_matrices,
+    ansys_lists,
+    ansys_nodes,
+    calculix,
+    calculix_frd,
+    matrix_market,
+    nastran,
+    node_table,
+    uff,
+)
 from .abaqus_matrices import files_beside
 from .entries import LARGEST_VALUE, Entries, LabelledEntries, label_name, label_of, node_and_direction, require_sane
 from .matrix_formats import format_of, read_entries
@@ -29,6 +40,8 @@ def read_source(source: Source, comm) -> Parts:
     with agreed(comm):
         for path in dict.fromkeys(files.values()):
             parts.warnings += doubts_of_end(path) if format_of(path).module in OF_LINES else []
+    if _name_rows_of_calculix(comm, parts, source):
+        return parts
     is_input_file, turned, points = False, None, None
     if source.nodes:
         with agreed(comm):
@@ -41,6 +54,8 @@ def read_source(source: Source, comm) -> Parts:
         elif is_input_file:
             mesh = abaqus_input.read(source.nodes, comm)
             parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
+        elif calculix_frd.begins(start):
+            _read_results(comm, parts, source.nodes)
         elif ansys_nodes.begins(start):
             turned = ansys_nodes.read_nodes(source.nodes, comm)
             parts.nodes, parts.elements = turned.nodes, turned.elements
@@ -53,14 +68,9 @@ def read_source(source: Source, comm) -> Parts:
             first_bytes(source.dofs)
             if not source.nodes:
                 raise InputError(f"{source.dofs}: found the nodes of the rows, but no coordinates; give --nodes")
-            for key, item in parts.matrices.items():
-                if isinstance(item, LabelledEntries):
-                    raise InputError(f"{source.dofs}: not needed, since {files[key]} names node and dof of its rows")
-        size = parts.matrices["K"].shape[0]
-        parts.row_labels = _read_row_labels(source.dofs, comm, size)
-        total = comm.allreduce(len(parts.row_labels[0]))
-        if total != size:
-            raise InputError(f"{source.dofs}: found {total} lines, expected one for each of the {size} rows")
+            _require_numbered(parts, source)
+        parts.row_labels = _read_row_labels(source.dofs, comm, parts.matrices["K"].shape[0])
+        _require_rows(comm, parts, source, parts.row_labels[0])
         if not is_input_file:
             _hold_nodes_without_rows(comm, parts, source)
         if turned is not None:
@@ -72,6 +82,50 @@ def read_source(source: Source, comm) -> Parts:
     if points is not None:
         nastran.turn_rows(comm, parts, points, source.nodes)
     return parts
+
+
+def _name_rows_of_calculix(comm, parts, source) -> bool:
+    """Name the rows by a .dof file and an input file or results of CalculiX, as it reads them; False for others."""
+    with agreed(comm):
+        if not (source.dofs and source.nodes and calculix.begins_dofs(first_bytes(source.dofs))):
+            return False
+        start = first_bytes(source.nodes)
+        kind = "input" if abaqus_input.begins(start) else "results" if calculix_frd.begins(start) else None
+    if kind is None:
+        return False
+    with agreed(comm):
+        _require_numbered(parts, source)
+    label, row = calculix.read_dofs(source.dofs, comm)
+    _require_rows(comm, parts, source, label)
+    try:
+        calculix.name_rows(comm, parts, {"dofs": source.dofs, kind: source.nodes, **parts.files}, label, row)
+    except calculix.Unnamed as reason:
+        raise InputError(f"{source.dofs}: {reason}; the rows cannot be named: leave out --dofs and --nodes") from reason
+    return True
+
+
+def _read_results(comm, parts, path):
+    """Nodes and elements of results of CalculiX."""
+    found = calculix_frd.read(path, comm)
+    if found is None:
+        raise InputError(f"{path}: found results of CalculiX without nodes, as a run that only writes matrices leaves "
+                         "them; give those of another run of the same mesh, or the input file")  # fmt: skip
+    parts.nodes, parts.elements = found.nodes, found.elements
+    parts.warnings += found.said(path)
+
+
+def _require_numbered(parts, source):
+    """Raise InputError where matrices name their rows themselves."""
+    for key, item in parts.matrices.items():
+        if isinstance(item, LabelledEntries):
+            raise InputError(f"{source.dofs}: not needed, since {parts.files[key]} names node and dof of its rows")
+
+
+def _require_rows(comm, parts, source, label):
+    """Raise InputError where a list has not one line for each row; `label`: those of this rank."""
+    size, total = parts.matrices["K"].shape[0], comm.allreduce(len(label))
+    if total != size:
+        raise InputError(f"{source.dofs}: found {total} lines, expected one for each of the {size} rows")
 
 
 def _remove_supports(comm, parts):
@@ -136,4 +190,11 @@ def _read_row_labels(path, comm, size):
         return ansys_lists.read_mapping(path, comm)
     if ansys_lists.begins_vector(start):
         return ansys_lists.read_vector(path, comm, size)
+    if calculix.begins_dofs(start):
+        label, row = calculix.read_dofs(path, comm)
+        twice = repeated_key(comm, label)
+        if twice is not None:
+            raise InputError(f"{path}: found two rows of {label_name(twice)}, since CalculiX makes solids of beams and "
+                             "shells; such rows cannot be named: leave out --dofs and --nodes")  # fmt: skip
+        return label, row
     return node_table.read_row_labels(path, comm)

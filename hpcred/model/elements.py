@@ -64,6 +64,15 @@ def abaqus_kind(name: str) -> str | None:
     return ABAQUS[max(fitting, key=len)] if fitting else None
 
 
+def abaqus_nodes_more(name: str) -> int:
+    """How many nodes an Abaqus element type may name behind those of its kind: beams in space one for the direction of
+    their section, C3D15V those in the middle of its sides."""
+    letters = name.upper()
+    if letters.startswith("C3D15V"):
+        return 3
+    return int(letters.startswith(("B31", "B32", "B33")))
+
+
 def edges(kind: str) -> list[tuple[int, int]]:
     """Pairs of places in the list of an element's nodes; straight edges of the corners for curved kinds."""
     return EDGES.get(kind) or EDGES[kind.rstrip("0123456789")]

@@ -191,9 +191,9 @@ def test_a_system_of_a_part_goes_with_its_instances(comm, folder):
         ("*Node\n1, 1.\n*Element, type=B31 elset=E\n1, 1, 1\n", r"line 3: found type=B31 elset=E, expected the type"),
         ("*Node\n1, 1.\n*Nset\x0c, nset=a\n1\n", r"line 3: found '\*Nset.*, expected a keyword without control"),
         ("\n", "found no nodes"),
-        ("*Node\n1, 1.\n*Element, type=B31\n1, 1\n", "line 4: found '1, 1', expected 3 numbers an element"),
-        ("*Node\n1, 1.\n*Element, type=B31\n1, 1, 2, 3\n2, 1\n", "expected 3 numbers an element"),
-        ("*Node\n1, 1.\n*Element, type=B31\n1, 1, 1, 2, 1, 1\n", "line 4: .* expected 3 numbers an element"),
+        ("*Node\n1, 1.\n*Element, type=B31\n1, 1\n", "line 4: found '1, 1', expected 3 to 4 numbers an element"),
+        ("*Node\n1, 1.\n*Element, type=B31\n1, 1, 2, 3\n2, 1\n", "expected 3 to 4 numbers an element"),
+        ("*Node\n1, 1.\n*Element, type=B31\n1, 1, 1, 2, 1, 1\n", "line 4: .* expected 3 to 4 numbers an element"),
         ("*Node\n1, 1.\n*Element, type=B31\n1, 1, -2\n", "line 4: .* expected the number of an element or node"),
     ],
 )
@@ -292,6 +292,37 @@ def test_elements_of_several_lines(comm, folder, monkeypatch):
     elements = read(write(folder / "a.inp", text + "*Element, type=XYZ\n1, 2\n*Step\n", comm), comm).elements
     (found,) = gathered(comm, elements["hexahedron20"])
     assert np.array_equal(found, np.tile(numbers, (7, 1))) and set(elements) == {"hexahedron20"}
+
+
+@pytest.mark.parametrize("piece", [10, 2**19])
+@pytest.mark.parametrize("name, kind, width, more", [
+    ("B31", "line", 2, [[], [9]]), ("B31OS", "line", 2, [[9], [8]]), ("b31h", "line", 2, [[0], []]),
+    ("B32", "line3", 3, [[9], []]), ("B32OS", "line3", 3, [["", ], [9]]), ("B33", "line", 2, [[9], [9]]),
+    ("C3D15V", "wedge15", 15, [[16, 17, 18], [], [16, "", 18], [16]]),
+])  # fmt: skip
+def test_nodes_that_give_a_direction_or_lie_on_a_side(comm, folder, monkeypatch, piece, name, kind, width, more):
+    """These do not count; lines are wrapped behind sixteen numbers, and may all end with a comma."""
+    monkeypatch.setattr("hpcred.formats.text.PIECE", piece)
+    numbers = [*range(1, width + 1)]
+    lines = [[k, *(n + k for n in numbers), *extra] for k, extra in enumerate(3 * more, 1)]
+    nodes = "*Node\n" + "".join(f"{n}, {n}.\n" for n in range(1, 40)) + f"*Element, type={name}, elset=E\n"
+    expected = np.array([[n + k for n in numbers] for k in range(1, len(lines) + 1)])
+    expected = expected[:, [0, 2, 1]] if kind == "line3" else expected
+    for end in ("\n", ",\n"):
+        parts = [[", ".join(map(str, line[low : low + 16])) for low in range(0, len(line), 16)] for line in lines]
+        text = "".join(",\n".join(part) + end for part in parts)
+        mesh = read(write(folder / "a.inp", nodes + text, comm), comm)
+        (found,) = gathered(comm, mesh.elements[kind])
+        assert np.array_equal(found, expected)
+        assert 38 not in np.concatenate(comm.allgather(mesh.sets["elements of E"]))
+        comm.Barrier()
+    most = width + 1 + (3 if width == 15 else 1)
+    for few in (numbers[:-1], range(1, width + 5)):
+        with pytest.raises(InputError, match=f"expected {width + 1} to {most} numbers an element"):
+            read(write(folder / "a.inp", f"{nodes}1, {', '.join(map(str, few))}\n", comm), comm)
+        comm.Barrier()
+    with pytest.raises(InputError, match="the number of an element or node as a whole number of 1 to"):
+        read(write(folder / "a.inp", f"{nodes}1, 0, {', '.join(map(str, numbers[1:]))}\n", comm), comm)
 
 
 SETS = """*Part, name=rod

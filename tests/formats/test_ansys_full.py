@@ -240,12 +240,13 @@ def put_parts(comm, folder, parts, name="body{}.full", held=(), **header):
     K_sum, M_sum = np.zeros((2, SIZE, SIZE))
     for k, part in enumerate(PARTS):
         rows = (3 * np.array(part)[:, None] + np.arange(3)).ravel()
-        K_sum[np.ix_(rows, rows)] += (k + 1) * K[np.ix_(rows, rows)]
-        M_sum[np.ix_(rows, rows)] += M[np.ix_(rows, rows)]
+        at, nodes = np.ix_(rows, rows), [NODES[item] for item in part]
+        K_sum[at] += (k + 1) * K[at]
+        M_sum[at] += M[at]
         if comm.rank == 0 and k in parts:
-            write_full(folder / name.format(k),
-                       {"K": (k + 1) * K[np.ix_(rows, rows)], "M": M[np.ix_(rows, rows)]}, [NODES[item] for item in part],
-                       held=np.flatnonzero(np.isin(rows, held)), **{"item61": SIZE, "item62": 1, "item65": 6} | header)  # fmt: skip
+            items = {"item61": SIZE, "item62": 1, "item65": 6} | header
+            held_here = np.flatnonzero(np.isin(rows, held))
+            write_full(folder / name.format(k), {"K": (k + 1) * K[at], "M": M[at]}, nodes, held=held_here, **items)
     if comm.rank == 0:
         write_rst(folder / "body.rst", POSITION)
     comm.Barrier()
