@@ -43,7 +43,8 @@ def short(text):
         if line[:3] == b" -2":
             nodes += line[3:].split()
             continue
-        lines += [b" -2" + b"".join(b"%5s" % node for node in nodes[low : low + 15]) for low in range(0, len(nodes), 15)]
+        rows = [nodes[low : low + 15] for low in range(0, len(nodes), 15)]
+        lines += [b" -2" + b"".join(b"%5s" % node for node in row) for row in rows]
         nodes = []
         lines.append(line[:-1] + b"0" if line[5:6] == b"C" else line[:3] + line[8:] if line[:3] == b" -1" else line)
     return head + b"\n".join(lines) + b"\n" + text[text.index(b"    1PSTEP") :]
