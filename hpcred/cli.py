@@ -115,7 +115,7 @@ def convert(
     damping: Annotated[str | None, typer.Option("-D", "--damping", help="Matrix file of D.")] = None,
     input_file: Annotated[str | None, typer.Option("-B", help="Matrix file of B (n, p).")] = None,
     output_file: Annotated[str | None, typer.Option("-C", help="Matrix file of C (r, n).")] = None,
-    nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or .inp, .bdf, .unv.")] = None,
+    nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or .inp, .bdf, .unv, .cdb, .frd.")] = None,
     dofs: Annotated[str | None, typer.Option(help="Lines of node, direction (1-6), one a row.")] = None,
     inputs: Inputs = None,
     outputs: Outputs = None,

@@ -9,8 +9,9 @@ from .toml_file import check_file_names
 class Source:
     """The files of a model: K and M, perhaps D, B (n, p), C (r, n), `nodes` and `dofs`.
 
-    `nodes`: an Abaqus or Nastran input file, a universal file, or text lines of node, x, y, z in the order of the
-    rows. `dofs`: text lines of node, direction (1 to 6), one a row of the matrices; without it every node has the same
+    `nodes`: an input file of Abaqus, CalculiX or Nastran, results of CalculiX (.frd), nodes of ANSYS, a universal file,
+    or text lines of node, x, y, z in the order of the rows. `dofs`: text lines of node, direction (1 to 6), one a row
+    of the matrices, or what ANSYS (.mapping) or CalculiX (.dof) writes; without it every node has the same
     number of dofs (1 to 3 displacements, or 6), unless the matrices name their rows themselves. `variables`: names by
     K, M, D, B, C of matrices in files that hold several.
     """
