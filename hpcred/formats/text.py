@@ -25,6 +25,7 @@ SCIPY_HAS_IT = tuple(map(int, scipy.__version__.split(".")[:2])) >= (1, 12)  # b
 
 PIECE = 2**19  # bytes of text parsed at a time: what is copied on the way stays in the cache
 LONGEST_LINE = 2**26  # bytes; a small gzip file may hold one of any length
+ENOUGH = 2**10  # bytes in front of a line that show how the line above ends
 BLOCK = 2**16  # bytes looked at in one step of numpy: four times as fast as the whole piece
 COMMENT = re.compile(rb"(?m)^[ \t]*(?:%|#|\*\*).*$")
 CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")  # characters that are neither signs nor blanks
@@ -162,11 +163,10 @@ def pieces(path, comm, start=0, stop: int | None = None, continued=False):
         high = start + (stop - start) * (comm.rank + 1) // comm.size
         if low > start:
             file.seek(low - 1)
-            line = file.readline()  # the rest of the line that began before
-            low += len(line) - 1
-            while continued and line.rstrip().endswith(b","):
-                line = file.readline()
-                low += len(line)
+            low += len(file.readline()) - 1  # the rest of the line that began before
+            while continued and low < stop and _goes_on(file, start, low):
+                file.seek(low)
+                low += len(file.readline())
         file.seek(low)
         first = low
         while low < high:
@@ -177,6 +177,12 @@ def pieces(path, comm, start=0, stop: int | None = None, continued=False):
                 text += file.readline()
             yield Piece(path, text, low, min((low + len(text) - first) / (high - first), 1.0))
             low += len(text)
+
+
+def _goes_on(file, start, low):
+    """Whether the text in front of the byte `low`, where a line begins, ends with a comma."""
+    file.seek(max(low - ENOUGH, start))
+    return file.read(low - file.tell()).rstrip().endswith(b",")
 
 
 def records(path, comm, start, stop, first: re.Pattern):

@@ -88,18 +88,20 @@ def cdb(text: bytes):
         name = words[0].upper()
         at += 1
         if name not in (b"NBLOCK", b"EBLOCK") or (name == b"EBLOCK" and words[1:3] != [b"19", b"SOLID"]):
-            require(not re.match(rb"[ \t]*N,R5\.\d,LOC[ \t]*,(?![ \t]*-1)", lines[at - 1].upper()), "nodes one by one")
+            words = b",".join(words).upper()
+            require(not re.match(rb"N,(?:R5\.\d,LOC,(?!-1)|\d)", words), "nodes one by one")
             continue
         require(at < len(lines), "no format")
         form = lines[at].replace(b" ", b"").strip()
-        match = re.fullmatch(rb"\((\d*)[iI](\d+)(?:,(\d*)[eE](\d+)\.(\d+)(?:[eE]\d+)?)?\)", form)
+        match = re.fullmatch(rb"\((\d*)[iI](\d+)(?:,(\d*)[eEdDfFgG](\d+)\.(\d+)(?:[eE]\d+)?)?\)", form)
         require(match, "no format")
         wholes, width, reals, wide = (int(item or 1) for item in match.group(1, 2, 3, 4))
         form = words[1], wholes, reals if match[4] else 0
-        require(form in ((b"6", 3, 6), (b"3", 1, 3), (b"19", 19, 0)), "no block of nodes or elements")
+        of_nodes = form[:2] in ((b"6", 3), (b"3", 1)) and 3 <= form[2] <= 6
+        require(of_nodes or form == (b"19", 19, 0), "no block of nodes or elements")
         widths = [width] * wholes + [wide] * form[2]
         block, at = [], at + 1
-        while at < len(lines) and not re.match(rb"\s*-1\s*$|N,(R5\.\d|UNBL),LOC,\s*-1", lines[at].upper()):
+        while at < len(lines) and not re.match(rb"-1$|N,(R5\.\d|UNBL),LOC,-1", re.sub(rb"\s", b"", lines[at]).upper()):
             line = plain(lines[at])
             at += 1
             if line.strip():
@@ -111,9 +113,8 @@ def cdb(text: bytes):
             if len(counts) == 2:
                 require(int(counts[-1]) == len(block), "another number of nodes")
             for row in block:
-                angles = row[6:] if len(row) == 9 else []
-                require(not any(angles), "axes of their own")
-                place = row[3:6] if len(row) == 9 else row[1:]
+                require(not any(row[wholes + 3 :]), "axes of their own")
+                place = row[wholes : wholes + 3]
                 require(1 <= row[0] <= LARGEST_LABEL, "no node number")
                 found.append((int(row[0]), tuple(place)))
     return placed(sorted(found))

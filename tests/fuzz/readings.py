@@ -256,7 +256,8 @@ def bulk_fields(line: bytes, strict=True) -> tuple[bytes, list[bytes]]:
 
 def dmig(text: bytes, name: bytes):
     """Entries by label of one matrix on DMIG cards; direction 0 of a scalar point is 7."""
-    require(text.endswith(b"\n") or text.upper().rstrip().endswith(b"\nENDDATA"), "a last line without end")
+    ended = re.search(rb"(?mi)^[ \t]*ENDDATA[\s,]*(?:\s[0-9a-f]{8})?[ \t\r]*(?:\$.*)?$", text)
+    require(text.endswith(b"\n") or ended, "a last line without end")
     cards = []
     for line in text.upper().split(b"\n"):
         line = plain(line)
