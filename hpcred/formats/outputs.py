@@ -112,9 +112,9 @@ def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int =
     of all. Raises InputError, or ComputationError where there is no room.
     """
     outputs = {path: kind for path, kind in outputs.items() if path is not None}
-    replaced, locks = [], [lock_name(Path(os.path.realpath(path))) for path in outputs]
     for path in outputs:
         check_writable(path, comm)
+    replaced, locks = [], [lock_name(Path(os.path.realpath(path))) for path in outputs]
     with agreed(comm):
         if comm.rank == 0:
             for number, (path, kind) in enumerate(outputs.items()):
