@@ -6,6 +6,7 @@ from contextlib import closing
 
 import numpy as np
 
+from ..model.definiteness import doubts_of_definiteness
 from ..model.digits import digits_of
 from ..model.dofs import DIRECTIONS, SCALAR
 from ..model.rigid_body_modes import (
@@ -15,7 +16,7 @@ from ..model.rigid_body_modes import (
     rigid_body_quantities,
     rigid_body_residuals,
 )
-from ..model.second_order_model import SYMMETRIC_TO, require_model
+from ..model.second_order_model import SYMMETRIC_TO, massless, require_model
 from ..model.units import SI, UNITS, Units, units_of
 from ..parallel.petsc import MPI
 
@@ -91,24 +92,13 @@ def _on_symmetry(model):
 
 
 def _on_signs(model):
-    found = []
-    with closing(_Diagonal(model.K)) as K, closing(_Diagonal(model.M)) as M:
-        size = model.comm.allreduce(int((K.values > 0).sum()))
-        negative = model.comm.allreduce(int((K.values < 0).sum()))
-        massless = model.comm.allreduce(int((M.values == 0).sum()))
-    if negative > size:
-        found.append(
-            f"{model.name}: K has {negative} negative and {size} positive diagonal entries; is its sign turned round? "
-            "Expected M q'' + D q' + K q = B u"
-        )
-    elif negative:
-        found.append(f"{model.name}: K has {negative} negative diagonal entries, so that it is not a stable body's")
+    found = doubts_of_definiteness(model)
     if model.D is not None:
         with closing(_Diagonal(model.D)) as D:
             if model.comm.allreduce(float(D.values.sum())) < 0:
-                found.append(f"{model.name}: D has a negative trace; is its sign turned round?")
-    if massless:
-        found.append(f"{model.name}: {massless} rows have no mass on the diagonal of M, which is singular")
+                found.append(f"{model.name}: D has a negative trace, -D? Expected M q'' + D q' + K q = B u")
+    if count := massless(model):
+        found.append(f"{model.name}: {count} rows have no mass on the diagonal of M, which is singular")
     return found
 
 

@@ -11,6 +11,7 @@ from ..linalg.free_motions import check_free_motions
 from ..linalg.refinement import REFINE_ABOVE
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
 from ..model.damping import Damping, ModalDamping, caughey_terms, loss_factor_of
+from ..model.definiteness import check_definite
 from ..model.frames import Frame, apply_frame
 from ..model.scales import scaled, scales_of, unscaled
 from ..model.second_order_model import SecondOrderModel, require_inputs, require_model
@@ -65,6 +66,7 @@ def frequency_response(
     groups = declared("groups", groups, int | None) or (model.comm.size if model.size <= SMALL else 1)
     if not 1 <= groups <= model.comm.size:
         raise InputError(f"groups: found {groups}, expected 1 to {model.comm.size}, the number of ranks")
+    check_definite(model)
     require_inputs(model)
     with Owned(model.comm) as owned:
         framed = owned.owns(apply_frame(model, frame, damping))

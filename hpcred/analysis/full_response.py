@@ -264,7 +264,8 @@ def _evaluate(search, reason, frequencies, models):
     """Response and estimated error at the frequencies, and the accuracy over the band."""
     outer, law = models.pair.outer, models.law
     if law == Law() and outer.D is None:
-        gap = np.abs(frequencies[:, None] ** 2 - outer.frequencies**2).min(axis=1, initial=np.inf)
+        squares = outer.squares / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
+        gap = np.abs(frequencies[:, None] ** 2 - squares).min(axis=1, initial=np.inf)
         poles = frequencies[gap <= POLE * frequencies**2]
         if len(poles):
             raise InputError(f"frequency {poles[0]:.10g} Hz is a pole of the full model; leave it out or add damping")

@@ -11,6 +11,7 @@ from ..linalg.blocks import apply, create_block, inner
 from ..linalg.factorisation import Factoring, SingularMatrix
 from ..linalg.free_motions import ZERO
 from ..linalg.refinement import IllConditioned
+from ..model.definiteness import check_definite, doubts_of_definiteness, growing
 from ..model.digits import doubts_of_digits
 from ..model.frames import Buckens, Frame, NoFrame, apply_frame
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities, rigid_motions
@@ -70,6 +71,9 @@ def natural_modes(
     if declared("count", count, int) < 1:
         raise InputError(f"modes: found the number {count}, expected at least 1")
     check_symmetric(model)
+    check_definite(model)
+    if doubts := doubts_of_definiteness(model):
+        raise InputError(f"{doubts[0]}, which have no natural frequency")
     progress = progress or Progress(model.comm, show=False)
     with Owned(model.comm) as owned:
         framed = owned.owns(apply_frame(model, frame or _frame_of(model)))
@@ -93,6 +97,8 @@ def natural_modes(
                         "them"
                     ) from error
             owned.owns(block)
+        if unstable := growing(model, values):
+            raise InputError(f"{unstable}, which have no natural frequency")
         still = values <= ZERO * framed.model.mean_eigenvalue
         residual = float(residuals(run, values, block)[~still].max(initial=0.0))
         found = [framed.rigid.R] if rigid else []

@@ -7,6 +7,7 @@ import numpy as np
 from ..linalg.factorisation import Factoring, Factorisation, SingularMatrix
 from ..linalg.free_motions import ZERO
 from ..linalg.solvers import ShiftedSolver
+from ..model.definiteness import check_definite, doubts_of_definiteness
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
 from ..model.second_order_model import require_model
 from ..parallel.declared import declared
@@ -47,13 +48,18 @@ def inspect(
         report["converted_from"] = model.converted_from
     if sets := model.set_sizes:
         report["sets"] = sets
+    doubts = doubts_of_definiteness(model)
+    if report["mass_matrix"] == "indefinite" and not any("M is" in sentence for sentence in doubts):
+        doubts.append(f"{model.name}: M is indefinite by the inertia of its factor, which no mass matrix is")
+    if frequencies or band_top or modes is not None:
+        check_definite(model)
     first, rounded = None, ()
     if modes is not None:
         with closing(natural_modes(model, min(modes, model.size), factoring=factoring, progress=progress)) as found:
             report["lowest_frequencies_hz"] = found.frequencies.tolist()
             rounded = found.doubts
             first = next(iter(found.frequencies[found.rigid :].tolist()), None)
-    rigid_count, warnings = None, list(model.remarks)
+    rigid_count, warnings = None, [*doubts, *model.remarks]
     if model.dofs is not None:
         body = rigid_body_quantities(model)
         with closing(RigidBodyModes(model)) as rigid:

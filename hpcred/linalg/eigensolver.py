@@ -1,5 +1,7 @@
 """Eigenproblems by SLEPc: modes of (K, M) in a band, the lowest modes, and the small dense problem."""
 
+from contextlib import suppress
+
 import numpy as np
 
 from ..parallel import startup
@@ -41,9 +43,9 @@ def modes_in_interval(K, M, low, high, settings):
                 eps.solve()
             break
         except PETSc.Error as error:
-            eps.destroy()
+            _give_up(eps)
             if attempt == 3:
-                raise ComputationError(f"spectrum slicing failed: {str(error).splitlines()[-1]}") from error
+                raise _failed("spectrum slicing", error) from error
     inertias = eps.getKrylovSchurInertias()[1]
     expected = int(max(inertias) - min(inertias)) if len(inertias) else eps.getConverged()
     found = eps.getConverged()
@@ -77,7 +79,11 @@ def lowest_modes(K, M, count, most, solve, monitor=None):
     if monitor is not None:
         eps.setMonitor(lambda _eps, _iteration, converged, *_: monitor(min(converged, count)))
     eps.setFromOptions()
-    eps.solve()
+    try:
+        eps.solve()
+    except PETSc.Error as error:
+        _give_up(eps)
+        raise _failed("SLEPc", error) from error
     if inverse.error is not None:
         eps.destroy()
         raise inverse.error
@@ -86,6 +92,16 @@ def lowest_modes(K, M, count, most, solve, monitor=None):
         eps.destroy()
         raise ComputationError(f"SLEPc found only {found} of the {count} modes asked for")
     return _pairs(eps, K, count)
+
+
+def _give_up(eps):
+    """Free what can be freed of a solver that an error left in pieces."""
+    with suppress(PETSc.Error):
+        eps.destroy()
+
+
+def _failed(what, error) -> ComputationError:
+    return ComputationError(f"{what} failed: {str(error).splitlines()[-1]}; is M positive semidefinite?")
 
 
 class _Inverse:

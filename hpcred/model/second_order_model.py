@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..linalg.blocks import dense_matrix
 from ..linalg.csr import compress
+from ..linalg.definiteness import extreme_quotients
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
@@ -127,7 +128,8 @@ class SecondOrderModel:
         kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
         other = replace(self, **kept, **changed)
-        for known, shared in ((self._digests, other._digests), (self._defects, other._defects)):
+        for name in ("_digests", "_defects", "_signs"):
+            known, shared = getattr(self, name), getattr(other, name)
             shared.update({key: value for key, value in known.items() if key not in changed})
         return other
 
@@ -185,6 +187,12 @@ class SecondOrderModel:
                 self._defects[key] = symmetry_defect(mat)
         return {key: self._defects[key] for key in self.matrices}
 
+    def extreme_quotients(self, key: str) -> tuple[float, float]:
+        """The smallest and the largest x^T A x / x^T |D| x of K or M that is found; see there. Collective."""
+        if key not in self._signs:
+            self._signs[key] = extreme_quotients(self.matrices[key])
+        return self._signs[key]
+
     @property
     def symmetric(self) -> bool:
         return all(defect <= SYMMETRIC_TO for defect in self.symmetry_defects.values())
@@ -195,6 +203,10 @@ class SecondOrderModel:
 
     @cached_property
     def _defects(self):
+        return {}
+
+    @cached_property
+    def _signs(self):
         return {}
 
     def digest_of(self, key: str) -> str | None:

@@ -12,6 +12,7 @@ from ..linalg.basis import Basis
 from ..linalg.blocks import apply, copy_of, create_block
 from ..linalg.factorisation import DoesNotFit, Factoring
 from ..model.damping import Damping, ModalDamping, NoDamping, doubts_of_damping, loss_factor_of
+from ..model.definiteness import check_definite, doubts_of_definiteness, growing
 from ..model.digits import doubts_of_digits
 from ..model.frames import Buckens, Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.interfaces import doubts_of_interfaces
@@ -260,8 +261,9 @@ def doubts_of_band(model, adaptive) -> tuple[str, ...]:
 
 
 def check_model(model):
-    """Refuse a model that cannot be reduced: an unsymmetric M or K, no inputs."""
+    """Refuse a model that cannot be reduced: an unsymmetric M or K, one of the other sign, no inputs."""
     check_symmetric(model)
+    check_definite(model)
     require_inputs(model)
 
 
@@ -277,8 +279,9 @@ def check_symmetric(model):
 
 def warnings_of(model, frame) -> tuple[str, ...]:
     """What is doubtful of the model; refused where the frame depends on it."""
+    signs = tuple(doubts_of_definiteness(model))
     if model.dofs is None:
-        return ()
+        return signs
     exchanged = exchange_of_matrices(model)
     doubts = (exchanged,) if exchanged else tuple(doubts_of_nodes(model))  # all else follows from it
     if doubts and isinstance(frame, Buckens):
@@ -288,7 +291,7 @@ def warnings_of(model, frame) -> tuple[str, ...]:
             f"frame: {model.name} counts as free, but K resists translations by up to {soft:.1e} of its diagonal: soft "
             "springs to the ground, which the Buckens frame leaves out, have to be put into the multibody model",
         )
-    return (*doubts, *doubts_of_interfaces(model))
+    return (*signs, *doubts, *doubts_of_interfaces(model))
 
 
 def _kept_columns(vectors, run, adaptive, settings) -> range:
@@ -375,6 +378,8 @@ def _project(model, framed, vectors, run, settings):
         )
     columns = vectors.columns
     run.remarks += doubts_of_digits(model, full.K, squares, columns)
+    if not doubts_of_definiteness(model) and (unstable := growing(model, squares)):
+        run.remarks.append(unstable)
     small = {"M": mass, "K": np.diag(squares)}
     if "D" in full.matrices:
         small["D"] = project(full.matrices["D"], columns)

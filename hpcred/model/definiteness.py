@@ -1,0 +1,74 @@
+"""Refuse models whose K or M is not that of a body: of the other sign, or indefinite. All functions are collective."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..parallel.failures import InputError
+from .digits import digits_of
+from .second_order_model import SYMMETRIC_TO
+
+ROUND_OFF = 1e-7  # of x^T |D| x, D the diagonal: less than this below zero the digits of files may be
+ZERO = 1e-10  # of trace(K) / trace(M): eigenvalues that may be round-off
+UNSTABLE = "as of a body beyond buckling or in fast rotation, or of a damaged file: some motions grow"
+EXPECTED = "expected M q'' + D q' + K q = B u"
+
+
+def check_definite(model):
+    """Raise InputError for a K of the other sign and for an M that is not positive semidefinite."""
+    low, high = _signs(model, "K")
+    for sentence in (_of_stiffness(model) if low < 0 and not high else None, _of_mass(model)):
+        if sentence:
+            raise InputError(sentence)
+
+
+def doubts_of_definiteness(model) -> list[str]:
+    """Sentences on K and M where one of them has the other sign, or is indefinite."""
+    return [sentence for sentence in (_of_stiffness(model), _of_mass(model)) if sentence]
+
+
+def growing(model, squares: np.ndarray) -> str | None:
+    """A sentence where one of these eigenvalues omega^2 of (K, M), in (rad/s)^2, is below zero, by more than round-off
+    and the digits of K explain."""
+    digits = digits_of(model.K)
+    zero = max(ZERO, 10.0 ** (2 - digits) if digits else 0.0) * abs(model.mean_eigenvalue)
+    lowest = float(np.min(squares, initial=0.0))
+    if lowest >= -zero:
+        return None
+    count = int((squares < -zero).sum())
+    return (
+        f"{model.name}: found {count} negative eigenvalue{'s' * (count > 1)} omega^2 of K and M, the lowest "
+        f"-({np.sqrt(-lowest) / 2 / np.pi:.4g} Hz)^2: K is indefinite, {UNSTABLE}"
+    )
+
+
+def _signs(model, key):
+    """Lowest and highest quotient, those of round-off as zero; nothing is said of unsymmetric matrices."""
+    if model.symmetry_defects[key] > SYMMETRIC_TO:
+        return 0.0, 1.0
+    low, high = model.extreme_quotients(key)
+    size = ROUND_OFF * max(-low, high)
+    return (low if low < -size else 0.0), (high if high > size else 0.0)
+
+
+def _of_stiffness(model) -> str | None:
+    low, high = _signs(model, "K")
+    if low < 0 and not high:
+        return f"{model.name}: K is negative definite, -K? {EXPECTED}, where K resists; multiply K by -1"
+    if low < 0:
+        return (
+            f"{model.name}: K is indefinite (x^T K x down to {low:.1e} of its diagonal), {UNSTABLE}"
+        )
+    return None
+
+
+def _of_mass(model) -> str | None:
+    low, high = _signs(model, "M")
+    if not low:
+        return None
+    if not high:
+        return f"{model.name}: M is negative definite, -M? {EXPECTED}; multiply M by -1"
+    return (
+        f"{model.name}: M is indefinite (x^T M x down to {low:.1e} of its diagonal), which no mass matrix is; the file "
+        "is damaged, or entries of M belong to other rows"
+    )
