@@ -93,8 +93,8 @@ def natural_modes(
                     if frame is not None or not rigid:
                         raise
                     raise ComputationError(
-                        f"{error}; where its files have few digits, --frame none takes the rigid-body modes as K has "
-                        "them"
+                        f"{error}; where its files have few digits, hpcred modes {model.name} --frame none takes the "
+                        "rigid-body modes as K has them"
                     ) from error
             owned.owns(block)
         if unstable := growing(model, values):

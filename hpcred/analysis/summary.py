@@ -7,7 +7,7 @@ import numpy as np
 from ..linalg.factorisation import Factoring, Factorisation, SingularMatrix
 from ..linalg.free_motions import ZERO
 from ..linalg.solvers import ShiftedSolver
-from ..model.definiteness import check_definite, doubts_of_definiteness
+from ..model.definiteness import check_definite, doubts_of_definiteness, growing_in_words, zero_of
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
 from ..model.second_order_model import require_model
 from ..parallel.declared import declared
@@ -78,6 +78,8 @@ def inspect(
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
     if not is_complex() and (limits or rigid_count is None):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:
+            if not doubts and (negative := _count_below(solver, -zero_of(model))):
+                warnings.append(growing_in_words(model, negative))
             if rigid_count is None:
                 # without nodes: eigenvalues that are zero to round-off
                 rigid_count = _count_below(solver, model.mean_eigenvalue * ZERO)

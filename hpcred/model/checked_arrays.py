@@ -16,8 +16,9 @@ def check_rows(indptr, indices, values, first, name, dofs):
     below = np.flatnonzero(values["M"] < 0)
     negative = below[indices[below] == _row_of_entry(indptr, below) + first]
     if negative.size:
+        sign = " (no other one is positive: -M?)" if negative.size == len(indptr) - 1 else ""
         raise InputError(
-            f"{name}: the mass matrix has {negative.size} negative diagonal entries, the first at "
+            f"{name}: the mass matrix has {negative.size} negative diagonal entries{sign}, the first at "
             f"{row_name(_row_of_entry(indptr, negative[0]), first, dofs)}: {values['M'][negative[0]]:g}; expected none"
         )
     touched = np.diff(indptr) > 0

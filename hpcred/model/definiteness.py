@@ -10,7 +10,7 @@ from .second_order_model import SYMMETRIC_TO
 
 ROUND_OFF = 1e-7  # of x^T |D| x, D the diagonal: less than this below zero the digits of files may be
 ZERO = 1e-10  # of trace(K) / trace(M): eigenvalues that may be round-off
-UNSTABLE = "as of a body beyond buckling or in fast rotation, or of a damaged file: some motions grow"
+UNSTABLE = "K is indefinite, as of a body beyond buckling or in fast rotation, or of a damaged file: some motions grow"
 EXPECTED = "expected M q'' + D q' + K q = B u"
 
 
@@ -28,18 +28,23 @@ def doubts_of_definiteness(model) -> list[str]:
 
 
 def growing(model, squares: np.ndarray) -> str | None:
-    """A sentence where one of these eigenvalues omega^2 of (K, M), in (rad/s)^2, is below zero, by more than round-off
-    and the digits of K explain."""
-    digits = digits_of(model.K)
-    zero = max(ZERO, 10.0 ** (2 - digits) if digits else 0.0) * abs(model.mean_eigenvalue)
-    lowest = float(np.min(squares, initial=0.0))
-    if lowest >= -zero:
+    """A sentence where one of these eigenvalues omega^2 of (K, M), in (rad/s)^2, is negative, or None."""
+    negative = squares < -zero_of(model)
+    if not negative.any():
         return None
-    count = int((squares < -zero).sum())
-    return (
-        f"{model.name}: found {count} negative eigenvalue{'s' * (count > 1)} omega^2 of K and M, the lowest "
-        f"-({np.sqrt(-lowest) / 2 / np.pi:.4g} Hz)^2: K is indefinite, {UNSTABLE}"
-    )
+    lowest = np.sqrt(-squares.min()) / 2 / np.pi
+    return growing_in_words(model, int(negative.sum()), f", the lowest -({lowest:.4g} Hz)^2")
+
+
+def growing_in_words(model, count: int, more="") -> str:
+    """A sentence on so many negative eigenvalues."""
+    return f"{model.name}: found {count} negative eigenvalue{'s' * (count > 1)} of (K, M){more}: {UNSTABLE}"
+
+
+def zero_of(model) -> float:
+    """How far an eigenvalue, in (rad/s)^2, may be below zero by round-off and the digits of K."""
+    digits = digits_of(model.K)
+    return max(ZERO, 10.0 ** (2 - digits) if digits else 0.0) * abs(model.mean_eigenvalue)
 
 
 def _signs(model, key):
@@ -56,9 +61,7 @@ def _of_stiffness(model) -> str | None:
     if low < 0 and not high:
         return f"{model.name}: K is negative definite, -K? {EXPECTED}, where K resists; multiply K by -1"
     if low < 0:
-        return (
-            f"{model.name}: K is indefinite (x^T K x down to {low:.1e} of its diagonal), {UNSTABLE}"
-        )
+        return f"{model.name}: x^T K x comes down to {low:.1e} of its diagonal: {UNSTABLE}"
     return None
 
 
