@@ -15,6 +15,7 @@ from ..parallel.shares import row_range
 from .entries import LARGEST_VALUE, Entries, LabelledEntries, node_and_direction, require_sane
 from .matrix_formats import read_entries
 from .parts import Parts, common_size, labels_in_order
+from .whole import Rows, refuse_cut
 
 
 def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variables=None) -> SecondOrderModel:
@@ -52,12 +53,15 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
     for key in list(parts.matrices):
         mine[key] = _owned(comm, starts, parts.matrices.pop(key))
         give_back()
+    labels = _labels(comm, parts, size, starts, name)
+    if parts.open_ended:
+        parts.warnings += refuse_cut(comm, parts, {key: Rows(first, last, *mine[key]) for key in ("K", "M")}, labels)
     with agreed(comm):
         indptr, indices, values = compress(mine, first, last, size)
     give_back()
     B = read_columns(comm, starts, size, inputs, variables=variables) if inputs else None
     Ct = read_columns(comm, starts, size, outputs, transposed=True, variables=variables) if outputs else None
-    dofs = _dofs(comm, parts, size, starts, name) if parts.nodes is not None else None
+    dofs = _dofs(comm, parts, labels, name) if parts.nodes is not None else None
     held = _held(comm, parts) if parts.nodes is not None else None
     remarks = dict.fromkeys(sentence for sentences in comm.allgather(parts.warnings) for sentence in sentences)
     model = SecondOrderModel.from_csr(
@@ -103,11 +107,17 @@ def _number_rows(comm, parts):
     parts.row_labels = labels, (comm.exscan(len(labels)) or 0) + np.arange(len(labels))
 
 
-def _dofs(comm, parts, size, starts, name):
-    """Labels of the rows of this rank: as the files name them, or by the order of the nodes."""
+def _labels(comm, parts, size, starts, name):
+    """Labels of the rows of this rank, as the files name them or by the order of the nodes, or None without either."""
+    if parts.row_labels is None and parts.nodes is None:
+        return None
     label, row = parts.row_labels or labels_in_order(comm, parts.nodes, size, name)
     label, row = exchange(comm, np.searchsorted(starts, row, side="right") - 1, [label, row])
-    label = label[np.argsort(row)]
+    return label[np.argsort(row)]
+
+
+def _dofs(comm, parts, label, name):
+    """The rows of this rank by node, direction and place."""
     node, direction = node_and_direction(label)
     found, position = look_up(comm, parts.nodes.label, list(parts.nodes.position.T), node)
     with agreed(comm):

@@ -15,6 +15,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks
 from . import nastran_bulk, nastran_dmig, nastran_op2, nastran_op2_matrices, nastran_op4
 from .entries import STRIDE, Entries, LabelledEntries, asymmetry, chunks, label_name, label_of
+from .nastran_mass import compare_mass
 from .nastran_names import STRUCTURAL, Choice, letter_of, named, none_found, pairs
 from .nastran_points import HELD, SETS, Points, present, refined, turn_of, turned_entries
 from .nastran_sets import hold_rotations_of_solids, mark_sets
@@ -369,7 +370,8 @@ def read_bulk(path, comm, variables=None) -> Parts:
         del matrices["D"]
     said = {key: f"{path}, matrix {wanted[key].name}" for key in matrices}
     _check(comm, matrices, said)
-    parts = Parts(matrices, said, warnings=[_taken(path, said, names), *warnings])
+    parts = Parts(matrices, said, warnings=[_taken(path, said, names), *warnings], open_ended=set(matrices),
+                  loose=choice.letter == "G")  # fmt: skip
     if choice.letter == "G":
         parts.warnings.append(LOOSE.format("KAAX and MAAX"))
     deck = nastran_bulk.read_deck(path, comm)
@@ -384,7 +386,7 @@ def read_bulk(path, comm, variables=None) -> Parts:
             parts.warnings.append(f"{path}: the nodes are not known; put the input file of the same name beside it")
             return parts
         deck = nastran_bulk.read_deck(file, comm)
-    _label_entries(comm, parts, deck, lacking)
+    _label_entries(comm, parts, deck, lacking, path)
     return parts
 
 
@@ -449,7 +451,7 @@ def _read_beside(path, comm, variables):
     )
 
 
-def _label_entries(comm, parts, deck, lacking):
+def _label_entries(comm, parts, deck, lacking, path):
     """Labelled entries in x, y, z as far as they go, with the nodes of an input file; `lacking`: see nastran_dmig."""
     points = nastran_bulk.points_of(deck, comm)
     _name_scalars(comm, parts, points)
@@ -466,6 +468,8 @@ def _label_entries(comm, parts, deck, lacking):
     if held and not reason:
         parts.warnings.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
     _finish(comm, parts, _Rows(points, mask, deck.path, deck.elements), turn, mask)
+    if not (held or reason or comm.allreduce(turn.own)):
+        parts.warnings += compare_mass(comm, path, deck, parts.matrices["M"])
 
 
 def _require_whole_set(comm, parts, deck, points, mask, lacking, reason):

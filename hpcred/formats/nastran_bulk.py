@@ -32,7 +32,7 @@ CASE = re.compile(rb"(?mi)^[ \t]*(?P<word>SPC|MPC)(?:[ \t]*\([^)\n]*\))?[ \t]*=[
 SYSTEMS = {"R": RECTANGULAR, "C": CYLINDRICAL, "S": SPHERICAL}
 SMALL = re.compile(
     rb"CORD[12][RCS]|GRDSET|SPC|SPC1|SPCADD|MPC|MPCADD|RBE1|RBE2|RBE3|RBAR|RBAR1|RROD|RTRPLT1?|RSPLINE|RSSCON|RJOINT|"
-    rb"[ABCQ]SET1?|OMIT1?|SUPORT1?|SPOINT|EPOINT|SEQGP|CSUPER|SESET|SEBULK|EXTRN"
+    rb"PARAM|[ABCQ]SET1?|OMIT1?|SUPORT1?|SPOINT|EPOINT|SEQGP|CSUPER|SESET|SEBULK|EXTRN"
 )
 # number of the field of the first node, and nodes by kind, the largest first
 ELEMENTS = {
@@ -111,7 +111,8 @@ class Deck:
 
     `cards`: the few other ones, on all ranks. `case`: the numbers that the case control
     gives by SPC and MPC, or None where there is no case control. `other`: node numbers of what has nodes and is no
-    element of `elements`, `unknown`: names of elements of which it is not known where the nodes stand.
+    element of `elements`, `unknown`: names of elements of which it is not known where the nodes stand. `point_mass`:
+    the sum of CONM2, as written.
     """
 
     path: Path
@@ -125,6 +126,13 @@ class Deck:
     elements: dict[str, np.ndarray] = field(default_factory=dict)
     other: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     unknown: set = field(default_factory=set)
+    point_mass: float = 0.0
+
+    @property
+    def mass_unit(self) -> float:
+        """PARAM,WTMASS: what masses of the input file are multiplied by."""
+        given = [card for card in self.cards if card.name == "PARAM" and card.text(0) == "WTMASS"]
+        return given[0].real(1, "WTMASS") if given else 1.0
 
 
 def begins(start: bytes) -> bool:
@@ -150,13 +158,15 @@ def read_deck(path, comm) -> Deck:
     """Read an input file and those that it includes. Collective. Raises InputError."""
     path = Path(path)
     segments, case = _segments(path, comm)
-    grids, cards, elements, other, unknown = [], [], {}, [], set()
+    grids, cards, elements, other, unknown, point_mass = [], [], {}, [], set(), 0.0
     with agreed(comm):
         for file, start, stop in segments:
             for piece in records(file, comm, start, stop, CARD):
                 found = lines_of(piece, ANY_ELEMENT)
                 for name in np.unique(found.name):
                     _elements(found.of(name.decode()), name.decode(), elements, other, unknown)
+                table, number = found.of("CONM2").table(4)
+                point_mass += float(reals(piece, table[:, 3], number, "a mass").sum())
                 grids.append(_grids(lines_of(piece, re.compile(rb"GRID"))))
                 cards += [Card(name, tuple(fields), str(file), piece.start, line)
                           for name, fields, line in lines_of(piece, SMALL).listed()]  # fmt: skip
@@ -176,6 +186,7 @@ def read_deck(path, comm) -> Deck:
         path, label, system, xyz, displacement, held, cards, case,
         {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *elements.get(kind, [])]) for kind in kinds},
         np.concatenate([np.zeros(0, np.int64), *other]), unknown,
+        comm.allreduce(point_mass),
     )  # fmt: skip
 
 

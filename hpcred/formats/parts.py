@@ -17,7 +17,9 @@ class Parts:
     messages. `nodes`, `elements` (node numbers (elements, nodes) by kind), `sets` (node numbers by name): where known.
     `row_labels`: labels (see entries.label_of) and the rows (from 0) that have them, where rows are numbered and a file
     names them. `removed`: labels of dofs that the program holds at zero, which have no row. `warnings`: sentences for
-    the user, from any rank.
+    the user, from any rank. `open_ended`: keys of matrices whose files have no mark of their end (see whole); `loose`:
+    whether nodes may have mass and no stiffness, since what joins them is not in K; `all_massive`: whether all solids
+    and shells are of materials with a density.
     """
 
     matrices: dict[str, Entries | LabelledEntries]
@@ -28,6 +30,9 @@ class Parts:
     removed: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     sets: dict[str, np.ndarray] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    open_ended: set[str] = field(default_factory=set)
+    loose: bool = False
+    all_massive: bool = False
 
 
 def common_size(parts: Parts) -> int:

@@ -13,6 +13,7 @@ from . import (
     calculix_frd,
     matrix_market,
     nastran,
+    nastran_dmig,
     node_table,
     uff,
 )
@@ -24,6 +25,7 @@ from .source import Source
 from .text import doubts_of_end, first_bytes
 from .unread import refuse_unread
 
+OPEN_ENDED = (abaqus_matrices, nastran_dmig)  # formats without a mark of their end
 OF_LINES = (matrix_market, abaqus_matrices)  # formats whose numbers end where their lines do
 HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports, and what counts as that
 
@@ -40,6 +42,7 @@ def read_source(source: Source, comm) -> Parts:
     with agreed(comm):
         for path in dict.fromkeys(files.values()):
             parts.warnings += doubts_of_end(path) if format_of(path).module in OF_LINES else []
+        parts.open_ended = {key for key, path in files.items() if format_of(path).module in OPEN_ENDED}
     if _name_rows_of_calculix(comm, parts, source):
         return parts
     is_input_file, turned, points = False, None, None
@@ -54,6 +57,8 @@ def read_source(source: Source, comm) -> Parts:
         elif is_input_file:
             mesh = abaqus_input.read(source.nodes, comm)
             parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
+            keywords = [section.keyword for section in mesh.sections]
+            parts.all_massive = 0 < keywords.count("material") == keywords.count("density")
         elif calculix_frd.begins(start):
             _read_results(comm, parts, source.nodes)
         elif ansys_nodes.begins(start):

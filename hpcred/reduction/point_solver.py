@@ -193,7 +193,7 @@ class PointSolver:
         """Replace the basis by A^-1 M times its pseudo-modes, which spans the same where it can hold nothing more, but
         without the round-off that columns have on dofs without mass. Returns whether that could be done."""
         run, projections = self.run, self.projections
-        if self.multigrid:
+        if self.multigrid or not projections.basis.size:
             return False
         projections.rotate(decided(run.model.comm, projections.model).vectors)
         with Owned(run.model.comm) as owned:

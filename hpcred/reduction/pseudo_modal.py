@@ -235,7 +235,7 @@ def times(matrix, states):
 
 def columns(states: np.ndarray) -> np.ndarray:
     """Real and imaginary parts of states (S, m, l) side by side: (m, 2 S l), or (m, S l) of real ones."""
-    flat = states.transpose(1, 0, 2).reshape(states.shape[1], -1)
+    flat = states.transpose(1, 0, 2).reshape(states.shape[1], states.shape[0] * states.shape[2])
     return np.hstack([flat.real, flat.imag]) if np.iscomplexobj(flat) else flat
 
 
