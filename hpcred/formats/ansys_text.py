@@ -62,6 +62,7 @@ def read_parts(path, comm):
         parts.nodes, parts.elements = nodes.nodes, nodes.elements
         parts.files["nodes"] = nodes.file
         turn_found(comm, parts, nodes)
+    parts.as_written = nodes is None or not comm.allreduce(len(nodes.turned))
     parts.warnings.append(f"{path}: taken together were {_listed(parts.files)}")
     return parts
 

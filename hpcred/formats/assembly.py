@@ -57,8 +57,11 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
     if parts.open_ended:
         parts.warnings += refuse_cut(comm, parts, {key: Rows(first, last, *mine[key]) for key in ("K", "M")}, labels)
     with agreed(comm):
-        indptr, indices, values = compress(mine, first, last, size)
+        repeats = {}
+        indptr, indices, values = compress(mine, first, last, size, repeats)
     give_back()
+    if parts.as_written:
+        parts.warnings += _on_repeats(comm, parts, repeats)
     B = read_columns(comm, starts, size, inputs, variables=variables) if inputs else None
     Ct = read_columns(comm, starts, size, outputs, transposed=True, variables=variables) if outputs else None
     dofs = _dofs(comm, parts, labels, name) if parts.nodes is not None else None
@@ -71,6 +74,24 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
     del indptr, indices, values
     give_back()
     return model
+
+
+def _on_repeats(comm, parts, repeats) -> list[str]:
+    """Sentences on entries of K and M at places that were given before; refused where no place has one alone."""
+    found = []
+    for key in ("K", "M"):
+        again, once = comm.allreduce(np.array(repeats[key]))
+        if again and not once:
+            raise InputError(
+                f"{parts.files[key]}: found every entry of {key} more than once, expected each once; was the file "
+                "written twice, one behind the other?"
+            )
+        if again:
+            found.append(
+                f"{parts.files[key]}: {again} entries of {key} stand at places that were given before; they were added "
+                "up, as an assembly of elements means it"
+            )
+    return found
 
 
 def _refuse_half(comm, key, parts):

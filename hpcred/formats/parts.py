@@ -19,7 +19,8 @@ class Parts:
     names them. `removed`: labels of dofs that the program holds at zero, which have no row. `warnings`: sentences for
     the user, from any rank. `open_ended`: keys of matrices whose files have no mark of their end (see whole); `loose`:
     whether nodes may have mass and no stiffness, since what joins them is not in K; `all_massive`: whether all solids
-    and shells are of materials with a density.
+    and shells are of materials with a density; `as_written`: whether the entries of K and M are those of their files,
+    and none came by turning axes.
     """
 
     matrices: dict[str, Entries | LabelledEntries]
@@ -33,6 +34,7 @@ class Parts:
     open_ended: set[str] = field(default_factory=set)
     loose: bool = False
     all_massive: bool = False
+    as_written: bool = False
 
 
 def common_size(parts: Parts) -> int:

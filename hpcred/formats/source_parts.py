@@ -83,6 +83,7 @@ def read_source(source: Source, comm) -> Parts:
     elif turned is not None:
         with agreed(comm):
             turned.refuse_turned()
+    parts.as_written = turned is None
     _remove_supports(comm, parts)
     if points is not None:
         nastran.turn_rows(comm, parts, points, source.nodes)

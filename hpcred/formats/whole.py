@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..model.dofs import SCALAR
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, number_over_ranks
 from .entries import STRIDE
@@ -48,12 +49,15 @@ def refuse_cut(comm, parts, rows: dict[str, Rows], labels) -> list[str]:
         return []
     if "K" in parts.open_ended and not parts.loose:
         only = _only(comm, labels, rows["M"], rows["K"])
-        alone = only.nodes | (only.behind & (labels % STRIDE < TRANSLATIONS))
+        alone = (only.nodes & (labels % STRIDE != SCALAR)) | (only.behind & (labels % STRIDE < TRANSLATIONS))
         if count := comm.allreduce(len(np.unique(labels[alone] // STRIDE))):
             raise _lacks(comm, parts, "K", "M", count, labels[alone])
     if "M" not in parts.open_ended:
         return []
     only = _only(comm, labels, rows["K"], rows["M"])
+    parted = labels[only.behind & ~only.nodes & (labels % STRIDE < TRANSLATIONS)]  # of the node at the cut
+    if comm.allreduce(len(parted)):
+        raise _lacks(comm, parts, "M", "K", 1, parted)
     silent = np.unique(labels[only.nodes if parts.all_massive else only.nodes & only.behind] // STRIDE)
     of_body = silent[_of_body(comm, parts.elements, silent)]
     if count := comm.allreduce(len(of_body)):

@@ -11,11 +11,12 @@ from ..parallel.petsc import PETSc
 MANY = 1 / 3  # of the entries of a matrix that are zero are worth another one for products
 
 
-def compress(entries: dict, first: int, last: int, columns: int):
+def compress(entries: dict, first: int, last: int, columns: int, repeats: dict | None = None):
     """CSR of the rows first..last-1 on the union pattern of square matrices, with duplicates summed.
 
     `entries`: name -> (rows, columns, values) with global numbers from 0, emptied on the way. Returns indptr
-    (rows + 1,), indices (nonzeros,) and a dict name -> values (nonzeros,).
+    (rows + 1,), indices (nonzeros,) and a dict name -> values (nonzeros,). `repeats` takes, by name, how many
+    entries stood at a place that others have, and how many places had one entry only.
     """
     names, keys, data = list(entries), {}, {}
     pattern = np.arange(last - first) * (columns + 1) + first  # the diagonal is always present, as PETSc wants it
@@ -31,6 +32,9 @@ def compress(entries: dict, first: int, last: int, columns: int):
     for name in names:
         place = np.searchsorted(pattern, keys.pop(name))
         values[name] = np.bincount(place, weights=data.pop(name), minlength=pattern.size)
+        if repeats is not None:
+            count = np.bincount(place)
+            repeats[name] = len(place) - np.count_nonzero(count), np.count_nonzero(count == 1)
     rows, indices = np.divmod(pattern, columns)
     indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=last - first))])
     return indptr, indices, values
