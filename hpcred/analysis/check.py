@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from contextlib import closing
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from ..model.definiteness import doubts_of_definiteness
 from ..model.digits import digits_of
 from ..model.dofs import DIRECTIONS, SCALAR
+from ..model.elements import solid_volume
 from ..model.rigid_body_modes import (
     FORCE_FREE,
     doubts_of_nodes,
@@ -18,12 +20,14 @@ from ..model.rigid_body_modes import (
 )
 from ..model.second_order_model import SYMMETRIC_TO, massless, require_model
 from ..model.units import SI, UNITS, Units, units_of
+from ..parallel.lookup import sort_over_ranks
 from ..parallel.petsc import MPI
 
 SPEEDS = (200.0, 3e4)  # m/s: waves in plastics to ceramics, with an order of magnitude for the estimate
 DENSITIES = (50.0, 3e4)  # kg/m^3: mass over the volume of the surrounding box
 FIRST = (0.1, 1e4)  # m/s: the first natural frequency times the diagonal of the surrounding box, wires to blocks
-FAR = 10.0  # beyond SPEEDS, where the estimate of the speed cannot be the reason
+FAR = (10.0, 100.0, 100.0)  # beyond these ranges, where neither the estimates nor unusual materials can be the reason
+POINT_MASS = 30.0  # of the median of the diagonal of M: what is more belongs to no element
 FEW_DIGITS = 13  # decimal ones of K, from which on they are not worth a word
 CLEARLY_FREE, NEARLY_FREE = 1e-12, 1e-5  # ||K R|| / (||K|| ||R||)
 
@@ -181,21 +185,45 @@ def fitting_units(model, mass, size, first=None, written=SI) -> list[Units]:
     which the numbers were before they were converted. Cautious: bodies that fill little of their box, or whose
     stiffness is not that of elements between neighbouring nodes, fit no system.
     """
-    volume = float(np.prod(size))
+    numbers = _numbers_of_material(model, mass, size, first)
+    return [units for units in UNITS if numbers and max(_beyond(numbers, units, written)) == 1]
+
+
+def _numbers_of_material(model, mass, size, first):
+    """Speed of waves, density, and speed of the first mode (or None), or None where they are not known. Collective."""
+    volume = _volume_of_elements(model) or float(np.prod(size))
     speed = wave_speed(model)
     if not volume or not speed:
-        return []
-    first = first and first * float(np.linalg.norm(size))
-    fitting = []
-    for units in UNITS:
-        L, M, T = np.divide(units.sizes, written.sizes)
-        if (
-            SPEEDS[0] <= speed * L / T <= SPEEDS[1]
-            and DENSITIES[0] <= mass / volume * M / L**3 <= DENSITIES[1]
-            and (not first or FIRST[0] <= first * L / T <= FIRST[1])
-        ):
-            fitting.append(units)
-    return fitting
+        return None
+    return speed, mass * _share_of_elements(model) / volume, first and first * float(np.linalg.norm(size))
+
+
+def _volume_of_elements(model) -> float | None:
+    """The volume of solids, or None. Collective."""
+    parts = [part for part in (model.dofs, model.held) if part is not None]
+    label, first = np.unique(np.concatenate([part.node for part in parts]), return_index=True)
+    position = np.concatenate([part.position for part in parts])[first]
+    label, *places = sort_over_ranks(model.comm, label, list(position.T))
+    once = np.diff(label, prepend=-1) > 0
+    return solid_volume(model.comm, model.elements, label[once], np.stack(places, axis=1)[once])
+
+
+def _beyond(numbers, units=SI, written=SI) -> list[float]:
+    """How many times each of the numbers is outside of what is usual, where they are in these units, not as written."""
+    L, M, T = np.divide(units.sizes, written.sizes)
+    factors = (L / T, M / L**3, L / T)
+    return [max(low / (value * factor), value * factor / high, 1.0) for value, factor, (low, high) in
+            zip(numbers, factors, (SPEEDS, DENSITIES, FIRST), strict=True) if value]  # fmt: skip
+
+
+def _share_of_elements(model) -> float:
+    """The part of the mass that is no point mass, by the diagonal of M. Collective."""
+    with closing(_Diagonal(model.M)) as M:
+        mine = M.values[(model.dofs.direction < 3) & (M.values > 0)]
+    medians = [value for value in model.comm.allgather(float(np.median(mine)) if mine.size else None) if value]
+    most = POINT_MASS * float(np.median(medians)) if medians else 0.0
+    usual, total = model.comm.allreduce(np.array([np.minimum(mine, most).sum(), mine.sum()]))
+    return float(usual / total) if total else 1.0
 
 
 def doubts_of_units(model, mass, first=None) -> list[str]:
@@ -205,13 +233,16 @@ def doubts_of_units(model, mass, first=None) -> list[str]:
     """
     low, high = extent(model)
     written = units_of(model.converted_from) if model.converted_from else SI
+    numbers = _numbers_of_material(model, mass, high - low, first)
+    if numbers and all(map(operator.lt, _beyond(numbers), FAR)):
+        return []
     fitting = fitting_units(model, mass, high - low, first, written)
     size = " x ".join(f"{value:.4g}" for value in high - low)
     known = f" and a first frequency of {first:.4g} Hz" if first else ""
     reason = f"a mass of {mass:.4g} kg in a box of {size} m{known} is of no usual material"
     if not fitting:
         speed = wave_speed(model)
-        if not speed or SPEEDS[0] / FAR <= speed <= SPEEDS[1] * FAR:
+        if not speed or SPEEDS[0] / FAR[0] <= speed <= SPEEDS[1] * FAR[0]:
             return []
         units_of_speed = [(units, units.length / units.time * written.time / written.length) for units in UNITS]
         fitting = [units for units, factor in units_of_speed if SPEEDS[0] <= speed * factor <= SPEEDS[1]]

@@ -1,8 +1,11 @@
 """Finite elements as far as their surface is needed: the nodes of every element, by kind; faces and areas."""
 
+import itertools
+
 import numpy as np
 
 from ..parallel.failures import InputError
+from ..parallel.lookup import look_up
 
 # nodes of all kinds are in the order of VTK
 ABAQUS = {
@@ -173,6 +176,30 @@ def share_of_faces(comm, elements, nodes) -> float:
     on = ((seen < 0) | np.isin(seen, nodes)).all(axis=1)
     total, mine = comm.allreduce(len(on)), comm.allreduce(int(on.sum()))
     return mine / total if total else 0.0
+
+
+def solid_volume(comm, elements, label, position) -> float | None:
+    """The volume of the elements by their corners, or None where not all of them are solids, or a node has no place.
+
+    `elements`: node numbers by kind, of this rank; `label` (k,), no number on two ranks, and `position` (k, 3) of
+    nodes. Collective.
+    """
+    kinds = sorted(set().union(*comm.allgather({kind for kind, part in elements.items() if len(part)})))
+    if not kinds or any(kind not in FACES or kind in SHELLS for kind in kinds):
+        return None
+    total, known = 0.0, True
+    for kind in kinds:
+        nodes = np.asarray(elements.get(kind, np.zeros((0, NODES[kind]))), dtype=np.int64)
+        found, places = look_up(comm, label, list(position.T), nodes.ravel())
+        known &= bool(found.all())
+        points = np.stack(places, axis=1).reshape(-1, NODES[kind], 3)
+        corners = sorted({place for face in FACES[kind] for place in face[: CORNERS[len(face)]]})
+        middle = points[:, corners].mean(axis=1)
+        for face in FACES[kind]:
+            first, *others = (points[:, place] - middle for place in face[: CORNERS[len(face)]])
+            for second, third in itertools.pairwise(others):
+                total += float(np.abs(np.einsum("ei,ei->e", first, np.cross(second, third))).sum()) / 6
+    return comm.allreduce(total) if all(comm.allgather(known)) else None
 
 
 def surface_areas(comm, elements, nodes, points) -> np.ndarray:

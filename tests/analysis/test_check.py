@@ -11,6 +11,7 @@ import hpcred
 from hpcred.formats.model_source import load_export, load_source
 from hpcred.formats.source import Source
 from hpcred.model.dofs import Dofs
+from hpcred.model.elements import solid_volume
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.model.units import Units, units_of
 
@@ -89,6 +90,52 @@ def test_other_units_are_noticed_both_ways(comm, name):
             assert "not SI; convert with --units mm,t,s" in line
             with hpcred.in_si(bare, millimetres) as right:
                 assert not doubts(right)
+
+
+@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("times", [1, 30, 1e3, 1e5])
+def test_point_masses_are_of_no_material(comm, name, times):
+    """A mass at one node of so many times that of the body had made t look like kg."""
+    with BODIES[name](comm) as model:
+        with model.shared() as bare:
+            expected = hpcred.check(bare)["units"]
+            indptr, indices, K = bare.K.getValuesCSR()
+            M = bare.M.getValuesCSR()[2].real.copy()
+            added = times * max(hpcred.check(bare)["masses_in_x_y_z"])
+        rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+        first = rows + model.first_row == indices
+        first &= (model.dofs.node[rows] == min(comm.allgather(model.dofs.node.min()))) & (
+            model.dofs.direction[rows] < 3
+        )
+        M[first] += added
+        for units in ("", "mm, t, s (N, MPa)"):
+            with SecondOrderModel.from_csr(
+                comm, model.size, indptr, indices, {"K": K.real, "M": M}, dofs=model.dofs, elements=model.elements,
+                converted_from=units,
+            ) as heavy:  # fmt: skip
+                report = hpcred.check(heavy)
+                assert max(report["masses_in_x_y_z"]) == pytest.approx(added * (1 + 1 / times))
+                assert report["units"] == expected
+                assert not any("the numbers look like" in line for line in report["warnings"])
+
+
+@pytest.mark.parametrize("kind", ["hexahedron", "wedge", "tetra", "pyramid"])
+def test_the_volume_of_solids_is_that_of_their_corners(comm, kind):
+    """Affine images of unit elements, one on each rank, with nodes that two ranks share known to one."""
+    corners = {
+        "hexahedron": ([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], 1.0),
+        "wedge": ([[0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1], [0, 1, 1], [1, 0, 1]], 1 / 2),
+        "tetra": ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], 1 / 6),
+        "pyramid": ([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.2, 0.4, 1]], 1 / 3),
+    }
+    points, volume = np.array(corners[kind][0], dtype=float), corners[kind][1]
+    A = np.array([[2.0, 0.3, 0.0], [0.1, 1.5, 0.2], [0.0, 0.4, 3.0]])
+    label = np.arange(1, len(points) + 1) if comm.rank == 0 else np.zeros(0, int)
+    elements = {kind: np.arange(1, len(points) + 1)[None], "triangle": np.zeros((0, 3), int)}
+    found = solid_volume(comm, elements, label, (points @ A.T)[: len(label)])
+    assert found == pytest.approx(comm.size * volume * np.linalg.det(A))
+    assert solid_volume(comm, elements | {"line": np.array([[1, 2]])}, label, points[: len(label)]) is None
+    assert solid_volume(comm, {kind: elements[kind] + 1}, label, points[: len(label)]) is None
 
 
 def test_a_body_of_no_usual_material_has_no_units(comm):
