@@ -13,6 +13,7 @@ from ..linalg.solvers import ComplexSolver, ShiftedSolver
 from ..model.damping import Damping, ModalDamping, caughey_terms, loss_factor_of
 from ..model.definiteness import check_definite
 from ..model.frames import Frame, apply_frame
+from ..model.port_counts import require_room
 from ..model.scales import scaled, scales_of, unscaled
 from ..model.second_order_model import SecondOrderModel, require_inputs, require_model
 from ..parallel.declared import declared, spelled
@@ -68,6 +69,7 @@ def frequency_response(
         raise InputError(f"groups: found {groups}, expected 1 to {model.comm.size}, the number of ranks")
     check_definite(model)
     require_inputs(model)
+    require_room(model, len(frequencies))
     with Owned(model.comm) as owned:
         framed = owned.owns(apply_frame(model, frame, damping))
         check_free_motions(framed.model, framed.rigid, factoring)

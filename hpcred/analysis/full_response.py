@@ -19,6 +19,7 @@ from ..linalg.factorisation import Factoring, FactorRecord
 from ..model.damping import Caughey, Damping, ModalDamping, NoDamping, Rayleigh, Structural, caughey_terms
 from ..model.digits import doubts_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
+from ..model.port_counts import FREQUENCIES, require_room
 from ..model.rigid_body_modes import RigidBodyModes
 from ..model.scales import scaled, scales_of, unscaled
 from ..model.second_order_model import SecondOrderModel, require_model
@@ -159,6 +160,7 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
     """The response from the basis of a search, and the models that say its error. Collective."""
     law = _law_of_response(damping)
     check_model(model)
+    require_room(model, max(len(frequencies), FREQUENCIES))
     warnings = warnings_of(model, frame)
     _check_support(model, frame, frequencies)
     with Owned(model.comm) as owned:

@@ -17,6 +17,8 @@ from .matrix_formats import read_entries
 from .parts import Parts, common_size, labels_in_order
 from .whole import Rows, refuse_cut
 
+MANY_COLUMNS = 1000  # of B, up to which nobody asks whether they are independent
+
 
 def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variables=None) -> SecondOrderModel:
     """The model of the parts; `inputs` and `outputs`: matrix files of B (n, p) and C (r, n). Collective.
@@ -185,6 +187,12 @@ def read_columns(comm, starts, size, path, transposed=False, variables=None):
         )
     if transposed:
         entries.rows, entries.columns, entries.shape = entries.columns, entries.rows, entries.shape[::-1]
+    if entries.shape[1] > max(size, MANY_COLUMNS):
+        what = "rows" if transposed else "columns"
+        raise InputError(
+            f"{path}: found {entries.shape[1]} {what} for a model of {size} dofs, expected no more {what} than it has "
+            "dofs; all others are combinations of these"
+        )
     i, j, v = _owned(comm, starts, entries)
     first, last = starts[comm.rank], np.append(starts[1:], size)[comm.rank]
     with agreed(comm):

@@ -28,7 +28,8 @@ class Drive:
     """The support of a node moves `along` a direction (m) or turns `about` an axis (rad), one of them; inertial axes.
 
     It holds the node to itself in that direction, beside what the joints at the node hold. `through`: a point of the
-    axis, by default where the node is held. Drives of one node add up.
+    axis, by default where the node is held. Drives of one node add up. Kinds of drives have `longest_step`, in s, that
+    misses nothing of the motion, and `travel(end)`, about how far it goes to and fro until `end`, in m or rad.
     """
 
     node: int | str
@@ -72,6 +73,9 @@ class ConstantDrive(Drive):
     def longest_step(self, end=np.inf):
         return np.inf
 
+    def travel(self, end):
+        return 0.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class RampDrive(Drive):
@@ -101,6 +105,9 @@ class RampDrive(Drive):
     def longest_step(self, end=np.inf):
         return self.duration / 8 or np.inf
 
+    def travel(self, end):
+        return abs(self.rate) * max(end - self.duration / 2, 0.0)
+
 
 @dataclass(frozen=True, kw_only=True)
 class SineDrive(Drive):
@@ -123,6 +130,9 @@ class SineDrive(Drive):
 
     def longest_step(self, end=np.inf):
         return 1 / (8 * self.frequency)
+
+    def travel(self, end):
+        return 4 * abs(self.amplitude) * self.frequency * end
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,6 +163,9 @@ class TableDrive(Drive):
 
     def longest_step(self, end=np.inf):
         return shortest_interval(self.times, end)
+
+    def travel(self, end):
+        return float(np.abs(np.diff(self.values)).sum())
 
 
 AnyDrive = Annotated[ConstantDrive | RampDrive | SineDrive | TableDrive, Field(discriminator="kind")]

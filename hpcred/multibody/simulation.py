@@ -19,6 +19,8 @@ from .rotations import continuous, quaternion, rotation, vector_of
 from .springs import ZERO, AnySpring, element_of
 
 MOST_STEPS = 1e8  # that a simulation may need; they take weeks
+STEPS_OF_A_TURN = 8
+FEW_STEPS = 5000  # by which the pace of the integrator is known
 OUTPUTS = (1, 10_000_000, "")  # output intervals, all of which are kept in memory
 SPEED = (-3e8, 3e8, "m/s")
 ENERGIES = ("kinetic", "elastic", "gravity", "springs")
@@ -246,15 +248,13 @@ def _integrate(system, setup, y0, yp0, progress):
     # a pulse must not be stepped over
     moving = (*setup.force, *setup.moment, *setup.drive)
     longest = min([setup.end / 20, *(item.longest_step(setup.end) for item in moving)])
-    if setup.end > MOST_STEPS * longest:
-        raise InputError(
-            f"end = {setup.end:g} s takes {setup.end / longest:.1e} steps of the fastest load or drive, expected at "
-            f"most {MOST_STEPS:.0e}; end earlier, or leave out what is so fast"
-        )
+    for steps, what in ((setup.end / longest, "the fastest load or drive"), (_steps_of_turns(setup), "its turns")):
+        if steps > MOST_STEPS:
+            raise _too_many(f"end = {setup.end:g} s takes {steps:.1e} steps of {what}", "leave out what is so fast")
     found = solve_dae(
         residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
         rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
-        events=_twists(system),
+        events=[_twists(system), _pace(setup.end)],
     )  # fmt: skip
     if not found.success:
         raise ComputationError(
@@ -263,6 +263,38 @@ def _integrate(system, setup, y0, yp0, progress):
             "pseudo-modes far above the band (drop_above)"
         )
     return found.t, found.y, found.yp, int(found.nlu)
+
+
+def _steps_of_turns(setup) -> float:
+    """About how many steps rotations take: those of the drives, and that of a body on which nothing else acts."""
+    turned = sum(drive.travel(setup.end) for drive in setup.drive if drive.about is not None)
+    if not (setup.constraint or setup.drive):
+        turned += float(np.linalg.norm(setup.angular_velocity)) * setup.end
+    return STEPS_OF_A_TURN * turned / (2 * np.pi)
+
+
+def _too_many(found: str, advice: str) -> InputError:
+    return InputError(f"{found}, expected at most {MOST_STEPS:.0e}; end earlier, or {advice}")
+
+
+def _pace(end):
+    """An event of the integrator that refuses a simulation whose steps stay so short that it takes far too many."""
+    last, count = 0.0, 0
+
+    def watch(t, y, yp):
+        nonlocal last, count
+        count += 1
+        if count % FEW_STEPS == 0:
+            steps = (end - t) * FEW_STEPS / max(t - last, 1e-300)
+            if steps > MOST_STEPS:
+                raise _too_many(
+                    f"t = {t:.4g} s was reached in {count} steps, the last of {(t - last) / FEW_STEPS:.1e} s, so that "
+                    f"end = {end:g} s takes {steps:.1e} more", "damp what vibrates so fast (drop_above leaves it out)"
+                )  # fmt: skip
+            last = t
+        return 1.0
+
+    return watch
 
 
 def _steps(system, t, states):

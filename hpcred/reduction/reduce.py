@@ -16,6 +16,7 @@ from ..model.definiteness import check_definite, doubts_of_definiteness, growing
 from ..model.digits import doubts_of_digits
 from ..model.frames import Buckens, Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.interfaces import doubts_of_interfaces
+from ..model.port_counts import require_room
 from ..model.rigid_body_modes import doubts_of_nodes, exchange_of_matrices, soft_supports
 from ..model.scales import scaled, scales_of
 from ..model.second_order_model import SYMMETRIC_TO, SecondOrderModel, require_inputs, require_model
@@ -179,6 +180,7 @@ def _reduce(model, basis, frame, damping, adaptive, settings, factoring, store, 
 def _check(model, frame, damping, adaptive, settings) -> tuple[str, ...]:
     """Refuse what cannot be reduced in this way; returns what is doubtful of the model. Collective."""
     check_model(model)
+    require_room(model, *([0] if adaptive is None else []))
     if _is_two_sided(model, settings):
         _check_two_sided(settings, damping, adaptive)
     if settings.coordinates == "interface":

@@ -2,6 +2,7 @@
 
 from importlib.util import find_spec
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 
@@ -146,7 +147,7 @@ MOST = 16  # curves of a response that can be told apart
 
 def check_figure_name(path):
     """Raise InputError unless the name ends as one of the formats of figures."""
-    if not str(path).endswith(FIGURES):
+    if Path(path).suffix not in FIGURES:
         raise InputError(f"figure {path}: expected a name that ends in {', '.join(FIGURES)}")
 
 

@@ -42,7 +42,7 @@ def modes_of_file(
     comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
     if figure is not None:
-        if not str(figure).endswith(".png"):
+        if Path(figure).suffix != ".png":  # nor a name that is nothing else
             raise InputError(f"figure {figure}: expected a name that ends in .png")
         check_outputs({figure: PICTURES.get(Path(figure).suffix.lower(), PNG)}, comm, [model], progress=progress)
         with agreed(comm):

@@ -6,7 +6,21 @@ import scipy.integrate
 from helpers import bar
 
 import hpcred
-from hpcred import Buckens, Chord, ConstantForce, Joint, Krylov, Modes, Rayleigh, Simulation, SineForce, TableForce
+from hpcred import (
+    Buckens,
+    Chord,
+    ConstantForce,
+    Joint,
+    Krylov,
+    Modes,
+    RampDrive,
+    Rayleigh,
+    Simulation,
+    SineDrive,
+    SineForce,
+    TableDrive,
+    TableForce,
+)
 from hpcred.multibody.body import body_of
 from hpcred.multibody.equations_of_motion import FlexibleBody, rotation
 from hpcred.multibody.simulation import simulate
@@ -49,6 +63,34 @@ def test_a_free_spinning_body_keeps_energy_and_momentum(linkage_body):
     assert np.abs(kept - kept[0]).max() < 1e-7 * np.abs(kept).max()
     assert np.ptp(motion.elastic[:, 0]) > 3e-4 and np.ptp(motion.angular_velocity, axis=0).max() > 1
     assert motion.drift == 0.0 and motion.constraint_force.shape == (51, 0)
+
+
+TURNING = [
+    {"angular_velocity": (0.0, 0.0, 1e6)},
+    {"constraint": (Joint(1, kind="revolute", axis=(0.0, 0.0, 1.0)),),
+     "drive": (RampDrive(node=1, about=(0.0, 0.0, 1.0), rate=1e6),)},
+    {"constraint": (Joint(1, kind="revolute", axis=(0.0, 0.0, 1.0)),),
+     "drive": (TableDrive(node=1, about=(0.0, 0.0, 1.0), times=(0.0, 1e6), values=(0.0, 1e12)),)},
+    {"constraint": (Joint(1, kind="revolute", axis=(0.0, 0.0, 1.0)),),
+     "drive": (SineDrive(node=1, about=(0.0, 0.0, 1.0), amplitude=1e9, frequency=1e-3),)},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("setup", TURNING)
+def test_turns_without_end_are_refused_before_they_begin(linkage_body, setup, monkeypatch):
+    """1e12 rad and more, of drives and of a body by itself, in steps that see each turn."""
+    monkeypatch.setattr("scipy_dae.integrate.solve_dae", lambda *_, **__: pytest.fail("was begun"))
+    with pytest.raises(InputError, match=r"takes [\d.]+e\+1\d steps of its turns, expected at most 1e\+08; end earl"):
+        simulate(linkage_body, Simulation(end=1e6, **setup))
+
+
+def test_vibrations_without_end_are_refused_after_some_steps(linkage_body, monkeypatch):
+    """An undamped body rings at some 100 Hz for as long as it is asked to."""
+    monkeypatch.setattr("hpcred.multibody.simulation.FEW_STEPS", 100)
+    elastic = (1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)
+    with pytest.raises(InputError, match=r"in 100 steps, .* takes [\d.]+e\+\d+ more, expected at most 1e\+08"):
+        simulate(linkage_body, Simulation(end=1e8, elastic=elastic))
+    assert simulate(linkage_body, Simulation(end=0.5, elastic=elastic, steps=5)).balance < 1e-2
 
 
 def test_a_stiff_pendulum_is_a_rigid_one(comm):

@@ -35,6 +35,8 @@ from hpcred import (
     Structural,
 )
 from hpcred.examples.linkage import FRAME, LOAD
+from hpcred.model.dofs import Dofs
+from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.petsc import is_complex
 from hpcred.reduction.accuracy import Adaptive, law_of
 from hpcred.reduction.pseudo_modal import Law
@@ -491,3 +493,27 @@ def test_a_damping_matrix_that_is_not_asked_for_is_named(linkage):
             with hpcred.reduce(model, [Modes(count=7)], FRAME, damping) as rom:
                 assert any("has a damping matrix, which kind = 'given' takes" in text
                            for text in rom.record.warnings) == said  # fmt: skip
+
+
+def test_masses_at_one_node_are_all_or_nothing(comm, linkage):
+    """A free body whose elastic motions move no mass, and a chain with one mass: the basis has no room for deflections
+    of what has no mass, which is refused, and no error inside; where the load acts on the mass one column is exact."""
+    K, M, _ = dense_model(linkage)
+    one = np.zeros_like(M)
+    one[range(36, 42), range(36, 42)] = [1.0, 1.0, 1.0, 0.01, 0.01, 0.01]
+    labels = [np.concatenate(comm.allgather(part)) for part in (linkage.dofs.node, linkage.dofs.direction)]
+    dofs = Dofs(*labels, np.concatenate(comm.allgather(linkage.dofs.position)))
+    free = SecondOrderModel.from_scipy(K, one, dofs=dofs, comm=comm).with_inputs([(1, "x"), (20, "z")])
+    with free as model, pytest.raises(InputError, match="a basis of 0 mass-orthonormal columns has lost"):
+        hpcred.reduce(model, tolerance=1e-3, band=(0.0, 100.0), frame=Buckens())
+    K, M = 2 * np.eye(9) - np.eye(9, k=1) - np.eye(9, k=-1), np.diag([0.0] * 4 + [1.0] + [0.0] * 4)
+    for load, exact in ((5, True), (3, False)):
+        with SecondOrderModel.from_scipy(K, M, comm=comm).with_inputs([load]) as model:
+            if not exact:
+                with pytest.raises(InputError, match="M is singular"):
+                    hpcred.reduce(model, tolerance=0.5, band=(0.0, 0.1))
+                continue
+            with hpcred.reduce(model, tolerance=0.5, band=(0.0, 0.1)) as rom:
+                f = np.linspace(0.0, 0.09, 7)
+                H = [np.linalg.inv(K - (2 * np.pi * x) ** 2 * M)[4, 4] for x in f]
+                assert rom.size == 1 and np.allclose(rom.transfer_function(2j * np.pi * f)[:, 0, 0], H, rtol=1e-10)

@@ -1,0 +1,24 @@
+"""How many inputs and outputs a model may have: what their columns and responses take, before it is computed."""
+
+from __future__ import annotations
+
+from ..parallel.failures import InputError
+from ..parallel.memory import MB, available_mb
+
+BLOCKS = 4  # as large as B that are there at once
+FREQUENCIES = 350  # at which a search has all responses at once
+
+
+def require_room(model, frequencies: int = FREQUENCIES):
+    """Raise InputError where the columns of B, or the responses of all pairs of inputs and outputs at so many
+    frequencies, take more memory than there is. Collective."""
+    inputs, outputs = len(model.input_names), len(model.output_names)
+    rows = max(model.comm.allgather(model.local_rows))
+    columns, pairs = BLOCKS * 8 * rows * inputs / MB, 16 * frequencies * inputs * outputs / MB
+    there = available_mb(model.comm)
+    if columns + pairs > there:
+        raise InputError(
+            f"{model.name}: found {inputs} inputs and {outputs} outputs: columns take {columns:.0f} MB of a rank, "
+            f"their {inputs * outputs} responses at {frequencies} frequencies {pairs:.0f} MB, and {there:.0f} MB "
+            "are free; name fewer, such as those of interface nodes"
+        )
