@@ -468,7 +468,8 @@ def _label_entries(comm, parts, deck, lacking, path):
     if held and not reason:
         parts.warnings.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
     _finish(comm, parts, _Rows(points, mask, deck.path, deck.elements), turn, mask)
-    if not (held or reason or comm.allreduce(turn.own)):
+    of_this_run = Path(path) != Path(deck.path)  # and not matrices that were put into another model
+    if of_this_run and not (held or reason or comm.allreduce(turn.own)):
         parts.warnings += compare_mass(comm, path, deck, parts.matrices["M"])
 
 

@@ -43,6 +43,7 @@ def read_source(source: Source, comm) -> Parts:
         for path in dict.fromkeys(files.values()):
             parts.warnings += doubts_of_end(path) if format_of(path).module in OF_LINES else []
         parts.open_ended = {key for key, path in files.items() if format_of(path).module in OPEN_ENDED}
+        parts.loose = format_of(files["K"]).module is nastran_dmig  # perhaps of the G-set
     if _name_rows_of_calculix(comm, parts, source):
         return parts
     is_input_file, turned, points = False, None, None

@@ -1,8 +1,8 @@
 """Whether matrices are whole whose format has no mark of its end: the rows that only one of K and M has tell it.
 
 A text that is cut off behind a line looks like a smaller matrix. Of a whole one each row with an entry has one on the
-diagonal, and what has mass is held by some stiffness. Single nodes may be without mass, but not those of solids and
-shells, nor many behind the last row of M. All functions are collective.
+diagonal, and what has mass is held by some stiffness. Single nodes may be without mass, but not some corners, or some
+middles of edges, of solids and shells, nor many other nodes behind the last row of M. All functions are collective.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model.dofs import SCALAR
+from ..model.elements import NODES
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, number_over_ranks
 from .entries import STRIDE
@@ -39,7 +40,7 @@ def refuse_cut(comm, parts, rows: dict[str, Rows], labels) -> list[str]:
 
     `rows`: of K and M; `labels`: of the rows of this rank, or None.
     """
-    for key in parts.open_ended & set(rows):
+    for key in sorted(parts.open_ended & set(rows)):  # in one order on all ranks
         if bare := comm.allreduce(int((rows[key].touched & ~rows[key].on_diagonal).sum())):
             raise InputError(
                 f"{parts.files[key]}: found {bare} rows of {key} with entries but none on the diagonal, expected one "
@@ -59,10 +60,12 @@ def refuse_cut(comm, parts, rows: dict[str, Rows], labels) -> list[str]:
     if comm.allreduce(len(parted)):
         raise _lacks(comm, parts, "M", "K", 1, parted)
     silent = np.unique(labels[only.nodes if parts.all_massive else only.nodes & only.behind] // STRIDE)
-    of_body = silent[_of_body(comm, parts.elements, silent)]
-    if count := comm.allreduce(len(of_body)):
-        raise _lacks(comm, parts, "M", "K", count, of_body * STRIDE)
+    massive = np.unique(labels[rows["M"].touched] // STRIDE)
+    for lost, there in zip(*(_of_solids(comm, parts.elements, nodes) for nodes in (silent, massive)), strict=True):
+        if comm.allreduce(len(there)) and (count := comm.allreduce(len(lost))):
+            raise _lacks(comm, parts, "M", "K", count, lost * STRIDE)
     behind = np.unique(labels[only.nodes & only.behind] // STRIDE)
+    behind = np.setdiff1d(behind, np.concatenate(_of_solids(comm, parts.elements, behind)))
     count, total = (comm.allreduce(len(part)) for part in (behind, np.unique(labels // STRIDE)))
     if count > MANY * total:
         raise _lacks(comm, parts, "M", "K", count, behind * STRIDE)
@@ -89,11 +92,17 @@ def _only(comm, labels, there: Rows, lacking: Rows) -> _Only:
     return _Only(nodes, mine & (labels > last))
 
 
-def _of_body(comm, elements, nodes):
-    """Which of these nodes belong to solids or shells."""
-    parts = [part.ravel() for kind, part in elements.items() if kind not in THIN]
-    known, _ = number_over_ranks(comm, np.unique(np.concatenate([np.zeros(0, np.int64), *parts])))
-    return look_up(comm, known, [], nodes)[0]
+def _of_solids(comm, elements, nodes):
+    """Those of the nodes that are corners of solids and shells, and those that are middles of their edges, of which a
+    lumped mass may leave out one kind."""
+    found = []
+    for corners in (False, True):
+        parts = [part[:, : NODES[kind.rstrip("0123456789")] if corners else None].ravel()
+                 for kind, part in elements.items() if kind not in THIN]  # fmt: skip
+        known, _ = number_over_ranks(comm, np.unique(np.concatenate([np.zeros(0, np.int64), *parts])))
+        found.append(look_up(comm, known, [], nodes)[0])
+    inside, corner = found
+    return nodes[corner], nodes[inside & ~corner]
 
 
 def _lacks(comm, parts, key, other, count, labels) -> InputError:

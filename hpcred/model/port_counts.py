@@ -6,6 +6,7 @@ from ..parallel.failures import InputError
 from ..parallel.memory import MB, available_mb
 
 BLOCKS = 4  # as large as B that are there at once
+LITTLE_MB = 64  # which is always there
 FREQUENCIES = 350  # at which a search has all responses at once
 
 
@@ -16,7 +17,7 @@ def require_room(model, frequencies: int = FREQUENCIES):
     rows = max(model.comm.allgather(model.local_rows))
     columns, pairs = BLOCKS * 8 * rows * inputs / MB, 16 * frequencies * inputs * outputs / MB
     there = available_mb(model.comm)
-    if columns + pairs > there:
+    if columns + pairs > max(there, LITTLE_MB):
         raise InputError(
             f"{model.name}: found {inputs} inputs and {outputs} outputs: columns take {columns:.0f} MB of a rank, "
             f"their {inputs * outputs} responses at {frequencies} frequencies {pairs:.0f} MB, and {there:.0f} MB "
