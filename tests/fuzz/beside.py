@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from . import readings
-from .containers import outcome
+from .containers import is_unsealed, outcome
 from .judge import Case, inside, run_good, write
 from .matrices import chosen, text
 from .mutations import bytes_changed, damaged_text
@@ -54,13 +54,20 @@ def exported(rng, kind):
 
 
 def stored(rng, kind):
-    """A run whose store has a damaged entry gives what it gives without a store."""
+    """A run whose store has a damaged entry gives what it gives without a store, and replaces it where its seal is
+    broken."""
     files = _of_run(STORED)
     which = chosen(rng, *sorted(file for file in files if file.startswith("points/") and file.endswith(".h5")))
     note, content = bytes_changed(files[which], rng)
     kept = {name: item for name, item in files.items() if name != "new.h5"}
     expected = _numbers(files["new.h5"])
-    return Case(f"{which}: {note}", {**kept, which: content}, ["reduce", "new.toml"], expected, outcome, True, which)
+    if is_unsealed(files[which], content):
+        expected["replaced"] = np.array(True)
+
+    def read(folder):
+        return outcome(folder) | {"replaced": np.array((folder / which).read_bytes() != content)}
+
+    return Case(f"{which}: {note}", {**kept, which: content}, ["reduce", "new.toml"], expected, read, True, which)
 
 
 def _numbers(result: bytes):

@@ -27,6 +27,8 @@ COMMANDS = {
     "responses.h5": ["info responses.h5 --json out.json"], "motion.h5": ["info motion.h5 --json out.json"],
 }  # fmt: skip
 
+SEAL_END = 28  # bytes: the length of the seal in 8, its CRC-32 in 4, and 16 that say that it is one
+
 
 def outcome(folder: Path) -> dict[str, np.ndarray]:
     """All numbers that a command wrote, by the name of the file and the place in it."""
@@ -126,12 +128,47 @@ def closed(file, memory):
     return memory.getvalue()
 
 
+def places(good: bytes) -> list[tuple[int, int]]:
+    """Where the datasets of a file stand: first byte, byte behind the last."""
+    with h5py.File(io.BytesIO(good), "r") as file:
+        found = [(file[name].id.get_offset(), file[name].id.get_storage_size()) for name in datasets(file)]
+    return [(first, first + size) for first, size in found if first is not None]
+
+
+def elsewhere(good: bytes) -> np.ndarray:
+    """The places of the bytes that are of no dataset: what HDF5 keeps of its own, and the seal but for its end."""
+    own = np.ones(len(good) - SEAL_END, dtype=bool)
+    for first, last in places(good):
+        own[first:last] = False
+    return np.flatnonzero(own)
+
+
+def is_unsealed(good: bytes, changed: bytes) -> bool:
+    """Whether a file that says that it is sealed has other bytes of its own than the good one, and must be refused."""
+    if not changed.endswith(good[-SEAL_END:]) or changed == good:
+        return False  # as of a file that another program wrote again
+    own = elsewhere(good)
+    return len(changed) != len(good) or any(changed[k] != good[k] for k in own.tolist())
+
+
+def own_changed(good: bytes, rng) -> tuple[str, bytes]:
+    """A copy with a bit flipped in a byte that is of no dataset."""
+    own = elsewhere(good)
+    at = int(own[int(rng.integers(len(own)))])
+    return f"bit of HDF5 at byte {at}", good[:at] + bytes([good[at] ^ 1 << int(rng.integers(8))]) + good[at + 1 :]
+
+
+def damaged(kind, command, note, changed) -> Case:
+    """A command with one file changed; of what is of no dataset nothing may be, and nothing else may be believed."""
+    all_files = files()
+    wanted = None if is_unsealed(all_files[kind], changed) else expected(command)
+    return Case(f"{kind}: {note}; {command}", {**all_files, kind: changed}, command.split(), wanted, outcome)
+
+
 def case(rng, kind):
     command = COMMANDS[kind][int(rng.integers(len(COMMANDS[kind])))]
-    all_files = files()
-    note, changed = (bytes_changed if rng.random() < 0.5 else edited)(all_files[kind], rng)
-    content = {**all_files, kind: changed}
-    return Case(f"{kind}: {note}; {command}", content, command.split(), expected(command), outcome)
+    damage = (bytes_changed, bytes_changed, own_changed, edited, edited)[int(rng.integers(5))]
+    return damaged(kind, command, *damage(files()[kind], rng))
 
 
 KINDS = dict.fromkeys(COMMANDS, case)

@@ -12,9 +12,9 @@ from hpcred.formats.job_file import Job
 from hpcred.formats.simulation_file import SimulationJob
 from hpcred.formats.sweep_file import _File
 
-from . import arrays, matrices, meshes, readings, tables
+from . import arrays, beside, containers, matrices, meshes, readings, tables
 from .generators import KINDS, make
-from .judge import INTERNAL, REFUSED, RIGHT, WRONG, Case, run_case
+from .judge import INTERNAL, REFUSED, RIGHT, WRONG, Case, run_case, same
 from .mutations import damaged_text
 
 TAKEN = {"sim.toml": 2, "job.toml": 3}  # cases of a kind, where not four
@@ -130,3 +130,33 @@ def test_what_is_neither_right_nor_a_sentence_is_seen(monkeypatch, fault):
     monkeypatch.setattr("hpcred.workflows.convert.load_source", faulty)
     command = ["convert", "-K", "K.mtx", "-M", "K.mtx", "-o", "m.h5"]
     assert run_case(Case("", {"K.mtx": SMALL}, command, {}, matrices.model_numbers))[0] == INTERNAL
+
+
+def in_the_seal(good):
+    """A copy with a letter of the text of the seal changed, which HDF5 never sees."""
+    at = good.rindex(b'"end"')
+    return good[:at] + b'"End"' + good[at + 5 :]
+
+
+@pytest.mark.parametrize("kind", containers.KINDS)
+def test_a_seal_that_is_not_checked_is_seen(monkeypatch, kind):
+    command = containers.COMMANDS[kind][-1]
+    case = containers.damaged(kind, command, "", in_the_seal(containers.files()[kind]))
+    assert run_case(case)[0] == REFUSED
+    monkeypatch.setattr("hpcred.formats.hdf5.is_broken", lambda path: False)
+    assert run_case(case)[0] == WRONG
+
+
+def test_a_seal_of_the_store_that_is_not_checked_is_seen(monkeypatch):
+    monkeypatch.setattr(beside, "bytes_changed", lambda good, rng: ("", in_the_seal(good)))
+    case = make("point store", 1, 0)
+    assert run_case(case)[0] == RIGHT
+    monkeypatch.setattr("hpcred.formats.hdf5.is_broken", lambda path: False)
+    assert run_case(case)[0] == WRONG
+
+
+def test_what_differs_by_more_than_round_off_is_seen():
+    """A mode of another run of the eigensolver, to its tolerance of 1e-10, has another zero."""
+    mode, other = {"V": np.array([1.0, 0.0])}, {"V": np.array([1.0, 4e-10])}
+    assert same(other, mode) and not same(other, mode, 2)
+    assert same({"V": np.array([1.0, 1e-7])}, mode, 2) and same({"V": np.array([1.0 + 1e-7, 0.0])}, mode, 2)
