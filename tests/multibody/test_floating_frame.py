@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import bar, block_from, gather
+from helpers import bar, block_from, gather, to_dense
 
 import hpcred
 from hpcred import Buckens, Modes
@@ -131,6 +131,22 @@ def test_dependence_on_the_elastic_coordinates(block, lumped):
     centrifugal = (found.Oe + np.tensordot(found.Oe1, q, axes=(1, 0))) @ monomials
     slope = found.dJ + 2 * np.tensordot(found.J2, q, axes=(1, 0))
     assert centrifugal == pytest.approx(-0.5 * slope @ w @ w)
+
+
+@pytest.mark.mpi
+def test_coriolis_terms_are_those_of_the_nodes(block):
+    """Ge and Gr times w: the work of the acceleration 2 w x Phi_k in Phi_i, and its moment about the origin."""
+    w = np.array([0.3, -1.0, 0.7])
+    with hpcred.reduce(block, [Modes(index=tuple(range(7, 11)))], Buckens()) as rom:
+        found = floating_frame(block, rom.columns)
+        shapes = gather(rom.columns)
+        moved = np.cross(2 * w, shapes.reshape(-1, 3, 4), axisb=1, axisc=1).reshape(shapes.shape)
+        acceleration = block_from(block.M, moved)
+        work = shapes.T @ to_dense(block.M) @ moved
+        turned = rigid_integrals(block, block.M, acceleration)[1]
+        acceleration.destroy()
+    assert np.einsum("ick,c->ik", found.Ge.reshape(4, 3, 4), w) == pytest.approx(work)
+    assert np.einsum("akc,c->ka", found.Gr.reshape(3, 4, 3), w) == pytest.approx(turned)
 
 
 def point_masses(comm, directions, mass=3.0):

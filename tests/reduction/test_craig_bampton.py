@@ -247,3 +247,32 @@ def test_motions_of_interfaces_that_no_load_needs_stay_whatever_comes_first(comm
         with pytest.raises(hpcred.InputError, match=f"adaptive.size: found {count - 1}, expected at least {count}"):
             few = hpcred.Adaptive(size=count - 1, **asked)
             hpcred.reduce(model, [], frame, adaptive=few, coordinates="interface")
+
+
+def test_fixed_interface_modes_of_a_body_on_soft_springs_hold_the_interfaces(comm):
+    """K^-1 f is 1e6 times the motion of the body held; the first correction leaves round-off of the former."""
+    with block_with_ends(comm, cells=(4, 2, 2)) as free:
+        K, M, _ = dense_model(free)
+        sprung = hpcred.SecondOrderModel.from_scipy(K + 1e4 * M, M, comm=comm, dofs=everywhere(free))
+        model = sprung.with_interfaces([item.definition for item in free.interfaces]).with_inputs([("right", "all")])
+        with model, hpcred.reduce(model, [FixedInterfaceModes(count=6)]) as rom:
+            V, G = gather(rom.columns), to_dense(model.Gt).T
+            N = scipy.linalg.null_space(G)
+            squares = scipy.linalg.eigvalsh(N.T @ (K + 1e4 * M) @ N, N.T @ M @ N)[:6]
+            assert np.allclose((2 * np.pi * rom.frequencies) ** 2, squares, rtol=1e-11)
+            assert np.abs(G @ V).max() < 1e-11 * np.abs(V).max()
+
+
+def test_directions_that_depend_on_each_other_are_refused_and_others_are_not(comm):
+    """A second node that follows the same face as the first, and one that follows two of its four rows of nodes."""
+    rows = hpcred.Interface(name="rows", nodes=hpcred.Nodes(box=((0.035, -1.0, 0.015), (0.045, 1.0, 1.0))))
+    with hpcred.solid((4, 3, 3), comm=comm) as model:
+        with model.with_interfaces([face("one", 0.04), face("other", 0.04)]) as marked:
+            given = marked.with_inputs([("one", "all")])
+        with given, pytest.raises(hpcred.InputError, match="cannot be moved by itself; its motion depends on"):
+            hpcred.reduce(given, [Guyan()])
+        with model.with_interfaces([face("one", 0.04), rows]) as marked:
+            given = marked.with_inputs([("one", "all")])
+        with given, hpcred.reduce(given, [Guyan()], coordinates="interface") as rom:
+            moved = to_dense(given.Gt).T @ gather(rom.columns)
+            assert np.abs(moved - np.eye(12)).max() < 1e-9

@@ -162,6 +162,7 @@ def test_modes_that_are_missing_and_modes_that_move():
     assert missing(model, []) == 0
     assert missing(model, [(6.0, 2), (8.0, 3)]) == 0
     assert missing(model, [(6.0, 4), (8.0, 4)]) == 2
+    assert missing(model, [(6.995, 3)]) == 1 and missing(model, [(7.005, 3)]) == 0  # below means below
     before = diagonalised(np.diag((2 * np.pi * np.array([2.0, 5.01, 7.3])) ** 2), np.ones((3, 1)))
     assert unsettled(model, before, 8.0).tolist() == [2, 1]
     assert unsettled(model, before, 8.0, most=1).tolist() == [2]

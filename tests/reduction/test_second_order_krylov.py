@@ -10,6 +10,7 @@ from hpcred import (
     Krylov,
     SecondOrderKrylov,
 )
+from hpcred.reduction.second_order_krylov import _next_state
 
 POINTS = [
     {"frequency": 700.0, "order": 2},
@@ -56,6 +57,19 @@ def test_without_damping_both_krylov_methods_span_the_same(solid):
         hpcred.reduce(solid, [SecondOrderKrylov(700.0, order=2)]) as b,
     ):
         assert np.allclose(a.frequencies, b.frequencies, rtol=1e-6)
+
+
+def test_states_stay_orthonormal_where_a_new_one_is_nearly_in_their_span():
+    """One projection leaves round-off of the size of the state in what is left of it: here 1e-16 of 1e-9."""
+    rng = np.random.default_rng(1)
+    made = rng.standard_normal((16, 5)) + 1j * rng.standard_normal((16, 5))
+    states = np.linalg.qr(made)[0]
+    new = states[:, :4] @ rng.standard_normal((4, 2)) + 1e-9 * states[:, 4:] @ rng.standard_normal((1, 2))
+    new[:, 1] += 1e-3 * made[:, 1]
+    upper, lower, found = _next_state(new[:8], new[8:], states[:, :4])
+    assert found.shape == (16, 5) and np.array_equal(found[:, 4:], np.concatenate([upper, lower]))
+    assert np.abs(found.conj().T @ found - np.eye(5)).max() < 1e-14
+    assert np.abs(states[:, 4] - found @ (found.conj().T @ states[:, 4])).max() < 1e-6
 
 
 @pytest.mark.slow
