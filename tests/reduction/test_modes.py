@@ -68,9 +68,9 @@ def test_dominance_is_half_the_height_of_a_resonance(comm, law):
     K, M = np.diag(np.array([1.0, 4.0, 9.0, 16.0]) ** 2 * 1e4), 2.0 * np.eye(4)
     B = np.array([[1.0], [3.0], [4.0], [30.0]])
     columns = {"inputs": B, "input_names": ["u"], "outputs": np.ones((4, 1)), "output_names": ["y"]}
-    with hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, **columns) as model:
-        with hpcred.reduce(model, [Modes(count=4, dominant=2)], damping=law) as rom:
-            found, frequencies = rom.record.ingredients[0].dominance, rom.frequencies
+    model = hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, **columns)
+    with model, hpcred.reduce(model, [Modes(count=4, dominant=2)], damping=law) as rom:
+        found, frequencies = rom.record.ingredients[0].dominance, rom.frequencies
     omega = np.sqrt(np.diag(K) / 2.0)
     if law is None:
         ratio = np.full(4, 0.01)
