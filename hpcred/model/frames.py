@@ -223,7 +223,7 @@ def _rows_of_chord(model, frame):
     along, across = points[1] - points[0], points[2] - points[0]
     normal = np.cross(along, across)
     sizes = np.linalg.norm(along) * np.linalg.norm(across)
-    if len(set(nodes)) < 3 or np.linalg.norm(normal) <= COLLINEAR * sizes:
+    if np.linalg.norm(normal) <= COLLINEAR * sizes:
         listed = ", ".join(
             f"node {node} at ({x:g}, {y:g}, {z:g})" for node, (x, y, z) in zip(frame.nodes, points, strict=True)
         )

@@ -28,6 +28,7 @@ from hpcred import (
 from hpcred.linalg.blocks import create_block
 from hpcred.linalg.conjugate_gradients import NegativeCurvature, NotSolved
 from hpcred.linalg.factorisation import SingularMatrix
+from hpcred.linalg.multigrid import HIGH, LOW, _Level
 from hpcred.linalg.multigrid_solver import MultigridSolver
 from hpcred.linalg.solvers import ShiftedSolver
 from hpcred.model.frames import apply_frame
@@ -299,3 +300,29 @@ def test_what_multigrid_cannot_do_is_refused(solid):
 def test_solvers_that_make_no_sense(options):
     with pytest.raises(InputError, match=rf"solver\.{next(iter(options))}: found"):
         LinearSolver(**options)
+
+
+@pytest.mark.parametrize("sweeps", [1, 2, 3, 5])
+def test_the_smoother_is_a_chebyshev_polynomial(comm, sweeps):
+    """What k sweeps leave of an eigenvector of eigenvalue z is T_k((m - z) / h) / T_k(m / h) on the interval m -+ h,
+    which ends at the largest eigenvalue; with a diagonal that is not 1 the matrix and its diagonal go together."""
+    count = 12
+    T = 2 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
+    scale = np.diag(10.0 ** np.linspace(-2, 2, count))
+    with SecondOrderModel.from_scipy(scale @ T @ scale, np.eye(count), comm=comm) as model, closing(_Level(
+            model.K, model.K.duplicate(), False)) as level:  # fmt: skip
+        values, shapes = scipy.linalg.eigh(T / 2)
+        assert 0.98 * values[-1] < level.top / HIGH <= values[-1] * (1 + 1e-12)
+        errors = np.linalg.solve(scale, shapes)
+        level.make_room(count)
+        first, last = model.K.getOwnershipRange()
+        level.x.getDenseArray()[...] = 0.0
+        level.r.getDenseArray()[...] = (scale @ T @ scale @ errors)[first:last]
+        level.smooth(sweeps)
+        left = np.concatenate(comm.allgather(errors[first:last] - level.x.getDenseArray().real))
+        rest = np.concatenate(comm.allgather(level.r.getDenseArray().real.copy()))
+    middle, half = level.top * (1 + LOW) / 2, level.top * (1 - LOW) / 2
+    polynomial = np.polynomial.chebyshev.Chebyshev.basis(sweeps)
+    expected = polynomial((middle - values) / half) / polynomial(middle / half)
+    assert np.abs(scale @ left - shapes * expected).max() < 1e-12
+    assert np.abs(rest - scale @ T @ scale @ left).max() < 1e-12 * np.abs(scale @ T @ scale).max()

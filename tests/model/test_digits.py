@@ -8,7 +8,8 @@ import scipy.linalg
 import scipy.sparse
 
 import hpcred
-from hpcred.model.digits import digits_of
+from hpcred.linalg.blocks import create_block, local_rows
+from hpcred.model.digits import digits_of, doubts_of_digits
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
@@ -76,3 +77,17 @@ def test_entries_with_all_digits_are_not_doubted(comm):
     K, M = beam(20, even=True)  # few values
     with of(comm, rounded(K, 9), M) as model:
         assert digits_of(model.K) is None
+
+
+def test_twelve_modes_are_looked_at(comm):
+    """Of which one has a frequency far below those of elements; squares of Inf do not count."""
+    K, M = beam(80)
+    with of(comm, rounded(K, 9), M) as model:
+        block = create_block(model.K, 13)
+        with local_rows(block) as rows:
+            rows[...] = 1.0
+        for place, found in ((0, 1), (11, 1), (12, 0)):
+            squares = np.full(13, np.inf)
+            squares[place] = 1e-3
+            assert len(doubts_of_digits(model, model.K, squares, block)) == found
+        block.destroy()

@@ -1,5 +1,7 @@
 """Tangent, chord and Buckens frames: what they hold, and the elastic response of a free body."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -9,6 +11,7 @@ from helpers import dense_model, gather
 import hpcred
 from hpcred import Buckens, Chord, Krylov, Modes, Tangent
 from hpcred.examples import linkage as example
+from hpcred.model.frames import apply_frame
 
 pytestmark = pytest.mark.mpi
 
@@ -86,3 +89,20 @@ def test_a_free_body_needs_a_frame(comm):
                 hpcred.reduce(model, basis)
         with hpcred.reduce(model, [Krylov(0.0, 1)], Buckens()) as rom:
             assert rom.frequencies.min() > 100
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_points_of_a_chord_frame_are_collinear_by_their_angle(comm, size):
+    """0.1 microradian is a line, 10 are not, in any unit of length; nor are two points a plane."""
+    for angle, fits in ((1e-7, False), (1e-5, True)):
+        places = size * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [300.0, 300.0 * angle, 0.0]])
+        direction = np.tile(np.arange(3, dtype=np.int8), 3)
+        dofs = hpcred.Dofs(np.repeat([1, 2, 3], 3), direction, np.repeat(places, 3, axis=0))
+        with hpcred.SecondOrderModel.from_scipy(np.eye(9), np.eye(9), comm=comm, dofs=dofs) as model:
+            for nodes, right in (((1, 2, 3), fits), ((1, 2, 2), False), ((1, 1, 3), False)):
+                if right:
+                    with closing(apply_frame(model, Chord(nodes))) as framed:
+                        assert framed.model.size == 3
+                else:
+                    with pytest.raises(hpcred.InputError, match="collinear"):
+                        apply_frame(model, Chord(nodes))

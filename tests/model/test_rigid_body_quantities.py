@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from helpers import PLACES, truss
+from helpers import PLACES, to_dense, truss
 
 import hpcred
 from hpcred.linalg.blocks import apply, create_block, inner
 from hpcred.model.dofs import Dofs
-from hpcred.model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
+from hpcred.model.rigid_body_modes import RigidBodyModes, rigid_body_quantities, soft_supports
 from hpcred.parallel.failures import InputError
 
 
@@ -80,3 +80,17 @@ def test_a_body_without_mass_is_refused():
         pytest.raises(InputError, match="ghost: the translational masses in x, y, z are 0, 0, 0 kg"),
     ):
         rigid_body_quantities(model)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("stiffness", [0.0, 1.0, 1e4])
+def test_supports_are_known_by_the_force_that_translations_meet(comm, stiffness):
+    """A triangle of rods in its plane, a spring to the ground in y at one node: its share of the diagonal there."""
+    with truss(comm, (0, 1)) as free:
+        K, M = to_dense(free.K), to_dense(free.M)
+        parts = comm.allgather(free.dofs)
+    dofs = Dofs(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("node", "direction", "position")))
+    K *= np.pi  # a number with all digits
+    K[3, 3] += stiffness
+    with hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, dofs=dofs) as model:
+        assert soft_supports(model) == pytest.approx([0.0, stiffness / K[3, 3]])  # nothing moves in z

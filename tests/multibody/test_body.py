@@ -142,3 +142,15 @@ def test_rigid_body_modes_are_not_elastic():
         columns.destroy()
     with pytest.raises(InputError, match="rigid-body motions"):
         check_elastic(body)
+
+
+def test_coordinates_that_are_nearly_parallel_are_elastic_none_the_less():
+    """Two modes and their sum with 1e-5 of a third: what is left of each beside the rigid-body motions counts in
+    combinations of one size."""
+    with hpcred.linkage() as model:
+        with hpcred.reduce(model, [Modes(index=(7, 8))], Buckens()) as rom:
+            body, V = body_of(model, rom, [20]), gather(rom.columns)
+        columns = block_from(model.M, V @ np.array([[1.0, 1.0], [0.0, 1e-5]]))
+        body.floating_frame = floating_frame(model, columns)
+        columns.destroy()
+    check_elastic(body)

@@ -44,8 +44,9 @@ def test_groups_give_the_same_model(comm, groups):
     if groups == "all":
         factors = [len(rom.record.factorisations) for rom in (one, many)]
         assert factors[0] <= factors[1] <= factors[0] + 1  # the modes have one of their own
-    with pytest.raises(InputError, match=f"groups: found {comm.size + 1}, expected 1 to {comm.size}"):
-        package.reduce(model_of(comm), basis, groups=comm.size + 1)
+    for wrong in (0, comm.size + 1):
+        with pytest.raises(InputError, match=f"groups: found {wrong}, expected 1 to {comm.size}"):
+            package.reduce(model_of(comm), basis, groups=wrong)
 
 
 def test_a_refusal_in_one_group_ends_all(hpcred, tmp_path):

@@ -2,13 +2,17 @@
 
 import numpy as np
 import pytest
-from helpers import close, dense_model, moments
+from helpers import block_with_ends, close, dense_model, moments
 
 import hpcred
 from hpcred import (
     Buckens,
+    CraigBampton,
+    FixedInterfaceModes,
+    Guyan,
     Krylov,
     Modes,
+    SecondOrderKrylov,
 )
 
 pytestmark = pytest.mark.mpi
@@ -54,3 +58,17 @@ def test_a_point_on_an_eigenfrequency_is_refused(linkage):
     with pytest.raises(hpcred.InputError, match="eigenfrequency"):
         hpcred.reduce(linkage, [Krylov(exact, 1)], Buckens())
     hpcred.reduce(linkage, [Krylov(33.3047, 1)], Buckens()).close()
+
+
+@pytest.mark.parametrize("ingredient", [
+    Krylov(700.0, 2), Krylov(0.0, 1), Krylov(9000.0, 1, 4e4), Modes(count=5), Modes(count=5, dominant=2),
+    hpcred.StaticCorrection(), SecondOrderKrylov(9000.0, order=1), SecondOrderKrylov(decay=900.0, order=1),
+    FixedInterfaceModes(count=4), CraigBampton(count=4), Guyan(),
+], ids=lambda item: item.kind)  # fmt: skip
+def test_the_number_of_columns_that_is_said_beforehand_is_that_of_the_basis(comm, ingredient):
+    """Room and memory are planned by it; loads and directions of the interface are independent here."""
+    loads = [(20, direction) for direction in "xyz"]
+    with block_with_ends(comm, clamped=True, cells=(4, 2, 2)) as block, block.with_inputs(loads) as model:
+        found = ingredient.columns(3, 0) + 6 * (ingredient.per_direction or 0)
+        with hpcred.reduce(model, [ingredient], damping=hpcred.Rayleigh(2e4, 1e-5)) as rom:
+            assert rom.size == found

@@ -1,0 +1,15 @@
+"""How many columns a search is away from its goal."""
+
+import numpy as np
+import pytest
+
+from hpcred.reduction.judging import _columns_ahead
+
+
+def test_columns_ahead_at_the_rate_of_the_last_block():
+    """Two powers of ten with each block of 3 columns, of which four are left; none where the goal is reached."""
+    assert _columns_ahead([1e-2, 1e-4], 1e-8, 3) == pytest.approx(6.0)
+    assert _columns_ahead([1.0, 1e-2, 1e-3], 1e-8, 2) == pytest.approx(10.0)
+    assert _columns_ahead([1e-2, 1e-9], 1e-8, 3) == 0.0
+    for history in ([1e-2], [1e-4, 1e-4], [1e-4, 1e-2], [1e-2, 0.0]):
+        assert _columns_ahead(history, 1e-8, 3) == np.inf

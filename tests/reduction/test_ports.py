@@ -1,0 +1,27 @@
+"""Independent loads, against numpy."""
+
+import numpy as np
+import pytest
+
+from hpcred.reduction.ports import _independent_columns
+
+
+@pytest.mark.parametrize("units", [np.ones(7), 10.0 ** np.arange(-9, 12, 3)], ids=["one unit", "many units"])
+def test_dependent_columns_in_terms_of_independent_ones(units):
+    rng = np.random.default_rng(1)
+    A = rng.standard_normal((40, 7))
+    A[:, 2], A[:, 4], A[:, 6] = A[:, 0] - 0.3 * A[:, 1], 2.0 * A[:, 3], A[:, 0] + A[:, 1] + A[:, 5]
+    A = A * units
+    kept, factor = _independent_columns(A.T @ A, np.linalg.norm(A, axis=0))
+    assert len(kept) == 4 == np.linalg.matrix_rank(A[:, kept] / units[kept])
+    assert (np.abs(A[:, kept] @ factor - A).max(axis=0) < 1e-12 * np.abs(A).max(axis=0)).all()
+    assert np.array_equal(factor[:, kept], np.eye(4))
+
+
+def test_what_is_left_of_a_rigid_load_is_round_off():
+    """Column 0 is 1e-14 of what it was before the rigid-body part was taken out."""
+    gram = np.diag([1e-28, 4.0])
+    kept, factor = _independent_columns(gram, np.array([1.0, 2.0]))
+    assert kept.tolist() == [1] and np.array_equal(factor, [[0.0, 1.0]])
+    kept, factor = _independent_columns(np.diag([1e-28, 0.0]), np.array([1.0, 2.0]))
+    assert not len(kept) and factor.shape == (0, 2)

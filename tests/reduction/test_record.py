@@ -1,0 +1,28 @@
+"""What tells the model of a result from another one."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hpcred import GivenDamping, NoDamping
+from hpcred.reduction.record import SAME, difference_of
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+def test_signatures_differ_where_their_largest_part_would_notice(size):
+    expected = {"M": (size, 1e-3 * size), "K": (1e6 * size,)}
+    record = SimpleNamespace(signature=expected, damping=NoDamping())
+    near, far = size * (1e-3 + 0.5 * SAME), size * (1e-3 + 2 * SAME)
+    assert difference_of({**expected, "M": (size, near)}, record) is None
+    assert difference_of({**expected, "M": (size, far)}, record) == "M"
+    assert difference_of({**expected, "K": (1e6 * size * (1 - 2 * SAME),)}, record) == "K"
+    assert difference_of({"M": expected["M"]}, record) == "K"
+    assert difference_of({**expected, "M": (size,)}, record) == "M"
+
+
+def test_damping_counts_where_it_was_used():
+    expected = {"M": (1.0,), "D": (2.0,)}
+    for damping, found in ((NoDamping(), None), (GivenDamping(), "D")):
+        record = SimpleNamespace(signature=expected, damping=damping)
+        assert difference_of({"M": (1.0,), "D": (np.pi,)}, record) == found
