@@ -2,9 +2,10 @@
 
 from collections import Counter
 
+import numpy as np
 import pytest
 
-from hpcred.model.elements import CORNERS, EDGES, FACES, NODES
+from hpcred.model.elements import CORNERS, EDGES, FACES, NODES, free
 
 SOLIDS = [kind for kind in FACES if kind.rstrip("0123456789") in ("tetra", "pyramid", "wedge", "hexahedron")]
 
@@ -50,3 +51,14 @@ def test_edges_are_the_sides_of_the_faces(kind):
         assert EDGES[kind] == [(0, 2), (2, 1)]
     else:
         assert EDGES[kind] == [(0, 1)]
+
+
+def test_faces_of_one_solid_are_free():
+    """A quadrilateral that is folded to a triangle is the face of another solid with three of its nodes, and not that
+    of a quadrilateral with one node more, which may be node 0; a shell on a solid is its face."""
+    solids = np.array([[1, 2, 3, 3], [3, 1, 2, 2], [0, 1, 2, 3], [4, 5, 6, 7], [7, 6, 5, 4], [8, 9, 10, 11]])
+    assert free(solids[[0, 2]], np.array([True, True])).tolist() == [True, True]
+    assert free(solids, np.ones(6, dtype=bool)).tolist() == [False, False, True, False, False, True]
+    shells = np.array([True, True, False, False])
+    faces = np.array([[0, 1, 2, 3], [4, 5, 6, 7], [3, 2, 1, 0], [7, 8, 9, 10]])
+    assert free(faces, shells).tolist() == [True, True, False, True]

@@ -5,9 +5,15 @@ import pytest
 from helpers import PLACES, to_dense, truss
 
 import hpcred
-from hpcred.linalg.blocks import apply, create_block, inner
+from hpcred.linalg.blocks import apply, create_block, from_dense, inner, local_rows
 from hpcred.model.dofs import Dofs
-from hpcred.model.rigid_body_modes import RigidBodyModes, rigid_body_quantities, soft_supports
+from hpcred.model.rigid_body_modes import (
+    RigidBodyModes,
+    pushed_motions,
+    rigid_body_quantities,
+    rigid_motions,
+    soft_supports,
+)
 from hpcred.parallel.failures import InputError
 
 
@@ -94,3 +100,30 @@ def test_supports_are_known_by_the_force_that_translations_meet(comm, stiffness)
     K[3, 3] += stiffness
     with hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, dofs=dofs) as model:
         assert soft_supports(model) == pytest.approx([0.0, stiffness / K[3, 3]])  # nothing moves in z
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("directions", [(0,), (0, 1, 2)])
+def test_a_load_pushes_the_motions_that_meet_no_force(comm, directions):
+    """Three masses of 3 kg: what f does to M-orthonormal free motions is f^T R (R^T M R)^-1 R^T f in all, here by the
+    acceleration of the centre and about it."""
+    force = np.zeros(3 * len(directions))
+    force[-len(directions)] = 2.0  # in x on the last node
+    with truss(comm, directions) as model:
+        first = model.first_row
+        with model.with_input_columns(force[first : first + model.local_rows, None], ["f"]) as pushed:
+            loads = from_dense(pushed.B)
+            parts = pushed_motions(pushed, loads)
+            loads.destroy()
+            R = np.concatenate(comm.allgather(rows_of_motions(pushed)))
+    R = np.linalg.qr(R[:, :1] if len(directions) == 1 else R)[0]  # rods let the nodes move in x together only
+    assert (parts**2).sum() == pytest.approx(force @ R @ R.T @ force / 3.0)
+
+
+def rows_of_motions(model):
+    """Rigid-body motions of the rows of this rank (rows, 6)."""
+    motions = rigid_motions(model)
+    with local_rows(motions) as rows:
+        mine = rows.real.copy()
+    motions.destroy()
+    return mine

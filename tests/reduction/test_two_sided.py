@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import close, damped, dense_model, gather, second_order_moments, with_columns
+from helpers import close, columns_of, damped, dense_model, gather, moments, second_order_moments, with_columns
 
 import hpcred
 from hpcred import (
@@ -66,3 +66,15 @@ def test_an_unsymmetric_damping_matrix_that_is_left_out_does_no_harm(solid):
         with hpcred.reduce(both, [Krylov(700.0, 1)], None, None, **settings) as rom:
             assert close(expected, rom.transfer_function(s)) < 1e-9
             assert all(record.kind == "LDL^T" for record in rom.record.factorisations)
+
+
+def test_one_vector_on_each_side_matches_two_moments(comm):
+    with hpcred.solid((4, 2, 2), inputs=1, comm=comm) as clamped, clamped.with_outputs([(20, "x")]) as model:
+        K, M, B = dense_model(model)
+        C = columns_of(model.Ct).T
+        basis = [Krylov(700.0, 0)]
+        with hpcred.reduce(model, basis, projection="two_sided", allow_unstable=True) as rom:
+            assert rom.size == 1
+            shift = -((2 * np.pi * 700.0) ** 2)
+            full, small = (moments(*system, shift, 2) for system in ((K, M, B, C), (rom.K, rom.M, rom.B, rom.C)))
+            assert max(close(a, b) for a, b in zip(full, small, strict=True)) < 1e-9
