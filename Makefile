@@ -1,5 +1,5 @@
 # make demo | install | test | test-slow | test-wheel | test-ccx | test-dolfinx | test-chromium | test-slurm | test-docs |
-#      test-debian12 | test-debian13 | test-kernels | fuzz | coverage | docs | bench | lint
+#      test-debian12 | test-debian13 | test-kernels | fuzz | mutants | coverage | docs | bench | lint
 #
 # On Debian 12 and 13, and systems with the same packages, `install` brings the missing system packages (as root or by
 # sudo) and a virtual environment on top of them. For another PETSc (cluster module, conda) see docs/install.md.
@@ -23,7 +23,7 @@ export OMPI_MCA_pml ?= ob1
 export OMPI_MCA_btl ?= ^tcp
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install demo test fuzz coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm docs test-docs \
+.PHONY: install demo test fuzz mutants coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm docs test-docs \
         test-packages test-kernels test-debian12 test-debian13 bench lint
 
 # $(call apt,packages) installs those that are missing
@@ -101,6 +101,14 @@ KINDS   :=
 
 fuzz: install
 	PYTHONPATH=tests $(PYTHON) -m fuzz --seconds $(SECONDS) --seed $(SEED) --kinds "$(KINDS)"
+
+# The numerical rooms with one place changed at a time: a change that no test notices wants a test (tests/mutants).
+# ROOM=reduction/krylov.py takes one module. MUTANTS: how many, evenly from the modules. SEED: of the choice.
+ROOM    := linalg,model,reduction,multibody
+MUTANTS := 200
+
+mutants: install
+	PYTHONPATH=tests $(PYTHON) -m mutants --rooms "$(ROOM)" --count $(MUTANTS) --seed $(SEED)
 
 # lines of hpcred/ that the tests on one rank run; TESTS=tests/formats measures those of some tests only
 TESTS := tests
