@@ -57,3 +57,25 @@ def test_a_damping_matrix_with_nan_is_refused_on_all_ranks(comm, linkage):
     with pytest.raises(InputError, match=r"matrix D has entries that are NaN or Inf, .* dof 120 \(node 20, rz\)"):
         linkage.with_damping_matrix(D)
     D.destroy()
+
+
+@pytest.mark.parametrize("gain", [0.0, 1.0, -1.0])
+def test_forces_that_follow_the_motion_make_a_model_flutter(gain):
+    """s^2 = -(2 -+ i gain) of a K that is symmetric but for a circulatory part; damping of 0.1 delays it."""
+    K, one = np.array([[2.0, gain], [-gain, 2.0]]), np.eye(2)
+    made = [hpcred.ReducedModel(one, d * one, K, one, one, np.full(2, 0.2), 0.0, ("a", "b"), ("a", "b"))
+            for d in (0.0, 0.1, 1.0)]  # fmt: skip
+    root = np.sqrt(-2.0 + 1j * abs(gain) + 0j)
+    assert len(made[0].unstable_poles()) == (2 if gain else 0)
+    if gain:
+        assert np.allclose(np.sort(made[0].unstable_poles().imag), [-root.imag, root.imag])
+        assert np.allclose(made[0].unstable_poles().real, root.real)
+        assert len(made[1].unstable_poles()) == 2 and not len(made[2].unstable_poles())
+    assert np.allclose(np.sort(np.abs(made[2].poles())), np.sort(np.abs(np.roots([1, 2, 5, 4, 4 + gain**2]))))
+
+
+def test_negative_damping_and_stiffness_make_a_model_unstable():
+    one = np.eye(1)
+    for d, k, count in ((-0.1, 1.0, 2), (0.0, -1.0, 1), (0.0, 1.0, 0), (0.1, 1.0, 0)):
+        model = hpcred.ReducedModel(one, d * one, k * one, one, one, np.ones(1), 0.0, ("a",), ("a",))
+        assert len(model.unstable_poles()) == count

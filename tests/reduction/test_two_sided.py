@@ -78,3 +78,12 @@ def test_one_vector_on_each_side_matches_two_moments(comm):
             shift = -((2 * np.pi * 700.0) ** 2)
             full, small = (moments(*system, shift, 2) for system in ((K, M, B, C), (rom.K, rom.M, rom.B, rom.C)))
             assert max(close(a, b) for a, b in zip(full, small, strict=True)) < 1e-9
+
+
+def test_the_defect_of_bi_orthogonal_bases_is_round_off(comm):
+    with hpcred.solid((4, 2, 2), inputs=2, comm=comm) as clamped, clamped.with_outputs([(20, "x"), (8, "y")]) as model:
+        M = dense_model(model)[1]
+        with hpcred.reduce(model, [Krylov(700.0, 1)], projection="two_sided", allow_unstable=True) as rom:
+            V, W = gather(rom.columns), gather(rom.left_columns)
+            defect = rom.record.orthonormality_defect
+    assert np.abs(W.T @ M @ V - np.eye(rom.size)).max() < 1e-12 + 10 * defect and defect < 1e-12
