@@ -82,10 +82,10 @@ def _copy(model, group, number, groups):
 
 
 def number_of_groups(wanted, run, points: int) -> int:
-    """How many groups of ranks make so many points; `wanted`: a number or "auto". Collective. Raises InputError."""
+    """How many groups of ranks make so many points; `wanted`: see Reduction. Collective. Raises InputError."""
     ranks = run.model.comm.size
     if wanted != "auto":
-        if isinstance(wanted, str) or not 1 <= wanted <= ranks:
+        if wanted > ranks:
             raise InputError(f"groups: found {wanted!r}, expected 1 to {ranks}, the number of ranks, or 'auto'")
         return min(wanted, max(points, 1))
     most = min(points, ranks)

@@ -44,8 +44,9 @@ def test_groups_give_the_same_model(comm, groups):
     if groups == "all":
         factors = [len(rom.record.factorisations) for rom in (one, many)]
         assert factors[0] <= factors[1] <= factors[0] + 1  # the modes have one of their own
-    for wrong in (0, comm.size + 1):
-        with pytest.raises(InputError, match=f"groups: found {wrong}, expected 1 to {comm.size}"):
+    whole = "a whole number from 1"
+    for wrong, expected in ((0, whole), ("all", whole), (comm.size + 1, f"1 to {comm.size}")):
+        with pytest.raises(InputError, match=f"groups: found '?{wrong}'?, expected {expected}"):
             package.reduce(model_of(comm), basis, groups=wrong)
 
 
