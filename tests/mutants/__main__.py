@@ -122,7 +122,7 @@ class Covered:
         """Tests that run a line of a change, else those that run its module; its own first, then the shortest."""
         lines = self._lines.get(path, {})
         found = set().union(*(lines.get(line, ()) for line in range(change.first, change.last + 1)))
-        if not found - {""} and found:  # run by the import
+        if change.imported and found:  # by whichever test comes first
             found = set().union(*lines.values())
         own = f"/test_{path.stem}.py::"
         return sorted(found & self.seconds.keys(), key=lambda test: (own not in test, self.seconds[test], test))

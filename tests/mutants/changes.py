@@ -26,32 +26,35 @@ TEXTS = {"sentence", "_name", "_text", "doubts_of_damping", "describe"}  # funct
 
 class Change(NamedTuple):
     """The expression at `first` to `last` (lines of the module, in the function `inside`), with what it stands in where
-    it is short, what it is changed to, and the source of the changed module."""
+    it is short, what it is changed to, and the source of the changed module; `imported`: it is run by the import."""
 
     first: int
     last: int
     inside: str
     before: str
     after: str
+    imported: bool
     source: Callable[[], str]
 
 
 def changes(source: str):
     """All changes of a module."""
     tree = ast.parse(source)
-    for node, parent, inside in _nodes(tree, ""):
+    for node, parent, inside, imported in _nodes(tree, ""):
         shown = parent if isinstance(node, (ast.Constant, ast.Slice)) and not hasattr(parent, "body") else node
         for new in _variants(node):
             swap = _Swap(node, new)
             before, after = ast.unparse(shown), ast.unparse(swap.visit(shown))
             if before != after:
-                yield Change(node.lineno, node.end_lineno, inside, before, after,
+                yield Change(node.lineno, node.end_lineno, inside, before, after, imported,
                              lambda swap=swap: ast.unparse(swap.visit(tree)))  # fmt: skip
 
 
-def _nodes(node, inside):
-    """The nodes below that may be changed, what each stands in, and the name of its function or class."""
+def _nodes(node, inside, imported=True):
+    """The nodes below that may be changed, what each stands in, the name of its function or class, and whether it is
+    run by the import of the module."""
     for name, value in ast.iter_fields(node):
+        imported = imported and not (isinstance(node, ast.FunctionDef) and name == "body")
         if name in ("annotation", "returns", "decorator_list", "bases", "format_spec"):
             continue
         for child in value if isinstance(value, list) else [value]:
@@ -63,14 +66,16 @@ def _nodes(node, inside):
                 continue
             if isinstance(child, ast.FunctionDef) and child.name in TEXTS:
                 continue
+            if isinstance(node, ast.Module) and isinstance(child, ast.Assign) and _is_limit(child.value):
+                continue
             if isinstance(child, ast.keyword) and child.arg in ("readonly", "full_matrices", "copy", "structure"):
                 continue
             place = inside
             if isinstance(child, (ast.FunctionDef, ast.ClassDef)):
                 place = f"{inside}.{child.name}".lstrip(".")
             elif hasattr(child, "lineno"):
-                yield child, node, inside
-            yield from _nodes(child, place)
+                yield child, node, inside, imported
+            yield from _nodes(child, place, imported)
 
 
 def _name(call):
@@ -120,6 +125,12 @@ def _variants(node):
             yield value
         case ast.Expr(ast.Call()):
             yield ast.Pass()
+
+
+def _is_limit(node):
+    """Whether a constant of a module is a whole number: of steps, tries, rows at a time, or bytes."""
+    numbers = [item for item in ast.walk(node) if not isinstance(item, (ast.BinOp, ast.operator))]
+    return all(isinstance(item, ast.Constant) and isinstance(item.value, int) for item in numbers)
 
 
 def _is_text(node):
