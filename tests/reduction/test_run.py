@@ -21,3 +21,23 @@ def test_one_factor_at_a_time(comm):
         assert context.factored(-1e4, "a point") is solver and other.factored is None
         context.close()
         framed.close()
+
+
+def test_the_square_of_a_frequency_has_one_key_whatever_the_sign_of_its_zero():
+    """s^2 of s = i omega has +0 or -0 beside it, as it is computed; the store knows one point."""
+    from hpcred.model.frames import apply_frame
+    from hpcred.parallel.progress import Progress
+    from hpcred.reduction.krylov import ComplexPencilChain
+    from hpcred.reduction.run import Run
+
+    with package.solid((2, 2, 2)) as model:
+        framed = apply_frame(model, None, None)
+        run = Run(framed, Progress(model.comm, show=False), 1e-12)
+        keys = []
+        for square in (complex(-1e4, 0.0), complex(-1e4, -0.0), complex(-1e4, 1.0)):
+            chain = ComplexPencilChain(run, square, "a point")
+            keys.append(str(chain._key))
+            chain.close()
+        run.close()
+        framed.close()
+    assert keys[0] == keys[1] != keys[2]
