@@ -55,7 +55,7 @@ def sample(rooms, count, seed, covered, only=None):
     """(path, change) of mutants whose lines some test runs: of each module in turn one by chance."""
     paths = [path for room in rooms for path in (
         sorted((ROOT / "hpcred" / room).glob("*.py")) or [ROOT / "hpcred" / room])]  # fmt: skip
-    same = {tuple(line.split(" | ")[:3]) for line in SAME.read_text().splitlines()}
+    same = {tuple(line.rpartition(" | ")[0].split(" | ", 2)) for line in SAME.read_text().splitlines()}
     piles = []
     for path in paths:
         pile = [(path, change) for change in changes(path.read_text())

@@ -1,0 +1,42 @@
+"""Which changes are made, and that those listed as none still are among them."""
+
+import ast
+
+from .__main__ import ROOMS, ROOT, SAME, key_of
+from .changes import changes
+
+SOURCE = '''
+"""A module."""
+LIMIT, STEPS = 1e-12, 9
+
+def f(x, k=2):
+    """A function."""
+    if len(x) < 3:
+        raise ValueError(f"found {len(x) + 1}")
+    say("done", k - 1)
+    return -x[:k].T * 2.0
+'''
+
+
+def test_one_place_is_changed_at_a_time():
+    found = list(changes(SOURCE))
+    lines = ast.unparse(ast.parse(SOURCE)).splitlines()
+    made = []
+    for change in found:
+        others = change.source().splitlines()
+        assert len(others) == len(lines)
+        (pair,) = [(a, b) for a, b in zip(lines, others, strict=True) if a != b]
+        made.append(pair[1].strip())
+    assert "return x[:k].T * 2.0" in made and "return -x[:k] * 2.0" in made and "return -x[:k - 1].T * 2.0" in made
+    assert "return -x[:k].T / 2.0" in made and "return -x[:k].T" in made and "return -x[:k].T * 4.0" in made
+    assert {"if len(x) >= 3:", "if len(x) <= 3:", "if len(x) < 2:", "if len(x) < 4:"} <= set(made)
+    assert "def f(x, k=3):" in made and "LIMIT, STEPS = (0.0, 9)" in made
+    assert not [line for line in made if "raise" in line or "say" in line or '"""' in line]
+    assert [change.imported for change in found] == [change.first < 6 for change in found]
+
+
+def test_changes_that_are_none_are_among_those_that_are_made():
+    listed = [tuple(line.rpartition(" | ")[0].split(" | ", 2)) for line in SAME.read_text().splitlines()]
+    paths = [path for room in ROOMS.split(",") for path in (ROOT / "hpcred" / room).glob("*.py")]
+    keys = {key_of(path, change) for path in paths for change in changes(path.read_text())}
+    assert not set(listed) - keys and len(set(listed)) == len(listed)
