@@ -97,7 +97,7 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
                 "the environment"
             ) from error
 
-        options = ["hpcred", *_petsc_args, "-no_signal_handler"]  # signals are for Python
+        options = ["hpcred", *_options(), "-no_signal_handler"]  # signals are for Python
         petsc4py.init(options)
         import slepc4py
 
@@ -111,6 +111,19 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
             f"leave the option out or set PETSC_DIR and SLEPC_DIR to a {_insisted} build"
         )
     return _scalar
+
+
+def _options() -> list[str]:
+    """The PETSc options of the user: the home folder, PETSC_OPTIONS, then the command line, which has the last word.
+
+    PETSc by itself would also take a petscrc of the working folder, which may be another user's, and load the libraries
+    that it names. To skip that one is to skip the one at home, too, which is therefore named here.
+    """
+    home, skip = os.path.expandvars("$HOME/.petscrc"), "-skip_petscrc"
+    environment = os.environ.get("PETSC_OPTIONS", "").split()
+    if skip in (*environment, *_petsc_args) or not MPI.COMM_WORLD.bcast(os.path.isfile(home)):
+        return [skip, *_petsc_args]
+    return [skip, "-options_file", home, *environment, *_petsc_args]  # again, lest the home folder replaces it
 
 
 def _choose(builds, preferred):

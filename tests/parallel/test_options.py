@@ -1,0 +1,79 @@
+"""PETSc options come from the command line, PETSC_OPTIONS and the home folder, never by themselves from the working folder.
+"""
+
+import shutil
+import subprocess
+import sys
+
+import pytest
+from launch import TWO_BUILDS, mpi_environment
+
+LIBRARY = "#include <stdio.h>\n__attribute__((constructor)) static void run(void) { fclose(fopen(\"ran\", \"w\")); }\n"
+PROGRAM = """
+import sys, hpcred
+hpcred.start(*sys.argv[1:2], petsc_args=sys.argv[2:])
+from petsc4py import PETSc
+found = PETSc.Options().getAll()
+if PETSc.COMM_WORLD.rank == PETSc.COMM_WORLD.size - 1:
+    print(*(found.get(name) for name in ("work", "home", "variable", "line")))
+"""
+BUILDS = ["real", "complex"] if TWO_BUILDS else [""]
+
+
+@pytest.fixture
+def place(tmp_path):
+    """A working folder whose options load a library that leaves the file `ran` there, and a home folder."""
+    work, home = tmp_path / "work", tmp_path / "home"
+    work.mkdir()
+    home.mkdir()
+    (home / ".petscrc").write_text("-home home\n-variable home\n-line home\n")
+    text = "-work work\n-home work\n"
+    if shutil.which("cc"):
+        (tmp_path / "library.c").write_text(LIBRARY)
+        subprocess.run(["cc", "-shared", "-fPIC", "-o", work / "library.so", tmp_path / "library.c"], check=True)
+        text += f"-dll_prepend {work / 'library.so'}\n"
+    for name in ("petscrc", ".petscrc"):
+        (work / name).write_text(text)
+    return work
+
+
+def run(place, *program, ranks=1, **environment):
+    launcher = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
+    given = {"HOME": str(place.with_name("home")), "PETSC_OPTIONS": "-variable variable -line variable"} | environment
+    return subprocess.run([*launcher, sys.executable, *program], cwd=place, capture_output=True, text=True,
+                          env=mpi_environment(**given))  # fmt: skip
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("build", BUILDS)
+def test_each_place_is_above_the_one_before_it(place, build, ranks):
+    found = run(place, "-c", PROGRAM, build, "-line", "line", ranks=ranks)
+    assert found.stdout.split() == ["None", "home", "variable", "line"], found.stderr
+    assert not (place / "ran").exists()
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("build", BUILDS)
+def test_a_command_leaves_the_working_folder_alone(place, build, ranks):
+    """And says nothing of options that it did not get."""
+    scalar = ["--scalar", build] if build else []
+    made = run(place, "-m", "hpcred", "example", "linkage", "-o", "model.h5", *scalar, ranks=ranks)
+    assert (made.returncode, made.stdout.count("PETSc option")) == (0, 1), made.stderr  # those of home and environment
+    assert "work" not in made.stdout and "skip" not in made.stdout
+    assert not (place / "ran").exists()
+
+
+def test_a_file_that_is_named_is_obeyed(place):
+    found = run(place, "-c", PROGRAM, "", "-options_file", "petscrc")
+    assert found.stdout.split() == ["work", "work", "variable", "variable"], found.stderr
+    assert (place / "ran").exists() == bool(shutil.which("cc"))
+
+
+def test_the_home_folder_can_be_skipped(place):
+    found = run(place, "-c", PROGRAM, "", "-skip_petscrc")
+    assert found.stdout.split() == ["None", "None", "variable", "variable"], found.stderr
+
+
+def test_a_home_folder_without_options(place):
+    found = run(place, "-c", PROGRAM, "", HOME="/nowhere")
+    assert found.stdout.split() == ["None", "None", "variable", "variable"], found.stderr

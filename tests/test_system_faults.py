@@ -1,0 +1,242 @@
+"""Failures of system calls (open, read, write, truncate, rename, memory, ...) end in one sentence with the file's name.
+
+system_faults.c, loaded ahead of all libraries, lets one call on a file of the working folder fail.
+"""
+
+import errno
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse
+from helpers import MODES_JOB, SIMULATION, to_dense
+from launch import mpi_environment
+
+import hpcred as package
+from hpcred.formats.checked import CHECKSUM
+from hpcred.workflows.export import EXPORTS
+
+SOURCE = Path(__file__).with_name("system_faults.c")
+SUPERELEMENT_JOB = """
+model = "model.h5"
+output = "bearings.h5"
+coordinates = "interface"
+frame = {kind = "buckens"}
+interface = [{name = "end", nodes = [20], kind = "rigid"}, {name = "root", nodes = [1], kind = "rigid"}]
+[[basis]]
+kind = "constraint_modes"
+"""
+SWEEP = 'job = "job.toml"\n[[vary]]\nkey = "damping.alpha"\nvalues = [1.0, 2.0]\n[evaluate]\npoints = 3\nband = [1.0, 50.0]\n' \
+        '[launch]\nlauncher = ""\n'  # fmt: skip
+SUPERELEMENTS = [name for name, export in EXPORTS.items() if export.takes == "superelement"]
+COMMANDS = {
+    "convert": "convert -K K.mtx -M M.mtx --nodes nodes.txt --dofs dofs.txt --inputs 20:z -o c.h5 --json c.json",
+    "reduce": "reduce job.toml --json r.json",
+    "bearings": "reduce bearings.toml",
+    "store": "reduce job.toml --store points",
+    "list": "store points --check --json s.json",
+    "evaluate": "evaluate result.h5 --full model.h5 --frequencies 10,150 -o e.h5 --figure e.png",
+    "response": "response model.h5 --frequencies 10,150 --frame buckens --damping loss:0.01 -o y.csv --figure y.svg",
+    "modes": "modes model.h5 --count 8 --figure m.png",
+    "simulate": "simulate sim.toml --set paraview=true",
+    "report": "report result.h5 --full model.h5 --exact 2 --csv tables --png figures -o r.html",
+    "sweep": "sweep sweep.toml --json w.json",
+    "collect": "collect sweep.toml -o table.csv --figures figures",
+    "collect-h5": "collect sweep.toml -o table.h5",
+    "info": "info model.h5 --json i.json",
+    **{f"export-{name}": f"export {'bearings' if name in SUPERELEMENTS else 'result'}.h5 --format {name}"
+       for name in EXPORTS},
+}  # fmt: skip
+ALONE = ("sweep", "collect", "collect-h5")  # without mpiexec
+ERRORS = {
+    "open": "EIO EACCES EMFILE ENFILE ENOMEM ESTALE", "create": "EIO EACCES ENOSPC EROFS EDQUOT EMFILE ENOMEM",
+    "read": "EIO ESTALE", "write": "EIO ENOSPC EDQUOT EFBIG ESTALE", "truncate": "EIO EROFS EPERM",
+    "allocate": "EIO ENOSPC EOPNOTSUPP", "rename": "EIO EACCES EROFS ENOSPC EXDEV", "remove": "EIO EACCES EROFS EBUSY",
+    "mkdir": "EIO EACCES ENOSPC EROFS", "sync": "EIO ENOSPC EDQUOT", "lock": "ENOLCK EIO", "memory": "ENOMEM",
+}  # fmt: skip
+LIMIT = 120  # seconds of a command on a busy machine
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    """system_faults.c as a shared library."""
+    if sys.platform != "linux" or shutil.which("cc") is None:
+        pytest.skip("faults of system calls need Linux and a compiler")
+    path = tmp_path_factory.mktemp("library") / "system_faults.so"
+    subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", path, SOURCE, "-ldl"], check=True)
+    return path
+
+
+class Room:
+    """A folder with all that the commands read, and wrote once, and copies of it in which calls fail."""
+
+    def __init__(self, library, place):
+        self.library, self.base, self.copy = library, place / "base", place / "copy"
+        self.rescue, self.record, self.calls = place / "rescue", place / "record", {}
+        for folder in (self.base, self.rescue):
+            folder.mkdir()
+        make_inputs(self.base)
+        self.inputs = set(contents(self.base))
+        for command in COMMANDS:
+            status, _, told = self.run(self.base, command, 1)
+            assert status == 0, (command, told)
+
+    def run(self, folder, command, ranks, **environment):
+        """Exit status (None where it hangs), lines of hpcred on stderr, and all of stderr."""
+        launcher = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
+        if environment:
+            environment |= {"LD_PRELOAD": str(self.library), "FAULTS_RECORD": str(self.record)}
+        job = subprocess.Popen(
+            [*launcher, sys.executable, "-m", "hpcred", *COMMANDS[command].split()], cwd=folder, text=True,
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            env=mpi_environment(HPCRED_RESCUE_DIR=str(self.rescue), FAULTS_FOLDER=str(folder), **environment),
+        )  # fmt: skip
+        try:
+            told, status = job.communicate(timeout=LIMIT)[1], job.returncode
+        except subprocess.TimeoutExpired:
+            job.terminate()
+            told, status = job.communicate()[1], None
+        return status, [line for line in told.splitlines() if line.startswith("hpcred: ")], told
+
+    def fresh(self, command):
+        """A copy of the folder, in which the command has something to do."""
+        shutil.rmtree(self.copy, ignore_errors=True)
+        shutil.copytree(self.base, self.copy)
+        for path in [*self.rescue.iterdir(), *self.copy.glob({"sweep": "sweep/*.h5", "store": "points/*"}.get(command, "-"))]:
+            path.unlink()
+        self.record.unlink(missing_ok=True)
+        return self.copy
+
+    def calls_of(self, command, ranks):
+        """How many calls of each kind the last rank makes."""
+        if (command, ranks) not in self.calls:
+            status, _, told = self.run(self.fresh(command), command, ranks, FAULTS_RANK=only(ranks, ranks - 1))
+            assert status == 0, (command, ranks, told)
+            lines = self.record.read_text().splitlines() if self.record.exists() else []
+            counts = Counter(line.split()[0] for line in lines)
+            self.calls[command, ranks] = {kind: count * (100 if kind == "memory" else 1)
+                                          for kind, count in counts.items()}  # fmt: skip
+        return self.calls[command, ranks]
+
+    def misfortunes(self, fault):
+        """What is wrong after a fault, in words, and what was said."""
+        folder = self.fresh(fault.command)
+        before = contents(folder)
+        status, said, told = self.run(
+            folder, fault.command, fault.ranks, FAULTS_RANK=only(fault.ranks, fault.rank),
+            FAULT=f"{fault.kind},{fault.number},{getattr(errno, fault.error)}",
+        )  # fmt: skip
+        if not self.record.exists():
+            return [], "did not come to pass"
+        file = Path(self.record.read_text().splitlines()[0].split(maxsplit=1)[1])
+        after, found = contents(folder), []
+        if status is None:
+            found.append("hangs")
+        elif status not in (0, 1, 2):
+            found.append(f"exit status {status}: {told[-1500:]}")
+        elif status and (len(said) != 1 or "internal error" in told or "Traceback" in told):
+            found.append(told[-1500:])
+        elif status and fault.kind != "memory" and plain(file) not in said[0]:
+            found.append(f"no name: {said[0]}")
+        elif not status and (said or "Traceback" in told):
+            found.append(told[-1500:])
+        known = set(contents(self.base))
+        if fault.kind != "remove":
+            found += [f"left {name}" for name in set(after) - known]
+        for name in before:
+            if name in self.inputs and after.get(name) != before[name]:
+                found.append(f"damaged {name}")
+            elif name not in after or not whole(folder / name, before[name]):
+                found.append(f"lost {name}")
+        return [f"{fault}, {file.name}: {item}" for item in found], f"{file.name}: {status} {(said or [''])[0]}"
+
+
+class Fault(NamedTuple):
+    """The call of a kind that fails, by its number; with + all from it on fail."""
+
+    command: str
+    ranks: int
+    rank: int
+    kind: str
+    number: str
+    error: str
+
+
+def make_inputs(folder):
+    with package.linkage() as model:
+        package.write_model(folder / "model.h5", model)
+        for key in "KM":
+            scipy.io.mmwrite(folder / f"{key}.mtx", scipy.sparse.coo_matrix(to_dense(getattr(model, key))))
+        node, direction, position = model.dofs.node, model.dofs.direction, model.dofs.position
+        first = np.unique(node, return_index=True)[1]
+        np.savetxt(folder / "dofs.txt", np.column_stack([node, direction + 1]), fmt="%d")
+        np.savetxt(folder / "nodes.txt", np.column_stack([node[first], position[first]]), fmt="%d %.9g %.9g %.9g")
+    (folder / "job.toml").write_text(MODES_JOB)
+    (folder / "bearings.toml").write_text(SUPERELEMENT_JOB)
+    (folder / "sweep.toml").write_text(SWEEP)
+    (folder / "sim.toml").write_text(SIMULATION.replace("end = 0.05", "end = 0.002").replace("steps = 20", "steps = 2"))
+
+
+def only(ranks, rank):
+    return str(rank) if ranks > 1 else ""
+
+
+def contents(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def plain(file):
+    """The name of an output by that of its lock, or of what becomes it; of a folder's file also that of the folder."""
+    return re.sub(r"^\.(.*)\.lock$", r"\1", re.sub(r"\.tmp-.*", "", file.name))
+
+
+def whole(path, before):
+    """Whether an output that may have been replaced is complete."""
+    if path.suffix == ".h5":
+        with h5py.File(path, "r") as file:
+            return CHECKSUM in file.attrs or "checksum" in file.attrs
+    return path.stat().st_size > 0.8 * len(before)
+
+
+def sample(room, count, seed, commands=tuple(COMMANDS)):
+    """Faults of commands, ranks, kinds, calls and errors drawn at random."""
+    draw = random.Random(seed)
+    for _ in range(count):
+        command = draw.choice(commands)
+        ranks = 1 if command in ALONE else draw.choice([1, 2])
+        calls = room.calls_of(command, ranks)
+        if not calls:
+            continue  # of a rank that touches no file
+        kind = draw.choice(sorted(calls))
+        number = draw.choice([1, calls[kind], draw.randint(1, calls[kind])])
+        yield Fault(command, ranks, ranks - 1, kind, f"{number}{draw.choice(['', '', '+'])}",
+                    draw.choice(ERRORS[kind].split()))  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def room(library, tmp_path_factory):
+    return Room(library, tmp_path_factory.mktemp("room"))
+
+
+@pytest.mark.slow
+def test_faults_of_many_calls(room):
+    """HPCRED_SYSTEM_FAULTS of them, by default 60."""
+    count, seed = int(os.environ.get("HPCRED_SYSTEM_FAULTS", "60")), int(os.environ.get("HPCRED_SEED", time.time()))
+    print(f"seed {seed}")
+    wrong = []
+    for fault in sample(room, count, seed):
+        found, said = room.misfortunes(fault)
+        wrong += found
+        print(*fault, said, *found, flush=True)
+    assert not wrong, "\n".join(wrong)
