@@ -16,6 +16,7 @@ from ..model.elements import NODES, abaqus_kind, abaqus_nodes_more, in_vtk_order
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, sort_over_ranks
 from .abaqus_sets import GROUP, read_sets
+from .files import open_input
 from .node_table import LARGEST_COORDINATE, Nodes, finite
 from .text import (
     BYTE_ORDER_MARK,
@@ -173,7 +174,7 @@ def _keywords(path, positions, calculix):
     """The Sections of a file from the bytes where its keywords begin; for Abaqus a line that ends with a comma goes on.
     """
     sections, size = [], path.stat().st_size
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         head = file.read(positions[0] if positions else size).removeprefix(BYTE_ORDER_MARK)
         head = REDIRECTED.sub(b"", head) if calculix else head
         if first_line(head):
@@ -219,7 +220,7 @@ def _word(text):
 
 def _data_lines(section):
     """The few data lines of a keyword, without comments and blank lines, as lists of fields."""
-    with open(section.path, "rb") as file:
+    with open_input(section.path) as file:
         file.seek(section.start)
         text = without_comments(file.read(section.stop - section.start))
     lines = ([item.strip().decode("latin-1") for item in line.split(b",")] for line in text.splitlines())
@@ -473,7 +474,7 @@ def _require_nodes(path, comm, nodes, elements):
 
 
 def _numbers_in_first_line(block):
-    with open(block.path, "rb") as file:
+    with open_input(block.path) as file:
         file.seek(block.start)
         return len(first_line(file.read(4096)).replace(b",", b" ").split())
 

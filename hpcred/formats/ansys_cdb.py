@@ -12,6 +12,7 @@ import numpy as np
 
 from ..model.elements import NODES
 from ..parallel.failures import InputError, agreed
+from .files import open_input
 from .fixed_width import Field, fields_of_format, separated
 from .node_table import finite
 from .text import LARGEST_LABEL, Piece, line_number, numbers, pieces, ragged, require_file, shown, whole
@@ -90,7 +91,7 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict]:
 def _blocks(path, found):
     """The Blocks of the commands that were found (byte, kind, line), in order."""
     blocks = []
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         for index, (position, kind, line) in enumerate(found):
             if kind == "node":
                 raise InputError(
@@ -187,7 +188,7 @@ def _elements(path, comm, block, types, elements):
     if not own:
         return 0
     low = next(piece.start for piece in pieces(path, comm, block.start, block.stop))
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         file.seek(low + len(own))
         beyond = b"".join(file.readline() for _ in range(3) if file.tell() < block.stop)
     piece = Piece(path, own + beyond, low)

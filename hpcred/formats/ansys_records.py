@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..parallel.failures import InputError
+from .files import open_input, read_numbers, reading_from
 from .text import require_file
 
 WORD = np.dtype("<i4")
@@ -45,7 +46,7 @@ class RecordFile:
         self.path = Path(path)
         require_file(path)
         bytes_ = self.path.stat().st_size
-        with open(path, "rb") as file:
+        with open_input(path) as file:
             start = file.read(4 * (STANDARD + 3))
         if not begins(start):
             raise InputError(f"{path}: found no header of ANSYS' binary files; the file is damaged")
@@ -64,7 +65,8 @@ class RecordFile:
         if bytes_ % 4:
             raise InputError(f"{path}: found {bytes_} bytes, expected words of 4 bytes; the file is damaged")
         self.size = bytes_ // 4
-        self._few = np.memmap(path, WORD, "r")  # for headers of records; opening the file for each takes too long
+        with reading_from(path):
+            self._few = np.memmap(path, WORD, "r")  # for headers of records; opening the file for each takes too long
 
     def damaged(self, position, found: str) -> InputError:
         return InputError(f"{self.path}: found {found} at word {position}; the file is damaged")
@@ -75,7 +77,7 @@ class RecordFile:
             raise self.damaged(position, f"a record that reaches beyond the end of the file ({self.size} words)")
         if count < FEW:
             return np.array(self._few[position : position + count])
-        return np.fromfile(self.path, WORD, count, offset=4 * position)
+        return read_numbers(self.path, WORD, count, offset=4 * position)
 
     def frame(self, position: int) -> tuple[int, int]:
         """Length and flags of a record, whose end is where it must be."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from ..parallel.failures import InputError, agreed
 from . import ansys_lists, harwell_boeing, matrix_market
 from .ansys_nodes import find_nodes, turn_found
+from .files import reading_from
 from .parts import Parts
 from .text import first_bytes
 
@@ -113,7 +114,8 @@ def _set_of(path):
             files[key] = str(some[0])
     stems = {Path(file).stem for file in files.values()}
     same = [item for item in mappings if item.stem in stems] or mappings
-    texts = {item.read_bytes() for item in same} if len(same) > 1 else set()
+    with reading_from(path):
+        texts = {item.read_bytes() for item in same} if len(same) > 1 else set()
     if len(texts) > 1 or (not same and len(vectors) > 1):
         names = ", ".join(item.name for item in same or vectors)
         raise InputError(f"{path}: found several files of the rows beside it ({names}), expected one, or equal ones")

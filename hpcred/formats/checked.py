@@ -16,7 +16,7 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
-from ..parallel.failures import InputError
+from ..parallel.failures import InputError, reason_of
 from .checksums import ROWS_OF_SUM, hashed, sums_of, tag_of
 
 SUMS = "checksums"
@@ -65,6 +65,8 @@ class CheckedFile:
             self.attrs = dict(file.attrs)
             self.datasets = dict(_datasets(file, path))
         except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+            if reason := reason_of(error):
+                raise InputError(f"{path}: cannot be read ({reason})") from error
             raise damaged(path, f"its contents cannot be listed ({_text(error)})") from error
         self._check_names(path)
         self._check_shapes(schema or {})
@@ -302,6 +304,8 @@ class CheckedDataset:
         try:
             return read()
         except (OSError, RuntimeError, ValueError, KeyError, TypeError, MemoryError) as error:
+            if reason := reason_of(error):
+                raise InputError(f"{self.path}: {self.name} cannot be read ({reason})") from error
             raise damaged(self.path, f"{self.name} cannot be read ({_text(error)})") from error
 
 

@@ -12,9 +12,10 @@ import numpy as np
 from ..parallel.failures import ComputationError, InputError, Owned, agreed, common_to, settle, unfinished
 from .checked import CHECKSUM, SUMS, CheckedFile, damaged, header_checksum
 from .checksums import sums_of, sums_of_parts, tag_of
+from .files import writing_to
 from .locks import HOST, lock, lock_name, temporary_name, unlock
 from .outputs import check_kind, check_writable, kind_of
-from .room import Room, is_full, no_room
+from .room import NotWritten, Room
 from .seal import is_broken, seal
 from .text import absent
 
@@ -147,10 +148,10 @@ def atomic_output(path, comm):
             lock(path, name)
     unfinished.update(left)
     try:
-        with Owned(comm):
+        with Owned(comm), writing_to(name, temporary):
             yield temporary
         comm.Barrier()
-        with agreed(comm):
+        with agreed(comm), writing_to(name, temporary):
             if comm.rank == 0:
                 if path.exists():
                     check_kind(path, kind_of(temporary))
@@ -160,9 +161,9 @@ def atomic_output(path, comm):
                 os.replace(temporary, path)
     except BaseException as error:
         settle(comm, error)  # where this rank fails alone the job ends here, while it still knows what must not stay
-        full = comm.bcast(no_room(name, written=temporary) if comm.rank == 0 and is_full(error) else None)
-        if full is not None:
-            raise common_to(comm, full) from error
+        first = comm.bcast(error if comm.rank == 0 and isinstance(error, NotWritten) else None)
+        if first is not None:
+            raise common_to(comm, first) from error
         raise
     finally:
         unfinished.difference_update(left)
@@ -176,11 +177,11 @@ def atomic_output(path, comm):
 def writing(path, comm):
     """A Writer on a file that appears under its name when the block ends well. Collective."""
     with atomic_output(path, comm) as temporary:
-        with Owned(comm) as owned:
+        with Owned(comm) as owned, writing_to(path, temporary):
             file = owned.owns(Writer(temporary, comm))
             yield file
             file.finish()
-        with agreed(comm):
+        with agreed(comm), writing_to(path, temporary):
             if comm.rank == 0:
                 seal(temporary)
 

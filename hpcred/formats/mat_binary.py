@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..parallel.failures import InputError
+from .files import open_input
 from .mat_variables import Variable
 
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -128,7 +129,7 @@ def damaged(path, position, found) -> InputError:
 
 def variables(path) -> list[Variable]:
     """All numeric matrices of a file, those in structs and cells included. Raises InputError."""
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         start = file.read(128)
         if not begins_version_5(start):
             return _variables_4(path, file)
@@ -345,7 +346,7 @@ def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndar
     """Rows, columns (from 0) and values of the share of one of `size` ranks. Raises InputError."""
     place = variable.place
     rows, columns = variable.shape
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         if not columns or not rows:
             return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
         if place.columns is not None:
@@ -415,7 +416,7 @@ def _whole(path, variable, values, low, high):
 def table_of(path, variable, first, last, across) -> np.ndarray:
     """The rows, or with `across` the columns, first..last of a dense matrix, one in each row. Raises InputError."""
     rows, columns = variable.shape
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         element, values = _Element(path, file, variable.place), variable.place.values
         if across:
             return np.array(element.numbers(values, first * rows, last * rows), dtype=float).reshape(-1, rows)

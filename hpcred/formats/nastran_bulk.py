@@ -14,6 +14,7 @@ import numpy as np
 from ..model.elements import NODES
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import repeated_key, sort_over_ranks
+from .files import open_input
 from .nastran_cards import CARD, components, lines_of, number_of, reals, whole_of, wholes
 from .nastran_points import CYLINDRICAL, HELD, RECTANGULAR, SPHERICAL, TINY, Points, System
 from .node_table import LARGEST_COORDINATE
@@ -228,7 +229,7 @@ def _segments(path, comm, including=()):
                 name, high = _name_in_quotes(path, high, groups["quote"])
             file = _included(path, name, including)
         result += _segments(file, comm, (*including, path))[0]
-        with open(path, "rb") as text:
+        with open_input(path) as text:
             text.seek(high)
             at = high + len(text.readline())
     return [item for item in [*result, (str(path), at, size)] if item[1] < item[2]], case
@@ -236,7 +237,7 @@ def _segments(path, comm, including=()):
 
 def _name_in_quotes(path, start, quote):
     """The name from the byte `start` to the next quote, perhaps on a later line, and the byte where that stands."""
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         file.seek(start)
         name, end, _ = file.read(LONGEST_NAME).partition(quote)
     if not end:
@@ -260,7 +261,7 @@ def _included(path, name, including):
 
 def _case(path, stop):
     """Numbers of SPC and MPC of the case control; more than one where subcases differ."""
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         text = file.read(stop)
     text = text[text.upper().rfind(b"CEND") + 4 if b"CEND" in text.upper() else 0 :]
     found = {"SPC": set(), "MPC": set()}

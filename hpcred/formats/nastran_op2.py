@@ -12,6 +12,7 @@ import numpy as np
 
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, repeated_key
+from .files import open_input, read_numbers
 from .nastran_points import DEPENDENT, HELD, OMITTED, SUPPORTED, TINY, Points, System
 from .text import LARGEST_LABEL, first_bytes
 
@@ -46,7 +47,7 @@ class Table:
         for at, count in self.records[record]:
             a, b = max(low - before, 0), min(high - before, count)
             if a < b:
-                parts.append(np.fromfile(self.path, np.uint8, b - a, offset=at + a))
+                parts.append(read_numbers(self.path, np.uint8, b - a, offset=at + a))
             before += count
         return np.concatenate(parts)
 
@@ -186,7 +187,7 @@ def walk(path):
     if not begins(start):
         raise InputError(f"{path}: found a file that begins with {start[:12]!r}, expected one of OUTPUT2")
     order, size = _layout(start)
-    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         chain = _Chain(data, path, order, size)
         while not chain.ended:
             words = chain.key()

@@ -11,6 +11,7 @@ import struct
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
+from .files import open_input, read_numbers
 from .nastran_op4_matrix import COMPLEX, DOUBLE, SMALL, Matrix, matrix_of, real_values
 
 SHARE = 2**22  # bytes of a file decoded at a time
@@ -34,7 +35,7 @@ def contents(path, order: str, size: int) -> list[Matrix]:
     found, end = [], os.path.getsize(path)
     head = struct.Struct(order + ("ii" if size == 4 else "iq")).unpack_from
     whole = 4 + 6 * size + 4
-    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         at = 0
         while at < end:
             if end - at < whole or head(data, at)[0] != 6 * size:
@@ -88,7 +89,7 @@ class _Words:
     """The 4-byte words of a share of a file, and whole numbers at some of them."""
 
     def __init__(self, path, order, size, low, high):
-        self.raw = np.fromfile(path, order + "u4", (high - low) // 4, offset=low)
+        self.raw = read_numbers(path, order + "u4", (high - low) // 4, offset=low)
         self.order, self.size = order, size
 
     def markers(self, at):
@@ -154,7 +155,7 @@ def _decode(path, matrix, low, high):
 def _records(path, order, low, high):
     """The words, counted from low, at which the records of the bytes low..high begin."""
     unpack = struct.Struct(order + "i").unpack_from
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         file.seek(low)
         data = file.read(high - low)
     found, at, end = [], 0, high - low

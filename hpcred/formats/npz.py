@@ -12,6 +12,7 @@ import numpy as np
 from ..parallel.failures import InputError, agreed
 from ..parallel.memory import MB, node_mb
 from .entries import Entries
+from .files import reading_from
 from .petsc_binary import row_share
 
 # what zipfile makes of damage: also places before the file, methods that do not exist, and passwords
@@ -30,7 +31,7 @@ def read(path, comm) -> Entries:
     """Read a real sparse matrix. Collective. Raises InputError."""
     with agreed(comm):
         try:
-            with zipfile.ZipFile(path) as archive:
+            with reading_from(path), zipfile.ZipFile(path) as archive:
                 return _read(path, archive, comm)
         except InputError:
             raise

@@ -15,6 +15,7 @@ from pathlib import Path
 import h5py
 
 from ..parallel.failures import InputError, agreed, unfinished
+from .files import open_input, reading_from
 from .locks import lock, lock_name, temporary_name
 from .room import free_bytes, no_room
 from .seal import is_broken
@@ -62,7 +63,7 @@ def hdf5_kind(name: str) -> str:
 
 def kind_of(path) -> str:
     """What a file is, by its first bytes, in words; of archives of arrays with the first of their names."""
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         start = file.read(4096)
     if not start:
         return EMPTY
@@ -93,7 +94,7 @@ def _archive_kind(path, kind) -> str:
     """The kind of an archive with some of the names in it: arrays of a body are not matrices of a user."""
     try:
         if kind == ZIP:
-            with zipfile.ZipFile(path) as archive:
+            with reading_from(path), zipfile.ZipFile(path) as archive:
                 names = archive.namelist()
         else:
             from scipy.io import whosmat  # of a tenth of a second to load

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..parallel.failures import InputError, agreed
 from .entries import Entries
+from .files import read_numbers
 from .text import first_bytes
 
 CLASS_ID = 1211216  # of a matrix
@@ -35,7 +36,7 @@ def read(path, comm) -> Entries:
         width = np.dtype(whole).itemsize
         rows, columns, count = _header(path, whole, width)
         low, high = row_share(rows, comm.rank, comm.size)
-        lengths = np.fromfile(path, whole, high - low, offset=width * (HEADER + low)).astype(np.int64)
+        lengths = read_numbers(path, whole, high - low, offset=width * (HEADER + low)).astype(np.int64)
         if (lengths < 0).any():
             raise InputError(f"{path}: found a row of {lengths.min()} entries; the file is damaged")
         mine = int(lengths.sum())
@@ -47,8 +48,8 @@ def read(path, comm) -> Entries:
     before = sum(counts[: comm.rank])
     with agreed(comm):
         start = width * (HEADER + rows)
-        j = np.fromfile(path, whole, mine, offset=start + width * before).astype(np.int64)
-        v = np.fromfile(path, ">f8", mine, offset=start + width * count + 8 * before).astype(float)
+        j = read_numbers(path, whole, mine, offset=start + width * before).astype(np.int64)
+        v = read_numbers(path, ">f8", mine, offset=start + width * count + 8 * before).astype(float)
         if mine and not 0 <= j.min() <= j.max() < columns:
             wrong = j.max() if j.min() >= 0 else j.min()
             raise InputError(
@@ -61,7 +62,7 @@ def _header(path, whole, width):
     size = os.path.getsize(path)
     if size < width * HEADER:
         raise InputError(f"{path}: found {size} bytes, expected a PETSc matrix; the file is cut off")
-    rows, columns, count = (int(number) for number in np.fromfile(path, whole, HEADER)[1:])
+    rows, columns, count = (int(number) for number in read_numbers(path, whole, HEADER)[1:])
     if count == -1:
         raise InputError(f"{path}: found a dense PETSc matrix, expected a sparse one (AIJ), or a dense one as Matrix "
                          "Market or MATLAB file")  # fmt: skip

@@ -25,7 +25,11 @@ KEEP_SIZE = 1  # of fallocate: take room, and leave the size as it is
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
-class NoRoom(ComputationError):
+class NotWritten(ComputationError):
+    """A file cannot be written."""
+
+
+class NoRoom(NotWritten):
     """There is no room for a file."""
 
 
@@ -114,15 +118,15 @@ def rescue_places(path) -> list[Path]:
 
 
 def rescued(write, path, comm):
-    """write(path), or where there is no room write(another place), and the error that says so. Collective."""
+    """write(path), or where that fails write(another place), and the error that says so. Collective."""
     try:
         write(path)
-    except NoRoom as full:
+    except NotWritten as error:
         for place in comm.bcast(rescue_places(path) if comm.rank == 0 else None):
             try:
                 write(place)
             except HpcredError:
                 continue
             place = comm.bcast(os.path.abspath(place))
-            raise common_to(comm, NoRoom(f"{full}; what was to be written is in {place}")) from full
+            raise common_to(comm, type(error)(f"{error}; what was to be written is in {place}")) from error
         raise

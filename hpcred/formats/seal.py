@@ -15,6 +15,8 @@ from pathlib import Path
 
 import h5py
 
+from .files import open_input
+
 MARK = b"sealed by hpcred"
 TAIL = struct.Struct(f"<QI{len(MARK)}s")
 
@@ -38,7 +40,7 @@ def seal(path):
 def is_broken(path) -> bool:
     """Whether a file is sealed, and other bytes than those of datasets are not what they were."""
     size = Path(path).stat().st_size
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         if size < TAIL.size:
             return False
         file.seek(size - TAIL.size)
@@ -59,7 +61,7 @@ def is_broken(path) -> bool:
 def _crc(path, data, end) -> int:
     """The CRC-32 of the bytes of a file that belong to no dataset."""
     crc = at = 0
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         for first, count in [*data, (end, 0)]:
             file.seek(at)
             while at < first:

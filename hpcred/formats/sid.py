@@ -17,6 +17,7 @@ from ..model.dofs import DIRECTIONS
 from ..multibody.body import Body, check_moving, inputs_without_node, maker, remarks
 from ..multibody.rotations import skew
 from ..parallel.failures import InputError
+from .files import open_input
 from .text import shown
 
 OBJECTS = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "ksigma", "Ke", "De")
@@ -123,11 +124,8 @@ def _object_lines(name, item, indent):
 
 def read_sid(path) -> Sid:
     """Read a file back. Raises InputError that names the line."""
-    try:
-        with open(path, encoding="latin-1", newline="\n") as file:
-            text = file.read()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    with open_input(path, "r", encoding="latin-1", newline="\n") as file:
+        text = file.read()
     if CONTROL.search(text):
         raise InputError(f"{path}: found a character that is no text; the file is damaged")
     reader = _Lines(path, text.split("\n"))

@@ -9,6 +9,7 @@ import os
 import re
 import warnings
 import zlib
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import numpy as np
 import scipy
 
 from ..parallel.failures import InputError, printable
+from .files import open_input, reading_from
 
 try:
     import fast_matrix_market
@@ -77,16 +79,13 @@ def require_file(path):
     path = Path(path)
     if not os.path.isfile(path):
         raise absent(path)
-    try:
-        with open(path, "rb"):
-            pass
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    with open_input(path):
+        pass
 
 
 def is_packed(path) -> bool:
     """Whether a file is gzip."""
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         return file.read(2) == b"\x1f\x8b"
 
 
@@ -96,16 +95,18 @@ def refuse_packed(path, what=""):
         raise InputError(f"{path}: found a gzip file{what and ' of '}{what}; unpack it first")
 
 
+@contextmanager
 def open_unpacked(path):
     """The file opened for reading bytes, those of the unpacked text where it is gzip."""
-    return gzip.open(path, "rb") if is_packed(path) else open(path, "rb")
+    with reading_from(path), (gzip.open if is_packed(path) else open)(path, "rb") as file:
+        yield file
 
 
 def is_cut_line(path) -> bool:
     """Whether the last line of a text that is not packed has no end, so that its last number may be cut."""
     if is_packed(path) or not os.path.getsize(path):
         return False  # what is packed tells by its own end
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         file.seek(-1, os.SEEK_END)
         return file.read(1) != b"\n"
 
@@ -155,7 +156,7 @@ def pieces(path, comm, start=0, stop: int | None = None, continued=False):
             refuse_packed(path)
         yield from _packed_pieces(path, comm, start)
         return
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         if start == 0 and file.read(3) == BYTE_ORDER_MARK:
             start = 3
         stop = Path(path).stat().st_size if stop is None else stop
@@ -187,7 +188,7 @@ def _goes_on(file, start, low):
 
 def records(path, comm, start, stop, first: re.Pattern):
     """As `pieces`, but cut only above lines that `first` matches at their beginning. Of files that are not packed."""
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         low = start + (stop - start) * comm.rank // comm.size
         high = start + (stop - start) * (comm.rank + 1) // comm.size
         low = low if low == start else _next_record(file, low, stop, first)
@@ -220,7 +221,7 @@ def _next_record(file, at, stop, first):
 
 def _packed_pieces(path, comm, start):
     try:
-        with gzip.open(path, "rb") as file:
+        with open_unpacked(path) as file:
             file.read(start)
             rest, number = b"", 0
             while text := file.read(PIECE):

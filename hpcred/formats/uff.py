@@ -15,6 +15,7 @@ import numpy as np
 from ..model.elements import NODES
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import repeated_key
+from .files import open_input
 from .node_table import Nodes, finite
 from .text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, ragged, records, refuse_packed, shown, whole
 
@@ -93,7 +94,7 @@ def read(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
 def _datasets(path, marks):
     """Number, first and last byte of the lines of the datasets of text."""
     found, at, size = [], 0, os.path.getsize(path)  # at: the byte up to which all is understood
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         while (place := bisect_left(marks, at)) < len(marks):
             _require_nothing(path, file, at, marks[place])
             file.readline()
@@ -146,7 +147,7 @@ def _global_systems(path, sets):
     """The numbers of the coordinate systems that are the global one."""
     found = dict.fromkeys(GLOBAL.tolist(), True)
     for number, start, stop in sets:
-        with open(path, "rb") as file:
+        with open_input(path) as file:
             file.seek(start)
             lines = file.read(stop - start).splitlines()
         size, above, below = (4, 0, 2) if number == 18 else (6, 2, 4)  # lines of a system, above the first, of numbers
@@ -204,7 +205,7 @@ def _elements(path, sets):
     """Node numbers (elements, nodes) by kind, read on one rank: where an element begins is seen from the one before."""
     found = {}
     for number, start, stop in sets:
-        with open(path, "rb") as file:
+        with open_input(path) as file:
             file.seek(start)
             piece = Piece(Path(path), file.read(stop - start), start)
         values, counts, lines = ragged(piece, commas=False)

@@ -12,6 +12,7 @@ that fails and one that comes to the end of a block meet in it, and see that the
 import errno
 import os
 import pickle
+import re
 import sys
 import time
 import zlib
@@ -26,6 +27,8 @@ GRACE = 4.0  # seconds that a failed rank waits for the others
 
 FINE, FAILED, ELSEWHERE = 0, 1, 2  # what a rank says at the end of a block; from ELSEWHERE on: where it fails
 OFF = ("", "0", "no", "off", "false")  # of HPCRED_TRACEBACK in the environment
+IN_HDF5 = re.compile(r"errno = (\d+)")
+OUT_OF_MEMORY = 55  # of PETSc
 ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job says that it has spoken
 
 unfinished: set = set()  # files that must not stay when the job is ended
@@ -48,6 +51,16 @@ class InputError(HpcredError, ValueError):
 
 class ComputationError(HpcredError, RuntimeError):
     """The input is fine as far as one can see, but the computation failed."""
+
+
+def reason_of(error: BaseException) -> str | None:
+    """The words of the system where it refused a file or memory (OSError, errors of HDF5); None for other errors."""
+    if isinstance(error, HpcredError | BrokenPipeError):
+        return None
+    number = getattr(error, "errno", None)
+    if number is None and (found := IN_HDF5.search(str(error))):
+        number = int(found[1])
+    return None if number in (None, errno.EINVAL) else os.strerror(number)  # invalid is what a damaged file asks for
 
 
 @contextmanager
@@ -248,10 +261,12 @@ def _say(error, where=""):
         text = f"error{where}: what was printed found no reader; the pipe was closed before its end"
     elif isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT) and error.filename is None:
         text = f"error{where}: what is printed cannot be written ({error.strerror}); make room, or print elsewhere"
-    elif isinstance(error, MemoryError):
+    elif isinstance(error, MemoryError) or getattr(error, "ierr", None) == OUT_OF_MEMORY:
         text = f"error{where}: out of memory; take more ranks on more nodes, or a smaller model"
     elif isinstance(error, ImportError | OSError) and "shared object" in str(error):
         text = f"error{where}: {error}; a library is missing, or more memory than this process may take (ulimit -v)"
+    elif reason := reason_of(error):
+        text = f"error{where}: {getattr(error, 'filename', None) or 'a file'}: refused by the system ({reason})"
     else:
         lines = str(error).strip().splitlines()
         if hasattr(error, "ierr"):  # of PETSc: behind its code come the places, and at the end the reason

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ..formats.hdf5 import atomic_output
 from ..model.units import unit_of_response
 from ..multibody.simulation import AXES
 from ..parallel.failures import InputError
+from ..parallel.petsc import MPI
 
 MISSING = "figures need matplotlib: pip install 'hpcred[plots]'"
 INK = "#333333"
@@ -265,6 +267,7 @@ def _finish(figure, panels, frequencies, path, kind):
 
 def save(figure, stem):
     """PNG and SVG, without a date, so that the same numbers give the same file."""
-    figure.savefig(f"{stem}.png", dpi=150)
-    figure.savefig(f"{stem}.svg", metadata={"Date": None})
+    for kind, metadata in (("png", None), ("svg", {"Date": None})):
+        with atomic_output(f"{stem}.{kind}", MPI.COMM_SELF) as path:
+            figure.savefig(path, format=kind, dpi=150, metadata=metadata)
     pyplot().close(figure)

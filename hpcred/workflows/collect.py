@@ -10,7 +10,8 @@ from mpi4py import MPI
 
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.frequency_response import frequency_response
-from ..formats.outputs import check_kept
+from ..formats.locks import locks_given_back
+from ..formats.outputs import PICTURES, check_outputs
 from ..formats.response_file import read_responses
 from ..formats.result_file import read_result
 from ..formats.sweep_file import read_sweep
@@ -25,6 +26,7 @@ from .sweep import responses_of, states_of
 SELF = MPI.COMM_SELF
 
 
+@locks_given_back()
 def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> dict:
     """One row a run: name, status, the keys that vary, size, Q (57), the largest eps against the full model, the
     estimate of an automatic reduction, the direction that is known worst, seconds, factorisations made and saved, and
@@ -42,8 +44,10 @@ def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> 
         check_table_name(output, SELF)
     if figures is not None:
         pyplot()  # refused early where there is none
-        for path in Path(figures).glob("error*.[ps][nv]g"):
-            check_kept(path)
+        stems = ["error_over_size", "errors", *(f"error_over_{stem_of(key)}" for key in sweep.keys)]
+        if Path(figures).is_dir():
+            check_outputs({Path(figures, stem + suffix): PICTURES[suffix] for stem in stems
+                           for suffix in (".png", ".svg")}, SELF)  # fmt: skip
     states, full = states_of(sweep), responses_of(sweep)
     rows, curves, remarks = [], {}, []
     for run in sweep.runs:

@@ -11,6 +11,7 @@ from ..analysis.summary import inspect
 from ..formats import abaqus_input, calculix, node_table
 from ..formats.checked import CHECKSUM, CheckedFile
 from ..formats.entries import LabelledEntries
+from ..formats.files import reading_from
 from ..formats.hdf5 import opened, require_whole
 from ..formats.job_file import read_job
 from ..formats.locks import locks_given_back
@@ -161,7 +162,8 @@ def _on_one_rank(describe, path, comm):
     with agreed(comm):
         if comm.rank == 0:
             try:
-                report = describe(path)
+                with reading_from(path):
+                    report = describe(path)
             except InputError:
                 raise
             except Exception as error:  # whatever a damaged file makes its reader raise

@@ -10,7 +10,7 @@ from ..examples.linkage import linkage
 from ..examples.section5 import FREQUENCIES, MIMO, SISO, compare, deviations, lateral, table, time_response
 from ..formats.hdf5 import writing
 from ..formats.locks import locks_given_back
-from ..formats.outputs import JSON, check_outputs, hdf5_kind
+from ..formats.outputs import JSON, PICTURES, check_outputs, hdf5_kind
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
@@ -35,6 +35,8 @@ def reproduce(folder="paper", *, comm=None, progress: Progress | None = None) ->
             except OSError as error:
                 raise InputError(f"output {folder}: cannot be created ({error.strerror}); choose another") from error
     written = {folder / "section5.h5": hdf5_kind("hpcred-section5"), folder / "section5.json": JSON}
+    written |= {folder / f"figure_{number}{suffix}": PICTURES[suffix] for suffix in (".png", ".svg")
+                for number in (SISO.figure, MIMO.figure, 5)}  # fmt: skip
     check_outputs(written, comm, progress=progress)
     data, results = {}, {}
     with linkage(comm) as model:

@@ -78,6 +78,27 @@ def test_the_documented_example(tmp_path, monkeypatch, capsys):
                      for kind in ("png", "svg")}  # fmt: skip
 
 
+@pytest.mark.parametrize("taken", ["error_over_size.png", "error_over_basis.0.order.svg", "errors.svg"])
+def test_figures_replace_no_file_of_another_kind(linkage_folder, capsys, taken):
+    """Whether it lies in the folder or a link there leads to it; nothing else is written then."""
+    Path("sweep.toml").write_text(SWEEP.format(last=1, count=2) + "[evaluate]\nband = [1.0, 100.0]\npoints = 3\n")
+    assert run(["sweep", "sweep.toml"]) == 0
+    collect = ["collect", "sweep.toml", "-o", "table.csv", "--figures", "figures"]
+    Path("figures").mkdir()
+    target, text = Path("figures", taken), "years of notes\n"
+    for file in (target, Path("notes.txt")):
+        file.write_text(text)
+        if file != target:
+            target.symlink_to(file.absolute())
+        assert run(collect) == 2
+        assert f"output {target}: found a file of another kind there" in capsys.readouterr().err
+        assert file.read_text() == text and [path.name for path in Path("figures").iterdir()] == [taken]
+        assert not Path("table.csv").exists()
+        target.unlink()
+    assert run(collect) == 0
+    assert run(collect) == 0  # of the same kind
+
+
 def test_finished_runs_are_known_by_what_they_say(linkage_folder, capsys, monkeypatch):
     """Not by times: a new model or job is seen, an old file with the same contents is not."""
     Path("sweep.toml").write_text(SWEEP.format(last=1, count=2))

@@ -1,0 +1,61 @@
+"""What the system refuses of a file enters (OSError, errors of HDF5); a sentence with the name of the file leaves.
+
+Files of other programs are opened here, since Python's errors name the file where it cannot be opened, but not where it
+cannot be read.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import numpy as np
+
+from ..parallel.failures import InputError, reason_of
+from .room import NotWritten, is_full, no_room
+
+
+@contextmanager
+def reading_from(path):
+    """Raise InputError with the name of the file for what the system refuses in the block, or as a decorator."""
+    try:
+        yield
+    except Exception as error:
+        if (reason := reason_of(error)) is None:
+            raise
+        raise InputError(f"{getattr(error, 'filename', None) or path}: cannot be read ({reason})") from error
+
+
+@contextmanager
+def writing_to(path, temporary=None):
+    """Raise NotWritten for what the system refuses in the block of an output; `temporary`: what it is until then."""
+    try:
+        yield
+    except Exception as error:
+        if is_full(error):
+            raise no_room(path, written=temporary or path) from error
+        if (reason := reason_of(error)) is None:
+            raise
+        raise NotWritten(f"output {path}: cannot be written ({reason}); choose another folder, or try again") from error
+
+
+@contextmanager
+def open_input(path, mode="rb", **options):
+    """As `open`, for reading. Raises InputError for all that the system refuses."""
+    with reading_from(path), open(path, mode, **options) as file:
+        yield file
+
+
+def read_numbers(path, dtype, count: int, offset: int = 0) -> np.ndarray:
+    """Numbers (count,) of a binary file from a byte on. Raises InputError, too where the file ends before."""
+    found = np.empty(count, dtype)
+    with open_input(path) as file:
+        file.seek(offset)
+        if file.readinto(found.view(np.uint8)) < found.nbytes:
+            raise InputError(f"{path}: found its end in the middle of numbers; the file is cut off")
+    return found
+
+
+def read_text(path, encoding="utf-8", errors="strict") -> str:
+    """The text of a file. Raises InputError for all that the system refuses."""
+    with open_input(path, "r", encoding=encoding, errors=errors) as file:
+        return file.read()
