@@ -12,6 +12,7 @@ def main():
         signals.hear()
         _alone()
         from .cli import run
+        from .parallel.failures import leave
 
         status = run(sys.argv[1:])
     except (KeyboardInterrupt, Exception) as error:  # while modules are loaded
@@ -21,7 +22,7 @@ def main():
         sys.stdout.flush()
     except OSError:  # told already; Python would try once more at its end, and change the exit status
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    sys.exit(status)
+    leave(status)
 
 
 def _alone():

@@ -2,7 +2,8 @@
 
    FAULTS_FOLDER   the folder
    FAULTS_RECORD   a file outside of it: a line "kind file" for each call that could fail, or for those that did
-   FAULT           "kind,number,errno": the call of this number of one process fails; "number+" all from it on
+   FAULT           "kind,number,errno,name": the call of this number of one process on files with such a name (any,
+                   where it is empty) fails; "number+" all from it on
    FAULTS_RANK     only in this rank of MPI; empty: in any process, and once in all
    Kinds: open, create, read, write, truncate, allocate, rename, remove, mkdir, sync, lock, memory.
    Memory counts from the first file of the folder on, before which the program is loaded. */
@@ -27,7 +28,7 @@
 
 static int number, all, code, seen, armed, inside;
 static char kind_wanted[16];
-static const char *folder, *record;
+static const char *folder, *record, *name_wanted = "";
 
 __attribute__((constructor)) static void begin(void) {
     const char *fault = getenv("FAULT"), *rank = getenv("FAULTS_RANK"), *own = getenv("OMPI_COMM_WORLD_RANK");
@@ -36,7 +37,8 @@ __attribute__((constructor)) static void begin(void) {
     if (rank && *rank && (!own || strcmp(rank, own))) return;
     if (fault && sscanf(fault, "%15[^,],%d%c", kind_wanted, &number, &plus) >= 2) {
         all = plus == '+';
-        code = atoi(strrchr(fault, ',') + 1);
+        name_wanted = strrchr(fault, ',') + 1;
+        code = atoi(strchr(strchr(fault, ',') + 1, ',') + 1);
     }
     folder = getenv("FAULTS_FOLDER");
 }
@@ -61,7 +63,7 @@ static int fails(const char *kind, const char *name) {
         errno = before;
         return 0;
     }
-    if (strcmp(kind, kind_wanted)) return 0;
+    if (strcmp(kind, kind_wanted) || !strstr(name, name_wanted)) return 0;
     seen++;
     hit = seen == number || (all && seen > number);
     if (hit && seen == number && record && !note(kind, name, 1)) { /* another process had it */

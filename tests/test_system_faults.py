@@ -37,8 +37,17 @@ interface = [{name = "end", nodes = [20], kind = "rigid"}, {name = "root", nodes
 [[basis]]
 kind = "constraint_modes"
 """
-SWEEP = 'job = "job.toml"\n[[vary]]\nkey = "damping.alpha"\nvalues = [1.0, 2.0]\n[evaluate]\npoints = 3\nband = [1.0, 50.0]\n' \
-        '[launch]\nlauncher = ""\n'  # fmt: skip
+SWEEP = """
+job = "job.toml"
+[[vary]]
+key = "damping.alpha"
+values = [1.0, 2.0]
+[evaluate]
+points = 3
+band = [1.0, 50.0]
+[launch]
+launcher = ""
+"""
 SUPERELEMENTS = [name for name, export in EXPORTS.items() if export.takes == "superelement"]
 COMMANDS = {
     "convert": "convert -K K.mtx -M M.mtx --nodes nodes.txt --dofs dofs.txt --inputs 20:z -o c.h5 --json c.json",
@@ -78,17 +87,22 @@ def library(tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="module")
+def few(library, tmp_path_factory):
+    return Room(library, tmp_path_factory.mktemp("few"), ["reduce", "export-npz"])
+
+
 class Room:
     """A folder with all that the commands read, and wrote once, and copies of it in which calls fail."""
 
-    def __init__(self, library, place):
+    def __init__(self, library, place, commands=None):
         self.library, self.base, self.copy = library, place / "base", place / "copy"
         self.rescue, self.record, self.calls = place / "rescue", place / "record", {}
         for folder in (self.base, self.rescue):
             folder.mkdir()
         make_inputs(self.base)
         self.inputs = set(contents(self.base))
-        for command in COMMANDS:
+        for command in commands or COMMANDS:
             status, _, told = self.run(self.base, command, 1)
             assert status == 0, (command, told)
 
@@ -113,7 +127,8 @@ class Room:
         """A copy of the folder, in which the command has something to do."""
         shutil.rmtree(self.copy, ignore_errors=True)
         shutil.copytree(self.base, self.copy)
-        for path in [*self.rescue.iterdir(), *self.copy.glob({"sweep": "sweep/*.h5", "store": "points/*"}.get(command, "-"))]:
+        done = {"sweep": "sweep/*.h5", "store": "points/*"}.get(command, "-")
+        for path in [*self.rescue.iterdir(), *self.copy.glob(done)]:
             path.unlink()
         self.record.unlink(missing_ok=True)
         return self.copy
@@ -135,7 +150,7 @@ class Room:
         before = contents(folder)
         status, said, told = self.run(
             folder, fault.command, fault.ranks, FAULTS_RANK=only(fault.ranks, fault.rank),
-            FAULT=f"{fault.kind},{fault.number},{getattr(errno, fault.error)}",
+            FAULT=f"{fault.kind},{fault.number},{getattr(errno, fault.error)},{fault.name}",
         )  # fmt: skip
         if not self.record.exists():
             return [], "did not come to pass"
@@ -163,7 +178,7 @@ class Room:
 
 
 class Fault(NamedTuple):
-    """The call of a kind that fails, by its number; with + all from it on fail."""
+    """The call of a kind, on files with such a name, that fails, by its number; with + all from it on fail."""
 
     command: str
     ranks: int
@@ -171,6 +186,7 @@ class Fault(NamedTuple):
     kind: str
     number: str
     error: str
+    name: str = ""
 
 
 def make_inputs(folder):
@@ -224,17 +240,35 @@ def sample(room, count, seed, commands=tuple(COMMANDS)):
                     draw.choice(ERRORS[kind].split()))  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def room(library, tmp_path_factory):
-    return Room(library, tmp_path_factory.mktemp("room"))
+@pytest.mark.parametrize("fault, sentence", [
+    (("reduce", 1, 0, "open", "1", "EACCES", "job.toml"), "job.toml: cannot be read (Permission denied)"),
+    (("reduce", 2, 1, "read", "5+", "EIO", "model.h5"), "model.h5: cannot be read (Input/output error)"),
+    (("reduce", 1, 0, "write", "20+", "EIO", "result.h5.tmp"), "./result.h5: cannot be written (Input/output error)"),
+    (("reduce", 2, 1, "write", "3", "EIO", "result.h5.tmp"), "output ./result.h5: cannot be written ("),
+    (("reduce", 1, 0, "rename", "1+", "EROFS", "result.h5"), "./result.h5: cannot be written (Read-only file system)"),
+    (("export-npz", 1, 0, "write", "1", "ESTALE", "npz.tmp"), "result.npz: cannot be written (Stale file handle)"),
+    (("export-npz", 1, 0, "sync", "1", "EDQUOT"), "output result.npz: the disk is full"),
+    (("export-npz", 2, 0, "read", "1+", "EIO", "result.h5"), "result.h5: cannot be read (Input/output error)"),
+    (("export-npz", 1, 0, "memory", "200+", "ENOMEM"), "out of memory"),
+], ids=lambda item: item if isinstance(item, str) else "")  # fmt: skip
+def test_a_fault_is_a_sentence(few, fault, sentence):
+    found, said = few.misfortunes(Fault(*fault))
+    assert not found and sentence in said, (found, said)
+
+
+def test_a_result_that_cannot_be_written_is_written_elsewhere(few):
+    found, said = few.misfortunes(Fault("reduce", 1, 0, "rename", "1+", "EROFS", "result.h5"))
+    assert not found and "what was to be written is in" in said
+    saved = package.read_result(few.rescue / "result.h5").reduced
+    assert np.array_equal(saved.K, package.read_result(few.base / "result.h5").reduced.K)
 
 
 @pytest.mark.slow
-def test_faults_of_many_calls(room):
+def test_faults_of_many_calls(library, tmp_path):
     """HPCRED_SYSTEM_FAULTS of them, by default 60."""
     count, seed = int(os.environ.get("HPCRED_SYSTEM_FAULTS", "60")), int(os.environ.get("HPCRED_SEED", time.time()))
     print(f"seed {seed}")
-    wrong = []
+    room, wrong = Room(library, tmp_path), []
     for fault in sample(room, count, seed):
         found, said = room.misfortunes(fault)
         wrong += found

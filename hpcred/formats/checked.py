@@ -63,7 +63,7 @@ class CheckedFile:
         self.path = path
         try:
             self.attrs = dict(file.attrs)
-            self.datasets = dict(_datasets(file, path))
+            self.datasets = dict(own_datasets(file, path))
         except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
             if reason := reason_of(error):
                 raise InputError(f"{path}: cannot be read ({reason})") from error
@@ -167,8 +167,8 @@ def _size(size, sizes, found):
     return sizes.setdefault(letter, found - bool(plus)) + bool(plus)
 
 
-def _datasets(group, path, before="", depth=0):
-    """The names and datasets of a group, all in this file."""
+def own_datasets(group, path, before="", depth=0):
+    """The names and datasets of a group. Raises InputError for what is a link, or kept in another file."""
     for key in group:
         name = before + key
         if not isinstance(group.get(key, getlink=True), h5py.HardLink):
@@ -177,7 +177,7 @@ def _datasets(group, path, before="", depth=0):
         if isinstance(item, h5py.Group):
             if depth == DEEPEST:
                 raise damaged(path, f"/{name} is a group in more than {DEEPEST} groups")
-            yield from _datasets(item, path, name + "/", depth + 1)
+            yield from own_datasets(item, path, name + "/", depth + 1)
         elif isinstance(item, h5py.Dataset):
             if item.external or item.is_virtual:
                 raise damaged(path, f"/{name} is kept in another file, which hpcred never does")

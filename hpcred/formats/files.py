@@ -33,7 +33,10 @@ def writing_to(path, temporary=None):
     except Exception as error:
         if is_full(error):
             raise no_room(path, written=temporary or path) from error
-        if (reason := reason_of(error)) is None:
+        reason = reason_of(error)
+        if reason is None and isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
+            reason = str(error).partition("\n")[0]  # as of HDF5 with MPI, which says no number
+        if reason is None:
             raise
         raise NotWritten(f"output {path}: cannot be written ({reason}); choose another folder, or try again") from error
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 from contextlib import contextmanager, suppress
 from math import prod
 from pathlib import Path
@@ -9,11 +10,21 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ..parallel.failures import ComputationError, InputError, Owned, agreed, common_to, settle, unfinished
+from ..parallel.failures import (
+    ComputationError,
+    InputError,
+    Owned,
+    agreed,
+    common_to,
+    end_job,
+    leave_open,
+    settle,
+    unfinished,
+)
 from .checked import CHECKSUM, SUMS, CheckedFile, damaged, header_checksum
 from .checksums import sums_of, sums_of_parts, tag_of
 from .files import writing_to
-from .locks import HOST, lock, lock_name, temporary_name, unlock
+from .locks import HOST, begin, lock, lock_name, temporary_name, unlock
 from .outputs import check_kind, check_writable, kind_of
 from .room import NotWritten, Room
 from .seal import is_broken, seal
@@ -34,7 +45,7 @@ class Writer:
         self._path, self._comm = str(path), comm
         self._parallel = comm.size > 1 and h5py.get_config().mpi
         self._file, self._room = None, Room(path, comm)
-        self._attributes, self._names = {}, []
+        self._attributes, self._names, self._given_up = {}, [], False
         if self._parallel:
             self._file = h5py.File(self._path, "w", driver="mpio", comm=comm)
         elif comm.size == 1:
@@ -44,12 +55,23 @@ class Writer:
         comm.Barrier()
 
     def close(self):
-        if self._file is not None:
+        if self._file is not None and not self._given_up:
             self._file.close()
 
     def finish(self):
         """Write what tells a whole file from a damaged one."""
         self.attribute(CHECKSUM, header_checksum(self._attributes, self._names))
+        if self._file is not None:
+            self._file.flush()
+
+    def give_up(self, error):
+        """Leave a file as it is that HDF5 failed to write, as HDF5 may crash on it when it is closed; where several
+        ranks have it open, this ends the job. Collective."""
+        if self._parallel:
+            settle(self._comm, error)
+            end_job(error)
+        self._given_up = True
+        leave_open(self._file, error)
 
     def _turns(self, ranks):
         """The open file, or in turn for the ranks named where only one process can have it open."""
@@ -133,6 +155,37 @@ class Writer:
 
 
 @contextmanager
+def heard():
+    """Raise what HDF5 could not write when objects of h5py in the block came to their end: Python would only print it.
+    """
+    found, before = [], (sys.excepthook, sys.unraisablehook)
+    sys.excepthook = lambda kind, error, trace: found.append(error)  # h5py calls both
+    sys.unraisablehook = lambda item: found.append(item.exc_value)
+    try:
+        yield
+    except Exception as error:
+        raise (found or [error])[0] from None
+    finally:
+        sys.excepthook, sys.unraisablehook = before
+    if found:
+        raise found[0]
+
+
+@contextmanager
+def created(path):
+    """A new HDF5 file, open on this rank only; what HDF5 cannot write of it is left open (see Writer.give_up)."""
+    file = h5py.File(path, "w")
+    try:
+        with heard():
+            yield file
+            file.flush()
+    except Exception as error:
+        leave_open(file, error)
+        raise
+    file.close()
+
+
+@contextmanager
 def atomic_output(path, comm):
     """A temporary name beside `path` that becomes `path` when the block ends well; links are followed. Collective.
 
@@ -148,6 +201,9 @@ def atomic_output(path, comm):
             lock(path, name)
     unfinished.update(left)
     try:
+        with agreed(comm), writing_to(name, temporary):
+            if comm.rank == 0:
+                begin(temporary)
         with Owned(comm), writing_to(name, temporary):
             yield temporary
         comm.Barrier()
@@ -179,8 +235,14 @@ def writing(path, comm):
     with atomic_output(path, comm) as temporary:
         with Owned(comm) as owned, writing_to(path, temporary):
             file = owned.owns(Writer(temporary, comm))
-            yield file
-            file.finish()
+            try:
+                with writing_to(path, temporary), heard():
+                    yield file
+                    file.finish()
+            except NotWritten as error:
+                if error.__cause__ is not None:  # HDF5 fell over it, and not we before it
+                    file.give_up(error)
+                raise
         with agreed(comm), writing_to(path, temporary):
             if comm.rank == 0:
                 seal(temporary)

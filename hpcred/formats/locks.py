@@ -29,6 +29,12 @@ def temporary_name(path, process: int | None = None, host: str = HOST) -> Path:
     return path.with_name(f"{path.name}.tmp-{host}-{process or os.getpid()}")
 
 
+def begin(path: Path):
+    """Create an empty file in place of what has the name, which may be a link that others laid in a shared folder."""
+    path.unlink(missing_ok=True)
+    path.open("xb").close()
+
+
 def lock_name(path) -> Path:
     return path.with_name(f".{path.name}.lock")
 
@@ -44,7 +50,7 @@ def lock(path: Path, called=None):
         return
     while True:
         try:
-            file = os.open(name, os.O_RDWR | os.O_CREAT, 0o666)
+            file = os.open(name, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)  # a link may be laid by others
         except OSError as error:
             raise InputError(
                 f"output {called or path}: its lock {name} cannot be opened ({error.strerror}); remove it when no run "

@@ -16,7 +16,7 @@ import h5py
 
 from ..parallel.failures import InputError, agreed, unfinished
 from .files import open_input, reading_from
-from .locks import lock, lock_name, temporary_name
+from .locks import begin, lock, lock_name, temporary_name
 from .room import free_bytes, no_room
 from .seal import is_broken
 
@@ -166,7 +166,7 @@ def _check_writable(path):
             raise InputError(f"output {path}: it is read-only; choose another name")
     try:
         probe = Path(f"{temporary_name(real)}.h5")  # no name is longer
-        probe.touch()
+        begin(probe)
         probe.unlink()
     except PermissionError as error:
         raise InputError(

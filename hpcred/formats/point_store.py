@@ -27,11 +27,12 @@ import numpy as np
 
 from ..linalg.blocks import create_block, local_rows
 from ..parallel.digest import digest_of_block, digest_of_slices
-from ..parallel.failures import InputError, agreed, unfinished
+from ..parallel.failures import InputError, agreed, reason_of, unfinished
 from ..parallel.petsc import MPI
 from ..reduction.chain import Entry
 from ..reduction.points import point_name
-from .hdf5 import opened, require_whole
+from .checked import own_datasets
+from .hdf5 import created, opened, require_whole
 from .seal import seal
 
 FORMAT, VERSION = "hpcred-point", 1
@@ -66,6 +67,7 @@ class PointStore:
         found = reason = None
         try:
             with opened(path, FORMAT, VERSION) as file:
+                dict(own_datasets(file, path))  # all in this file
                 about = about_of(file)
                 if about["key"] != _plain(key):
                     raise ValueError("it belongs to another key")
@@ -180,6 +182,7 @@ def describe_entry(path: Path, check: bool = False) -> dict | None:
                 return None
             if file.attrs["version"] != VERSION:
                 raise ValueError(f"version {file.attrs['version']}, expected {VERSION}")
+            dict(own_datasets(file, path))
             about = about_of(file)
             found |= {"model": about["model"], "date": about["date"], "point": _point_of(about["key"])}
             if name_of(about["key"]) != path.name:
@@ -242,7 +245,7 @@ def _create(path, size, widths, arrays, about):
 
     Its room is taken at once, so that a full disk is noticed here, on one rank and before the others begin.
     """
-    with h5py.File(path, "w") as file:
+    with created(path) as file:
         file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
         file.attrs["checksum"] = hashlib.sha256(about.encode()).hexdigest()
         file.create_dataset("about", data=np.frombuffer(about.encode(), np.uint8))
@@ -286,4 +289,4 @@ def _plain(key):
 
 def _text(error):
     """An error in the words of whoever raised it, in a line."""
-    return " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
+    return " ".join(str(reason_of(error) or error).split()) or type(error).__name__

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import h5py
 
+from ..parallel.failures import InputError
 from .files import open_input
 
 MARK = b"sealed by hpcred"
@@ -54,6 +55,8 @@ def is_broken(path) -> bool:
     try:
         said = json.loads(text)
         return said["end"] != size - TAIL.size - length or said["crc"] != _crc(path, said["data"], said["end"])
+    except InputError:
+        raise
     except (ValueError, KeyError, TypeError):
         return True
 

@@ -33,6 +33,7 @@ ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job say
 
 unfinished: set = set()  # files that must not stay when the job is ended
 
+_left_open: list = []  # what must not be closed, with the errors that hold its parts
 _unheard: list = []
 _private: list = []  # duplicates of communicators, for messages of this module only
 
@@ -201,6 +202,19 @@ def fail(error: BaseException) -> int:
     if MPI.COMM_WORLD.rank == 0:
         _say(error)
     return exit_status(error)
+
+
+def leave_open(*items):
+    """Keep objects that crash when they are closed until the end of the process, which then is sudden."""
+    _left_open.extend(items)
+
+
+def leave(status: int):
+    """End the process of a command."""
+    if _left_open:
+        sys.stdout.flush()
+        os._exit(status)  # without MPI, at whose end HDF5 closes what is open
+    sys.exit(status)
 
 
 def exit_status(error: BaseException) -> int:

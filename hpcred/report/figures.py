@@ -1,5 +1,7 @@
 """Figures; rank 0 only. Matplotlib is imported when the first one is drawn."""
 
+import os
+import sys
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -25,12 +27,22 @@ def has_matplotlib() -> bool:
     return find_spec("matplotlib") is not None
 
 
-def pyplot():
-    """matplotlib.pyplot without a display. Raises InputError when it is not installed."""
+def _matplotlib():
+    """The package, without a matplotlibrc of the working folder, which may be another user's and can name programs,
+    unless who uses hpcred has loaded it before. Raises InputError when it is not installed."""
+    loaded = "matplotlib" in sys.modules
     try:
         import matplotlib
     except ImportError as error:
         raise InputError(MISSING) from error
+    if not loaded and os.path.exists("matplotlibrc"):
+        matplotlib.rcdefaults()
+    return matplotlib
+
+
+def pyplot():
+    """matplotlib.pyplot without a display. Raises InputError when it is not installed."""
+    matplotlib = _matplotlib()
     matplotlib.use("Agg")
     matplotlib.rcParams["svg.hashsalt"] = "hpcred"
     from matplotlib import pyplot as plt
@@ -41,10 +53,8 @@ def pyplot():
 def new_figure(**keywords):
     """An empty matplotlib Figure of which pyplot knows nothing, and which notebooks show. Raises InputError when
     matplotlib is not installed."""
-    try:
-        import matplotlib.figure
-    except ImportError as error:
-        raise InputError(MISSING) from error
+    _matplotlib()
+    import matplotlib.figure
 
     class Figure(matplotlib.figure.Figure):
         def _repr_png_(self):

@@ -9,7 +9,7 @@ import sys
 import textwrap
 
 from ..formats.hdf5 import atomic_output
-from ..parallel.failures import agreed
+from ..parallel.failures import agreed, printable
 from ..parallel.petsc import MPI
 from ..parallel.progress import Timing
 
@@ -93,7 +93,7 @@ def _show(widths, rows):
 
 
 def _cell(value) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return f"{value:.6g}" if isinstance(value, float) else printable(str(value))
 
 
 def in_words(value) -> str:

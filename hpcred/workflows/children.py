@@ -14,6 +14,8 @@ from pathlib import Path
 
 import psutil
 
+from ..formats.files import writing_to
+from ..formats.locks import begin
 from ..parallel.failures import HpcredError
 from ..parallel.signals import heard_by
 from ..parallel.stopping import Stopped
@@ -132,7 +134,8 @@ def _noted():
 
 def _start(child, environment):
     child.begun = time.monotonic()
-    child.log.write_bytes(b"")
+    with writing_to(child.log):
+        begin(child.log)
     with open(child.log, "ab") as log:  # of another sweep in this folder nothing is written over
         child.process = subprocess.Popen(
             [*_ending_with_parent(), *child.command], stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,

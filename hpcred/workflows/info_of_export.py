@@ -19,6 +19,7 @@ from ..formats import outputs, uff
 from ..formats import vtk as vtk_file
 from ..parallel.petsc import MPI
 
+LARGEST_XML = 2**26  # bytes
 SHAPE = re.compile(rb"(?m)^ {4}-1\r?\n {4}55\r?\n(.*?)\r?$")  # the name of a dataset 55
 SUPERELEMENTS = {  # how they begin, and the name and number of each interface node in them
     "** superelement": ("user element of Abaqus", r"(?m)^\*\* (?!modal coordinates$)(.+)\n(\d+), "),
@@ -67,7 +68,10 @@ def mbdyn(path) -> dict:
 def fmu(path) -> dict:
     """Name, variables and platforms of an FMU."""
     with zipfile.ZipFile(path) as archive:
-        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+        about = archive.getinfo("modelDescription.xml")
+        if about.file_size > LARGEST_XML:
+            raise ValueError(f"{about.filename} unpacks to {about.file_size / 1e6:.0f} MB")
+        root = ElementTree.fromstring(archive.read(about))
         platforms = sorted({name.split("/")[1] for name in archive.namelist() if name.startswith("binaries/")})
     variables = list(root.iter("ScalarVariable"))
     by = {key: [item.get("name") for item in variables if item.get("causality") == key] for key in ("input", "output")}

@@ -1,5 +1,4 @@
-"""PETSc options come from the command line, PETSC_OPTIONS and the home folder, never by themselves from the working folder.
-"""
+"""PETSc options come from the command line, PETSC_OPTIONS and the home folder, and not from the working folder."""
 
 import shutil
 import subprocess

@@ -17,7 +17,8 @@ const layout = (more) => ({
   font: { family: "system-ui, sans-serif", size: 13, color: INK }, margin: { l: 78, r: 20, t: 12, b: 46 },
   paper_bgcolor: "white", plot_bgcolor: "white", hovermode: "closest", legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, ...more,
 });
-const named = (i) => data.results[i].name;
+const plain = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;"); // Plotly takes <a> and <b> for marks
+const named = (i) => plain(data.results[i].name);
 const positive = (value) => (value > 0 ? value : null);
 const powers = { type: "log", exponentformat: "power", nticks: 4 }; // few, so that those of 2 and 5 never touch
 
@@ -100,7 +101,7 @@ function drawSpectrum() {
 function drawStages() {
   const longest = (stage) => Math.max(...data.results.map((result) => result.seconds[stage] || 0));
   const stages = [...new Set(data.results.flatMap((result) => Object.keys(result.seconds)))].sort((a, b) => longest(b) - longest(a));
-  const traces = stages.map((stage, k) => ({ type: "bar", orientation: "h", name: stage, y: data.results.map((_, i) => named(i)), x: data.results.map((result) => result.seconds[stage] || 0), marker: { color: [...COLOURS, ...MORE][k % 14] }, hovertemplate: stage + " %{x:.3g} s<extra></extra>" }));
+  const traces = stages.map((stage, k) => ({ type: "bar", orientation: "h", name: plain(stage), y: data.results.map((_, i) => named(i)), x: data.results.map((result) => result.seconds[stage] || 0), marker: { color: [...COLOURS, ...MORE][k % 14] }, hovertemplate: plain(stage) + " %{x:.3g} s<extra></extra>" }));
   return Plotly.newPlot("stages", traces, layout({ barmode: "stack", margin: { l: 160, r: 20, t: 30, b: 46 }, legend: { orientation: "h", y: -0.25, yanchor: "top", x: 0, traceorder: "normal" }, xaxis: axis("", { ticksuffix: " s" }), yaxis: axis("", { type: "category", automargin: true, autorange: "reversed" }) }), BUTTONS);
 }
 
