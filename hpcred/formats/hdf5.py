@@ -16,7 +16,6 @@ from ..parallel.failures import (
     Owned,
     agreed,
     common_to,
-    end_job,
     leave_open,
     settle,
     unfinished,
@@ -31,64 +30,55 @@ from .seal import is_broken, seal
 from .text import absent
 
 WRITTEN_BY = {"hpcred-model": ", which hpcred convert writes", "hpcred-result": ", which hpcred reduce writes"}
-SLAB = 2**26  # numbers written in one call, well below the 2 GiB that MPI-IO takes
 
 
 class Writer:
-    """A new HDF5 file, written by all ranks. Every method is collective, with the same small values everywhere.
+    """A new HDF5 file that becomes `output`, written by all ranks. Every method is collective, with the same small
+    values everywhere.
 
-    With an h5py without MPI the ranks write in turn. Datasets get checksums (see formats.checked). All methods raise
-    ComputationError on all ranks for numbers that are not finite and where the disk has no room.
+    HDF5 works on rank 0 alone: ranks that have a file open together wait for each other for ever where one of them
+    cannot write. All ranks write rows, to places that belong to them. Datasets get checksums (see formats.checked). All
+    methods raise ComputationError on all ranks for numbers that are not finite and where the file cannot be written.
     """
 
-    def __init__(self, path, comm):
-        self._path, self._comm = str(path), comm
-        self._parallel = comm.size > 1 and h5py.get_config().mpi
-        self._file, self._room = None, Room(path, comm)
+    def __init__(self, path, comm, output):
+        self._path, self._comm, self._output, self._file, self._room = str(path), comm, output, None, Room(path, comm)
         self._attributes, self._names, self._given_up = {}, [], False
-        if self._parallel:
-            self._file = h5py.File(self._path, "w", driver="mpio", comm=comm)
-        elif comm.size == 1:
-            self._file = h5py.File(self._path, "w")
-        elif comm.rank == 0:
-            h5py.File(self._path, "w").close()
-        comm.Barrier()
+        with agreed(comm), writing_to(output, path):
+            if comm.rank == 0:
+                self._file = h5py.File(self._path, "w")
 
     def close(self):
         if self._file is not None and not self._given_up:
             self._file.close()
 
     def finish(self):
-        """Write what tells a whole file from a damaged one."""
+        """Write what tells a whole file from a damaged one, and close it."""
         self.attribute(CHECKSUM, header_checksum(self._attributes, self._names))
-        if self._file is not None:
-            self._file.flush()
+        with self._on_first() as file:
+            if file is not None:
+                file.flush()
+                file.close()
 
-    def give_up(self, error):
-        """Leave a file as it is that HDF5 failed to write, as HDF5 may crash on it when it is closed; where several
-        ranks have it open, this ends the job. Collective."""
-        if self._parallel:
-            settle(self._comm, error)
-            end_job(error)
-        self._given_up = True
-        leave_open(self._file, error)
-
-    def _turns(self, ranks):
-        """The open file, or in turn for the ranks named where only one process can have it open."""
-        if self._file is not None:
-            yield self._file
-            return
-        for rank in ranks:
-            if rank == self._comm.rank:
-                with h5py.File(self._path, "a") as file:
-                    yield file
-            self._comm.Barrier()
+    @contextmanager
+    def _on_first(self):
+        """The open file on rank 0, None on others. HDF5 may crash on a file when it is closed that it failed to write.
+        """
+        with agreed(self._comm):
+            try:
+                with writing_to(self._output, self._path), heard():
+                    yield self._file
+            except NotWritten as error:
+                self._given_up = True
+                leave_open(self._file, error)
+                raise
 
     def attribute(self, name, value):
         self._attributes[name] = value
         self._room.take(0)
-        for file in self._turns([0]):
-            file.attrs[name] = value
+        with self._on_first() as file:
+            if file is not None:
+                file.attrs[name] = value
 
     def small(self, name, value, gaps=False):
         """A dataset from rank 0: an array (`gaps`: nan is what is not known), a text, a list of texts, or a dict (as
@@ -105,12 +95,10 @@ class Writer:
         self._names.append(name)
         sums = sums_of(value.reshape(-1), 0, tag_of(value.dtype, value.shape, -1))
         self._room.take(value.nbytes + sums.nbytes, datasets=2)
-        for file in self._turns([0]):
-            for place, array in ((name, value), (f"{SUMS}/{name}", sums)):
-                dataset = file.create_dataset(place, array.shape, array.dtype, track_times=False)
-                if self._comm.rank == 0:
-                    dataset[...] = array
-            dataset.attrs["axis"] = -1
+        with self._on_first() as file:
+            if file is not None:
+                file.create_dataset(name, data=value, track_times=False)
+                file.create_dataset(f"{SUMS}/{name}", data=sums, track_times=False).attrs["axis"] = -1
 
     def rows(self, name, local, axis=0):
         """A dataset whose `axis` is distributed over the ranks in order; `local` is the part of this rank."""
@@ -119,8 +107,9 @@ class Writer:
         shape, start = self._lay(name, local, axis)
         sums = sums_of_parts(self._comm, local, axis, start, tag_of(local.dtype, shape, axis))
         self._lay(f"{SUMS}/{name}", sums, 1)
-        for file in self._turns([0]):
-            file[f"{SUMS}/{name}"].attrs["axis"] = axis
+        with self._on_first() as file:
+            if file is not None:
+                file[f"{SUMS}/{name}"].attrs["axis"] = axis
 
     def _lay(self, name, local, axis):
         """Write the parts of all ranks; returns the shape of the whole, and where the part of this rank begins."""
@@ -129,18 +118,19 @@ class Writer:
         shape = list(local.shape)
         shape[axis] = sum(counts)
         self._room.take(local.dtype.itemsize * prod(shape), datasets=1)
-        for file in self._turns(range(self._comm.size)):
-            dataset = file[name] if name in file else file.create_dataset(
-                name, shape=tuple(shape), dtype=local.dtype, track_times=False
-            )  # fmt: skip
-            step = max(1, SLAB * local.shape[axis] // max(local.size, 1))
-            for low in range(0, local.shape[axis], step):
-                high = min(low + step, local.shape[axis])
-                place = [slice(None)] * len(shape)
-                place[axis] = slice(start + low, start + high)
-                part = [slice(None)] * len(shape)
-                part[axis] = slice(low, high)
-                dataset[tuple(place)] = local[tuple(part)]
+        offset = None
+        with self._on_first() as file:
+            if file is not None:
+                offset = place_of(file, name, shape, local.dtype)
+        offset = self._comm.bcast(offset)
+        parts = np.ascontiguousarray(local).reshape(prod(shape[:axis]), -1)  # each lies in one piece in the file
+        row = local.dtype.itemsize * prod(shape[axis + 1 :])
+        with agreed(self._comm), writing_to(self._output, self._path):
+            if local.size:
+                with open(self._path, "r+b") as file:
+                    for k, part in enumerate(parts):
+                        file.seek(offset + row * (k * shape[axis] + start))
+                        file.write(part.view(np.uint8).data)
         return shape, start
 
     def _check(self, name, array, gaps=False):
@@ -169,6 +159,17 @@ def heard():
         sys.excepthook, sys.unraisablehook = before
     if found:
         raise found[0]
+
+
+def place_of(file, name, shape, dtype) -> int | None:
+    """Make a dataset in an open file whose numbers come later; returns the byte where they begin, if there are any."""
+    made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    made.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    made.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+    made.set_obj_track_times(False)
+    group = file.require_group(name.rpartition("/")[0] or "/")
+    space, kind = h5py.h5s.create_simple(tuple(shape)), h5py.h5t.py_create(dtype, logical=True)
+    return h5py.h5d.create(group.id, name.rpartition("/")[2].encode(), kind, space, made).get_offset()
 
 
 @contextmanager
@@ -233,16 +234,10 @@ def atomic_output(path, comm):
 def writing(path, comm):
     """A Writer on a file that appears under its name when the block ends well. Collective."""
     with atomic_output(path, comm) as temporary:
-        with Owned(comm) as owned, writing_to(path, temporary):
-            file = owned.owns(Writer(temporary, comm))
-            try:
-                with writing_to(path, temporary), heard():
-                    yield file
-                    file.finish()
-            except NotWritten as error:
-                if error.__cause__ is not None:  # HDF5 fell over it, and not we before it
-                    file.give_up(error)
-                raise
+        with Owned(comm) as owned:
+            file = owned.owns(Writer(temporary, comm, path))
+            yield file
+            file.finish()
         with agreed(comm), writing_to(path, temporary):
             if comm.rank == 0:
                 seal(temporary)

@@ -32,7 +32,7 @@ from ..parallel.petsc import MPI
 from ..reduction.chain import Entry
 from ..reduction.points import point_name
 from .checked import own_datasets
-from .hdf5 import created, opened, require_whole
+from .hdf5 import created, opened, place_of, require_whole
 from .seal import seal
 
 FORMAT, VERSION = "hpcred-point", 1
@@ -251,14 +251,7 @@ def _create(path, size, widths, arrays, about):
         file.create_dataset("about", data=np.frombuffer(about.encode(), np.uint8))
         for name, value in arrays.items():
             file.create_dataset(f"arrays/{name}", data=value)
-        group, places = file.create_group("blocks"), []
-        for j, width in enumerate(widths):
-            made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-            made.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
-            made.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-            space = h5py.h5s.create_simple((size, width))
-            dataset = h5py.h5d.create(group.id, str(j).encode(), h5py.h5t.IEEE_F64LE, space, made)
-            places.append(dataset.get_offset() if width else None)
+        places = [place_of(file, f"blocks/{j}", (size, width), "<f8") for j, width in enumerate(widths)]
     with open(path, "r+b") as file:
         try:
             os.posix_fallocate(file.fileno(), 0, os.path.getsize(path))
