@@ -18,10 +18,6 @@ def main():
     except (KeyboardInterrupt, Exception) as error:  # while modules are loaded
         signals.end(error)
     signals.no_longer()
-    try:
-        sys.stdout.flush()
-    except OSError:  # told already; Python would try once more at its end, and change the exit status
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     leave(status)
 
 

@@ -194,3 +194,13 @@ def test_matplotlib_takes_nothing_from_the_working_folder(linkage_folder):
     assert Image.open("m.png").width > 500
     program = "from hpcred.report.figures import pyplot; print(pyplot().rcParams['text.usetex'])"
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout.split() == ["False"]
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python looks in the working folder first")
+def test_runs_of_a_sweep_load_no_modules_of_the_working_folder(linkage_folder):
+    Path("job.toml").write_text(CHORD_JOB)
+    Path("sweep.toml").write_text(SWEEP.format(name="one"))
+    for name in ("numpy", "psutil", "h5py"):
+        Path(f"{name}.py").write_text("import os\nos.mkdir('ran')\n")
+    assert run(["sweep", "sweep.toml"]) == 0
+    assert not Path("ran").exists()

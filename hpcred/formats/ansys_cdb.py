@@ -163,7 +163,7 @@ def _types_of_block(path, position, after):
     number = line_number(path, position)
     if not after or after[0][1] != "end":
         raise InputError(f"{path}, line {number}: found no end of ETBLOCK; the file is cut off or damaged")
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         file.seek(position)
         _, _, *lines = file.read(after[0][0] - position).splitlines() or [b""]
     pairs = [line.split()[:2] for line in lines if line.strip()]

@@ -15,6 +15,7 @@ from ..model.elements import NODES
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import repeated_key, sort_over_ranks
 from .entries import joined
+from .files import open_input
 from .fixed_width import fields_of_format, separated
 from .node_table import LARGEST_COORDINATE, Nodes, finite
 from .text import LARGEST_LABEL, Piece, numbers, pieces, ragged, records, refuse_packed, require_file, whole
@@ -96,7 +97,7 @@ def read(path, comm) -> Results | None:
 def _blocks(path) -> dict[int, Block]:
     """The blocks of nodes (2) and elements (3). Raises InputError."""
     found = {}
-    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
 
         def damaged(at, expected):
             where = f"at byte {at} of {len(data)}"

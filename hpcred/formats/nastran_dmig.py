@@ -16,6 +16,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks, repeated_key
 from .abaqus_matrices import is_one_triangle
 from .entries import LabelledEntries, both_triangles, joined, label_name, label_of
+from .files import open_input
 from .nastran_cards import CARD, lines_of, reals, wholes
 from .nastran_names import single
 from .text import first_bytes, first_line, line_number, records, refuse_packed, shown
@@ -193,7 +194,7 @@ def _require_end(path, comm):
     with agreed(comm):
         if comm.rank:
             return
-        with open(path, "rb") as file:
+        with open_input(path) as file:
             if end is None:
                 last = _last_line(file)
                 if not last.endswith(b"\n"):

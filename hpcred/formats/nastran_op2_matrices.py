@@ -11,6 +11,7 @@ import numpy as np
 
 from ..parallel.failures import InputError, agreed
 from .entries import Entries
+from .files import open_input
 from .nastran_names import single
 from .nastran_op2 import begins, columns_of, walk
 from .nastran_op4 import completed
@@ -52,7 +53,7 @@ def read_matrix(path, comm, matrix: Op2Matrix) -> Entries:
     """The entries of a matrix that `contents` found. Collective. Raises InputError."""
     shares = len(matrix.starts) - 1
     low, high = shares * comm.rank // comm.size, shares * (comm.rank + 1) // comm.size
-    with agreed(comm), open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with agreed(comm), open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         parts = [_decode(path, data, matrix, k) for k in range(low, high)]
     return completed(path, comm, matrix, parts)
 

@@ -211,8 +211,11 @@ def leave_open(*items):
 
 def leave(status: int):
     """End the process of a command."""
-    if _left_open:
+    try:
         sys.stdout.flush()
+    except OSError:  # told already; Python would try once more at its end, and change the exit status
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    if _left_open:
         os._exit(status)  # without MPI, at whose end HDF5 closes what is open
     sys.exit(status)
 

@@ -35,6 +35,7 @@ UNBOUND = {  # several launchers at once would each put their ranks on the first
     "OMPI_MCA_hwloc_base_binding_policy": "none", "PRTE_MCA_hwloc_default_binding_policy": "none", "I_MPI_PIN": "0",
     "HYDRA_BINDING": "none",
 }  # fmt: skip
+SAFE = {"PYTHONSAFEPATH": "1"}  # modules do not come from the working folder, which may be another user's
 AS_ROOT = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}  # who is root here wants it there
 
 
@@ -80,8 +81,9 @@ def run_all(children, at_once: int = 1, environment=None, wanted=None, again=Non
     SIGINT and SIGTERM end all of them within seconds and raise Interrupted; SIGUSR1 is handed on to them, no other is
     started, and Stopped is raised when they have ended. Where this process is killed the system ends them.
     """
+    here = os.path.samefile(Path(__file__).parents[2], os.curdir)  # where Python finds hpcred itself
     environment = {
-        **os.environ, **(UNBOUND if at_once > 1 else {}), **({} if os.geteuid() else AS_ROOT), **(environment or {}),
+        **({} if here else SAFE), **os.environ, **(UNBOUND if at_once > 1 else {}), **({} if os.geteuid() else AS_ROOT), **(environment or {}),
     }  # fmt: skip
     left, running, passed_on = deque(children), [], False
     with _noted() as noted:
