@@ -83,7 +83,8 @@ def run_all(children, at_once: int = 1, environment=None, wanted=None, again=Non
     """
     here = os.path.samefile(Path(__file__).parents[2], os.curdir)  # where Python finds hpcred itself
     environment = {
-        **({} if here else SAFE), **os.environ, **(UNBOUND if at_once > 1 else {}), **({} if os.geteuid() else AS_ROOT), **(environment or {}),
+        **({} if here else SAFE), **os.environ, **(UNBOUND if at_once > 1 else {}), **({} if os.geteuid() else AS_ROOT),
+        **(environment or {}),
     }  # fmt: skip
     left, running, passed_on = deque(children), [], False
     with _noted() as noted:
