@@ -147,9 +147,9 @@ def test_what_is_no_number_is_refused(comm, folder, number):
         load_source(Source(folder / "K.mtx", folder / "K.mtx", B=folder / "B.mtx"), comm)
 
 
-def test_more_columns_than_there_is_room_for(comm, folder):
+def test_more_columns_than_dofs(comm, folder):
     head = "%%MatrixMarket matrix coordinate real general\n"
     for key, columns in (("K", 3), ("B", 99999999999999999999)):
         write(folder / f"{key}.mtx", f"{head}3 {columns} 3\n1 1 1.0\n2 2 1.0\n3 3 1.0\n", comm)
-    with pytest.raises(hpcred.InputError, match=r"B.mtx: found 99999999999999999999 columns, which take \d+ MB"):
+    with pytest.raises(hpcred.InputError, match="B.mtx: found 9{20} columns for a model of 3 dofs"):
         load_source(Source(*[str(folder / "K.mtx")] * 2, B=str(folder / "B.mtx")), comm)
