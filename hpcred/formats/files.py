@@ -16,7 +16,7 @@ from .room import NotWritten, is_full, no_room
 
 @contextmanager
 def reading_from(path):
-    """Raise InputError with the name of the file for what the system refuses in the block, or as a decorator."""
+    """Raise InputError with the name of the file for what the system refuses in the block."""
     try:
         yield
     except Exception as error:
@@ -35,7 +35,7 @@ def writing_to(path, temporary=None):
             raise no_room(path, written=temporary or path) from error
         reason = reason_of(error)
         if reason is None and isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
-            reason = str(error).partition("\n")[0]  # as of HDF5 with MPI, which says no number
+            reason = str(error).partition("\n")[0]  # of HDF5, where it says no number
         if reason is None:
             raise
         raise NotWritten(f"output {path}: cannot be written ({reason}); choose another folder, or try again") from error
@@ -56,9 +56,3 @@ def read_numbers(path, dtype, count: int, offset: int = 0) -> np.ndarray:
         if file.readinto(found.view(np.uint8)) < found.nbytes:
             raise InputError(f"{path}: found its end in the middle of numbers; the file is cut off")
     return found
-
-
-def read_text(path, encoding="utf-8", errors="strict") -> str:
-    """The text of a file. Raises InputError for all that the system refuses."""
-    with open_input(path, "r", encoding=encoding, errors=errors) as file:
-        return file.read()

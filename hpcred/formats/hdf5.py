@@ -123,12 +123,12 @@ class Writer:
             if file is not None:
                 offset = place_of(file, name, shape, local.dtype)
         offset = self._comm.bcast(offset)
-        parts = np.ascontiguousarray(local).reshape(prod(shape[:axis]), -1)  # each lies in one piece in the file
         row = local.dtype.itemsize * prod(shape[axis + 1 :])
         with agreed(self._comm), writing_to(self._output, self._path):
             if local.size:
                 with open(self._path, "r+b") as file:
-                    for k, part in enumerate(parts):
+                    parts = np.ascontiguousarray(local).reshape(prod(shape[:axis]), -1)
+                    for k, part in enumerate(parts):  # each lies in one piece in the file
                         file.seek(offset + row * (k * shape[axis] + start))
                         file.write(part.view(np.uint8).data)
         return shape, start
