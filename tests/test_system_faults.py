@@ -74,7 +74,7 @@ ERRORS = {
     "allocate": "EIO ENOSPC EOPNOTSUPP", "rename": "EIO EACCES EROFS ENOSPC EXDEV", "remove": "EIO EACCES EROFS EBUSY",
     "mkdir": "EIO EACCES ENOSPC EROFS", "sync": "EIO ENOSPC EDQUOT", "lock": "ENOLCK EIO", "memory": "ENOMEM",
 }  # fmt: skip
-LIMIT = 120  # seconds of a command on a busy machine
+LIMIT = 300  # seconds of a command on a busy machine
 
 
 @pytest.fixture(scope="module")

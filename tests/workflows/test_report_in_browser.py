@@ -126,3 +126,14 @@ def test_large_surfaces_open(linkage_page, monkeypatch):
     ready = int(re.search(r'data-ready="(\d+)"', text)[1])
     print(f"{told['megabytes']:.1f} MB, ready after {ready} ms, {time.perf_counter() - start:.1f} s of the browser")
     assert "50244 nodes on the surface" in text and "thinned" not in text.partition("<script")[0]
+
+
+def test_names_are_text_in_plots(linkage_page):
+    """Of links and letters in bold, which Plotly would make of them, nothing is there, nor of entities."""
+    name = '<a href="https:x">a<b>b&lt;'.replace("/", "")
+    shutil.copy(linkage_page.with_name("result.h5"), linkage_page.with_name(f"{name}.h5"))
+    package.report_file([linkage_page.with_name(f"{name}.h5")], output=linkage_page.with_name("names.html"))
+    text = browse(linkage_page.with_name("names.html"), "--dump-dom")
+    stages = text[text.index('id="stages"') :]
+    assert name.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;") in stages
+    assert "https:x</a>" not in text and 'font-weight: bold' not in stages and "<a " not in stages
