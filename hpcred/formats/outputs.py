@@ -71,7 +71,7 @@ def kind_of(path) -> str:
         try:
             if is_broken(path):
                 return "damaged HDF5 file"
-            with h5py.File(path, "r") as file:
+            with reading_from(path), h5py.File(path, "r") as file:
                 return hdf5_kind(str(file.attrs.get("format", "none")))
         except (OSError, RuntimeError, KeyError):
             return "damaged HDF5 file"
@@ -93,13 +93,16 @@ def kind_of(path) -> str:
 def _archive_kind(path, kind) -> str:
     """The kind of an archive with some of the names in it: arrays of a body are not matrices of a user."""
     try:
-        if kind == ZIP:
-            with reading_from(path), zipfile.ZipFile(path) as archive:
-                names = archive.namelist()
-        else:
-            from scipy.io import whosmat  # of a tenth of a second to load
+        with reading_from(path):
+            if kind == ZIP:
+                with zipfile.ZipFile(path) as archive:
+                    names = archive.namelist()
+            else:
+                from scipy.io import whosmat  # of a tenth of a second to load
 
-            names = [name for name, *_ in whosmat(path)]
+                names = [name for name, *_ in whosmat(path)]
+    except InputError:
+        raise
     except Exception:  # whatever a damaged file makes its reader raise
         return f"damaged {kind}"
     return f"{kind} of {', '.join(sorted(names)[:3])}"
