@@ -286,7 +286,8 @@ def require_whole(path):
 
 
 def kind_of_file(path) -> str | None:
-    """The format that an HDF5 file of hpcred names, or None. Raises InputError where the system does not let it be read."""
+    """The format that an HDF5 file of hpcred names, or None. Raises InputError where the system does not let it read it.
+    """
     try:
         if is_broken(path):
             return None
