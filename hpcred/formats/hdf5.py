@@ -286,8 +286,7 @@ def require_whole(path):
 
 
 def kind_of_file(path) -> str | None:
-    """The format that an HDF5 file of hpcred names, or None. Raises InputError where the system does not let it read it.
-    """
+    """The format that an HDF5 file of hpcred names, or None. Raises InputError where the system refuses to read it."""
     try:
         if is_broken(path):
             return None
