@@ -244,6 +244,8 @@ def sample(room, count, seed, commands=tuple(COMMANDS)):
     (("reduce", 1, 0, "open", "1", "EACCES", "job.toml"), "job.toml: cannot be read (Permission denied)"),
     (("reduce", 2, 1, "read", "5+", "EIO", "model.h5"), "model.h5: cannot be read (Input/output error)"),
     (("reduce", 1, 0, "write", "10+", "EIO", "result.h5.tmp"), "./result.h5: cannot be written (Input/output error)"),
+    (("reduce", 1, 0, "write", "18+", "EIO", "result.h5.tmp"), "./result.h5: cannot be written (Input/output error)"),
+    (("reduce", 2, 0, "write", "20+", "EIO", "result.h5.tmp"), "./result.h5: cannot be written (Input/output error)"),
     (("reduce", 2, 1, "write", "3", "EIO", "result.h5.tmp"), "output ./result.h5: cannot be written ("),
     (("reduce", 1, 0, "rename", "1+", "EROFS", "result.h5"), "./result.h5: cannot be written (Read-only file system)"),
     (("export-npz", 1, 0, "write", "1", "ESTALE", "npz.tmp"), "result.npz: cannot be written (Stale file handle)"),

@@ -2,8 +2,8 @@
 
 import json
 import os
-import sys
 from contextlib import contextmanager, suppress
+from io import FileIO
 from math import prod
 from pathlib import Path
 
@@ -16,7 +16,6 @@ from ..parallel.failures import (
     Owned,
     agreed,
     common_to,
-    leave_open,
     settle,
     unfinished,
 )
@@ -32,6 +31,42 @@ from .text import absent
 WRITTEN_BY = {"hpcred-model": ", which hpcred convert writes", "hpcred-result": ", which hpcred reduce writes"}
 
 
+class Target(FileIO):
+    """What HDF5 writes to. It may crash, at the latest when it closes a file, where the system refuses a write, so it
+    is not told: `error` is what was refused first, and nothing after it is written."""
+
+    error: OSError | None = None
+
+    def __init__(self, path):
+        super().__init__(path, "w+")
+
+    def write(self, data):
+        left = memoryview(data).cast("B")
+        try:
+            while self.error is None and len(left):
+                left = left[super().write(left) :]
+        except OSError as error:
+            self.error = error
+        return memoryview(data).nbytes
+
+    def truncate(self, size=None):
+        try:
+            return self.tell() if self.error else super().truncate(size)
+        except OSError as error:
+            self.error = error
+            return size
+
+    @contextmanager
+    def heard(self):
+        """Raise what was refused in the block, also in place of what HDF5 made of it. Raises OSError."""
+        try:
+            yield
+        except Exception as error:
+            raise self.error or error from None
+        if self.error:
+            raise self.error
+
+
 class Writer:
     """A new HDF5 file that becomes `output`, written by all ranks. Every method is collective, with the same small
     values everywhere.
@@ -42,36 +77,36 @@ class Writer:
     """
 
     def __init__(self, path, comm, output):
-        self._path, self._comm, self._output, self._file, self._room = str(path), comm, output, None, Room(path, comm)
-        self._attributes, self._names, self._given_up = {}, [], False
+        self._path, self._comm, self._output, self._room = str(path), comm, output, Room(path, comm)
+        self._attributes, self._names, self._target, self._file = {}, [], None, None
         with agreed(comm), writing_to(output, path):
             if comm.rank == 0:
-                self._file = h5py.File(self._path, "w")
+                self._target = Target(path)
+        with self._on_first():
+            if comm.rank == 0:
+                self._file = h5py.File(self._target, "w")
 
     def close(self):
-        if self._file is not None and not self._given_up:
+        if self._file is not None:
             self._file.close()
+        if self._target is not None:
+            self._target.close()
 
     def finish(self):
         """Write what tells a whole file from a damaged one, and close it."""
         self.attribute(CHECKSUM, header_checksum(self._attributes, self._names))
-        with self._on_first() as file:
-            if file is not None:
-                file.flush()
-                file.close()
+        with self._on_first():
+            self.close()
 
     @contextmanager
     def _on_first(self):
-        """The open file on rank 0, None on others. HDF5 may crash on a file when it is closed that it failed to write.
-        """
-        with agreed(self._comm):
-            try:
-                with writing_to(self._output, self._path), heard():
+        """The open file on rank 0, None on others."""
+        with agreed(self._comm), writing_to(self._output, self._path):
+            if self._target is None:
+                yield None
+            else:
+                with self._target.heard():
                     yield self._file
-            except NotWritten as error:
-                self._given_up = True
-                leave_open(self._file, error)
-                raise
 
     def attribute(self, name, value):
         self._attributes[name] = value
@@ -144,23 +179,6 @@ class Writer:
                     )
 
 
-@contextmanager
-def heard():
-    """Raise what HDF5 could not write when objects of h5py in the block came to their end: Python would only print it.
-    """
-    found, before = [], (sys.excepthook, sys.unraisablehook)
-    sys.excepthook = lambda kind, error, trace: found.append(error)  # h5py calls both
-    sys.unraisablehook = lambda item: found.append(item.exc_value)
-    try:
-        yield
-    except Exception as error:
-        raise (found or [error])[0] from None
-    finally:
-        sys.excepthook, sys.unraisablehook = before
-    if found:
-        raise found[0]
-
-
 def place_of(file, name, shape, dtype) -> int | None:
     """Make a dataset in an open file whose numbers come later; returns the byte where they begin, if there are any."""
     made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
@@ -174,16 +192,9 @@ def place_of(file, name, shape, dtype) -> int | None:
 
 @contextmanager
 def created(path):
-    """A new HDF5 file, open on this rank only; what HDF5 cannot write of it is left open (see Writer.give_up)."""
-    file = h5py.File(path, "w")
-    try:
-        with heard():
-            yield file
-            file.flush()
-    except Exception as error:
-        leave_open(file, error)
-        raise
-    file.close()
+    """A new HDF5 file, open on this rank only."""
+    with Target(path) as target, target.heard(), h5py.File(target, "w") as file:
+        yield file
 
 
 @contextmanager

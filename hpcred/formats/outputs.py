@@ -38,7 +38,7 @@ BEGINNINGS = (
     (b"[]", JSON), (b"{}", JSON), (b"# hpcred sweep", "job of a sweep"),
     (b"#!/bin/bash\n# hpcred sweep", "script of a sweep"),
 )  # fmt: skip
-TITLES = re.compile(rb"[A-Za-z][^\n,;]*(,[A-Za-z][^\n,;]*)+\n")  # the first line of a table, all of it words
+TITLES = re.compile(rb"[A-Za-z][^\n,;]*(,[^-+.\d\s,;][^\n,;]*)+\n")  # the first line of a table, all of it words
 EMPTY = "empty file"
 
 _keep = False
@@ -187,9 +187,9 @@ def check_kind(path, kind: str):
     alike = kind is not None and (found == kind or (kind in (ZIP, MATLAB) and found.startswith(kind)))
     if found == OTHER or not (alike or found == EMPTY or kind is None):
         article = "an" if found[0] in "aeiouH" else "a"
+        by = "" if kind in (None, OTHER) else f" by {kind}"
         raise InputError(
-            f"output {path}: found {article} {found} there, which is not replaced by {kind}; remove it or choose "
-            "another name"
+            f"output {path}: found {article} {found} there, which is not replaced{by}; remove it or choose another name"
         )
 
 

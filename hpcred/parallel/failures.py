@@ -33,7 +33,6 @@ ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job say
 
 unfinished: set = set()  # files that must not stay when the job is ended
 
-_left_open: list = []  # what must not be closed, with the errors that hold its parts
 _unheard: list = []
 _private: list = []  # duplicates of communicators, for messages of this module only
 
@@ -204,19 +203,12 @@ def fail(error: BaseException) -> int:
     return exit_status(error)
 
 
-def leave_open(*items):
-    """Keep objects that crash when they are closed until the end of the process, which then is sudden."""
-    _left_open.extend(items)
-
-
 def leave(status: int):
     """End the process of a command."""
     try:
         sys.stdout.flush()
     except OSError:  # told already; Python would try once more at its end, and change the exit status
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    if _left_open:
-        os._exit(status)  # without MPI, at whose end HDF5 closes what is open
     sys.exit(status)
 
 

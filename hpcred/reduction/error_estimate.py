@@ -17,6 +17,7 @@ UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points
 GAP = 2e-3  # of a frequency between a point and pseudo-frequencies, but at most
 NARROW = 0.1  # of the band
+ROUNDOFF = 1e-14  # of the measure: what two computers need not agree on
 STEP, FINE = 1.0, 0.4  # between frequencies of a grid, in distances from the nearest pole
 SAME_POLE = 0.3  # of its distance from the axis, within which a pole needs no frequencies of its own
 SHARPEST = 1e-9  # of its frequency: the least distance of a pole from the axis that a grid resolves
@@ -217,10 +218,12 @@ def apart(frequencies, taken, band) -> np.ndarray:
 
 
 def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | None:
-    """The frequency of the largest estimate, APART of the band from other points and off pseudo-frequencies."""
-    free = apart(frequencies, taken, band)
-    order = np.argsort(-np.where(free, curve, -np.inf))
-    for k in order[: free.sum()]:
+    """The frequency of the largest estimate, APART of the band from other points and off pseudo-frequencies. Estimates
+    below ROUNDOFF tell nothing: there it is the one farthest from other points and the ends of the band."""
+    free = np.flatnonzero(apart(frequencies, taken, band))
+    distance = np.abs(np.subtract.outer(frequencies[free], [*taken, *band])).min(axis=1) / (band[1] - band[0])
+    height = np.where(curve[free] > ROUNDOFF, curve[free], 0.0)
+    for k in free[np.lexsort((-np.round(distance, 6), -height))]:
         if (f := off_poles(frequencies[k], model, band)) is not None:
             return f
     return None

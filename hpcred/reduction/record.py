@@ -119,7 +119,7 @@ class Record:
 
 
 def versions() -> dict[str, str]:
-    """Versions of everything that can change a number."""
+    """Versions of everything that can change a number. Collective where PETSc has not been started."""
     found = {
         "python": platform.python_version(),
         "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
@@ -127,12 +127,14 @@ def versions() -> dict[str, str]:
         "mpi": MPI.Get_library_version().strip("\x00\n ").split(",")[0],
         "blas": processor.blas() or "unknown",
     }
-    for package in ("hpcred", "numpy", "h5py", "mpi4py"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = str(getattr(__import__(package), "__version__", "unknown"))
-    return found
+    return found | {package: version_of(package) for package in ("hpcred", "numpy", "h5py", "mpi4py")}
+
+
+def version_of(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return str(getattr(__import__(package), "__version__", "unknown"))
 
 
 def signature_of(model) -> dict[str, tuple[float, ...]]:

@@ -7,7 +7,7 @@ import numpy as np
 from ..model.dofs import target_of
 from ..model.units import unit_of_response
 from ..reduction.accuracy import rows_of_directions
-from ..reduction.record import versions
+from ..reduction.record import version_of
 from ..report.figures import UNKNOWN
 from ..report.page import packed
 from ..report.tables import in_words
@@ -16,7 +16,6 @@ from .report_sheets import kind_in_words
 
 def page_of(sheets, chosen, full) -> tuple[dict, dict]:
     """What the template shows, and what is drawn."""
-    made = versions()
     results, drawn = [], []
     for sheet, pairs in zip(sheets, chosen, strict=True):
         results.append(_shown(sheet))
@@ -27,7 +26,7 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
     bands = [sheet.band for sheet in sheets]
     page = {
         "title": ", ".join(sheet.name for sheet in sheets),
-        "made": f"hpcred {made['hpcred']}; " + ", ".join(str(sheet.result.path) for sheet in sheets)
+        "made": f"hpcred {version_of('hpcred')}; " + ", ".join(str(sheet.result.path) for sheet in sheets)
                 + (f"; full model {full}" if full else ""),
         "facts": list(results[0]["facts"]),
         "results": results,

@@ -146,6 +146,9 @@ def test_next_point_is_the_largest_estimate_off_the_points_and_poles():
     found = next_point(S, curve, [5.0], model, (0.0, 10.0))
     assert 0.2 <= abs(found - 5.0) < 0.22
     assert next_point(S, curve, list(np.linspace(0, 10, 80)), model, (0.0, 10.0)) is None
+    for seed in range(5):  # round-off does not say where
+        noise = 1e-17 * np.random.default_rng(seed).random(len(S))
+        assert next_point(S, noise, [10.0, 4.0], model, (0.0, 10.0)) == pytest.approx(7.0, rel=3e-3)
     assert off_poles(3.0, model, (0.0, 10.0)) == 3.0
     assert off_poles(0.0, model, (0.0, 10.0)) is None
     assert off_poles(10.0, model, (0.0, 9.0)) is None

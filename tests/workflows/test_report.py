@@ -69,10 +69,11 @@ def linkage_report(tmp_path_factory):
     modal = MODES_JOB.replace('"result.h5"', '"mod<al.h5"').replace('[1, "x"]', '[1, "z"]')
     (folder / "modal.toml").write_text(modal.replace("[frame]", "band = [0.0, 300.0]\n[frame]", 1))
     assert run(["reduce", str(folder / "modal.toml")]) == 0
-    told = report_file(
-        [folder / "result.h5", folder / "mod<al.h5"], folder / "model.h5", output=folder / "report.html", exact=5,
-        csv=folder / "tables", svg=folder / "figures",
-    )  # fmt: skip
+    for _ in range(2):  # what is there is replaced
+        told = report_file(
+            [folder / "result.h5", folder / "mod<al.h5"], folder / "model.h5", output=folder / "report.html", exact=5,
+            csv=folder / "tables", svg=folder / "figures",
+        )  # fmt: skip
     return folder, told
 
 
@@ -299,6 +300,14 @@ def test_on_any_number_of_ranks(reduced_linkage, comm):
     report_file([result], result.with_name("model.h5"), output=result.with_name("a.html"), exact=3, band=(0.0, 100.0))
     data = json.loads(page_of(result.with_name("a.html"))[0].data)
     assert max(unpacked(data["results"][0]["exact_eps"])) < 1.0 and data["band"] == [0.0, 100.0]
+
+
+def test_where_nothing_is_solved_ranks_do_not_wait_for_each_other(hpcred, tmp_path):
+    """PETSc starts when it is first needed, on all ranks together."""
+    reduce_linkage(tmp_path, MODES_JOB)
+    for words in ("report result.h5", "info result.h5", "export result.h5 --format npz"):
+        found = hpcred(*words.split(), ranks=2, timeout=120)
+        assert found.returncode == 0, found.stderr
 
 
 def test_reports_are_refused(linkage_folder, capsys):
