@@ -35,7 +35,7 @@ from .checked import own_datasets
 from .hdf5 import created, opened, place_of, require_whole
 from .seal import seal
 
-FORMAT, VERSION = "hpcred-point", 1
+FORMAT, VERSION = "hpcred-point", 2
 NAME = re.compile(r"(chain|modes|attachment modes|solution|count)-[0-9a-f]{32}\.h5(\.tmp-[0-9a-f]{16})?")
 
 

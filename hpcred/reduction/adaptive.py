@@ -392,7 +392,7 @@ class Search:
         vectors = Basis(run.mass, run.framed.rigid_columns, run.tolerance, room=CHAIN, keeps=run.keeps_images)
         search = Search(vectors, run, replace(self.settings, band=part, points=(f,)))
         search._expand(f)
-        parts = [Part(f"{f:.6g} Hz", stop - start, start, stop) for start, stop in search.projections.blocks]
+        parts = [Part(f"{f:.6g} Hz", stop - start, start, stop, False) for start, stop in search.projections.blocks]
         return PointBlocks(vectors, parts), replace(search.points[0], estimate=None)
 
     # modes that no load moves
@@ -437,8 +437,7 @@ class Search:
         projections, comm = self.projections, self.run.model.comm
         for _ in range(2):
             before = decided(comm, projections.model)
-            lowest, highest = before.frequencies[0], before.frequencies[-1]
-            if MIXING * highest**2 <= self.judge.goal * lowest**2:
+            if MIXING * before.squares[-1] <= self.judge.goal * before.squares[0]:
                 break
             projections.rotate(before.vectors)
             kept = before.vectors.T @ kept

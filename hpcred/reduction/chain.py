@@ -177,7 +177,7 @@ class Chain:
                 self.vectors.close()
                 self.vectors = self.kind(self.run.mass, tolerance=self.run.tolerance, keeps=self.run.keeps_images)
                 return
-        self.massless = facts.get("massless", False)
+        self.massless = facts["massless"]
         self.run.massless |= self.massless
         self.ends, self.offered = facts["ends"][:count], facts["offered"][:count]
         if count == len(facts["ends"]):

@@ -13,7 +13,7 @@ class Part(NamedTuple):
     columns: int
     start: int
     stop: int
-    from_store: bool = False
+    from_store: bool
 
 
 @dataclass
