@@ -81,10 +81,11 @@ test-wheel: install
 # the numerical rooms with other kernels of OpenBLAS, whose round-off differs: those of processors without AVX-512, and
 # the oldest
 test-kernels: install
-	for kernel in $(KERNELS); do \
-	    OPENBLAS_CORETYPE=$$kernel $(PYTHON) -m pytest -q --beside -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \
-	        tests/linalg tests/reduction tests/analysis tests/model || exit 1; \
-	done
+	$(MAKE) -j2 -O $(addprefix test-kernel-,$(KERNELS))
+
+test-kernel-%:
+	OPENBLAS_CORETYPE=$* $(PYTHON) -m pytest -q -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \
+	    tests/linalg tests/reduction tests/analysis tests/model
 
 # a bare system in build/, as a new user has it
 test-debian12:

@@ -11,7 +11,8 @@ HPCRED_TEST_TIMEOUT seconds, or a crash; the items after it go to a new one. `mp
 the items on the ranks that it was given.
 
 With `--beside` inner sessions go on beside the other items where the machine has cores for all their ranks, and the
-items of one rank are in an inner session too. What is shown, and in which order, does not change.
+items of one rank are in an inner session too. Where cores are left, the last half of the other items that remain goes
+to a further one. What is shown, and in which order, does not change.
 """
 
 import json
@@ -74,7 +75,7 @@ def pytest_generate_tests(metafunc):
 def suffix_of(item):
     """The suffix of an item that is to run in an inner session, else None."""
     # a test on one rank may have a `job` of its own
-    suffix = item.callspec.params["job"] if item.get_closest_marker("mpi") else None
+    suffix = item.callspec.params["job"] if item.get_closest_marker("mpi") else handed.get(item.nodeid)
     here = world().size > 1 or (suffix == HERE and not item.config.getoption("beside"))
     return None if here else suffix
 
@@ -143,14 +144,15 @@ class Session:
         self._folder = Path(tempfile.mkdtemp(prefix="hpcred-tests-"))
         (self._folder / "items.json").write_text(json.dumps([item.nodeid for item in items]))
         (self._folder / "events").touch()
-        self.ranks, build = LAUNCHED[suffix]
+        self.ranks, build = LAUNCHED.get(suffix, (1, ""))
         options = ["-q", "--color=no", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={TIMEOUT:g}"]
         files = dict.fromkeys(str(item.path) for item in items)
         more = {"HPCRED_TEST_SESSION": str(self._folder), **({"HPCRED_SCALAR": build} if build else {})}
         more["OMPI_MCA_hwloc_base_binding_policy"] = "none"  # several sessions would take the same cores
+        launcher = ["mpiexec", "-n", str(self.ranks)] if suffix in LAUNCHED else []
         with open(self._folder / "output", "w") as output:
             self.process = subprocess.Popen(
-                ["mpiexec", "-n", str(self.ranks), sys.executable, "-m", "pytest", *options, *files],
+                [*launcher, sys.executable, "-m", "pytest", *options, *files],
                 cwd=items[0].config.rootpath,
                 stdin=subprocess.DEVNULL,
                 stdout=output,
@@ -210,6 +212,7 @@ class Session:
         shutil.rmtree(self._folder)
 
 
+handed = {}  # nodeid: the suffix of an item without the mark that was handed over
 waiting = []  # suffixes of items whose inner session has not started
 sessions = {}  # suffix: its latest inner session
 broken = {}  # suffix: what a session told that ended before its first item
@@ -229,6 +232,18 @@ def start_beside(item):
     for suffix in list(waiting):
         if busy + LAUNCHED[suffix][0] <= len(os.sched_getaffinity(0)):
             busy += start_session(suffix, item.session.items).ranks
+    if busy < len(os.sched_getaffinity(0)) and (half := last_half(item)):
+        suffix = f"part {len(sessions)}"
+        handed.update((other.nodeid, suffix) for other in half)
+        start_session(suffix, half)
+
+
+def last_half(item, few=40):
+    """Items without the mark to hand over while this one runs: of whole files, and none where but few are left."""
+    items = item.session.items
+    left = [other for other in items[items.index(item) :] if suffix_of(other) is None and other.path != item.path]
+    middle = left[len(left) // 2].path if len(left) > few else None
+    return left[next((k for k, other in enumerate(left) if other.path == middle), len(left)) :]
 
 
 def reports_of(item, suffix):

@@ -149,8 +149,8 @@ def test_rows_of_other_files_are_turned_by_the_systems_of_the_deck(comm, folder,
                 f"DMIG,{key}AA,{n},{d},,{i},{c},{item[r, k]:.14e}"
                 for k, (n, d) in enumerate(labels) for r, (i, c) in enumerate(labels)]  # fmt: skip
         else:
-            lines = [f"{i + 1} {j + 1} {v!r}" for (i, j), v in np.ndenumerate(item)]
-        files.append(str(write(folder / f"{key}.txt", "\n".join(lines).replace("np.float64", "") + "\n", comm)))
+            lines = [f"{i + 1} {j + 1} {float(v)!r}" for (i, j), v in np.ndenumerate(item)]
+        files.append(str(write(folder / f"{key}.txt", "\n".join(lines) + "\n", comm)))
     nodes = str(write(folder / "deck.bdf", TURNED, comm))
     dofs = "".join(f"{labels[k][0]} {labels[k][1]}\n" for k in kept)
     dofs = str(write(folder / "dofs.txt", dofs, comm)) if rows in ("--dofs", "one held") else None

@@ -14,7 +14,7 @@ hpcred.start(*sys.argv[1:2], petsc_args=sys.argv[2:])
 from petsc4py import PETSc
 found = PETSc.Options().getAll()
 if PETSc.COMM_WORLD.rank == PETSc.COMM_WORLD.size - 1:
-    print(*(found.get(name) for name in ("work", "home", "variable", "line")))
+    print(*(found.get(name) for name in ("work", "home", "variable", "line")), "of PETSc")
 """
 BUILDS = ["real", "complex"] if TWO_BUILDS else [""]
 
@@ -43,11 +43,16 @@ def run(place, *program, ranks=1, **environment):
                           env=mpi_environment(**given))  # fmt: skip
 
 
+def told(found):
+    """What the program printed; PETSc may say at its end that nothing used them."""
+    return found.stdout.partition("of PETSc")[0].split()
+
+
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize("build", BUILDS)
 def test_each_place_is_above_the_one_before_it(place, build, ranks):
     found = run(place, "-c", PROGRAM, build, "-line", "line", ranks=ranks)
-    assert found.stdout.split() == ["None", "home", "variable", "line"], found.stderr
+    assert told(found) == ["None", "home", "variable", "line"], found.stderr
     assert not (place / "ran").exists()
 
 
@@ -64,15 +69,15 @@ def test_a_command_leaves_the_working_folder_alone(place, build, ranks):
 
 def test_a_file_that_is_named_is_obeyed(place):
     found = run(place, "-c", PROGRAM, "", "-options_file", "petscrc")
-    assert found.stdout.split() == ["work", "work", "variable", "variable"], found.stderr
+    assert told(found) == ["work", "work", "variable", "variable"], found.stderr
     assert (place / "ran").exists() == bool(shutil.which("cc"))
 
 
 def test_the_home_folder_can_be_skipped(place):
     found = run(place, "-c", PROGRAM, "", "-skip_petscrc")
-    assert found.stdout.split() == ["None", "None", "variable", "variable"], found.stderr
+    assert told(found) == ["None", "None", "variable", "variable"], found.stderr
 
 
 def test_a_home_folder_without_options(place):
     found = run(place, "-c", PROGRAM, "", HOME="/nowhere")
-    assert found.stdout.split() == ["None", "None", "variable", "variable"], found.stderr
+    assert told(found) == ["None", "None", "variable", "variable"], found.stderr
