@@ -239,8 +239,9 @@ class Factorisation:
         rank, total, on_disk = (mumps.getMumpsInfog(i) for i in (16, 17, 26))
         return (
             f"the factorisation does not fit: it needs about {rank} MB on one rank and {total} MB in all, and a rank "
-            f"has {self._limit} MB; take more ranks on more nodes, fewer groups, or --out-of-core DIR (about "
-            f"{on_disk} MB a rank); real points, 0 Hz or decays, need no factor with solver.kind = 'multigrid'"
+            f"has {self._limit} MB; take more ranks on more nodes, fewer groups, or keep factors on a disk "
+            f"(out_of_core: about {on_disk} MB a rank); real points, 0 Hz or decays, need no factor with "
+            "solver.kind = 'multigrid'"
         )
 
     def factor(self, **labels):

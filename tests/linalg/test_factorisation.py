@@ -121,7 +121,7 @@ def test_low_rank_factors_reach_the_same_residual(hpcred, tmp_path):
 def test_a_factor_that_does_not_fit_is_refused_before_it_is_made(comm, monkeypatch):
     with package.solid((10, 8, 8), inputs=1, comm=comm) as model:
         monkeypatch.setenv("HPCRED_MEMORY_MB", "3")
-        with pytest.raises(ComputationError, match=r"about \d+ MB on one rank .* a rank has 3 MB.*--out-of-core DIR"):
+        with pytest.raises(ComputationError, match=r"about \d+ MB on one rank .* a rank has 3 MB.*out_of_core"):
             package.reduce(model, [Krylov(frequency=100.0)])
         with pytest.raises(ComputationError, match=r"does not fit"):
             direct = Factoring(solver=package.LinearSolver(kind="direct"))
