@@ -272,7 +272,7 @@ def _say(error, where=""):
         text = f"error{where}: what is printed cannot be written ({error.strerror}); make room, or print elsewhere"
     elif isinstance(error, MemoryError) or getattr(error, "ierr", None) == OUT_OF_MEMORY:
         text = f"error{where}: out of memory; take more ranks on more nodes, or a smaller model"
-    elif isinstance(error, ImportError | OSError) and "shared object" in str(error):
+    elif isinstance(error, ImportError) or (isinstance(error, OSError) and "shared object" in str(error)):
         text = f"error{where}: {error}; a library is missing, or more memory than this process may take (ulimit -v)"
     elif reason := reason_of(error):
         text = f"error{where}: {getattr(error, 'filename', None) or 'a file'}: refused by the system ({reason})"
