@@ -3,7 +3,10 @@
 import os
 import sys
 
-from .parallel import signals
+try:
+    from .parallel import signals
+except ModuleNotFoundError as error:
+    sys.exit(f"hpcred: error: {error}")
 
 
 def main():

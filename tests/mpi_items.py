@@ -3,6 +3,7 @@
 In: items marked `mpi`, or `mpi(ranks=(1, 3))` where not all numbers of ranks make sense, `mpi(build="real")` where the
 build of PETSc makes no difference, as to readers of text. Out: the same items with the
 suffixes [1-rank] (run here), [2-ranks], [3-ranks] and, where there are two builds, [1-rank-complex], [2-ranks-complex].
+Those on two ranks of the real build are marked slow where there are such on three.
 
 The items of one suffix run together in one `mpiexec ... pytest`, the inner session, which starts with the first of
 them. Its ranks append what happens, a line of JSON each time, to a file; the session outside reads its reports there
@@ -33,8 +34,8 @@ from launch import TWO_BUILDS, mpi_environment
 TIMEOUT = float(os.environ.get("HPCRED_TEST_TIMEOUT", "300"))
 INNER = os.environ.get("HPCRED_TEST_SESSION")  # in an inner session: its folder
 
-HERE = "1-rank"
-LAUNCHED = {HERE: (1, ""), "1-rank-complex": (1, "complex"), "2-ranks": (2, ""), "3-ranks": (3, ""),
+HERE, TWO = "1-rank", "2-ranks"
+LAUNCHED = {HERE: (1, ""), "1-rank-complex": (1, "complex"), TWO: (2, ""), "3-ranks": (3, ""),
             "2-ranks-complex": (2, "complex")}  # fmt: skip  # suffix: ranks, build
 if not (TWO_BUILDS or INNER):
     LAUNCHED = {suffix: job for suffix, job in LAUNCHED.items() if not job[1]}
@@ -68,6 +69,8 @@ def pytest_generate_tests(metafunc):
         ranks = mark.kwargs.get("ranks", (1, 2, 3))
         builds = ("",) if mark.kwargs.get("build") == "real" else ("", "complex")
         suffixes = [name for name, (count, build) in LAUNCHED.items() if count in ranks and build in builds]
+        if 3 in ranks:
+            suffixes = [pytest.param(name, marks=pytest.mark.slow) if name == TWO else name for name in suffixes]
     metafunc.fixturenames.append("job")
     metafunc.parametrize("job", suffixes)
 

@@ -36,6 +36,7 @@ from .text import (
 )
 
 KEYWORD = re.compile(rb"(?m)^[ \t]*\*(?!\*)")
+GOES_ON = re.compile(rb",[ \t\r]*(\n|$)")
 EMPTY_FIELD = re.compile(rb",(?=[ \t]*,)")
 REDIRECTED = re.compile(rb"(?m)^[ \t]*>[ \t]*\*\*.*$")
 TYPE = re.compile(r"\w+")  # of elements
@@ -486,16 +487,9 @@ def _with_more_nodes(piece, width, more):
     """
     filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
     values, counts, lines = ragged(filled, blanks=False, expected=f"{width} to {width + more} numbers an element")
-    text = without_comments(filled.text).split(b"\n")
-    goes_on = [text[line].rstrip().endswith(b",") for line in lines]
-    first, total = [], []  # of each element: its line, and how many numbers it has
-    for k, count in enumerate(counts.tolist()):
-        if first and (total[-1] < width or (goes_on[k - 1] and total[-1] + count <= width + more)):
-            total[-1] += count
-        else:
-            first.append(k)
-            total.append(count)
-    total = np.array(total, np.int64)
+    first, total = np.arange(len(counts)), counts
+    if (counts < width).any() or GOES_ON.search(filled.text):
+        first, total = _lines_joined(filled, lines, counts, width, more)
     wrong = np.flatnonzero((total < width) | (total > width + more))
     if wrong.size:
         raise piece.refusal(lines[first[wrong[0]]], f"{width} to {width + more} numbers an element")
@@ -504,6 +498,20 @@ def _with_more_nodes(piece, width, more):
     whole(piece, values[place < width], line[place < width], "the number of an element or node", 1, LARGEST_LABEL)
     whole(piece, values[place >= width], line[place >= width], "the number of a node", 0, LARGEST_LABEL)
     return values[place < width].reshape(-1, width).astype(np.int64)
+
+
+def _lines_joined(piece, lines, counts, width, more):
+    """Of each element: the first of its lines, and how many numbers they have together."""
+    text = without_comments(piece.text).split(b"\n")
+    goes_on = [text[line].rstrip().endswith(b",") for line in lines]
+    first, total = [], []
+    for k, count in enumerate(counts.tolist()):
+        if first and (total[-1] < width or (goes_on[k - 1] and total[-1] + count <= width + more)):
+            total[-1] += count
+        else:
+            first.append(k)
+            total.append(count)
+    return np.array(first, np.int64), np.array(total, np.int64)
 
 
 def _element_lines(piece, width, surplus=False):

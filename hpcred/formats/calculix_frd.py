@@ -15,7 +15,7 @@ from ..model.elements import NODES
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import repeated_key, sort_over_ranks
 from .entries import joined
-from .files import open_input
+from .files import open_input, read_numbers
 from .fixed_width import fields_of_format, separated
 from .node_table import LARGEST_COORDINATE, Nodes, finite
 from .text import LARGEST_LABEL, Piece, numbers, pieces, ragged, records, refuse_packed, require_file, whole
@@ -26,6 +26,7 @@ SHARE = 2**14  # binary elements that one rank reads at a time, at least
 SHORT, LONG, SINGLE, DOUBLE = range(4)
 KINDS = {1: "hexahedron", 2: "wedge", 3: "tetra", 4: "hexahedron20", 5: "wedge15", 6: "tetra10", 7: "triangle",
          8: "triangle6", 9: "quad", 10: "quad8", 11: "line", 12: "line3"}  # fmt: skip
+LONGEST = 4 + max(NODES[kind] for kind in KINDS.values())  # words of a binary element
 # edges between bottom and top stand in front of those of the top
 VTK = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)], "wedge15": [*range(9), 12, 13, 14, 9, 10, 11]}
 
@@ -138,15 +139,25 @@ def _blocks(path) -> dict[int, Block]:
 
 def _shares(data, at, count, damaged):
     """Bytes where each SHARE-th of so many binary elements begins, and where the last one ends."""
-    shares = []
-    for k in range(count):
-        if k % SHARE == 0:
-            shares.append(at)
-        type_ = int.from_bytes(data[at + 4 : at + 8], "little")
-        if type_ not in KINDS:
+    shares, done, ahead = [], 0, 1
+    while done < count:
+        words = np.frombuffer(data[at : at + 4 * LONGEST * ahead][: (len(data) - at) // 4 * 4], "<i4")
+        size, same = _alike(words, min(ahead, count - done))
+        if not same:
             raise damaged(at, "element of a known type")
-        at += 4 * (4 + NODES[KINDS[type_]])
+        shares += range(at + 4 * size * (-done % SHARE), at + 4 * size * same, 4 * size * SHARE)
+        at, done, ahead = at + 4 * size * same, done + same, min(2 * same + 1, SHARE)
     return (*shares, at)
+
+
+def _alike(words, most):
+    """How many words each of the first elements has, and how many of them, at most so many, are of one type."""
+    kind = KINDS.get(int(words[1])) if len(words) > 1 else None
+    if kind is None:
+        return 0, 0
+    size = 4 + NODES[kind]
+    types = words[1 : 1 + size * most : size]
+    return size, int((types == types[0]).argmin() if (types != types[0]).any() else len(types))
 
 
 def _nodes(path, comm, block):
@@ -154,7 +165,7 @@ def _nodes(path, comm, block):
     if block.form in (SINGLE, DOUBLE):
         kind = np.dtype([("number", "<i4"), ("place", "<f8" if block.form == DOUBLE else "<f4", 3)])
         low, high = (block.count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
-        table = np.fromfile(path, kind, high - low, offset=block.start + low * kind.itemsize)
+        table = read_numbers(path, kind, high - low, block.start + low * kind.itemsize)
         label = table["number"].astype(np.int64)
         if (label < 1).any():
             raise _no_number(path, label)
@@ -194,17 +205,20 @@ def _elements(path, comm, block):
 
 def _sizes(types):
     """How many nodes elements of these types have."""
-    return np.array([NODES[KINDS[type_]] for type_ in types.tolist()], np.int64)
+    known = np.zeros(max(KINDS) + 1, np.int64)
+    known[list(KINDS)] = [NODES[kind] for kind in KINDS.values()]
+    return known[types]
 
 
 def _binary_elements(path, low, high):
     """Types of the elements in the bytes low..high, and their nodes one after the other."""
-    words = np.fromfile(path, "<i4", (high - low) // 4, offset=low).astype(np.int64)
-    heads, at = [], 0
+    words = read_numbers(path, "<i4", (high - low) // 4, low).astype(np.int64)
+    heads, at, ahead = [np.zeros(0, np.int64)], 0, 1
     while at < len(words):
-        heads.append(at)
-        at += 4 + NODES[KINDS[int(words[at + 1])]]
-    heads = np.array(heads, np.int64)
+        size, same = _alike(words[at:], ahead)
+        heads.append(at + size * np.arange(same))
+        at, ahead = at + size * same, 2 * same + 1
+    heads = np.concatenate(heads)
     values = np.delete(words, (heads[:, None] + np.arange(4)).ravel())
     if (values < 1).any():
         raise _no_number(path, values)

@@ -136,8 +136,12 @@ class Writer:
                 file.create_dataset(f"{SUMS}/{name}", data=sums, track_times=False).attrs["axis"] = -1
 
     def rows(self, name, local, axis=0):
-        """A dataset whose `axis` is distributed over the ranks in order; `local` is the part of this rank."""
+        """A dataset whose `axis` is distributed over the ranks in order; `local` is the part of this rank. Parts may
+        have types of their own, of which those of empty parts do not count."""
         self._check(name, local)
+        kinds = self._comm.allgather((local.size > 0, local.dtype.str))
+        full = [kind for there, kind in kinds if there] or [kinds[0][1]]
+        local = local.astype(np.result_type(*full), copy=False)
         self._names.append(name)
         shape, start = self._lay(name, local, axis)
         sums = sums_of_parts(self._comm, local, axis, start, tag_of(local.dtype, shape, axis))

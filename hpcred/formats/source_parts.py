@@ -84,9 +84,10 @@ def read_source(source: Source, comm) -> Parts:
     elif turned is not None:
         with agreed(comm):
             turned.refuse_turned()
-    parts.as_written = turned is None
     _remove_supports(comm, parts)
+    parts.as_written = turned is None
     if points is not None:
+        parts.as_written &= not comm.allreduce(len(points.turned))
         nastran.turn_rows(comm, parts, points, source.nodes)
     return parts
 

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from contextlib import contextmanager
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -30,14 +31,27 @@ def has_matplotlib() -> bool:
 def _matplotlib():
     """The package, without a matplotlibrc of the working folder, which may be another user's and can name programs,
     unless who uses hpcred has loaded it before. Raises InputError when it is not installed."""
-    loaded = "matplotlib" in sys.modules
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise InputError(MISSING) from error
-    if not loaded and os.path.exists("matplotlibrc"):
-        matplotlib.rcdefaults()
+    with _elsewhere("matplotlib" not in sys.modules and os.path.exists("matplotlibrc")):
+        try:
+            import matplotlib
+        except ImportError as error:
+            raise InputError(MISSING) from error
     return matplotlib
+
+
+@contextmanager
+def _elsewhere(wanted):
+    """Not in the working folder, where it is wanted."""
+    if not wanted:
+        yield
+        return
+    here = os.open(".", os.O_RDONLY)
+    try:
+        os.chdir(os.path.dirname(__file__))
+        yield
+    finally:
+        os.fchdir(here)
+        os.close(here)
 
 
 def pyplot():

@@ -22,6 +22,7 @@ from ..formats.model_source import export_of, read_export
 from ..formats.outputs import HDF5, hdf5_kind
 from ..formats.sid import begins as begins_sid
 from ..formats.text import first_bytes, first_line
+from ..formats.toml_file import read_table
 from ..formats.unread import refuse_unread
 from ..model.interface_motion import members
 from ..model.interfaces import doubts_of_interfaces
@@ -33,7 +34,7 @@ from ..parallel.ranges import FREQUENCY, within
 from .info_of_export import description_of, table
 from .info_of_output import OUTPUTS, damaged, read_whole, sid
 from .model_of_job import with_interfaces_of_job
-from .set_figure import check_figure, draw_sets_of
+from .set_figure import MOST, check_figure, draw_sets_of
 
 
 def inspect_file(
@@ -70,11 +71,18 @@ def describe_file(
     """
     comm = comm or startup.start_mpi()
     progress = progress or Progress(comm, show=False)
-    check_figure(figure, comm, [path], progress)
-    if sets is not None and Path(path).suffix == ".toml":
-        raise InputError("--sets: a job is drawn with its interfaces; leave it out")
-    if Path(path).suffix == ".toml" and not (frequencies or band_top or modes):
-        return _job(path, figure, comm, progress)
+    job = None
+    with agreed(comm):
+        if Path(path).suffix == ".toml":
+            job = _read_job(path)
+            if frequencies or band_top or modes or sets is not None:
+                raise InputError(f"{path}: a job is shown and drawn with its interfaces; modes, sizes and sets are "
+                                 "those of a model file")  # fmt: skip
+            if figure is not None and not job.interface:
+                raise InputError(f"--figure: {path} has no [[interface]] to draw; `hpcred bores` prints some")
+    check_figure(figure, comm, [path, *(job.files if job else ())], progress)
+    if job:
+        return _job(path, job, figure, comm, progress)
     with agreed(comm):
         kind, export = _kind_of(path), export_of(path)
         of_sid = begins_sid(first_bytes(path))
@@ -129,21 +137,24 @@ def _draw(figure, model, names):
     if not known:
         raise InputError(f"--figure: {model.name} has no node sets to draw; `hpcred bores` finds holes and pins, and "
                          "`hpcred info job.toml --figure` draws the interfaces of a job")  # fmt: skip
-    draw_sets_of(figure, model, {name: model.sets.get(name, np.zeros(0, np.int64)) for name in names or known})
+    chosen = names or [name for name, size in known.items() if size <= MOST] or known
+    draw_sets_of(figure, model, {name: model.sets.get(name, np.zeros(0, np.int64)) for name in chosen})
 
 
-def _job(path, figure, comm, progress):
+def _read_job(path):
+    for key, what, how in (("job", "a sweep", "sweep"), ("body", "a simulation", "simulate")):
+        if key in read_table(path):
+            raise InputError(f"{path}: found {what}; `hpcred {how}` reads it")
+    return read_job(path)
+
+
+def _job(path, job, figure, comm, progress):
     """The model and the interfaces of a job, which are drawn. Collective. Raises InputError."""
-    with agreed(comm):
-        job = read_job(path)
     with progress.stage("read", str(path)):
         model = with_interfaces_of_job(job, comm)
     with model:
         found = model.interfaces
         if figure is not None:
-            check_figure(figure, comm, [path, *job.files], progress)
-            if not found:
-                raise InputError(f"--figure: {path} has no [[interface]] to draw; `hpcred bores` prints some")
             sets = {item.name: np.unique(model.dofs.node[members(model, item.definition)]) for item in found}
             with progress.stage("figure"):
                 draw_sets_of(figure, model, sets, [(item.name, item.position) for item in found])

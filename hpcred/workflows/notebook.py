@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from contextlib import closing
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from pathlib import Path
 
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
@@ -11,6 +11,7 @@ from ..analysis.natural_modes import natural_modes
 from ..model.second_order_model import require_model
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
+from ..parallel.petsc import MPI
 from ..parallel.ranges import require_band
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.reduced_model import ReducedModel, as_measured
@@ -54,9 +55,9 @@ def plot_response(reduced, pairs=None, *, band=None):
     """
     reduced = elastic_part(declared("reduced", reduced, ReducedModel))
     figure = new_figure(figsize=(9.0, 7.0), layout="constrained")
-    band = tuple(declared("band", band or band_of(reduced), tuple[float, float]))
+    band = tuple(declared("band", band_of(reduced) if band is None else band, tuple[float, float]))
     require_band("band", band)
-    pairs = declared("pairs", [pairs] if isinstance(pairs, str) else pairs or (), tuple[str, ...])
+    pairs = declared("pairs", [pairs] if isinstance(pairs, str) else () if pairs is None else pairs, tuple[str, ...])
     accuracy = reduced.record.accuracy if reduced.record is not None else None
     measured = reduced if accuracy is None else as_measured(reduced, accuracy)
     frequencies = frequencies_to_draw(band, resonances_of(measured))
@@ -100,7 +101,8 @@ def plot_modes(model, count: int = 6, *, frame=None, factoring=None):
 
     Notes
     -----
-    Shapes go through a file in the folder for temporary files, so that one rank holds one of them at a time.
+    Shapes go through a temporary file, in the working folder where ranks are on several nodes, so that one rank holds
+    one of them at a time.
     """
     require_model(model)
     with agreed(model.comm):
@@ -113,9 +115,22 @@ def plot_modes(model, count: int = 6, *, frame=None, factoring=None):
     figure = None
     with closing(natural_modes(model, wanted, frame, factoring=factoring)) as found:
         elastic = len(found.frequencies) - found.rigid
-        with tempfile.TemporaryDirectory() as folder:
-            store = model.comm.bcast(Path(folder) / "shapes.h5")
-            with shapes_of_modes(store, model, found) as shapes:
-                if shapes is not None:
-                    figure = figure_of_shapes(shapes, range(1, min(count, elastic) + 1))
+        with _folder_of_all(model.comm) as folder, shapes_of_modes(folder / "shapes.h5", model, found) as shapes:
+            if shapes is not None:
+                figure = figure_of_shapes(shapes, range(1, min(count, elastic) + 1))
     return figure
+
+
+@contextmanager
+def _folder_of_all(comm):
+    """A temporary folder that all ranks see: in the working folder, where they are on several nodes. Collective."""
+    node = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    place = None if node.size == comm.size else "."
+    node.Free()
+    with ExitStack() as stack, agreed(comm):
+        made = tempfile.TemporaryDirectory(dir=place, prefix=".hpcred-") if comm.rank == 0 else nullcontext()
+        made = stack.enter_context(made)
+        kept = stack.pop_all()
+    with kept:
+        yield Path(comm.bcast(made))
+        comm.Barrier()

@@ -15,6 +15,7 @@ from ..report.set_pictures import draw_sets
 from ..report.surface import surface_of
 
 KINDS = (".png", ".svg", ".pdf")
+MOST = 300_000  # nodes of one set, which one rank draws
 
 
 def check_figure(figure, comm, reads, progress):
@@ -35,10 +36,15 @@ def draw_sets_of(figure, model, sets: dict, marks=()):
     if model.dofs is None:
         raise InputError(f"figure {figure}: {model.name} has no node coordinates to draw; convert it with --nodes")
     comm = model.comm
+    names = set().union(*comm.allgather(set(sets)))
+    for name in sorted(names):
+        if (size := comm.allreduce(len(sets.get(name, ())))) > MOST:
+            raise InputError(f"figure {figure}: {name} has {size} nodes, a set to draw at most {MOST}; choose others")
     lines = {kind: part for kind, part in model.elements.items() if kind.startswith("line")}
     more = [part.ravel() for part in [*lines.values(), *sets.values()]]
     if not any(comm.allgather(any(len(part) for part in model.elements.values()))):
-        more.append(model.dofs.node)  # nothing else shows the body
+        step = 1 + comm.allreduce(len(model.dofs.node)) // MOST  # nothing else shows the body
+        more.append(np.unique(model.dofs.node)[::step])
     surface = gathered_surface(model, np.concatenate([np.zeros(0, np.int64), *more]))
     lines, sets = comm.gather(lines), comm.gather(sets)
     with atomic_output(figure, comm) as temporary, agreed(comm):

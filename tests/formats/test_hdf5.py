@@ -38,3 +38,22 @@ def test_rows_lie_where_they_belong(comm, folder):
         for name, array in whole.items():
             assert plain[name].dtype == array.dtype and np.array_equal(plain[name][()], array)
             assert np.array_equal(checked[name][...], array) and plain[f"{name} and"][1] == b"bc"
+
+
+def test_parts_of_other_types_are_of_one_in_the_file(comm, folder):
+    """A rank without rows may have an array of any type; else the file takes what holds all."""
+    kinds = {"empty": ["f8", "i8", "i8"], "wider": ["i4", "i8", "i4"], "both": ["i4", "f8", "i4"]}
+    with writing(folder / "r.h5", comm) as file:
+        file.attribute("format", "rows")
+        for name, types in kinds.items():
+            rows = np.arange(6).reshape(3, 2) + 6 * comm.rank
+            if name == "empty" and comm.rank == 0 and comm.size > 1:
+                rows = rows[:0]
+            file.rows(name, rows.astype(types[comm.rank]))
+        file.small("behind", "text")
+    with reading(folder / "r.h5", "rows") as checked:
+        for name, types in kinds.items():
+            found, first = checked[name][...], int(name == "empty" and comm.size > 1)
+            assert np.array_equal(found, np.arange(6 * first, 6 * comm.size).reshape(-1, 2))
+            assert found.dtype == np.result_type(*types[first : comm.size])
+        assert checked["behind"][()] == b"text"

@@ -42,7 +42,7 @@ def one_triangle(entries, order):
             for a, b, x in zip(i[at], j[at], v[at], strict=True)]  # fmt: skip
 
 
-@pytest.mark.parametrize("order", ["lower", "upper", "diagonal", "both"])
+@pytest.mark.parametrize("order", ["lower", pytest.param("upper", marks=pytest.mark.slow), "diagonal", "both"])
 @pytest.mark.parametrize("name", ["blockC3D8", "blockC3D10"])  # with a diagonal mass, and a consistent one
 def test_no_cut_of_abaqus_matrices_is_read(comm, folder, name, order):
     """At lines in the middle of a row and at its end, of K and of M; a diagonal M had only lost its mass."""

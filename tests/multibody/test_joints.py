@@ -281,6 +281,8 @@ def test_rotation_vectors_go_on_beyond_pi(axis, steps):
     short = vector_of(Rotation.from_rotvec(exact[:, 0]).as_matrix())[:, None]
     assert np.linalg.norm(short, axis=-1).max() < 3.2
     assert continuous(short) == pytest.approx(exact, abs=1e-6)
+    below = np.linalg.norm(exact, axis=-1)[:, 0].searchsorted(np.pi)
+    assert np.array_equal(continuous(short[:below]), short[:below])
 
 
 def test_rotation_vectors_beside_a_full_turn():

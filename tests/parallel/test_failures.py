@@ -109,7 +109,8 @@ comm = MPI.COMM_WORLD
 """
 
 
-@pytest.mark.parametrize("error", ["MemoryError('only here')", "KeyboardInterrupt('only here')"])
+@pytest.mark.parametrize("error", [
+    "MemoryError('only here')", pytest.param("KeyboardInterrupt('only here')", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("place", FAULTS)
 def test_a_fault_of_one_rank_ends_all_in_seconds(hpcred, tmp_path, place, error):
     (tmp_path / "program.py").write_text(HEAD + FAULTS[place].format(error=error))

@@ -115,3 +115,15 @@ def test_half_a_file_is_refused_or_half_described(written, tmp_path, monkeypatch
     capsys.readouterr()
     assert run(["info", name]) in (0, 2)
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_files_in_toml_are_told_apart(linkage_folder, capsys):
+    Path("s.toml").write_text('job = "job.toml"')
+    Path("y.toml").write_text('body = "result.h5"\nend = 1.0')
+    for words, says in (
+        (["s.toml"], "s.toml: found a sweep; `hpcred sweep` reads it"),
+        (["y.toml"], "y.toml: found a simulation; `hpcred simulate` reads it"),
+        (["job.toml", "--modes", "3"], "job.toml: a job is shown and drawn with its interfaces; modes"),
+        (["job.toml", "--figure", "f.png"], "job.toml has no [[interface]] to draw"),
+    ):
+        assert says in refused(capsys, "info", *words)

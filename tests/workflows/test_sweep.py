@@ -78,7 +78,7 @@ def test_the_documented_example(tmp_path, monkeypatch, capsys):
                      for kind in ("png", "svg")}  # fmt: skip
 
 
-@pytest.mark.parametrize("taken", ["error_over_size.png", "error_over_basis.0.order.svg", "errors.svg"])
+@pytest.mark.parametrize("taken", ["error_over_size.png", pytest.param("errors.svg", marks=pytest.mark.slow)])
 def test_figures_replace_no_file_of_another_kind(linkage_folder, capsys, taken):
     """Whether it lies in the folder or a link there leads to it; nothing else is written then."""
     Path("sweep.toml").write_text(SWEEP.format(last=1, count=2) + "[evaluate]\nband = [1.0, 100.0]\npoints = 3\n")
@@ -171,7 +171,7 @@ def test_what_another_sweep_has_done_meanwhile_is_finished(linkage_folder, launc
     assert "2 of 2" in said[-1]
 
 
-@pytest.mark.parametrize("finishes", [True, False])
+@pytest.mark.parametrize("finishes", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_run_that_another_sweep_computes_is_waited_for(linkage_folder, finishes):
     """Also where its lock is there before it is begun here; what the other leaves undone is done here."""
     text = SWEEP.format(last=1, count=2)
