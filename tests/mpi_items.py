@@ -232,10 +232,12 @@ def start_session(suffix, items):
 def start_beside(item):
     """Start the inner sessions for which there are cores beside this item and what runs."""
     busy = sum(session.ranks for session in sessions.values() if not session.ended()) + (suffix_of(item) is None)
+    cores = len(os.sched_getaffinity(0))
     for suffix in list(waiting):
-        if busy + LAUNCHED[suffix][0] <= len(os.sched_getaffinity(0)):
+        ranks = LAUNCHED[suffix][0]
+        if busy + ranks <= cores + (ranks == 1):  # of items on one rank, some always wait for what they started
             busy += start_session(suffix, item.session.items).ranks
-    if busy < len(os.sched_getaffinity(0)) and (half := last_half(item)):
+    if busy <= cores and (half := last_half(item)):
         suffix = f"part {len(sessions)}"
         handed.update((other.nodeid, suffix) for other in half)
         start_session(suffix, half)

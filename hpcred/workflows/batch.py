@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from ..formats.hdf5 import atomic_output
 from ..formats.sweep_file import read_sweep
+from ..parallel.declared import spelled
 from ..parallel.failures import ComputationError, InputError
 from .sweep import make_folder
 
@@ -70,6 +71,7 @@ fi
 """
 
 
+@spelled
 def write_script(path, kind: str, *, store=None, submit: bool = False, comm=None) -> dict:
     """Write <sweep>.slurm or <sweep>.pbs (`kind`: "slurm", "pbs") into the folder of the results, as [launch] says.
 

@@ -16,6 +16,7 @@ from ..linalg.blocks import apply, create_block, local_rows, random_block
 from ..linalg.factorisation import ORDERINGS, SOLVE_WIDTH
 from ..linalg.solvers import ShiftedSolver
 from ..parallel import processor, startup
+from ..parallel.declared import spelled
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.memory import available_mb
 from ..parallel.progress import Progress
@@ -28,6 +29,7 @@ WORTH = 0.9  # of the time, below which another width is worth a hint
 PORD = 4  # icntl_7, in every MUMPS
 
 
+@spelled
 def bench(cells=(40, 16, 16), *, folder=None, comm=None, progress: Progress | None = None) -> dict:
     """Rates of factorisation, solves, products, orthogonalisation, writing and reading, on a block of hexahedra.
 

@@ -8,10 +8,12 @@ from ..analysis.bores import TURN, Bore, bores_and_doubts
 from ..formats.locks import locks_given_back
 from ..formats.model_file import read_model
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.progress import Progress
 from .set_figure import check_figure, draw_sets_of
 
 
+@spelled
 @locks_given_back()
 def bores_of_file(
     model, *, turn: float = TURN, figure=None, comm=None, progress: Progress | None = None

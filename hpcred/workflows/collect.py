@@ -16,6 +16,7 @@ from ..formats.response_file import read_responses
 from ..formats.result_file import read_result
 from ..formats.sweep_file import read_sweep
 from ..formats.sweep_table import check_table_name, write_sweep_table
+from ..parallel.declared import spelled
 from ..parallel.failures import InputError
 from ..reduction.accuracy import worst_in_words
 from ..reduction.interface_coordinates import elastic_part
@@ -26,6 +27,7 @@ from .sweep import responses_of, states_of
 SELF = MPI.COMM_SELF
 
 
+@spelled
 @locks_given_back()
 def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> dict:
     """One row a run: name, status, the keys that vary, size, Q (57), the largest eps against the full model, the

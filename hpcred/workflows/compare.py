@@ -16,6 +16,7 @@ from ..formats.result_file import read_basis, read_result
 from ..linalg.blocks import apply, create_block, inner
 from ..linalg.factorisation import Factoring
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
@@ -26,6 +27,7 @@ from .full_model import difference_of, full_of_record
 SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
 
 
+@spelled
 @locks_given_back()
 def compare_results(
     results, full, *, frequencies=(), band=None, points: int = 61, modes: int = 10, output=None, figure=None,

@@ -14,9 +14,11 @@ from ..formats.room import rescued
 from ..formats.source import Source
 from ..model.units import SI, in_si, units_of
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.progress import Progress
 
 
+@spelled
 @locks_given_back()
 def convert(
     source: Source | str | Path, output, *, inputs=None, outputs=None, variables=None, units: str = "SI", comm=None,
@@ -60,6 +62,7 @@ def convert(
         return {"output": str(output), **ports, **report}
 
 
+@spelled
 def list_formats() -> list[dict]:
     """The formats that `convert` reads, a row each: name, what it holds, what tells it, and the files beside it."""
     exports = [

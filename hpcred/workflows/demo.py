@@ -10,9 +10,11 @@ from ..formats.locks import locks_given_back
 from ..formats.outputs import check_outputs, hdf5_kind
 from ..formats.result_file import FORMAT, write_result
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.progress import Progress
 
 
+@spelled
 @locks_given_back()
 def run_demo(output="demo_result.h5", *, comm=None, progress: Progress | None = None) -> list[dict]:
     """Reduce the linkage in four ways and write the first model, the automatic one, to `output`; returns the table.

@@ -23,7 +23,7 @@ from ..formats.room import rescued
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
 from ..parallel import startup
-from ..parallel.declared import declared
+from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
@@ -38,6 +38,7 @@ MOST = (1, 10**7, "")  # frequencies
 MOST_FIGURES = 16  # of the largest responses
 
 
+@spelled
 @locks_given_back()
 def evaluate_result(
     result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None, pairs=(),
@@ -107,6 +108,7 @@ def evaluate_result(
     return report
 
 
+@spelled
 def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) -> dict:
     """eps(f) as result.h5 says it, of an automatic reduction: nothing is computed. Collective.
 
@@ -145,6 +147,7 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
     }
 
 
+@spelled
 def check_result(
     result, full, count: int = 5, *, seed: int | None = None, groups: int | None = None,
     factoring: Factoring | None = None, comm=None, progress: Progress | None = None,

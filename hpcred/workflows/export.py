@@ -33,6 +33,7 @@ from ..formats.vtk import write_vtk
 from ..model.units import SI, units_of
 from ..multibody.body_units import fields_in, in_units
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..report.mode_pictures import picture_of
@@ -90,6 +91,7 @@ WITHOUT_NODES = {
 }
 
 
+@spelled
 @locks_given_back()
 def export_result(
     result, kind, path=None, *, nodes=None, units: str = "SI", modes=None, comm=None, progress=None

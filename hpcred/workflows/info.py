@@ -27,7 +27,7 @@ from ..formats.unread import refuse_unread
 from ..model.interface_motion import members
 from ..model.interfaces import doubts_of_interfaces
 from ..parallel import startup
-from ..parallel.declared import nearest
+from ..parallel.declared import nearest, spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
@@ -37,6 +37,7 @@ from .model_of_job import with_interfaces_of_job
 from .set_figure import MOST, check_figure, draw_sets_of
 
 
+@spelled
 def inspect_file(
     path, *, frequencies=(), band_top=None, modes: int | None = None, comm=None, progress: Progress | None = None
 ) -> dict:  # fmt: skip
@@ -58,6 +59,7 @@ def inspect_file(
         return inspect(model, frequencies, band_top, modes=modes, progress=progress)
 
 
+@spelled
 @locks_given_back()
 def describe_file(
     path, *, frequencies=(), band_top=None, modes=None, variables=None, figure=None, sets=None, comm=None,

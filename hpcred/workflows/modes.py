@@ -18,6 +18,7 @@ from ..linalg.blocks import local_rows
 from ..linalg.factorisation import Factoring
 from ..model.rigid_body_modes import exchange_of_matrices
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..report.figures import pyplot
@@ -27,6 +28,7 @@ MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
 ROUND_OFF = 1e-12  # of a mass
 
 
+@spelled
 @locks_given_back()
 def modes_of_file(
     model, count: int = 20, *, frame=None, figure=None, factoring: Factoring | None = None, comm=None,
@@ -73,6 +75,7 @@ def _numbers(found: NaturalModes) -> dict:
     return report
 
 
+@spelled
 def tables_of_modes(report) -> tuple[list[dict], list[dict]]:
     """Rows for tables of what modes_of_file returned: effective masses in % of the whole, and participation factors.
 
@@ -88,6 +91,7 @@ def tables_of_modes(report) -> tuple[list[dict], list[dict]]:
     return rows, [row | _by_motion(part, 5, there) for row, part in zip(named, factors, strict=True)]
 
 
+@spelled
 def mass_in_words(report) -> str:
     """The masses and the moments of inertia of what modes_of_file returned, where there are any."""
     masses = np.array(report["masses"])

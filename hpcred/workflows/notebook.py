@@ -9,7 +9,7 @@ from pathlib import Path
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
 from ..analysis.natural_modes import natural_modes
 from ..model.second_order_model import require_model
-from ..parallel.declared import declared
+from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..parallel.ranges import require_band
@@ -24,6 +24,7 @@ from .pair_figures import pairs_by_name, pairs_to_show
 RIGID = 6  # rigid-body modes that a free body may have
 
 
+@spelled
 def plot_response(reduced, pairs=None, *, band=None):
     """Draw the frequency response of a reduced model, and its estimated error where that is known.
 
@@ -73,6 +74,7 @@ def plot_response(reduced, pairs=None, *, band=None):
     return figure
 
 
+@spelled
 def plot_modes(model, count: int = 6, *, frame=None, factoring=None):
     """Draw the lowest elastic modes of a model with nodes, on the surface of its elements.
 

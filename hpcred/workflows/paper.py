@@ -12,12 +12,14 @@ from ..formats.hdf5 import writing
 from ..formats.locks import locks_given_back
 from ..formats.outputs import JSON, PICTURES, check_outputs, hdf5_kind
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..report.figures import cut_figure, error_figure
 from ..report.tables import write_json
 
 
+@spelled
 @locks_given_back()
 def reproduce(folder="paper", *, comm=None, progress: Progress | None = None) -> dict:
     """Compute and write everything into `folder`, which is created. Collective. Raises InputError.

@@ -13,6 +13,7 @@ from ..formats.point_store import PointStore
 from ..formats.result_file import FORMAT, write_result
 from ..formats.room import rescued
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.failures import ComputationError, agreed
 from ..parallel.progress import Progress
 from ..parallel.stopping import listening
@@ -35,6 +36,7 @@ class Reduced:
     frequencies: tuple[float, ...]
 
 
+@spelled
 @locks_given_back()
 def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Progress | None = None) -> Reduced:
     """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.

@@ -7,6 +7,7 @@ from ..formats.locks import locks_given_back
 from ..formats.outputs import HTML, check_outputs
 from ..linalg.factorisation import Factoring
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..report.page import MOST_POINTS, body_for_page, render_page
@@ -18,6 +19,7 @@ from .report_sheets import Sheet, sheets_of
 MOST_PAIRS = 36  # responses on a page, the largest
 
 
+@spelled
 @locks_given_back()
 def report_file(
     results, full=None, *, output="report.html", band=None, exact: int = 21, pairs=(), modes: int = 10,

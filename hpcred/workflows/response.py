@@ -17,6 +17,7 @@ from ..formats.room import rescued
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress, counted
 from ..reduction.record import versions
@@ -26,6 +27,7 @@ from .model_of_job import with_targets
 from .pair_figures import pairs_to_show
 
 
+@spelled
 @locks_given_back()
 def response_file(
     model, *, frequencies=(), band=None, points: int = 2001, tolerance: float = 1e-6, frame=None, damping=None,

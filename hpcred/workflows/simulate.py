@@ -18,6 +18,7 @@ from ..formats.simulation_file import FORMAT, read_simulation, write_motion, wri
 from ..formats.vtk import write_motion_vtk
 from ..multibody.simulation import simulate
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..parallel.progress import Progress
@@ -25,6 +26,7 @@ from ..reduction.record import versions
 from ..report.figures import has_matplotlib, motion_figure
 
 
+@spelled
 @locks_given_back()
 def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     """Simulate a reduced body in time as a file says. Collective. Raises InputError, ComputationError.

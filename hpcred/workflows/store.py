@@ -6,11 +6,13 @@ import time
 
 from ..formats.point_store import describe_entry, entries_of
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 
 UNFINISHED = 3600.0  # seconds after which a file that nobody finished counts as left behind
 
 
+@spelled
 def list_store(folder, *, check: bool = False, comm=None) -> list[dict]:
     """The entries of a store, as rows of a table. `check`: all checksums. Collective.
 
@@ -25,6 +27,7 @@ def list_store(folder, *, check: bool = False, comm=None) -> list[dict]:
     return comm.bcast(rows)
 
 
+@spelled
 def prune_store(folder, *, older: float | None = None, below: float | None = None, model: str | None = None,
                 broken: bool = False, comm=None) -> list[dict]:  # fmt: skip
     """Remove entries of a store; returns those that went. Collective. Raises InputError.

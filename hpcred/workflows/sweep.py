@@ -23,6 +23,7 @@ from ..formats.outputs import check_kept
 from ..formats.result_file import FORMAT, VERSION
 from ..formats.room import DISK_FULL
 from ..formats.sweep_file import Run, Sweep, read_sweep
+from ..parallel.declared import spelled
 from ..parallel.failures import InputError
 from ..parallel.progress import MINUTE, Progress, in_time
 from ..parallel.stopping import Stopped
@@ -74,6 +75,7 @@ def _state(run, content):
     return next((state for state in found if state.done), found[-1])
 
 
+@spelled
 def run_sweep(
     path, *, parallel: int | None = None, index: int | None = None, of: int | None = None, store=None,
     dry_run: bool = False, comm=None, progress: Progress | None = None,

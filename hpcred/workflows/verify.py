@@ -5,12 +5,14 @@ from __future__ import annotations
 from ..formats import model_file, response_file, result_file, simulation_file
 from ..formats.hdf5 import kind_of_file, reading, require_whole
 from ..parallel import startup
+from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.shares import row_range
 
 FORMATS = {item.FORMAT: item for item in (model_file, result_file, response_file, simulation_file)}
 
 
+@spelled
 def verify_file(path, *, comm=None) -> dict:
     """Read all of a model, result, file of responses or of a simulation, on all ranks; what was checked, in numbers.
 
