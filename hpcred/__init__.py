@@ -20,4 +20,15 @@ for _name, _value in {
 }.items():
     os.environ.setdefault(_name, _value)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_loaded, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name):
+    try:
+        return _loaded(name)
+    except AttributeError:
+        if name in __all__ or name.startswith("_"):
+            raise
+        from .parallel.declared import nearest
+
+        raise AttributeError(f"hpcred has no '{name}'{nearest(name, __all__)}", name=name) from None

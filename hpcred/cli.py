@@ -134,7 +134,7 @@ def convert(
         return
     files = list(files or [])
     if output is None:
-        if not files:
+        if not files or (len(files) == 1 and not (stiffness or mass) and os.path.exists(files[0])):
             raise InputError("convert: no model file to write; give its name last or by -o")
         output = files.pop()
     if files and (len(files) > 1 or stiffness or mass):
@@ -612,7 +612,7 @@ def response(
 def export(
     context: typer.Context,
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    kind: Annotated[str, typer.Option("--format", help=FORMATS)] = "sid",
+    kind: Annotated[str | None, typer.Option("--format", help=FORMATS)] = None,
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[
         str | None, typer.Option(help="Interface nodes 1,20 or by name, or sets; default: of inputs and outputs.")

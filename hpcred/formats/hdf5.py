@@ -23,10 +23,10 @@ from .checked import CHECKSUM, SUMS, CheckedFile, damaged, header_checksum
 from .checksums import sums_of, sums_of_parts, tag_of
 from .files import writing_to
 from .locks import HOST, begin, lock, lock_name, temporary_name, unlock
-from .outputs import check_kind, check_writable, kind_of
+from .outputs import HDF5, check_kind, check_writable, kind_of
 from .room import NotWritten, Room
 from .seal import is_broken, seal
-from .text import absent
+from .text import absent, first_bytes
 
 WRITTEN_BY = {"hpcred-model": ", which hpcred convert writes", "hpcred-result": ", which hpcred reduce writes"}
 
@@ -268,11 +268,15 @@ def reading(path, kind: str, version: int | None = None, schema=None):
 @contextmanager
 def opened(path, kind: str, version: int | None = None):
     """The file opened for reading by this rank; `kind` and `version` are its attributes. Raises InputError."""
+    require_name(path)
     path = Path(path)
     require_whole(path)
     try:
         file = h5py.File(path, "r")
     except (OSError, RuntimeError, ValueError, KeyError) as error:
+        if first_bytes(path)[: len(HDF5)] != HDF5:
+            by = WRITTEN_BY.get(kind, "")
+            raise InputError(f"{path}: found no HDF5 file, expected one of format '{kind}'{by}") from error
         raise InputError(f"{path}: not a readable HDF5 file ({error})") from error
     with file:
         try:
@@ -290,6 +294,14 @@ def opened(path, kind: str, version: int | None = None):
             what = newer if number > version else older
             raise InputError(f"{path}: found version {number} of the format '{kind}', expected {version}; {what}")
         yield file
+
+
+def require_name(path):
+    """Raise InputError for what is no name of a file."""
+    if not isinstance(path, str | os.PathLike):
+        found = type(path).__name__
+        hint = "; hpcred.write_result makes a file of it" if found == "ReducedModel" else ""
+        raise InputError(f"found a {found}, expected the name of a file{hint}")
 
 
 def require_whole(path):

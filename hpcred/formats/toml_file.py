@@ -12,7 +12,7 @@ from typing import get_args, get_origin
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from ..parallel.declared import in_words, nearest, plain_type, types_of
+from ..parallel.declared import in_words, meant_by, nearest, plain_type, types_of
 from ..parallel.failures import InputError
 from .text import absent
 
@@ -110,7 +110,7 @@ def _sentence(kind, table, details) -> str:
         return f"{where}: found a single table, expected a list of tables; write [[{where}]] in place of [{where}]"
     finite = " that is finite" if details["type"] == "finite_number" else ""
     named = found in [_kind_of(item) for item in get_args(kind) if is_dataclass(item)]  # frame = "buckens"
-    such = f", such as {{kind = '{found}'}}" if named else ""
+    such = f", such as {{kind = '{found}'}}" if named else meant_by(found, kind)
     return f"{where}: found {_as_toml(found)}, expected {_expected(kind)}{finite}{such}"
 
 

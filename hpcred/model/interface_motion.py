@@ -17,7 +17,7 @@ import numpy as np
 
 from ..linalg.csr import sparse_rows
 from ..parallel.decisions import decided
-from ..parallel.declared import declared
+from ..parallel.declared import declared, nearest
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
 from ..parallel.petsc import MPI
@@ -88,7 +88,8 @@ def members(model, item) -> np.ndarray:
         names = model.set_sizes
         if nodes.set not in names:
             known = ", ".join(names) or "none"
-            raise InputError(f"{where}: nodes.set: {model.name} has no set '{nodes.set}'; it has {known}")
+            meant = nearest(nodes.set, names)
+            raise InputError(f"{where}: nodes.set: {model.name} has no set '{nodes.set}'{meant}; it has {known}")
         numbers = model.sets.get(nodes.set, np.zeros(0, np.int64))
         inside = [look_up(comm, numbers, [], part.node)[0] for part in (dofs, held)]
     else:

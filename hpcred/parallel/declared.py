@@ -43,7 +43,7 @@ def declared(key: str, value, kind):
     try:
         return _fitted(value, kind)
     except _Misfit as misfit:
-        such = f", such as {meant}(...)" if (meant := _class_of_kind(value, kind)) else ""
+        such = f", such as {meant}(...)" if (meant := _class_of_kind(value, kind)) else meant_by(value, kind)
         raise InputError(f"{key}: found {_shown(value)}, expected {in_words(kind)}{such}") from misfit
 
 
@@ -87,8 +87,18 @@ def spelled(function: Function) -> Function:
 
 def nearest(word, words) -> str:
     """Words in brackets that ask whether the one of some words was meant that is most alike; empty for none."""
-    close = get_close_matches(str(word), list(words), n=1, cutoff=0.5)
-    return f" (did you mean '{close[0]}'?)" if close else ""
+    asked, by_lower = str(word).lower(), {str(item).lower(): item for item in words}
+    close = get_close_matches(asked, by_lower, n=5, cutoff=0.55)
+    close.sort(key=lambda item: sorted(item) != sorted(asked))  # two letters that changed places come first
+    return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""
+
+
+def meant_by(value, kind) -> str:
+    """As nearest, of the words that a type takes."""
+    kind = plain_type(kind)
+    parts = [plain_type(part) for part in (kind, *get_args(kind))]
+    words = [word for part in parts if get_origin(part) is Literal for word in get_args(part)]
+    return nearest(value, words) if isinstance(value, str) else ""
 
 
 def in_words(kind, table: str = "") -> str:

@@ -203,7 +203,7 @@ def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=No
                            fontsize=8, color=COLOURS[1])  # fmt: skip
     panels[-1].set_xlabel("frequency (Hz)")
     if len(frequencies) > 1:
-        panels[-1].set_xlim(frequencies[0], frequencies[-1])
+        panels[-1].set_xlim(*_limits(frequencies))
     for axes in panels:
         axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
     panels[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False, title="output/input",
@@ -277,6 +277,12 @@ def _error_panel(axes, curves, tolerance=None, places=None):
     axes.set_ylabel("relative error")
 
 
+def _limits(frequencies):
+    """From 0 Hz where the band begins beside it, so that the axis has it."""
+    low, high = frequencies[0], frequencies[-1]
+    return (low if low > 0.05 * high else 0.0), high
+
+
 def _finish(figure, panels, frequencies, path, kind):
     for axes in panels:
         axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
@@ -284,7 +290,7 @@ def _finish(figure, panels, frequencies, path, kind):
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
     panels[-1].set_xlabel("frequency (Hz)")
-    panels[-1].set_xlim(frequencies[0], frequencies[-1])
+    panels[-1].set_xlim(*_limits(frequencies))
     figure.savefig(path, dpi=150, format=kind, metadata={"Date": None} if kind == "svg" else None)
     pyplot().close(figure)
 

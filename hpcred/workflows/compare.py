@@ -107,7 +107,7 @@ def _check_alike(results, reduced):
             mine, other = getattr(first, key), getattr(record, key)
             if mine != other:
                 raise InputError(
-                    f"{path}: its {key} are {other}, but those of {results[0]} are {mine}; compare results of one "
+                    f"{path}: found the {key} {other}, but {mine} in {results[0]}; compare results of one "
                     "model with the same loads and frame"
                 )
         key = difference_of(record.signature, first)

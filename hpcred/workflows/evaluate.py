@@ -190,13 +190,13 @@ def frequencies_over(frequencies, band, points) -> np.ndarray:
 
 def band_of(reduced, others=()) -> tuple[float, float]:
     """The band (Hz) that the job or the accuracy of a reduced model states, or else the first that one of the others
-    does, or up to the highest pseudo-frequency."""
+    does, or up to between the two highest pseudo-frequencies."""
     for item in (reduced, *others):
         record = item.record
         stated = (record.job or {}).get("band") or (record.accuracy and record.accuracy.band)
         if stated:
             return tuple(stated)
-    return 0.0, float(reduced.frequencies[-1])
+    return 0.0, float(reduced.frequencies[-2:].mean())  # not at a resonance
 
 
 def short_names(paths) -> list[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from ..formats import outputs
 from ..formats.abaqus_superelement import abaqus_superelement
@@ -17,7 +17,7 @@ from ..formats.ansys_superelement import ansys_superelement
 from ..formats.body_npz import write_npz
 from ..formats.exudyn import write_exudyn
 from ..formats.fmu import write_fmu
-from ..formats.hdf5 import atomic_output
+from ..formats.hdf5 import atomic_output, require_name
 from ..formats.locks import locks_given_back
 from ..formats.matlab import write_matlab
 from ..formats.mbdyn import write_mbdyn
@@ -33,7 +33,7 @@ from ..formats.vtk import write_vtk
 from ..model.units import SI, units_of
 from ..multibody.body_units import fields_in, in_units
 from ..parallel import startup
-from ..parallel.declared import spelled
+from ..parallel.declared import nearest, spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..report.mode_pictures import picture_of
@@ -94,11 +94,12 @@ WITHOUT_NODES = {
 @spelled
 @locks_given_back()
 def export_result(
-    result, kind, path=None, *, nodes=None, units: str = "SI", modes=None, comm=None, progress=None
+    result, kind=None, path=None, *, nodes=None, units: str = "SI", modes=None, comm=None, progress=None
 ) -> dict:
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
-    `kind`: one of EXPORTS; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of
+    `kind`: one of EXPORTS, by default what the name of `path` ends in, or else "sid"; `path`: by default the name of
+    the result with the suffix of the format. `nodes`: numbers of
     the interface nodes, or names of interfaces or node sets, by default those of the inputs and outputs; a superelement
     has those of its coordinates. `units`: of the file, see model.units.units_of; bodies and superelements have others
     than SI.
@@ -110,9 +111,21 @@ def export_result(
     comm = comm or startup.start_mpi()
     if isinstance(result, Result):
         result = result.path
+    require_name(result)
+    endings = {name: PurePath(f"x{item.suffix}").suffix.lower() for name, item in reversed(EXPORTS.items())}
+    of_ending = {ending: name for name, ending in endings.items()}
+    ending = PurePath(path).suffix.lower() if path else ""
+    if kind is None:
+        kind = of_ending.get(ending, "sid")
     if kind not in EXPORTS:
-        raise InputError(f"--format: found '{kind}', expected one of {', '.join(EXPORTS)}")
+        programs = {"simpack": "sid", "simulink": "simscape", "dymola": "fmu", "paraview": "vtk"}
+        meant = programs.get(str(kind).lower())
+        such = f" (did you mean '{meant}'?)" if meant else nearest(kind, EXPORTS)
+        raise InputError(f"--format: found '{kind}', expected one of {', '.join(EXPORTS)}{such}")
     export = EXPORTS[kind]
+    if path and ending != endings[kind] and (export.picture or ending in of_ending):
+        raise InputError(f"output {path}: found a name that ends in {ending or 'nothing'}, expected {endings[kind]} of "
+                         f"--format {kind}")  # fmt: skip
     if export.takes in WITHOUT_NODES and nodes is not None:
         raise InputError(f"--nodes: '{kind}' {WITHOUT_NODES[export.takes]}; leave it out")
     if modes is not None and not export.picture:
@@ -176,8 +189,6 @@ def _export_superelement(export, result, path, system, comm, progress) -> dict:
                 element = replace(element, **fields_in(element, system), remarks=(*element.remarks, _in(system)))
             content, others, remarks = export.write(element, path.stem)
             beside = {path.with_name(path.stem + suffix): text for suffix, text in others.items()}
-            if path in beside:
-                raise InputError(f"output {path}: this name is that of a file beside it; choose another")
             report = {
                 "coordinates": element.size, "nodes": [item.node for item in element.interfaces], "remarks": remarks,
                 "files": [str(name) for name in beside],

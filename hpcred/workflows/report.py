@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from ..formats.hdf5 import atomic_output
 from ..formats.locks import locks_given_back
 from ..formats.outputs import HTML, check_outputs
@@ -35,6 +37,9 @@ def report_file(
     tables, and notes. Raises InputError.
     """
     comm = comm or startup.start_mpi()
+    if (ending := Path(output).suffix.lower()) not in (".html", ".htm"):
+        raise InputError(f"output {output}: found a name that ends in {ending or 'nothing'}, expected .html; figures "
+                         "as files are written by --png and --svg")  # fmt: skip
     check_outputs({output: HTML}, comm, [*results, full], progress=progress)
     for folder in (png, svg, csv):
         if folder is not None:

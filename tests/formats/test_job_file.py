@@ -58,7 +58,7 @@ def replaced(old, new):
         ("order = 1", "order = 200", "basis: 201 vectors asked for, but model.h5 has only 114"),
         ('kind = "krylov"\nfrequency = 100.0\norder = 1', 'kind = "modes"\ncount = 115', "115 elastic modes asked"),
         ('"model.h5"', '"missing.h5"', "missing.h5: no such file"),
-        ('"model.h5"', '"job.toml"', "job.toml: not a readable HDF5 file"),
+        ('"model.h5"', '"job.toml"', "job.toml: found no HDF5 file, expected one of format 'hpcred-model'"),
         ("[frame]", 'output = "nowhere/r.h5"\n[frame]', "the folder nowhere does not exist"),
         ("[frame]", 'output = "/proc/r.h5"\n[frame]', "cannot be written"),
         ("[frame]", '[damping]\nkind = "given"\n[frame]', "needs a damping matrix"),

@@ -264,7 +264,8 @@ def test_a_figure_of_every_response(linkage_folder, monkeypatch, capsys):
     said = " ".join(capsys.readouterr().out.split())
     assert said.count("drawn: g_") == 2 and "the 2 largest of 3 responses are drawn; --pairs OUTPUT/INPUT,..." in said
     assert run([*draw, "--pairs", "12:z/20:z"]) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == "drawn: g_12z-20z.svg"
+    assert capsys.readouterr().out.splitlines()[-1] == "drawn: g.svg"
+    Path("g.svg").unlink()
     for arguments, says in (
         ([*draw, "--pairs", "12:x/20:z"], "found '12:x/20:z', expected output/input of r.h5, such as 20:z/20:z"),
         (["evaluate", "r.h5", "--pairs", "12:z/20:z"], "--pairs: belongs to --figure"),

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from helpers import MODES_JOB, block_with_ends, interface_model, names
+from helpers import MODES_JOB, block_with_ends, interface_model, names, refused
 from mpi4py import MPI
 
 import hpcred as package
 from hpcred import Buckens, Modes, read_sid
 from hpcred.cli import run
+from hpcred.formats.outputs import kind_of
 from hpcred.parallel.failures import InputError
 from hpcred.report import mode_pictures
 from hpcred.workflows.export import EXPORTS, export_result
@@ -103,7 +104,7 @@ def test_superelements_are_written_with_the_files_beside_them(folder, comm):
             for name in [report["output"], *report["files"]]:
                 Path(name).unlink()
         comm.Barrier()
-    with pytest.raises(InputError, match="this name is that of a file beside it"):
+    with pytest.raises(InputError, match="found a name that ends in .pch, expected .op4"):
         export_result(folder / "arm.h5", "nastran-op4", folder / "x.pch")
     assert names(folder, comm) == [folder / "arm.h5"]
 
@@ -194,3 +195,16 @@ def test_a_reduction_in_python_can_be_exported(folder, comm):
     ):
         package.write_result(folder / "result.h5", rom, model)
     assert export_result(folder / "result.h5", "npz")["nodes"] == [20]
+
+
+def test_the_ending_of_a_name_is_that_of_its_format(linkage_folder, capsys):
+    assert run(["reduce", "job.toml"]) == 0
+    for words, says in (
+        (["--format", "sid", "-o", "y.fmu"], "y.fmu: found a name that ends in .fmu, expected .sid_fem"),
+        (["--format", "png", "-o", "x.jpg"], "x.jpg: found a name that ends in .jpg, expected .png of --format png"),
+        (["--format", "SIMPACK"], "(did you mean 'sid'?)"), (["--format", "matlb"], "(did you mean 'matlab'?)"),
+    ):
+        assert says in refused(capsys, "export", "result.h5", *words)
+    for name, kind in (("a.uff", "universal file"), ("a.txt", "SID file"), ("a.npz", "zip archive")):
+        assert run(["export", "result.h5", "-o", name]) == 0
+        assert kind_of(name).startswith(kind)

@@ -317,7 +317,7 @@ def test_reports_are_refused(linkage_folder, capsys):
         (("model.h5",), "found an HDF5 file of format 'hpcred-model', expected 'hpcred-result'"),
         (("result.h5", "--pairs", "20:x/20:z"), "expected output/input of result, such as 20:z/20:z"),
         (("result.h5", "--full", "model.h5", "--exact", "1"), "exact: found 1, expected at least 2"),
-        (("result.h5", "-o", "./result.h5"), "which this run reads; choose another name"),
+        (("result.h5", "-o", "./result.h5"), "found a name that ends in .h5, expected .html"),
         (("result.h5", "-o", "nowhere/r.html"), "the folder nowhere does not exist"),
     ):
         assert says in refused(capsys, "report", *words)
