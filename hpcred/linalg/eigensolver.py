@@ -7,7 +7,7 @@ import numpy as np
 from ..parallel import startup
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError
-from ..parallel.petsc import PETSc, SLEPc, is_complex
+from ..parallel.petsc import PETSc, SLEPc, is_complex, petsc_errors
 from .blocks import create_block, local_rows
 from .options import temporary_options
 
@@ -80,7 +80,8 @@ def lowest_modes(K, M, count, most, solve, monitor=None):
         eps.setMonitor(lambda _eps, _iteration, converged, *_: monitor(min(converged, count)))
     eps.setFromOptions()
     try:
-        eps.solve()
+        with petsc_errors():
+            eps.solve()
     except PETSc.Error as error:
         _give_up(eps)
         raise _failed("SLEPc", error) from error

@@ -4,6 +4,7 @@ Modules may import these two at their top: nothing is loaded until then, so that
 by what it asks for, before PETSc is there.
 """
 
+from contextlib import contextmanager
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -37,4 +38,15 @@ def is_complex() -> bool:
     return startup.start() == "complex"
 
 
-__all__ = ["MPI", "PETSc", "SAME", "SLEPc", "is_complex"]
+@contextmanager
+def petsc_errors():
+    """Raise PETSc.Error for what newer petsc4py calls a SystemError, where PETSc had called Python in between."""
+    try:
+        yield
+    except SystemError as error:
+        if isinstance(error.__cause__, import_module("petsc4py.PETSc").Error):
+            raise error.__cause__ from None
+        raise
+
+
+__all__ = ["MPI", "PETSc", "SAME", "SLEPc", "is_complex", "petsc_errors"]
