@@ -97,7 +97,7 @@ def lowest_modes(K, M, count, most, solve, monitor=None):
 
 def _give_up(eps):
     """Free what can be freed of a solver that an error left in pieces."""
-    with suppress(PETSc.Error):
+    with suppress(PETSc.Error), petsc_errors():
         eps.destroy()
 
 
