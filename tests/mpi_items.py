@@ -31,6 +31,8 @@ from pathlib import Path
 import pytest
 from launch import TWO_BUILDS, mpi_environment
 
+from hpcred.parallel import startup
+
 TIMEOUT = float(os.environ.get("HPCRED_TEST_TIMEOUT", "300"))
 INNER = os.environ.get("HPCRED_TEST_SESSION")  # in an inner session: its folder
 
@@ -89,6 +91,7 @@ def pytest_collection_modifyitems(items):
         by_name = {item.nodeid: item for item in items}
         items[:] = [by_name[name] for name in json.loads(Path(INNER, "items.json").read_text())]
         private()
+        startup.start()  # as the first items do for all behind them, wherever a part begins
     else:
         order = [None, *LAUNCHED]
         items.sort(key=lambda item: order.index(suffix_of(item)))

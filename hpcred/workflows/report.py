@@ -37,7 +37,7 @@ def report_file(
     tables, and notes. Raises InputError.
     """
     comm = comm or startup.start_mpi()
-    if (ending := Path(output).suffix.lower()) not in (".html", ".htm"):
+    if (ending := Path(output).suffix.lower()) not in (".html", ".htm") and Path(output).name:
         raise InputError(f"output {output}: found a name that ends in {ending or 'nothing'}, expected .html; figures "
                          "as files are written by --png and --svg")  # fmt: skip
     check_outputs({output: HTML}, comm, [*results, full], progress=progress)

@@ -128,7 +128,7 @@ READS, KIND = "which this run reads", "which is not replaced by"
         ("modes model.h5 --figure link.png", KIND),
         ("export result.h5 -o result.h5", READS),
         ("export result.h5 -o f.csv", KIND),
-        ("export result.h5 --format npz -o result.mat", KIND),
+        ("export result.h5 --format npz -o result.mat", "found a name that ends in .mat, expected .npz"),
         ("convert -K K.mtx -M M.mtx -o K.mtx", READS),
         ("convert -K K.mtx -M M.mtx x/../M.mtx", READS),
         ("convert -K K.mtx -M M.mtx job.toml", KIND),

@@ -56,5 +56,5 @@ def test_two_responses_in_one_csv(responses, tmp_path, comm):
 
 def test_another_file_is_refused(tmp_path, comm, responses):
     (tmp_path / "r.h5").write_text("f_hz,re_1\n")
-    with pytest.raises(InputError, match="not a readable HDF5 file"):
+    with pytest.raises(InputError, match="found no HDF5 file, expected one of format"):
         read_responses(tmp_path / "r.h5")

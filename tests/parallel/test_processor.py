@@ -12,6 +12,7 @@ from launch import TWO_BUILDS, mpi_environment
 from mpi4py import MPI
 
 from hpcred.parallel import processor
+from hpcred.parallel.startup import start
 
 JOB = 'model = "model.h5"\n[[basis]]\nkind = "krylov"\nfrequency = 100.0\n'
 PROGRAM = """
@@ -124,6 +125,7 @@ def test_the_blas_that_is_loaded():
 
 def test_a_blas_beside_the_lapack_of_openblas_is_not_taken_for_it(monkeypatch, tmp_path):
     """As where Debian's alternatives name the reference BLAS: LAPACK brings OpenBLAS along, which computes nothing."""
+    start()  # whose petsc4py is asked
     (tmp_path / "blas.c").write_text("void dgemm_(void) {} void stray(void) {}")
     made = tmp_path / "libblas.so.3.9"
     if subprocess.run(["cc", "-shared", "-fPIC", "-o", made, tmp_path / "blas.c"], capture_output=True).returncode:

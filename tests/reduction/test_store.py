@@ -342,7 +342,7 @@ def of_another_version(path):
 DAMAGES = {
     "a byte of a block": (lambda path: flip(path, lambda _: block_place(path) + 80), "does not have its checksum"),
     "a byte of the header": (lambda path: flip(path, lambda content: content.index(b'"facts"') + 1), "checksum"),
-    "cut": (cut, "truncated|cut|not a readable"), "empty": (lambda path: path.write_bytes(b""), "not a readable"),
+    "cut": (cut, "truncated|cut|not a readable"), "empty": (lambda path: path.write_bytes(b""), "found no HDF5 file"),
     "another entry": (of_another, "belongs to another key"), "nan": (with_nan, "not finite"),
     "a row less": (narrower, "has the shape"), "version": (of_another_version, "found version 99"),
 }  # fmt: skip
