@@ -240,7 +240,7 @@ def start_beside(item):
         ranks = LAUNCHED[suffix][0]
         if busy + ranks <= cores + (ranks == 1):  # of items on one rank, some always wait for what they started
             busy += start_session(suffix, item.session.items).ranks
-    if busy <= cores and (half := last_half(item)):
+    if suffix_of(item) is None and busy <= cores and (half := last_half(item)):
         suffix = f"part {len(sessions)}"
         handed.update((other.nodeid, suffix) for other in half)
         start_session(suffix, half)
@@ -250,8 +250,10 @@ def last_half(item, few=40):
     """Items without the mark to hand over while this one runs: of whole files, and none where but few are left."""
     items = item.session.items
     left = [other for other in items[items.index(item) :] if suffix_of(other) is None and other.path != item.path]
-    middle = left[len(left) // 2].path if len(left) > few else None
-    return left[next((k for k, other in enumerate(left) if other.path == middle), len(left)) :]
+    if len(left) <= few:
+        return []
+    middle = left[len(left) // 2].path
+    return left[next(k for k, other in enumerate(left) if other.path == middle) :]
 
 
 def reports_of(item, suffix):

@@ -74,6 +74,7 @@ ERRORS = {
     "allocate": "EIO ENOSPC EOPNOTSUPP", "rename": "EIO EACCES EROFS ENOSPC EXDEV", "remove": "EIO EACCES EROFS EBUSY",
     "mkdir": "EIO EACCES ENOSPC EROFS", "sync": "EIO ENOSPC EDQUOT", "lock": "ENOLCK EIO", "memory": "ENOMEM",
 }  # fmt: skip
+OUT_OF_MEMORY = "out of memory|more memory than this process may take"  # the latter where a library is being loaded
 LIMIT = 300  # seconds of a command on a busy machine
 
 
@@ -251,11 +252,11 @@ def sample(room, count, seed, commands=tuple(COMMANDS)):
     (("export-npz", 1, 0, "write", "1", "ESTALE", "npz.tmp"), "result.npz: cannot be written (Stale file handle)"),
     (("export-npz", 1, 0, "sync", "1", "EDQUOT"), "output result.npz: the disk is full"),
     (("export-npz", 2, 0, "read", "1+", "EIO", "result.h5"), "result.h5: cannot be read (Input/output error)"),
-    (("export-npz", 1, 0, "memory", "200+", "ENOMEM"), "memory"),  # the loader of libraries has its own words
+    (("export-npz", 1, 0, "memory", "200+", "ENOMEM"), OUT_OF_MEMORY),
 ], ids=lambda item: item if isinstance(item, str) else "")  # fmt: skip
 def test_a_fault_is_a_sentence(few, fault, sentence):
     found, said = few.misfortunes(Fault(*fault))
-    assert not found and sentence in said, (found, said)
+    assert not found and any(words in said for words in sentence.split("|")), (found, said)
 
 
 def test_a_result_that_cannot_be_written_is_written_elsewhere(few):

@@ -38,7 +38,7 @@ def modes_in_interval(K, M, low, high, settings):
         mumps = {"icntl_13": 1, "icntl_24": 1, "cntl_3": 1e-12, "icntl_7": startup.ordering, "icntl_14": 60}
         mumps |= settings
         try:
-            with temporary_options("modes_st_mat_mumps_", mumps):
+            with temporary_options("modes_st_mat_mumps_", mumps), petsc_errors():
                 eps.setFromOptions()
                 eps.solve()
             break

@@ -46,6 +46,12 @@ if TYPE_CHECKING:
 SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
 
 
+def sizes_of_sets(sets: dict, comm) -> dict[str, int]:
+    """Number of members of each set, by name in order, whose parts (k,) are on the ranks. Collective."""
+    parts = comm.allgather({name: len(part) for name, part in sets.items()})
+    return {name: sum(part.get(name, 0) for part in parts) for name in sorted(set().union(*parts))}
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class SecondOrderModel:
     """M q'' + D q' + K q = B u, y = C q with n unknowns, p inputs, r outputs, distributed by rows.
@@ -162,8 +168,7 @@ class SecondOrderModel:
     @property
     def set_sizes(self) -> dict[str, int]:
         """Number of nodes of each node set, by name in order. Collective."""
-        parts = self.comm.allgather({name: len(part) for name, part in self.sets.items()})
-        return {name: sum(part.get(name, 0) for part in parts) for name in sorted(set().union(*parts))}
+        return sizes_of_sets(self.sets, self.comm)
 
     @property
     def matrices(self) -> dict:

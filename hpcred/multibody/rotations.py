@@ -53,9 +53,11 @@ def continuous(vectors) -> np.ndarray:
     if not len(found):
         return found
     steps = np.linalg.norm(np.diff(found, axis=0), axis=-1).reshape(len(found) - 1, -1)
-    start = np.append(np.flatnonzero((steps > 3.0).any(axis=1)), len(found))[0]  # below pi, nothing turns over
-    last, lost = found[start - 1 if start == len(found) else start], np.zeros(found.shape[1:-1], dtype=bool)
-    for i in range(start + 1, len(found)):
+    turning = np.flatnonzero((steps > 3.0).any(axis=1))  # steps below pi need no turns
+    if not turning.size:
+        return found
+    last, lost = found[turning[0]], np.zeros(found.shape[1:-1], dtype=bool)
+    for i in range(turning[0] + 1, len(found)):
         near = _nearest(found[i], last)
         far = np.linalg.norm(near - last, axis=-1) > np.pi
         near = np.where((far & lost)[..., None], _nearest(found[i], found[i - 1]), near)

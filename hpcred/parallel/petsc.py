@@ -44,7 +44,7 @@ def petsc_errors():
     try:
         yield
     except SystemError as error:
-        if isinstance(error.__cause__, import_module("petsc4py.PETSc").Error):
+        if isinstance(error.__cause__, PETSc.Error):
             raise error.__cause__ from None
         raise
 

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -31,7 +31,8 @@ def has_matplotlib() -> bool:
 def _matplotlib():
     """The package, without a matplotlibrc of the working folder, which may be another user's and can name programs,
     unless who uses hpcred has loaded it before. Raises InputError when it is not installed."""
-    with _elsewhere("matplotlib" not in sys.modules and os.path.exists("matplotlibrc")):
+    unread = "matplotlib" not in sys.modules and os.path.exists("matplotlibrc")
+    with _outside_the_working_folder() if unread else nullcontext():
         try:
             import matplotlib
         except ImportError as error:
@@ -40,11 +41,8 @@ def _matplotlib():
 
 
 @contextmanager
-def _elsewhere(wanted):
-    """Not in the working folder, where it is wanted."""
-    if not wanted:
-        yield
-        return
+def _outside_the_working_folder():
+    """For the block; paths in it are not those of the user."""
     here = os.open(".", os.O_RDONLY)
     try:
         os.chdir(os.path.dirname(__file__))

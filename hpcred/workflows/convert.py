@@ -62,7 +62,6 @@ def convert(
         return {"output": str(output), **ports, **report}
 
 
-@spelled
 def list_formats() -> list[dict]:
     """The formats that `convert` reads, a row each: name, what it holds, what tells it, and the files beside it."""
     exports = [

@@ -84,6 +84,7 @@ EXPORTS = {
     "abaqus": Export(abaqus_superelement, "_abaqus.inp", outputs.SUPERELEMENT, takes="superelement"),
     "simscape": Export(simscape_solid, "_simscape.mat", outputs.MATLAB, takes="superelement", si=True),
 }
+PROGRAMS = {"simpack": "sid", "simulink": "simscape", "dymola": "fmu", "paraview": "vtk"}  # words for a format
 WITHOUT_NODES = {
     "shapes": "shows all nodes",
     "reduced": "has inputs and outputs, and no nodes",
@@ -99,10 +100,9 @@ def export_result(
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
     `kind`: one of EXPORTS, by default what the name of `path` ends in, or else "sid"; `path`: by default the name of
-    the result with the suffix of the format. `nodes`: numbers of
-    the interface nodes, or names of interfaces or node sets, by default those of the inputs and outputs; a superelement
-    has those of its coordinates. `units`: of the file, see model.units.units_of; bodies and superelements have others
-    than SI.
+    the result with the suffix of the format. `nodes`: numbers of the interface nodes, or names of interfaces or node
+    sets, by default those of the inputs and outputs; a superelement has those of its coordinates. `units`: of the file,
+    see model.units.units_of; bodies and superelements have others than SI.
     `modes`: numbers from 1 of the shapes of a picture, by default the first six elastic ones, of a moving one (gif,
     webp) the first. Returns what was written: output, format, and shapes (their names), or coordinates (their number),
     remarks on what the format does not hold, and nodes, or inputs and outputs by name; of a superelement, the files
@@ -112,20 +112,8 @@ def export_result(
     if isinstance(result, Result):
         result = result.path
     require_name(result)
-    endings = {name: PurePath(f"x{item.suffix}").suffix.lower() for name, item in reversed(EXPORTS.items())}
-    of_ending = {ending: name for name, ending in endings.items()}
-    ending = PurePath(path).suffix.lower() if path else ""
-    if kind is None:
-        kind = of_ending.get(ending, "sid")
-    if kind not in EXPORTS:
-        programs = {"simpack": "sid", "simulink": "simscape", "dymola": "fmu", "paraview": "vtk"}
-        meant = programs.get(str(kind).lower())
-        such = f" (did you mean '{meant}'?)" if meant else nearest(kind, EXPORTS)
-        raise InputError(f"--format: found '{kind}', expected one of {', '.join(EXPORTS)}{such}")
+    kind = _chosen(kind, path)
     export = EXPORTS[kind]
-    if path and ending != endings[kind] and (export.picture or ending in of_ending):
-        raise InputError(f"output {path}: found a name that ends in {ending or 'nothing'}, expected {endings[kind]} of "
-                         f"--format {kind}")  # fmt: skip
     if export.takes in WITHOUT_NODES and nodes is not None:
         raise InputError(f"--nodes: '{kind}' {WITHOUT_NODES[export.takes]}; leave it out")
     if modes is not None and not export.picture:
@@ -153,6 +141,22 @@ def export_result(
     if existed and progress is not None:  # said at the end: what cannot be written replaces nothing
         progress.tell(f"{path} existed and was replaced")
     return {"output": str(path), "format": kind, **report}
+
+
+def _chosen(kind, path) -> str:
+    """The format that is asked for by its name, or by the ending of a path. Raises InputError where they differ."""
+    endings = {name: PurePath(f"x{item.suffix}").suffix.lower() for name, item in EXPORTS.items()}
+    ending = PurePath(path).suffix.lower() if path else ""
+    if kind is None:
+        kind = next((name for name in EXPORTS if endings[name] == ending), "sid")
+    if kind not in EXPORTS:
+        meant = PROGRAMS.get(str(kind).lower())
+        such = f" (did you mean '{meant}'?)" if meant else nearest(kind, EXPORTS)
+        raise InputError(f"--format: found '{kind}', expected one of {', '.join(EXPORTS)}{such}")
+    if path and ending != endings[kind] and (EXPORTS[kind].picture or ending in endings.values()):
+        raise InputError(f"output {path}: found a name that ends in {ending or 'nothing'}, expected {endings[kind]} of "
+                         f"--format {kind}")  # fmt: skip
+    return kind
 
 
 def _write(export, path, target, nodes, system, modes) -> dict:

@@ -144,8 +144,10 @@ def _draw(figure, model, names):
 
 
 def _read_job(path):
+    """The job of a .toml file; raises InputError for a sweep or a simulation, which other commands read."""
+    table = read_table(path)
     for key, what, how in (("job", "a sweep", "sweep"), ("body", "a simulation", "simulate")):
-        if key in read_table(path):
+        if key in table:
             raise InputError(f"{path}: found {what}; `hpcred {how}` reads it")
     return read_job(path)
 

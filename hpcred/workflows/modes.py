@@ -75,7 +75,6 @@ def _numbers(found: NaturalModes) -> dict:
     return report
 
 
-@spelled
 def tables_of_modes(report) -> tuple[list[dict], list[dict]]:
     """Rows for tables of what modes_of_file returned: effective masses in % of the whole, and participation factors.
 
@@ -91,7 +90,6 @@ def tables_of_modes(report) -> tuple[list[dict], list[dict]]:
     return rows, [row | _by_motion(part, 5, there) for row, part in zip(named, factors, strict=True)]
 
 
-@spelled
 def mass_in_words(report) -> str:
     """The masses and the moments of inertia of what modes_of_file returned, where there are any."""
     masses = np.array(report["masses"])

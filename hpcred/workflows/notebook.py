@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from contextlib import ExitStack, closing, contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
@@ -37,7 +37,7 @@ def plot_response(reduced, pairs=None, *, band=None):
         Responses by name, such as "20:z/1:x" for the output 20:z under the input 1:x; by default those of all drive
         points, or the largest ones where no output is at an input. The 16 largest are drawn.
     band : (float, float), optional
-        Hz; by default that of the reduction, or up to the highest pseudo-frequency.
+        Hz; by default that of the reduction, or up to between the two highest pseudo-frequencies.
 
     Returns
     -------
@@ -129,10 +129,8 @@ def _folder_of_all(comm):
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
     place = None if node.size == comm.size else "."
     node.Free()
-    with ExitStack() as stack, agreed(comm):
+    with agreed(comm):
         made = tempfile.TemporaryDirectory(dir=place, prefix=".hpcred-") if comm.rank == 0 else nullcontext()
-        made = stack.enter_context(made)
-        kept = stack.pop_all()
-    with kept:
-        yield Path(comm.bcast(made))
+    with made as folder:
+        yield Path(comm.bcast(folder))
         comm.Barrier()

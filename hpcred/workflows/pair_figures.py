@@ -26,8 +26,8 @@ def figures_of_pairs(path, outputs, inputs, responses, comm, pairs) -> list[str]
     """Draw the responses of `outputs` (r) to `inputs` (p), by name, of `pairs` of their places. Collective.
 
     `responses`: (label, frequencies (F,) in Hz, complex (F, r, p)), the reduced one first; where a second one is at
-    some of its frequencies, the difference of the two relative to the second is drawn too. A single pair
-    is drawn as `path`, others under names with the pair in them. Returns the names of the files.
+    some of its frequencies, the difference of the two relative to the second is drawn too. A single pair is
+    drawn as `path`, several under names with the pair in them. Returns the names of the files.
     """
     path, written = Path(path), []
     alone = len(pairs) == 1

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..formats.hdf5 import atomic_output
 from ..formats.outputs import PICTURES, check_outputs
+from ..model.second_order_model import sizes_of_sets
 from ..model.surface_faces import gathered_surface
 from ..parallel.failures import InputError, agreed
 from ..report.figures import pyplot
@@ -36,9 +37,8 @@ def draw_sets_of(figure, model, sets: dict, marks=()):
     if model.dofs is None:
         raise InputError(f"figure {figure}: {model.name} has no node coordinates to draw; convert it with --nodes")
     comm = model.comm
-    names = set().union(*comm.allgather(set(sets)))
-    for name in sorted(names):
-        if (size := comm.allreduce(len(sets.get(name, ())))) > MOST:
+    for name, size in sizes_of_sets(sets, comm).items():
+        if size > MOST:
             raise InputError(f"figure {figure}: {name} has {size} nodes, a set to draw at most {MOST}; choose others")
     lines = {kind: part for kind, part in model.elements.items() if kind.startswith("line")}
     more = [part.ravel() for part in [*lines.values(), *sets.values()]]

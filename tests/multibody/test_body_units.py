@@ -54,4 +54,4 @@ def test_energies_and_responses_are_the_same(comm, coordinates):
     turns = np.tile([False] * 3 + [True] * 3, 2)
     load, motion = np.where(turns, energy, energy / L), np.where(turns, 1.0, L)
     size = np.sqrt(np.multiply.outer(*2 * [np.abs(np.diag(here))]))  # of the units of an entry
-    assert np.allclose(here, motion[:, None] * there / load, rtol=1e-9, atol=1e-12 * size)
+    assert np.allclose(here, motion[:, None] * there / load, rtol=1e-9, atol=1e-14 * size)

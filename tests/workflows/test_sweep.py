@@ -78,7 +78,9 @@ def test_the_documented_example(tmp_path, monkeypatch, capsys):
                      for kind in ("png", "svg")}  # fmt: skip
 
 
-@pytest.mark.parametrize("taken", ["error_over_size.png", pytest.param("errors.svg", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("taken", [
+    "error_over_size.png", *(pytest.param(name, marks=pytest.mark.slow)
+                             for name in ("error_over_basis.0.order.svg", "errors.svg"))])  # fmt: skip
 def test_figures_replace_no_file_of_another_kind(linkage_folder, capsys, taken):
     """Whether it lies in the folder or a link there leads to it; nothing else is written then."""
     Path("sweep.toml").write_text(SWEEP.format(last=1, count=2) + "[evaluate]\nband = [1.0, 100.0]\npoints = 3\n")
