@@ -10,6 +10,7 @@ from hpcred.formats.matrix_formats import read_entries
 
 def write(path, content, comm):
     """Write a text or bytes on rank 0; all ranks may read it afterwards."""
+    comm.Barrier()  # what is written over may still be read elsewhere
     if comm.rank == 0:
         path.write_bytes(content if isinstance(content, bytes) else content.encode("latin-1"))
     comm.Barrier()
