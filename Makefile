@@ -104,14 +104,14 @@ fuzz: install
 	PYTHONPATH=tests $(PYTHON) -m fuzz --seconds $(SECONDS) --seed $(SEED) --kinds "$(KINDS)"
 
 # The numerical rooms with one place changed at a time: a change that no test notices wants a test (tests/mutants).
-# ROOM=reduction/krylov.py takes one module. MUTANTS: how many, evenly from the modules. SEED: of the choice.
-ROOM    := linalg,model,reduction,multibody
+# ROOM=reduction/components/krylov.py takes one module. MUTANTS: how many, evenly from the modules. SEED: of the choice.
+ROOM    := linalg,model,reduction,body,simulation
 MUTANTS := 200
 
 mutants: install
 	PYTHONPATH=tests $(PYTHON) -m mutants --rooms "$(ROOM)" --count $(MUTANTS) --seed $(SEED)
 
-# lines of hpcred/ that the tests on one rank run; TESTS=tests/formats measures those of some tests only
+# lines of hpcred/ that the tests on one rank run; TESTS=tests/readers measures those of some tests only
 TESTS := tests
 
 coverage: install

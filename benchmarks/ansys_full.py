@@ -20,7 +20,7 @@ from resource import RUSAGE_SELF, getrusage
 import hpcred
 hpcred.start("real")
 from hpcred.parallel.petsc import MPI
-from hpcred.formats.ansys_full import read_parts
+from hpcred.readers.ansys.full import read_parts
 from hpcred.parallel.progress import memory_mb
 comm = MPI.COMM_WORLD
 comm.Barrier()

@@ -160,7 +160,7 @@ def measured(name):
     import numpy as np
 
     import hpcred
-    from hpcred.reduction.accuracy import law_of
+    from hpcred.reduction.tolerance.accuracy import law_of
 
     body, rows = BODIES[name], []
     frame = hpcred.Buckens() if body.free else None

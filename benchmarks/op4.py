@@ -15,7 +15,7 @@ COLUMNS = 381_000
 READER = """
 import json, resource, sys, time
 from hpcred.parallel.petsc import MPI
-from hpcred.formats.nastran_op4 import contents, read_matrix
+from hpcred.readers.nastran.op4 import contents, read_matrix
 comm = MPI.COMM_WORLD
 peak_mb = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 comm.Barrier()

@@ -13,8 +13,8 @@ import json, sys, time
 import hpcred
 hpcred.start("real")
 from hpcred.parallel.petsc import MPI
-from hpcred.formats.matrix_formats import read_entries
-from hpcred.formats.model_file import read_model
+from hpcred.readers.matrix_formats import read_entries
+from hpcred.files.model_file import read_model
 from hpcred.parallel.progress import memory_mb
 comm = MPI.COMM_WORLD
 comm.Barrier()

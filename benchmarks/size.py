@@ -39,7 +39,7 @@ def reference(name):
 
     import hpcred
     from hpcred.model.frames import apply_frame
-    from hpcred.reduction.accuracy import law_of
+    from hpcred.reduction.tolerance.accuracy import law_of
 
     hpcred.start("complex")
     row, frame = MODELS[name], frame_of(MODELS[name])

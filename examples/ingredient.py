@@ -10,7 +10,7 @@ from typing import Literal
 import hpcred
 from hpcred.linalg.blocks import create_block, from_dense
 from hpcred.parallel.failures import InputError, Owned
-from hpcred.reduction.ingredient import Ingredient
+from hpcred.reduction.components.component import Ingredient
 
 
 @dataclass(frozen=True, kw_only=True)

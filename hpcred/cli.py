@@ -11,10 +11,10 @@ import typer
 import hpcred
 
 from . import session, words
-from .formats.toml_file import check_file_names
 from .parallel.failures import InputError
 from .parallel.progress import counted
 from .report.tables import in_words, show_table, show_timing, told_apart
+from .settings.toml_file import check_file_names
 
 HELP = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(

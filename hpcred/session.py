@@ -9,8 +9,8 @@ import os
 import sys
 from contextlib import redirect_stdout
 
-from .formats.locks import unlock_all
-from .formats.outputs import JSON, check_outputs, keep_files
+from .files.locks import unlock_all
+from .files.outputs import JSON, check_outputs, keep_files
 from .parallel import startup
 from .parallel.failures import InputError, fail, printable
 from .parallel.progress import Progress

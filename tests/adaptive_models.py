@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hpcred import GivenDamping, NoDamping, NoFrame, Rayleigh, SecondOrderModel
-from hpcred.reduction.accuracy import law_of
-from hpcred.reduction.pseudo_modal import coefficients
+from hpcred.reduction.tolerance.accuracy import law_of
+from hpcred.reduction.tolerance.pseudo_modal import coefficients
 
 
 @dataclass

@@ -5,7 +5,7 @@ import gzip
 import numpy as np
 from conftest import DATA
 
-from hpcred.formats.matrix_formats import read_entries
+from hpcred.readers.matrix_formats import read_entries
 
 
 def write(path, content, comm):

@@ -11,7 +11,7 @@ from hpcred.cli import run
 from hpcred.examples.beam import Rod, beam_element
 from hpcred.examples.linkage import linkage
 from hpcred.examples.solid import solid
-from hpcred.formats.model_file import write_model
+from hpcred.files.model_file import write_model
 from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.model.dofs import Dofs
 from hpcred.model.interfaces import Interface, InterfaceNode, Nodes

@@ -18,7 +18,7 @@ from helpers import MODES_JOB, SIMULATION, to_dense
 from launch import mpi_environment
 
 import hpcred as package
-from hpcred.formats.checked import CHECKSUM
+from hpcred.files.checked import CHECKSUM
 
 PROGRAM = Path(__file__).with_name("faults.py")
 JOB = MODES_JOB + '[[basis]]\nkind = "krylov"\nfrequency = 150.0\norder = 1\n'

@@ -19,7 +19,7 @@ from launch import mpi_environment
 
 import hpcred as package
 from hpcred.cli import run
-from hpcred.formats.locks import lock_name, temporary_name
+from hpcred.files.locks import lock_name, temporary_name
 
 HOSTILE = "</script><script>document.title='ran'</script><img src=x onerror=alert(1)>\"'${1}{{7*7}}"
 SWEEP = 'job = "job.toml"\n[[vary]]\nkey = "basis.0.order"\nvalues = [0]\nnames = ["{name}"]\n[launch]\nlauncher = ""\n'

@@ -13,8 +13,8 @@ from launch import mpi_environment
 import hpcred
 
 HOUSE = Path(hpcred.__file__).parent
-FLOORS = ["cli", "session", "words", "workflows", "report", "formats", "examples", "analysis", "multibody"]
-FLOORS += ["reduction", "model", "linalg", "parallel"]
+FLOORS = ["cli", "session", "words", "workflows", "report", "writers", "readers", "settings", "files"]
+FLOORS += ["examples", "simulation", "body", "analysis", "reduction", "model", "linalg", "parallel"]
 DOORS = ("", "__main__")  # hpcred/__init__.py, which names everything, and `python -m hpcred`
 MODULES = {
     ".".join(path.relative_to(HOUSE).with_suffix("").parts).removesuffix("__init__").rstrip("."): path

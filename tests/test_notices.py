@@ -37,7 +37,7 @@ def test_each_file_of_data_has_one_licence():
                for text in (path.read_text() for path in kept))  # fmt: skip
 
 
-@pytest.mark.parametrize("folder", ["report/assets", "formats/fmi2"])
+@pytest.mark.parametrize("folder", ["report/assets", "writers/fmi2"])
 def test_each_vendored_file_has_a_licence(folder):
     """`name.LICENSE` for name.js or name-part.js, or LICENSE with the names of files in it."""
     folder = PACKAGE / folder

@@ -24,7 +24,7 @@ from helpers import MODES_JOB, SIMULATION, to_dense
 from launch import mpi_environment
 
 import hpcred as package
-from hpcred.formats.checked import CHECKSUM
+from hpcred.files.checked import CHECKSUM
 from hpcred.workflows.export import EXPORTS
 
 SOURCE = Path(__file__).with_name("system_faults.c")

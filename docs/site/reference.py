@@ -19,7 +19,8 @@ import typer.main
 
 import hpcred
 import hpcred.cli
-import hpcred.formats
+import hpcred.files
+import hpcred.settings
 
 WORDS = {str: "text", int: "whole number", float: "number", bool: "true or false"}
 ON_KEYS = "Names, kinds and defaults are those of the code that reads the file; unknown keys are refused."
@@ -38,8 +39,12 @@ ROOMS = {
     "reduction": "Reduction",
     "model": "Models, frames, damping, interfaces",
     "analysis": "Responses and errors",
-    "multibody": "Multibody quantities and time",
-    "formats": "Files",
+    "body": "Bodies",
+    "simulation": "Simulation in time",
+    "readers": "Models of other programs",
+    "writers": "Exports",
+    "files": "Files of hpcred",
+    "settings": "Jobs",
     "workflows": "Commands as functions",
     "linalg": "Factorisation",
     "parallel": "Running",
@@ -50,16 +55,16 @@ ROOMS = {
 def pages() -> dict[str, str]:
     """All reference pages by their place in docs/."""
     found = {"command-line": command_line(), "python": python_names(), "files": hdf5_files()}
-    for name, module in format_modules().items():
+    for name, module in modules_of(hpcred.settings).items():
         for table in tables_of_files(module):
             found[name.replace("_", "-")] = keys_of_file(f"the {name.replace('_', ' ')}", table)
     return {f"reference/{name}.md": text for name, text in found.items()}
 
 
-def format_modules() -> dict:
-    """The modules of hpcred.formats by name."""
-    names = [item.name for item in pkgutil.iter_modules(hpcred.formats.__path__)]
-    return {name: importlib.import_module(f"hpcred.formats.{name}") for name in names}
+def modules_of(package) -> dict:
+    """The modules of a package by name."""
+    names = [item.name for item in pkgutil.iter_modules(package.__path__)]
+    return {name: importlib.import_module(f"{package.__name__}.{name}") for name in names}
 
 
 # keys of TOML files
@@ -216,7 +221,7 @@ def markdown_table(head, rows) -> str:
 def hdf5_files() -> str:
     """A page with the arrays of every HDF5 file, as the modules that write them say."""
     parts = ["# Arrays of the files", ON_FILES]
-    for module in format_modules().values():
+    for module in modules_of(hpcred.files).values():
         name = getattr(module, "FORMAT", None)
         if isinstance(name, str) and name.startswith("hpcred-"):
             parts += [f"## {name}, version {module.VERSION}", f"```text\n{inspect.getdoc(module)}\n```"]

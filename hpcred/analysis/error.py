@@ -8,9 +8,9 @@ import numpy as np
 
 from ..model.damping import Damping, ModalDamping, Structural
 from ..parallel.failures import InputError
-from ..reduction.accuracy import Direction, directions_table, law_of
 from ..reduction.measure import IDLE, NO_INPUT, PAPER, SILENT, Measure, directions
 from ..reduction.reduced_model import ReducedModel
+from ..reduction.tolerance.accuracy import Direction, directions_table, law_of
 
 
 def relative_error(full, reduced, measure: Measure | str = "directions", *, drive=None, frequencies=None) -> np.ndarray:

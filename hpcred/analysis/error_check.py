@@ -16,10 +16,10 @@ from ..model.damping import GivenDamping, Structural
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
-from ..reduction.accuracy import Accuracy
-from ..reduction.error_estimate import at_poles
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.reduced_model import ReducedModel, as_measured
+from ..reduction.tolerance.accuracy import Accuracy
+from ..reduction.tolerance.error_estimate import at_poles
 from .error import relative_error
 from .frequency_response import frequency_response, response_and_drive
 

@@ -21,9 +21,9 @@ from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.petsc import MPI, PETSc
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
-from ..reduction.error_estimate import at_poles
-from ..reduction.groups import Group
+from ..reduction.components.groups import Group
 from ..reduction.reduced_model import ReducedModel, require_finite
+from ..reduction.tolerance.error_estimate import at_poles
 
 SMALL = 10_000  # dofs up to which every rank takes its own share of the frequencies
 TINY = 150  # dofs up to which full matrices take less time than the calls of a sparse solver

@@ -27,13 +27,13 @@ from ..parallel.decisions import decided
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
-from ..reduction.accuracy import Accuracy, Adaptive
-from ..reduction.adaptive import Search, deflation_of_search
-from ..reduction.error_estimate import FINE, Comparison, grid, largest, resonances
-from ..reduction.pseudo_modal import Law, nested, response, responses
 from ..reduction.reduce import ROOM, check_model, warnings_of
-from ..reduction.round_off import projected_again
 from ..reduction.run import Run
+from ..reduction.tolerance.accuracy import Accuracy, Adaptive
+from ..reduction.tolerance.error_estimate import FINE, Comparison, grid, largest, resonances
+from ..reduction.tolerance.pseudo_modal import Law, nested, response, responses
+from ..reduction.tolerance.round_off import projected_again
+from ..reduction.tolerance.search import Search, deflation_of_search
 from .error_check import Check, bound_of, fresh_frequencies, measuring_damping
 from .frequency_response import checked_frequencies, frequencies_to_draw, frequency_response
 

@@ -19,7 +19,7 @@ from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
-from ..reduction.modes import lowest, residuals
+from ..reduction.components.modes import lowest, residuals
 from ..reduction.reduce import check_symmetric, everywhere
 from ..reduction.run import Run
 

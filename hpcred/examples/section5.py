@@ -6,16 +6,16 @@ import numpy as np
 
 from ..analysis.error import error_integral, relative_error
 from ..analysis.frequency_response import frequency_response
+from ..body.body import body_of
 from ..model.frames import Buckens
-from ..multibody.body import body_of
-from ..multibody.joints import Joint
-from ..multibody.loads import SineForce
-from ..multibody.simulation import Simulation, simulate
 from ..parallel.failures import agreed
-from ..reduction.krylov import Krylov, StaticCorrection
-from ..reduction.modes import Modes
+from ..reduction.components.krylov import Krylov, StaticCorrection
+from ..reduction.components.modes import Modes
+from ..reduction.components.second_order_krylov import SecondOrderKrylov
 from ..reduction.reduce import reduce
-from ..reduction.second_order_krylov import SecondOrderKrylov
+from ..simulation.joints import Joint
+from ..simulation.loads import SineForce
+from ..simulation.simulation import Simulation, simulate
 from .linkage import BAND, DAMPING, FRAME, LOAD, SUPPORTS
 
 FREQUENCIES = np.linspace(0.1, BAND[1], 3001)

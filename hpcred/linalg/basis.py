@@ -15,18 +15,7 @@ import numpy as np
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc
-from .blocks import (
-    add_product,
-    apply,
-    copy_of,
-    create_block,
-    dense,
-    fold,
-    inner,
-    multiply,
-    stacked_inner,
-    unfold,
-)
+from .blocks import add_product, apply, copy_of, create_block, dense, fold, inner, multiply, stacked_inner, unfold
 
 RESOLVED = 1e-4  # eigenvalues of a unit-diagonal Gram matrix above this are safe to divide by
 PASSES = 20  # of projection or separation; two or three are usual

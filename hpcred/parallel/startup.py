@@ -13,7 +13,8 @@ import sys
 import numpy as np
 from mpi4py import MPI
 
-from . import INSTALL, failures
+from ..parallel import INSTALL
+from . import failures
 from .failures import InputError
 
 ordering = 5  # of MUMPS (icntl_7): METIS, or what it takes instead where it was built without

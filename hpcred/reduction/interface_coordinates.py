@@ -24,7 +24,7 @@ from ..model.frames import Chord, NoFrame, Tangent
 from ..model.rigid_body_modes import RigidBodyModes
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
-from .craig_bampton import check_directions, interface_forces
+from .components.craig_bampton import check_directions, interface_forces
 from .projection import project, project_columns
 from .reduced_model import ReducedModel
 

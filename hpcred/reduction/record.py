@@ -20,12 +20,12 @@ from ..parallel import processor
 from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ..parallel.progress import Timing, counted
-from .accuracy import Accuracy
-from .craig_bampton import ConstraintModes, CraigBampton, FixedInterfaceModes, Guyan, ResidualAttachment
-from .krylov import Krylov, StaticCorrection
-from .modes import Modes
+from .components.craig_bampton import ConstraintModes, CraigBampton, FixedInterfaceModes, Guyan, ResidualAttachment
+from .components.krylov import Krylov, StaticCorrection
+from .components.modes import Modes
+from .components.second_order_krylov import SecondOrderKrylov
 from .run import IngredientRecord
-from .second_order_krylov import SecondOrderKrylov
+from .tolerance.accuracy import Accuracy
 
 AnyIngredient = Annotated[
     Modes | Krylov | SecondOrderKrylov | StaticCorrection | ConstraintModes | FixedInterfaceModes | CraigBampton | Guyan

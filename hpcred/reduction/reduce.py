@@ -26,22 +26,22 @@ from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import MPI
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
-from .accuracy import Accuracy, Adaptive
-from .adaptive import Search, deflation_of_search
-from .chain import Store
-from .craig_bampton import ConstraintModes
-from .groups import blocks_in_groups, number_of_groups
-from .ingredient import Ingredient, PointIngredient
+from .components.component import Ingredient, PointIngredient
+from .components.craig_bampton import ConstraintModes
+from .components.groups import blocks_in_groups, number_of_groups
+from .components.krylov import StaticCorrection
+from .components.krylov_sequence import Store
 from .interface_coordinates import Projected, check_interface_coordinates, elastic_part, to_interface_coordinates
-from .krylov import StaticCorrection
 from .projection import diagonalise, project, project_columns
-from .projections import Projections
 from .record import make_record, signature_of
 from .reduced_damping import reduced_damping
 from .reduced_model import ReducedModel
-from .round_off import with_round_off
 from .run import Run, identity_of_model
 from .settings import Reduction
+from .tolerance.accuracy import Accuracy, Adaptive
+from .tolerance.projections import Projections
+from .tolerance.round_off import with_round_off
+from .tolerance.search import Search, deflation_of_search
 from .two_sided import biorthogonal
 
 ORTHONORMAL_TO = 1e-12

@@ -9,8 +9,8 @@ import numpy as np
 from ..model.interfaces import InterfaceNode
 from ..model.second_order_model import listed
 from ..parallel.failures import InputError, settle
-from .accuracy import Accuracy
 from .record import Record
+from .tolerance.accuracy import Accuracy
 
 ROUND_OFF = 1e-13
 DOUBLE_ZERO = 1e-7  # of the largest pole: rigid-body motions have double zeros, which round-off spreads by its root

@@ -21,8 +21,8 @@ from ..parallel.decisions import decided
 from ..parallel.memory import MB
 from ..parallel.petsc import PETSc
 from ..parallel.progress import Progress
-from .ports import loads_and_ports
 from .run_solvers import RunSolvers
+from .tolerance.ports import loads_and_ports
 
 NEAR_ZERO = 0.01  # of a frequency of interest, below which a pseudo-mode may be a motion without force
 FOR_IMAGES = 0.1  # of the memory of a rank may go to images of columns

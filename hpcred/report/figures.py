@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats.hdf5 import atomic_output
+from ..files.hdf5 import atomic_output
 from ..model.units import unit_of_response
-from ..multibody.simulation import AXES
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
+from ..simulation.simulation import AXES
 
 MISSING = "figures need matplotlib: pip install 'hpcred[plots]'"
 INK = "#333333"

@@ -43,8 +43,8 @@ def picture_of(kind):
 def draw_shapes(path, shapes, modes=None, kind="png") -> list[str]:
     """A picture of shapes on the surface of the body; call it on one rank. Returns their names.
 
-    `shapes` as for formats.vtk.write_vtk, with `frequencies` in Hz, `first`, and points that are marked (see
-    formats.result_file.Shapes). `modes`: numbers from 1, by default the first six elastic ones. Colour is the size of
+    `shapes` as for writers.vtk.write_vtk, with `frequencies` in Hz, `first`, and points that are marked (see
+    files.result_file.Shapes). `modes`: numbers from 1, by default the first six elastic ones. Colour is the size of
     the displacement; the undeformed outline is grey. Raises InputError where there is no such shape.
     """
     pyplot()

@@ -8,7 +8,7 @@ import shutil
 import sys
 import textwrap
 
-from ..formats.hdf5 import atomic_output
+from ..files.hdf5 import atomic_output
 from ..parallel.failures import agreed, printable
 from ..parallel.petsc import MPI
 from ..parallel.progress import Timing
@@ -53,7 +53,7 @@ def _widths(least, rows, room) -> dict[str, int]:
 
 
 def told_apart(names: list[str]) -> list[str]:
-    """Names of runs (see formats.sweep_file) by what tells them apart: basis-modal_order-1 among orders is 1, among
+    """Names of runs (see settings.sweep_file) by what tells them apart: basis-modal_order-1 among orders is 1, among
     bases and orders modal_1. Names of other forms stay as they are."""
     parts = [[part.partition("-") for part in name.split("_")] for name in names]
     if len({tuple(key for key, _, _ in row) for row in parts}) > 1 or len(set(names)) < 2:

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from ..formats.hdf5 import atomic_output
-from ..formats.sweep_file import read_sweep
+from ..files.hdf5 import atomic_output
 from ..parallel.declared import spelled
 from ..parallel.failures import ComputationError, InputError
+from ..settings.sweep_file import read_sweep
 from .sweep import make_folder
 
 SUBMIT = {"slurm": "sbatch", "pbs": "qsub"}

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..examples.solid import solid
-from ..formats.model_file import read_model, write_model
+from ..files.model_file import read_model, write_model
 from ..linalg.basis import Basis
 from ..linalg.blocks import apply, create_block, local_rows, random_block
 from ..linalg.factorisation import ORDERINGS, SOLVE_WIDTH

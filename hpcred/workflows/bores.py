@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..analysis.bores import TURN, Bore, bores_and_doubts
-from ..formats.locks import locks_given_back
-from ..formats.model_file import read_model
+from ..files.locks import locks_given_back
+from ..files.model_file import read_model
 from ..parallel import startup
 from ..parallel.declared import spelled
 from ..parallel.progress import Progress

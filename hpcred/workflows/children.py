@@ -14,8 +14,8 @@ from pathlib import Path
 
 import psutil
 
-from ..formats.files import writing_to
-from ..formats.locks import begin
+from ..files.locks import begin
+from ..files.system_errors import writing_to
 from ..parallel.failures import HpcredError
 from ..parallel.signals import heard_by
 from ..parallel.stopping import Stopped

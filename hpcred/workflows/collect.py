@@ -10,18 +10,18 @@ from mpi4py import MPI
 
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.frequency_response import frequency_response
-from ..formats.locks import locks_given_back
-from ..formats.outputs import PICTURES, check_outputs
-from ..formats.response_file import read_responses
-from ..formats.result_file import read_result
-from ..formats.sweep_file import read_sweep
-from ..formats.sweep_table import check_table_name, write_sweep_table
+from ..files.locks import locks_given_back
+from ..files.outputs import PICTURES, check_outputs
+from ..files.response_file import read_responses
+from ..files.result_file import read_result
+from ..files.sweep_table import check_table_name, write_sweep_table
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError
-from ..reduction.accuracy import worst_in_words
 from ..reduction.interface_coordinates import elastic_part
+from ..reduction.tolerance.accuracy import worst_in_words
 from ..report.figures import pyplot
 from ..report.sweep_figures import curves_figure, key_figure, size_figure, stem_of
+from ..settings.sweep_file import read_sweep
 from .sweep import responses_of, states_of
 
 SELF = MPI.COMM_SELF

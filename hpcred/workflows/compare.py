@@ -9,10 +9,10 @@ import scipy.linalg
 
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.frequency_response import frequency_response
-from ..formats.hdf5 import atomic_output
-from ..formats.locks import locks_given_back
-from ..formats.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
-from ..formats.result_file import read_basis, read_result
+from ..files.hdf5 import atomic_output
+from ..files.locks import locks_given_back
+from ..files.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
+from ..files.result_file import read_basis, read_result
 from ..linalg.blocks import apply, create_block, inner
 from ..linalg.factorisation import Factoring
 from ..parallel import startup

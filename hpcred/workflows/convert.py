@@ -5,17 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..analysis.check import check
-from ..formats.locks import locks_given_back
-from ..formats.matrix_formats import FORMATS
-from ..formats.model_file import FORMAT, write_model
-from ..formats.model_source import EXPORTS, load_export, load_source
-from ..formats.outputs import check_outputs, hdf5_kind
-from ..formats.room import rescued
-from ..formats.source import Source
+from ..files.locks import locks_given_back
+from ..files.model_file import FORMAT, write_model
+from ..files.outputs import check_outputs, hdf5_kind
+from ..files.room import rescued
 from ..model.units import SI, in_si, units_of
 from ..parallel import startup
 from ..parallel.declared import spelled
 from ..parallel.progress import Progress
+from ..readers.matrix_formats import FORMATS
+from ..readers.model_source import EXPORTS, load_export, load_source
+from ..settings.source import Source
 
 
 @spelled

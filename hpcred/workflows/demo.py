@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from ..examples.linkage import linkage
 from ..examples.section5 import AUTOMATIC, SISO, compare, table
-from ..formats.locks import locks_given_back
-from ..formats.outputs import check_outputs, hdf5_kind
-from ..formats.result_file import FORMAT, write_result
+from ..files.locks import locks_given_back
+from ..files.outputs import check_outputs, hdf5_kind
+from ..files.result_file import FORMAT, write_result
 from ..parallel import startup
 from ..parallel.declared import spelled
 from ..parallel.progress import Progress

@@ -9,17 +9,12 @@ import numpy as np
 
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.error_check import accuracy_of, check_reduced, measuring_damping, said_at
-from ..analysis.frequency_response import (
-    checked_frequencies,
-    frequencies_to_draw,
-    frequency_response,
-    resonances_of,
-)
-from ..formats.locks import locks_given_back
-from ..formats.outputs import check_outputs
-from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
-from ..formats.result_file import read_result
-from ..formats.room import rescued
+from ..analysis.frequency_response import checked_frequencies, frequencies_to_draw, frequency_response, resonances_of
+from ..files.locks import locks_given_back
+from ..files.outputs import check_outputs
+from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
+from ..files.result_file import read_result
+from ..files.room import rescued
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
 from ..parallel import startup
@@ -28,9 +23,9 @@ from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
-from ..reduction.accuracy import rows_of_directions
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.record import versions
+from ..reduction.tolerance.accuracy import rows_of_directions
 from .full_model import full_of_record
 from .pair_figures import check_figures, figures_of_pairs, pairs_by_name, pairs_to_show
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from ..examples.crank import crank
 from ..examples.linkage import linkage
 from ..examples.solid import solid
-from ..formats.locks import locks_given_back
-from ..formats.model_file import FORMAT, write_model
-from ..formats.outputs import check_outputs, hdf5_kind
+from ..files.locks import locks_given_back
+from ..files.model_file import FORMAT, write_model
+from ..files.outputs import check_outputs, hdf5_kind
 from ..parallel import startup
 
 

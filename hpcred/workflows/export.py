@@ -11,32 +11,32 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
-from ..formats import outputs
-from ..formats.abaqus_superelement import abaqus_superelement
-from ..formats.ansys_superelement import ansys_superelement
-from ..formats.body_npz import write_npz
-from ..formats.exudyn import write_exudyn
-from ..formats.fmu import write_fmu
-from ..formats.hdf5 import atomic_output, require_name
-from ..formats.locks import locks_given_back
-from ..formats.matlab import write_matlab
-from ..formats.mbdyn import write_mbdyn
-from ..formats.nastran_superelement import nastran_dmig, nastran_op4
-from ..formats.result_file import Result, read_result
-from ..formats.sid import write_sid
-from ..formats.simscape import simscape_solid
-from ..formats.state_space import write_state_space_mat, write_state_space_npz
-from ..formats.superelement import superelement
-from ..formats.text import absent
-from ..formats.uff import write_uff
-from ..formats.vtk import write_vtk
+from ..body.units import fields_in, in_units
+from ..files import outputs
+from ..files.hdf5 import atomic_output, require_name
+from ..files.locks import locks_given_back
+from ..files.result_file import Result, read_result
+from ..files.text import absent
 from ..model.units import SI, units_of
-from ..multibody.body_units import fields_in, in_units
 from ..parallel import startup
 from ..parallel.declared import nearest, spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..report.mode_pictures import picture_of
+from ..writers.abaqus import abaqus_superelement
+from ..writers.ansys import ansys_superelement
+from ..writers.body_npz import write_npz
+from ..writers.exudyn import write_exudyn
+from ..writers.fmu import write_fmu
+from ..writers.matlab import write_matlab
+from ..writers.mbdyn import write_mbdyn
+from ..writers.nastran import nastran_dmig, nastran_op4
+from ..writers.sid import write_sid
+from ..writers.simscape import simscape_solid
+from ..writers.state_space import write_state_space_mat, write_state_space_npz
+from ..writers.superelement import superelement
+from ..writers.uff import write_uff
+from ..writers.vtk import write_vtk
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Export:
 
     write: Callable
     suffix: str
-    kind: str | None  # see formats.outputs
+    kind: str | None  # see files.outputs
     takes: str = "body"
     surface: bool = False
     picture: bool = False  # of chosen shapes

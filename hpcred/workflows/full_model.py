@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..analysis.frequency_response import response_and_drive
-from ..formats.model_file import read_model
+from ..files.model_file import read_model
 from ..linalg.factorisation import Factoring
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import target_of
 from ..model.second_order_model import SecondOrderModel
 from ..parallel import startup
 from ..parallel.failures import InputError
-from ..reduction.modes import Modes
+from ..reduction.components.modes import Modes
 from ..reduction.record import Record, difference_of, signature_of
 from ..reduction.reduce import reduce
 from .model_of_job import with_interfaces, with_targets

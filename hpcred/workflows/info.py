@@ -8,22 +8,14 @@ import h5py
 import numpy as np
 
 from ..analysis.summary import inspect
-from ..formats import abaqus_input, calculix, node_table
-from ..formats.checked import CHECKSUM, CheckedFile
-from ..formats.entries import LabelledEntries
-from ..formats.files import reading_from
-from ..formats.hdf5 import opened, require_whole
-from ..formats.job_file import read_job
-from ..formats.locks import locks_given_back
-from ..formats.matrix_formats import format_of, read_entries
-from ..formats.model_file import FORMAT as MODEL
-from ..formats.model_file import read_model
-from ..formats.model_source import export_of, read_export
-from ..formats.outputs import HDF5, hdf5_kind
-from ..formats.sid import begins as begins_sid
-from ..formats.text import first_bytes, first_line
-from ..formats.toml_file import read_table
-from ..formats.unread import refuse_unread
+from ..files.checked import CHECKSUM, CheckedFile
+from ..files.hdf5 import opened, require_whole
+from ..files.locks import locks_given_back
+from ..files.model_file import FORMAT as MODEL
+from ..files.model_file import read_model
+from ..files.outputs import HDF5, SID, hdf5_kind, kind_of
+from ..files.system_errors import reading_from
+from ..files.text import first_bytes, first_line
 from ..model.interface_motion import members
 from ..model.interfaces import doubts_of_interfaces
 from ..parallel import startup
@@ -31,6 +23,15 @@ from ..parallel.declared import nearest, spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
+from ..readers.abaqus import input_file as abaqus_input
+from ..readers.calculix import matrix_storage as calculix
+from ..readers.entries import LabelledEntries
+from ..readers.matrix_formats import format_of, read_entries
+from ..readers.model_source import export_of, read_export
+from ..readers.nodes import table as node_table
+from ..readers.unread import refuse_unread
+from ..settings.job_file import read_job
+from ..settings.toml_file import read_table
 from .info_of_export import description_of, table
 from .info_of_output import OUTPUTS, damaged, read_whole, sid
 from .model_of_job import with_interfaces_of_job
@@ -87,7 +88,7 @@ def describe_file(
         return _job(path, job, figure, comm, progress)
     with agreed(comm):
         kind, export = _kind_of(path), export_of(path)
-        of_sid = begins_sid(first_bytes(path))
+        of_sid = kind_of(path) == SID
         written = None if kind or of_sid else description_of(path)
         if export and written is table:  # an input file of Nastran may begin with words between commas
             written = None

@@ -15,9 +15,10 @@ from xml.etree import ElementTree
 
 from numpy.lib import format as npy
 
-from ..formats import outputs, uff
-from ..formats import vtk as vtk_file
+from ..files import outputs
 from ..parallel.petsc import MPI
+from ..readers.nodes import uff
+from ..writers import vtk as vtk_file
 
 LARGEST_XML = 2**26  # bytes
 SHAPE = re.compile(rb"(?m)^ {4}-1\r?\n {4}55\r?\n(.*?)\r?$")  # the name of a dataset 55

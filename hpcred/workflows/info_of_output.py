@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 
-from ..formats import response_file, result_file, simulation_file
-from ..formats.hdf5 import reading, texts
-from ..formats.sid import read_sid
+from ..files import motion_file, response_file, result_file
+from ..files.hdf5 import reading, texts
 from ..parallel.failures import InputError
+from ..writers.sid import read_sid
 
 
 def result(path, comm) -> dict:
@@ -56,7 +56,7 @@ def response(path, comm) -> dict:
 
 def simulation(path, comm) -> dict:
     """What a file of a simulation says. Raises InputError."""
-    with reading(path, simulation_file.FORMAT, simulation_file.VERSION, simulation_file.SCHEMA) as file:
+    with reading(path, motion_file.FORMAT, motion_file.VERSION, motion_file.SCHEMA) as file:
         record = json.loads(file["provenance"][()])
         report = {
             "format": "hpcred simulation",
@@ -91,7 +91,7 @@ def sid(path, comm) -> dict:
 OUTPUTS = {
     result_file.FORMAT: result,
     response_file.FORMAT: response,
-    simulation_file.FORMAT: simulation,
+    motion_file.FORMAT: simulation,
 }
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from ..formats.job_file import Job
-from ..formats.model_file import read_model
-from ..formats.node_table import read_node_numbers
+from ..files.model_file import read_model
 from ..model import interface_motion
 from ..parallel.failures import InputError, agreed
+from ..readers.nodes.table import read_node_numbers
+from ..settings.job_file import Job
 
 
 def model_of_job(job: Job, comm):
@@ -33,7 +33,7 @@ def with_interfaces_of_job(job: Job, comm):
     if isinstance(job.model, str):
         model = read_model(job.model, comm)
     else:
-        from ..formats.model_source import load_source  # which loads the readers of all formats
+        from ..readers.model_source import load_source  # which loads the readers of all formats
 
         model = load_source(job.model, comm, Path(job.model.K).name)
     return with_interfaces(model, job.interface)
@@ -58,7 +58,7 @@ def with_targets(model, key, targets):
     with model:
         if not isinstance(targets, str):
             return getattr(model, f"with_{key}s")(targets)
-        from ..formats.assembly import column_names, read_columns  # which loads the readers of all formats
+        from ..readers.assembly import column_names, read_columns  # which loads the readers of all formats
 
         local = read_columns(model.comm, model.row_starts, model.size, targets, key == "output")
         return getattr(model, f"with_{key}_columns")(local, column_names(targets, local))

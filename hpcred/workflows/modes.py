@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.natural_modes import NaturalModes, natural_modes
-from ..formats.hdf5 import atomic_output, reading, writing
-from ..formats.locks import locks_given_back
-from ..formats.model_file import read_model, write_nodes
-from ..formats.outputs import PICTURES, PNG, check_outputs
-from ..formats.result_file import Shapes
+from ..files.hdf5 import atomic_output, reading, writing
+from ..files.locks import locks_given_back
+from ..files.model_file import read_model, write_nodes
+from ..files.outputs import PICTURES, PNG, check_outputs
+from ..files.result_file import Shapes
 from ..linalg.blocks import local_rows
 from ..linalg.factorisation import Factoring
 from ..model.rigid_body_modes import exchange_of_matrices

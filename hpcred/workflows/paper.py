@@ -8,9 +8,9 @@ import numpy as np
 
 from ..examples.linkage import linkage
 from ..examples.section5 import FREQUENCIES, MIMO, SISO, compare, deviations, lateral, table, time_response
-from ..formats.hdf5 import writing
-from ..formats.locks import locks_given_back
-from ..formats.outputs import JSON, PICTURES, check_outputs, hdf5_kind
+from ..files.hdf5 import writing
+from ..files.locks import locks_given_back
+from ..files.outputs import JSON, PICTURES, check_outputs, hdf5_kind
 from ..parallel import startup
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..formats.contents import content_of
-from ..formats.job_file import Job, plain, read_job
-from ..formats.locks import locks_given_back
-from ..formats.outputs import check_outputs, check_room, hdf5_kind
-from ..formats.point_store import PointStore
-from ..formats.result_file import FORMAT, write_result
-from ..formats.room import rescued
+from ..files.contents import content_of
+from ..files.locks import locks_given_back
+from ..files.outputs import check_outputs, check_room, hdf5_kind
+from ..files.point_store import PointStore
+from ..files.result_file import FORMAT, write_result
+from ..files.room import rescued
 from ..parallel import startup
 from ..parallel.declared import spelled
 from ..parallel.failures import ComputationError, agreed
@@ -19,6 +18,7 @@ from ..parallel.progress import Progress
 from ..parallel.stopping import listening
 from ..reduction.record import Record
 from ..reduction.reduce import reduce
+from ..settings.job_file import Job, plain, read_job
 from .model_of_job import model_of_job
 
 SIZE = 40  # coordinates that a reduction to a tolerance is expected to have

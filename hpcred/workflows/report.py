@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..formats.hdf5 import atomic_output
-from ..formats.locks import locks_given_back
-from ..formats.outputs import HTML, check_outputs
+from ..files.hdf5 import atomic_output
+from ..files.locks import locks_given_back
+from ..files.outputs import HTML, check_outputs
 from ..linalg.factorisation import Factoring
 from ..parallel import startup
 from ..parallel.declared import spelled

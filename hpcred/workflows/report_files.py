@@ -6,8 +6,8 @@ import csv
 from dataclasses import asdict
 from pathlib import Path
 
-from ..formats.hdf5 import atomic_output
-from ..formats.response_file import Responses, write_responses
+from ..files.hdf5 import atomic_output
+from ..files.response_file import Responses, write_responses
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..report.figures import errors_figure, pair_figure, pyplot

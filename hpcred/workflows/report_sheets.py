@@ -10,7 +10,7 @@ from ..analysis.check import check
 from ..analysis.error import Errors, as_compared, errors_of
 from ..analysis.error_check import measuring_damping
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
-from ..formats.result_file import Result, read_result
+from ..files.result_file import Result, read_result
 from ..model.damping import Damping
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress

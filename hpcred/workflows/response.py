@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.full_response import FullResponse, full_response
-from ..formats.hdf5 import atomic_output
-from ..formats.locks import locks_given_back
-from ..formats.model_file import read_model
-from ..formats.outputs import PICTURES, check_outputs
-from ..formats.response_file import Responses, check_response_name, kind_of_responses, write_responses
-from ..formats.room import rescued
+from ..files.hdf5 import atomic_output
+from ..files.locks import locks_given_back
+from ..files.model_file import read_model
+from ..files.outputs import PICTURES, check_outputs
+from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
+from ..files.room import rescued
 from ..linalg.factorisation import Factoring
 from ..model.damping import NoDamping
 from ..parallel import startup

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats.hdf5 import atomic_output
-from ..formats.outputs import PICTURES, check_outputs
+from ..files.hdf5 import atomic_output
+from ..files.outputs import PICTURES, check_outputs
 from ..model.second_order_model import sizes_of_sets
 from ..model.surface_faces import gathered_surface
 from ..parallel.failures import InputError, agreed

@@ -9,14 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats.hdf5 import atomic_output
-from ..formats.locks import locks_given_back
-from ..formats.outputs import CSV_OF_MOTION, PNG, VTK, check_outputs, hdf5_kind
-from ..formats.result_file import read_result
-from ..formats.room import rescued
-from ..formats.simulation_file import FORMAT, read_simulation, write_motion, write_motion_csv
-from ..formats.vtk import write_motion_vtk
-from ..multibody.simulation import simulate
+from ..files.hdf5 import atomic_output
+from ..files.locks import locks_given_back
+from ..files.motion_file import FORMAT, write_motion, write_motion_csv
+from ..files.outputs import CSV_OF_MOTION, PNG, VTK, check_outputs, hdf5_kind
+from ..files.result_file import read_result
+from ..files.room import rescued
 from ..parallel import startup
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
@@ -24,6 +22,9 @@ from ..parallel.petsc import MPI
 from ..parallel.progress import Progress
 from ..reduction.record import versions
 from ..report.figures import has_matplotlib, motion_figure
+from ..settings.simulation_file import read_simulation
+from ..simulation.simulation import simulate
+from ..writers.vtk import write_motion_vtk
 
 
 @spelled

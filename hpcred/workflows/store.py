@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from ..formats.point_store import describe_entry, entries_of
+from ..files.point_store import describe_entry, entries_of
 from ..parallel import startup
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed

@@ -15,18 +15,18 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from ..formats.contents import content_of
-from ..formats.hdf5 import atomic_output, check_writable, reading
-from ..formats.job_file import plain
-from ..formats.locks import UNDER_WAY, holder_of
-from ..formats.outputs import check_kept
-from ..formats.result_file import FORMAT, VERSION
-from ..formats.room import DISK_FULL
-from ..formats.sweep_file import Run, Sweep, read_sweep
+from ..files.contents import content_of
+from ..files.hdf5 import atomic_output, check_writable, reading
+from ..files.locks import UNDER_WAY, holder_of
+from ..files.outputs import check_kept
+from ..files.result_file import FORMAT, VERSION
+from ..files.room import DISK_FULL
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError
 from ..parallel.progress import MINUTE, Progress, in_time
 from ..parallel.stopping import Stopped
+from ..settings.job_file import plain
+from ..settings.sweep_file import Run, Sweep, read_sweep
 from .children import Child, run_all
 
 SELF = MPI.COMM_SELF

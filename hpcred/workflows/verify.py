@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from ..formats import model_file, response_file, result_file, simulation_file
-from ..formats.hdf5 import kind_of_file, reading, require_whole
+from ..files import model_file, motion_file, response_file, result_file
+from ..files.hdf5 import kind_of_file, reading, require_whole
 from ..parallel import startup
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.shares import row_range
 
-FORMATS = {item.FORMAT: item for item in (model_file, result_file, response_file, simulation_file)}
+FORMATS = {item.FORMAT: item for item in (model_file, result_file, response_file, motion_file)}
 
 
 @spelled

@@ -8,12 +8,12 @@ from conftest import DATA
 from helpers import PLACES, truss
 
 import hpcred
-from hpcred.formats.model_source import load_export, load_source
-from hpcred.formats.source import Source
 from hpcred.model.dofs import Dofs
 from hpcred.model.elements import solid_volume
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.model.units import Units, units_of
+from hpcred.readers.model_source import load_export, load_source
+from hpcred.settings.source import Source
 
 pytestmark = pytest.mark.mpi
 

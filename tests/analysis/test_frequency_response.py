@@ -6,14 +6,7 @@ import scipy.linalg
 from helpers import close, damped, dense_model, with_columns
 
 import hpcred
-from hpcred import (
-    Buckens,
-    GivenDamping,
-    Krylov,
-    Modes,
-    SecondOrderKrylov,
-    Structural,
-)
+from hpcred import Buckens, GivenDamping, Krylov, Modes, SecondOrderKrylov, Structural
 from hpcred.analysis import frequency_response
 from hpcred.examples import linkage as example
 from hpcred.parallel.progress import Progress

@@ -165,7 +165,7 @@ def test_pages_do_not_send_readers_to_the_code():
     texts = {path.name: path.read_text() for path in PAGES} | GENERATED
     assert {name: PATHS.findall(text) for name, text in texts.items() if PATHS.search(text)} == {}
     job = GENERATED["reference/job-file.md"]
-    assert "see [`Limits`](python.md#hpcred.reduction.accuracy.Limits)" in " ".join(job.split())
+    assert "see [`Limits`](python.md#hpcred.reduction.tolerance.accuracy.Limits)" in " ".join(job.split())
 
 
 def test_the_reference_has_every_key_command_and_name():
@@ -176,7 +176,7 @@ def test_the_reference_has_every_key_command_and_name():
         assert f"## hpcred {' '.join(words)}\n" in GENERATED["reference/command-line.md"]
     for name in hpcred.__all__:
         assert re.search(rf"^::: hpcred\.[\w.]+\.{name}$", GENERATED["reference/python.md"], re.M), name
-    modules = "".join(path.read_text() for path in (ROOT / "hpcred" / "formats").glob("*.py"))
+    modules = "".join(path.read_text() for path in (ROOT / "hpcred" / "files").glob("*.py"))
     kinds = re.findall(r'^FORMAT.*"(hpcred-\w+)"', modules, re.M)
     assert len(kinds) >= 5
     for kind in kinds:

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 import hpcred
-from hpcred import (
-    Krylov,
-    Modes,
-    StaticCorrection,
-)
+from hpcred import Krylov, Modes, StaticCorrection
 from hpcred.examples import linkage as example
 from hpcred.examples import section5
 from hpcred.examples.section5 import MIMO, SISO, compare

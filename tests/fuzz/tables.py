@@ -295,19 +295,19 @@ def all_finite(file) -> bool:
 
 
 def job(rng, kind):
-    from hpcred.formats.job_file import Job
+    from hpcred.settings.job_file import Job
 
     return case(rng, Job, JOBS, "fuzz.toml", ["reduce", "fuzz.toml"], of_result)
 
 
 def simulation(rng, kind):
-    from hpcred.formats.simulation_file import SimulationJob
+    from hpcred.settings.simulation_file import SimulationJob
 
     return case(rng, SimulationJob, MOTIONS, "fuzz.toml", ["simulate", "fuzz.toml"], of_motion)
 
 
 def sweep(rng, kind):
-    from hpcred.formats.sweep_file import _File
+    from hpcred.settings.sweep_file import _File
 
     return case(rng, _File, SWEEPS, "fuzz.toml", ["sweep", "fuzz.toml", "--dry-run"], no_echo)
 

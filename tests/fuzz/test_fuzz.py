@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hpcred import InputError
-from hpcred.formats.job_file import Job
-from hpcred.formats.simulation_file import SimulationJob
-from hpcred.formats.sweep_file import _File
+from hpcred.settings.job_file import Job
+from hpcred.settings.simulation_file import SimulationJob
+from hpcred.settings.sweep_file import _File
 
 from . import arrays, beside, containers, matrices, meshes, readings, tables
 from .generators import KINDS, make
@@ -143,7 +143,7 @@ def test_a_seal_that_is_not_checked_is_seen(monkeypatch, kind):
     command = containers.COMMANDS[kind][-1]
     case = containers.damaged(kind, command, "", in_the_seal(containers.files()[kind]))
     assert run_case(case)[0] == REFUSED
-    monkeypatch.setattr("hpcred.formats.hdf5.is_broken", lambda path: False)
+    monkeypatch.setattr("hpcred.files.hdf5.is_broken", lambda path: False)
     assert run_case(case)[0] == WRONG
 
 
@@ -151,7 +151,7 @@ def test_a_seal_of_the_store_that_is_not_checked_is_seen(monkeypatch):
     monkeypatch.setattr(beside, "bytes_changed", lambda good, rng: ("", in_the_seal(good)))
     case = make("point store", 1, 0)
     assert run_case(case)[0] == RIGHT
-    monkeypatch.setattr("hpcred.formats.hdf5.is_broken", lambda path: False)
+    monkeypatch.setattr("hpcred.files.hdf5.is_broken", lambda path: False)
     assert run_case(case)[0] == WRONG
 
 

@@ -5,14 +5,7 @@ import pytest
 from helpers import close, damped, dense_model, gather
 
 import hpcred
-from hpcred import (
-    Caughey,
-    GivenDamping,
-    Krylov,
-    Modes,
-    Rayleigh,
-    SecondOrderKrylov,
-)
+from hpcred import Caughey, GivenDamping, Krylov, Modes, Rayleigh, SecondOrderKrylov
 from hpcred.model.damping import doubts_of_damping, is_proportional
 
 pytestmark = pytest.mark.mpi

@@ -6,8 +6,8 @@ from foreign import write
 
 import hpcred
 from hpcred import InputError
-from hpcred.formats.assembly import read_columns
 from hpcred.parallel.shares import row_range
+from hpcred.readers.assembly import read_columns
 
 pytestmark = pytest.mark.mpi
 

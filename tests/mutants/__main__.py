@@ -20,7 +20,7 @@ from launch import mpi_environment
 from .changes import changes
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = "linalg,model,reduction,multibody"
+ROOMS = "linalg,model,reduction,body,simulation"
 TESTS = [ROOT / "tests" / room for room in (*ROOMS.split(","), "analysis")]
 SAME = Path(__file__).with_name("same.txt")
 QUICK = "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs and not wheel"
@@ -28,7 +28,7 @@ QUICK = "not slow and not ccx and not dolfinx and not chromium and not slurm and
 
 def main():
     parser = argparse.ArgumentParser(prog="python -m mutants", description=__doc__)
-    parser.add_argument("--rooms", default=ROOMS, help="rooms or modules (reduction/krylov.py), separated by commas")
+    parser.add_argument("--rooms", default=ROOMS, help="rooms or modules (linalg/basis.py), separated by commas")
     parser.add_argument("--count", type=int, default=100, help="mutants, taken evenly from the modules")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=60.0, help="of tests of a mutant, the shortest first")
@@ -54,7 +54,7 @@ def main():
 def sample(rooms, count, seed, covered, only=None):
     """(path, change) of mutants whose lines some test runs: of each module in turn one by chance."""
     paths = [path for room in rooms for path in (
-        sorted((ROOT / "hpcred" / room).glob("*.py")) or [ROOT / "hpcred" / room])]  # fmt: skip
+        sorted((ROOT / "hpcred" / room).rglob("*.py")) or [ROOT / "hpcred" / room])]  # fmt: skip
     same = {tuple(line.rpartition(" | ")[0].split(" | ", 2)) for line in SAME.read_text().splitlines()}
     piles = []
     for path in paths:

@@ -37,6 +37,6 @@ def test_one_place_is_changed_at_a_time():
 
 def test_changes_that_are_none_are_among_those_that_are_made():
     listed = [tuple(line.rpartition(" | ")[0].split(" | ", 2)) for line in SAME.read_text().splitlines()]
-    paths = [path for room in ROOMS.split(",") for path in (ROOT / "hpcred" / room).glob("*.py")]
+    paths = [path for room in ROOMS.split(",") for path in (ROOT / "hpcred" / room).rglob("*.py")]
     keys = {key_of(path, change) for path in paths for change in changes(path.read_text())}
     assert not set(listed) - keys and len(set(listed)) == len(listed)

@@ -99,7 +99,7 @@ with hpcred.linkage() as model:
 HEAD = """
 import numpy as np
 import hpcred
-from hpcred.formats.hdf5 import writing
+from hpcred.files.hdf5 import writing
 from hpcred.linalg.basis import Basis
 from hpcred.linalg.blocks import from_dense
 from hpcred.linalg.solvers import ShiftedSolver

@@ -8,7 +8,7 @@ import pytest
 from helpers import CHORD_JOB
 
 import hpcred
-from hpcred.formats.point_store import PointStore
+from hpcred.files.point_store import PointStore
 from hpcred.parallel.stopping import Stopped, listening, stop_if_asked
 
 pytestmark = pytest.mark.mpi

@@ -5,9 +5,9 @@ import pytest
 from adaptive_models import chain, unit
 
 import hpcred
-from hpcred.reduction.compression import compressed, snapshots
-from hpcred.reduction.error_estimate import Comparison, grid, measure_of
-from hpcred.reduction.pseudo_modal import Law, columns, diagonalised, response, responses, restricted
+from hpcred.reduction.tolerance.compression import compressed, snapshots
+from hpcred.reduction.tolerance.error_estimate import Comparison, grid, measure_of
+from hpcred.reduction.tolerance.pseudo_modal import Law, columns, diagonalised, response, responses, restricted
 
 BAND = (0.0, 10.0)
 

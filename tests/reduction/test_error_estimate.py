@@ -5,7 +5,7 @@ import pytest
 from adaptive_models import chain, membrane, unit
 
 import hpcred
-from hpcred.reduction.error_estimate import (
+from hpcred.reduction.tolerance.error_estimate import (
     FINE,
     Comparison,
     beside,
@@ -20,7 +20,7 @@ from hpcred.reduction.error_estimate import (
     resolved,
     unsettled,
 )
-from hpcred.reduction.pseudo_modal import Law, diagonalised, nested, responses
+from hpcred.reduction.tolerance.pseudo_modal import Law, diagonalised, nested, responses
 
 PORTS = (np.eye(2),) * 2
 

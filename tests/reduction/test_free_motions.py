@@ -15,7 +15,7 @@ from hpcred.model.frames import apply_frame
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.failures import ComputationError, InputError, Owned
 from hpcred.parallel.progress import Progress
-from hpcred.reduction.modes import _without_rigid
+from hpcred.reduction.components.modes import _without_rigid
 from hpcred.reduction.run import Run
 
 BAND = (0.0, 300.0)

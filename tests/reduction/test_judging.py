@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hpcred.reduction.judging import _columns_ahead
+from hpcred.reduction.tolerance.judging import _columns_ahead
 
 
 def test_columns_ahead_at_the_rate_of_the_last_block():

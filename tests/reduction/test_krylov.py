@@ -5,15 +5,7 @@ import pytest
 from helpers import block_with_ends, close, dense_model, moments
 
 import hpcred
-from hpcred import (
-    Buckens,
-    CraigBampton,
-    FixedInterfaceModes,
-    Guyan,
-    Krylov,
-    Modes,
-    SecondOrderKrylov,
-)
+from hpcred import Buckens, CraigBampton, FixedInterfaceModes, Guyan, Krylov, Modes, SecondOrderKrylov
 
 pytestmark = pytest.mark.mpi
 

@@ -6,12 +6,7 @@ import scipy.linalg
 from helpers import dense_model
 
 import hpcred
-from hpcred import (
-    Buckens,
-    ModalDamping,
-    Modes,
-    Rayleigh,
-)
+from hpcred import Buckens, ModalDamping, Modes, Rayleigh
 from hpcred.examples import linkage as example
 
 pytestmark = pytest.mark.mpi

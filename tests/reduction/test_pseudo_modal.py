@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hpcred.reduction.measure import PAPER
-from hpcred.reduction.pseudo_modal import (
+from hpcred.reduction.tolerance.pseudo_modal import (
     Law,
     PseudoModal,
     diagonalised,
@@ -122,7 +122,7 @@ def test_poles_without_eigenvectors_are_solved_by_elimination():
 
 
 def test_frequencies_come_in_parts_that_fit(monkeypatch):
-    from hpcred.reduction import pseudo_modal
+    from hpcred.reduction.tolerance import pseudo_modal
 
     K, L, D = matrices(4, damped=True)
     outer, inner = diagonalised(K, L, D), diagonalised(K[:5, :5], L[:5], D[:5, :5])

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 import hpcred
-from hpcred import (
-    ModalDamping,
-    Modes,
-    StaticCorrection,
-)
+from hpcred import ModalDamping, Modes, StaticCorrection
 
 pytestmark = pytest.mark.mpi
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import hpcred
-from hpcred.formats.body_npz import write_npz
-from hpcred.formats.exudyn import write_exudyn
-from hpcred.formats.matlab import write_matlab
-from hpcred.formats.mbdyn import write_mbdyn
-from hpcred.formats.superelement import superelement
-from hpcred.multibody.body import body_of
+from hpcred.body.body import body_of
 from hpcred.parallel.failures import InputError
+from hpcred.writers.body_npz import write_npz
+from hpcred.writers.exudyn import write_exudyn
+from hpcred.writers.matlab import write_matlab
+from hpcred.writers.mbdyn import write_mbdyn
+from hpcred.writers.superelement import superelement
 
 WAYS = {
     "sid": lambda path, body: hpcred.write_sid(path, body),

@@ -11,8 +11,8 @@ from hpcred.analysis.error_check import as_measured
 from hpcred.linalg.factorisation import SingularMatrix
 from hpcred.parallel.petsc import is_complex
 from hpcred.reduction import reduce, run
-from hpcred.reduction.adaptive import Search
-from hpcred.reduction.point_solver import PointSolver
+from hpcred.reduction.tolerance.point_solver import PointSolver
+from hpcred.reduction.tolerance.search import Search
 
 COUNT, STIFF = 24, 2.0**36  # masses of 1 kg, and the springs between them in N/m; the first is held by 1 N/m
 OMEGA = 1 / np.sqrt(COUNT)  # of all masses as one

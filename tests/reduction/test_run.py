@@ -27,7 +27,7 @@ def test_the_square_of_a_frequency_has_one_key_whatever_the_sign_of_its_zero():
     """s^2 of s = i omega has +0 or -0 beside it, as it is computed; the store knows one point."""
     from hpcred.model.frames import apply_frame
     from hpcred.parallel.progress import Progress
-    from hpcred.reduction.krylov import ComplexPencilChain
+    from hpcred.reduction.components.krylov import ComplexPencilChain
     from hpcred.reduction.run import Run
 
     with package.solid((2, 2, 2)) as model:

@@ -5,12 +5,8 @@ import pytest
 from helpers import close, damped, second_order_moments
 
 import hpcred
-from hpcred import (
-    GivenDamping,
-    Krylov,
-    SecondOrderKrylov,
-)
-from hpcred.reduction.second_order_krylov import _next_state
+from hpcred import GivenDamping, Krylov, SecondOrderKrylov
+from hpcred.reduction.components.second_order_krylov import _next_state
 
 POINTS = [
     {"frequency": 700.0, "order": 2},

@@ -29,7 +29,7 @@ from hpcred import (
     Structural,
     Tangent,
 )
-from hpcred.formats import point_store
+from hpcred.files import point_store
 from hpcred.linalg.conjugate_gradients import NegativeCurvature
 from hpcred.linalg.multigrid_solver import MultigridSolver
 from hpcred.linalg.solvers import ShiftedSolver

@@ -5,12 +5,7 @@ import pytest
 from helpers import close, columns_of, damped, dense_model, gather, moments, second_order_moments, with_columns
 
 import hpcred
-from hpcred import (
-    GivenDamping,
-    Krylov,
-    Rayleigh,
-    SecondOrderKrylov,
-)
+from hpcred import GivenDamping, Krylov, Rayleigh, SecondOrderKrylov
 
 pytestmark = pytest.mark.mpi
 

@@ -9,7 +9,7 @@ from helpers import refused
 
 import hpcred
 from hpcred.cli import run
-from hpcred.formats.job_file import read_job
+from hpcred.settings.job_file import read_job
 
 JOB = """
 model = "model.h5"

@@ -13,8 +13,8 @@ from helpers import refused, write_matrices
 
 import hpcred as package
 from hpcred.cli import run
-from hpcred.formats.matrix_formats import FORMATS
-from hpcred.formats.model_source import EXPORTS
+from hpcred.readers.matrix_formats import FORMATS
+from hpcred.readers.model_source import EXPORTS
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from mpi4py import MPI
 import hpcred as package
 from hpcred import Buckens, Modes, read_sid
 from hpcred.cli import run
-from hpcred.formats.outputs import kind_of
+from hpcred.files.outputs import kind_of
 from hpcred.parallel.failures import InputError
 from hpcred.report import mode_pictures
 from hpcred.workflows.export import EXPORTS, export_result

@@ -24,9 +24,9 @@ from mpi4py import MPI
 
 import hpcred as package
 from hpcred.cli import run
-from hpcred.formats.locks import UNDER_WAY
-from hpcred.formats.sweep_file import read_sweep
+from hpcred.files.locks import UNDER_WAY
 from hpcred.parallel.stopping import Stopped
+from hpcred.settings.sweep_file import read_sweep
 from hpcred.workflows import sweep
 from hpcred.workflows.children import Child, Interrupted, run_all
 

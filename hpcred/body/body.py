@@ -1,0 +1,186 @@
+"""A body for multibody programs: a reduced model and its basis enter; the model, its floating frame and nodes leave."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.dofs import DIRECTIONS, node_of
+from ..model.rigid_body_modes import SAME_MASS
+from ..parallel.failures import InputError
+from ..reduction.reduced_model import ReducedModel, require_finite
+from .floating_frame import FloatingFrame, floating_frame
+from .node_shapes import NodeShape, interface_nodes, node_shapes
+
+NO_INERTIA = 1e-12  # of the largest inertia: round-off
+
+
+@dataclass
+class Surface:
+    """What is drawn of a body: `points` (s, 3) in m, their displacements `phi` (s, 3, m), `triangles` (t, 3)."""
+
+    points: np.ndarray
+    triangles: np.ndarray
+    phi: np.ndarray
+
+
+@dataclass
+class Body:
+    """What a multibody program needs of a flexible body: plain arrays, the same on all ranks. `surface` may be None."""
+
+    reduced: ReducedModel
+    floating_frame: FloatingFrame
+    nodes: list[NodeShape]
+    surface: Surface | None = None
+
+    def number(self, node) -> int:
+        """The number of a node that is given by its number or name. Raises InputError for an unknown name."""
+        return number_of(self.nodes, node)
+
+
+def number_of(shapes, node) -> int:
+    """The number of a node that is given by its number or by the name of one of some NodeShapes. Raises InputError."""
+    if not isinstance(node, str):
+        return int(node)
+    names = {shape.name: shape.node for shape in shapes if shape.name}
+    if node not in names:
+        known = f"its interfaces are {', '.join(names)}" if names else "no node of the body has a name"
+        raise InputError(f"node '{node}': no interface of this name; {known}")
+    return names[node]
+
+
+def body_of(model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lumped=False) -> Body:
+    """The Body of a SecondOrderModel and of what `reduce` made of it, before its basis is closed. Collective.
+
+    `nodes`: numbers of the interface nodes, by default those of the inputs and outputs. `origin` (3,) of the body frame
+    in m; `lumped`: see floating_frame. Raises InputError without node coordinates, without a basis, after a two-sided
+    projection, and for a node that does not exist.
+    """
+    if reduced.columns is None:
+        raise InputError(f"{model.name}: the basis of the reduced model is closed; take its body before close()")
+    if reduced.left_columns is not None:
+        raise InputError(
+            f"{model.name}: a two-sided projection has no floating frame of reference, which needs the mass matrix of "
+            "the displacements V; reduce with projection = 'one_sided'"
+        )
+    nodes = interface_nodes(model) if nodes is None else list(nodes)
+    return Body(
+        reduced,
+        floating_frame(model, reduced.columns, origin, lumped, reduced.M),
+        node_shapes(model, reduced.columns, nodes),
+    )
+
+
+def check_moving(body: Body, where: str):
+    """Raise InputError unless the body can move in time as `where` (such as "a SID file") takes it.
+
+    It needs a damping that exists in time, mass and inertia in all directions, and no rigid-body motion in its basis.
+    """
+    require_finite(body.reduced)
+    check_viscous(body.reduced, where)
+    masses = body.floating_frame.masses
+    missing = [name for name, mass in zip("xyz", masses, strict=True) if mass <= 0]
+    if missing:
+        raise InputError(
+            f"the body has no mass in {' and '.join(missing)}, where no node can move, so its inertia is not known; "
+            f"{where} needs all three directions: give the model its dofs in {' and '.join(missing)}, or take the "
+            "arrays by format 'npz'"
+        )
+    check_elastic(body)
+
+
+def check_viscous(reduced, where: str):
+    """Raise InputError for a model with structural damping, which `where` (such as "a SID file") cannot hold."""
+    if reduced.loss_factor:
+        raise InputError(
+            f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no meaning in time and no place in "
+            f"{where}; reduce with damping of kind 'modal' and ratio = {reduced.loss_factor / 2:g}, half the loss "
+            "factor, which is the same at resonance"
+        )
+
+
+def check_elastic(body: Body):
+    """Raise InputError if the reduced body can move as a rigid one: the floating frame does that already."""
+    reduced = body.reduced
+    M = body.floating_frame.mass_matrix(np.zeros(reduced.size))
+    # displacements, angles and modal coordinates have units of their own, which must not count
+    sizes = np.sqrt(np.abs(np.diag(M)))
+    sizes[sizes == 0] = 1.0
+    M = M / np.outer(sizes, sizes)
+    rest = M[6:, 6:] - M[6:, :6] @ np.linalg.pinv(M[:6, :6], rcond=1e-12) @ M[:6, 6:]
+    values, vectors = np.linalg.eigh(M[6:, 6:])
+    shapes = vectors / np.sqrt(values.clip(min=NO_INERTIA))
+    if values.min() < NO_INERTIA or np.linalg.eigvalsh(shapes.T @ rest @ shapes).min() < 1e-9:
+        advice = (
+            "leave coordinates = 'interface' out of the job" if reduced.interfaces
+            else "reduce with frame 'buckens' and modes from number 7, or hold the body"
+        )  # fmt: skip
+        raise InputError(
+            f"the reduced body contains rigid-body motions (lowest pseudo-frequency {reduced.frequencies.min():.3g} "
+            f"Hz), which the floating frame has already; {advice}"
+        )
+
+
+def has_no_inertia(body: Body) -> bool:
+    """Whether the body has none about one of its axes, as where all masses lie on a line; not of flat bodies."""
+    frame = body.floating_frame
+    if not np.isfinite(frame.J).all() or not frame.mass:
+        return False
+    centre = frame.mc / frame.mass
+    about_centre = frame.J - frame.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    return bool(np.linalg.eigvalsh(about_centre).min() < NO_INERTIA * np.abs(frame.J).max())
+
+
+def remarks(body: Body) -> list[str]:
+    """What was approximated or is not there, one sentence each."""
+    found, masses = [], body.floating_frame.masses
+    if masses.min() < (1 - SAME_MASS) * masses.max():
+        listed = ", ".join(f"{mass:.6g}" for mass in masses)
+        found.append(f"the masses in x, y, z are {listed} kg, because not all nodes move in all directions")
+    integrals, _, left_out = body.floating_frame.integrals.partition("; ")
+    if integrals != "consistent":
+        found.append(f"integrals quadratic in the shapes: {integrals}, an approximation")
+    if left_out:
+        found.append(left_out)
+    if has_no_inertia(body):
+        found.append("the body has no inertia about one of its axes, as where every mass lies on a line; hold it there")
+    still = [str(shape.node) for shape in body.nodes if not shape.rotates]
+    if still:
+        found.append(f"no rotational dofs at nodes {', '.join(still)}: psi is zero there")
+    return found + _follow_the_frame(body) + instability(body.reduced)
+
+
+def _follow_the_frame(body) -> list[str]:
+    """Remarks on interfaces whose set does not say how they move in some directions: their shapes are zero there."""
+    record, found = body.reduced.record, []
+    known = {} if record is None else {item.node: item for item in record.interface_nodes}
+    for item in (known[shape.node] for shape in body.nodes if shape.node in known):
+        still = [name for name in DIRECTIONS[:6] if name not in item.directions]
+        if still:
+            found.append(
+                f"the set of interface '{item.name}' does not move it in {', '.join(still)}, where it follows the "
+                "body frame: let no joint or force act there"
+            )
+    return found
+
+
+def inputs_without_node(body: Body) -> list[str]:
+    """Remarks on inputs and outputs that a format which knows only nodes cannot hold."""
+    found = []
+    for kind, names in (("inputs", body.reduced.input_names), ("outputs", body.reduced.output_names)):
+        lost = [name for name in names if node_of(name) is None]
+        if lost:
+            found.append(f"{kind} that belong to no node are left out: {', '.join(lost)}")
+    return found
+
+
+def instability(reduced: ReducedModel) -> list[str]:
+    """A remark on poles in the right half-plane, where there are any."""
+    count = len(reduced.unstable_poles())
+    return [f"the model is unstable: {count} poles in the right half-plane, so that motion grows in time"] * bool(count)
+
+
+def maker(reduced: ReducedModel) -> str:
+    """Program and version that made the reduced model."""
+    return f"hpcred {reduced.record.versions['hpcred']}" if reduced.record is not None else "hpcred"

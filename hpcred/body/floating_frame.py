@@ -1,0 +1,286 @@
+"""Floating-frame quantities (13, 22): the integrals of a reduced body that a multibody program needs.
+
+Enter the mass matrix, the labels of the rows and the basis V; leave small arrays. The body frame has the axes of the
+finite-element model, and its origin unless another is given. With Phi_k the displacement field of column k:
+
+    mass, mc = integral of R dm, J = integral of skew(R)^T skew(R) dm     by rigid-body motions, exact
+    Ct_k = integral of Phi_k dm,  Cr_k = integral of R x Phi_k dm         likewise
+    N[k]_ab = integral of R_a Phi_kb dm,  S[a, b]_kl = integral of Phi_ka Phi_lb dm
+
+N and S are bilinear in the scalar mass matrix of one direction, which is exact where M couples no two directions and is
+the same for all of them (solid elements). Nodes with rotations get the mean of the directions, which is an
+approximation, and so do matrices that couple directions, as after a condensation or where dofs follow others: there
+S[0, 0] + S[1, 1] + S[2, 2] is not V^T M V. `lumped`, the row sums of M, is another approximation. Directions in which
+no node can move have no part in this: a planar body has no mass in z, and NaN for what M does not contain (see
+model.rigid_body_modes.RigidBody).
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..linalg.blocks import apply, create_block, inner, local_rows
+from ..model.dofs import OWN, SCALAR, require_dofs
+from ..model.rigid_body_modes import SAME_MASS, rigid_body_of, rigid_motions
+from ..parallel.exchange import exchange
+from ..parallel.failures import Owned
+from ..parallel.petsc import MPI, PETSc
+from ..reduction.projection import WIDTH, project
+from .rotations import skew
+
+SAME_PRODUCTS = 1e-8  # of the sizes of two columns; more is no round-off
+
+
+@dataclass
+class FloatingFrame:
+    """Quantities of a body with m elastic coordinates q, SI units.
+
+    masses (3,) in x, y, z, and mass, their largest; mc (3,): first moment; J (3, 3): inertia about the origin;
+    Ct (m, 3), Cr (m, 3); N (m, 3, 3); S (3, 3, m, m); Me (m, m) = V^T M V; `origin` (3,) of the body frame;
+    `integrals`: "consistent", "mean of directions", "lumped"; behind "; " what has no part in any of them.
+    """
+
+    masses: np.ndarray
+    mc: np.ndarray
+    J: np.ndarray
+    Ct: np.ndarray
+    Cr: np.ndarray
+    N: np.ndarray
+    S: np.ndarray
+    Me: np.ndarray
+    origin: np.ndarray
+    integrals: str = "consistent"
+
+    @property
+    def mass(self) -> float:
+        """The largest of the masses in kg: dofs that are left out or held take mass away from a direction."""
+        return float(self.masses.max())
+
+    @cached_property
+    def Cr1(self) -> np.ndarray:
+        """(m, m, 3): [i, k] = integral of Phi_k x Phi_i dm, so that C_r(q)_i = Cr_i + sum_k Cr1[i, k] q_k."""
+        S = self.S
+        cross = [S[1, 2] - S[2, 1], S[2, 0] - S[0, 2], S[0, 1] - S[1, 0]]
+        return np.stack(cross, axis=-1).transpose(1, 0, 2)
+
+    @cached_property
+    def dJ(self) -> np.ndarray:
+        """(m, 3, 3): derivative of the inertia by q_k at q = 0: integral of 2 R.Phi_k I - R Phi_k^T - Phi_k R^T dm."""
+        trace = np.trace(self.N, axis1=1, axis2=2)
+        return 2 * trace[:, None, None] * np.eye(3) - self.N - self.N.transpose(0, 2, 1)
+
+    @cached_property
+    def J2(self) -> np.ndarray:
+        """(m, m, 3, 3): integral of Phi_k.Phi_l I - Phi_k Phi_l^T dm, symmetric in k and l.
+
+        J(q) = J + sum_k dJ_k q_k + sum_kl J2_kl q_k q_l.
+        """
+        S = self.S
+        trace = S[0, 0] + S[1, 1] + S[2, 2]
+        outer = S.transpose(2, 3, 0, 1)
+        return trace[:, :, None, None] * np.eye(3) - (outer + outer.transpose(0, 1, 3, 2)) / 2
+
+    @property
+    def Gr(self) -> np.ndarray:
+        """(3, 3 m): block k = -2 integral of skew(R) skew(Phi_k) dm; its symmetric part is dJ_k."""
+        trace = np.trace(self.N, axis1=1, axis2=2)
+        blocks = 2 * (trace[:, None, None] * np.eye(3) - self.N.transpose(0, 2, 1))
+        return blocks.transpose(1, 0, 2).reshape(3, -1)
+
+    @property
+    def Ge(self) -> np.ndarray:
+        """(m, 3 m): 2 integral of Phi_k x Phi_i dm in row i, column c m + k for component c."""
+        return 2 * self.Cr1.transpose(0, 2, 1).reshape(len(self.Ct), -1)
+
+    @property
+    def Oe(self) -> np.ndarray:
+        """(m, 6): coefficients of wx^2, wy^2, wz^2, wx wy, wy wz, wx wz in integral of Phi_i^T skew(w)^2 R dm."""
+        return _quadratic(self.N.transpose(1, 2, 0))
+
+    @property
+    def Oe1(self) -> np.ndarray:
+        """(m, m, 6): the part of Oe in row i that is linear in q_k, [i, k]; symmetric, being the integral itself."""
+        return _quadratic(self.S).transpose(1, 0, 2)
+
+    def first_moment(self, q) -> np.ndarray:
+        """Mass times centre of mass (3,) in the body frame, at the elastic coordinates q (m,)."""
+        return self.mc + self.Ct.T @ q
+
+    def inertia(self, q) -> np.ndarray:
+        """J(q) (3, 3)."""
+        quadratic = np.tensordot(q, np.tensordot(q, self.J2, axes=(0, 0)), axes=(0, 0))
+        return self.J + np.tensordot(q, self.dJ, axes=(0, 0)) + quadratic
+
+    def mass_matrix(self, q) -> np.ndarray:
+        """M(q) (6 + m, 6 + m), (13)."""
+        m = len(self.Ct)
+        Cr = self.Cr + np.tensordot(self.Cr1, q, axes=(1, 0))
+        M = np.zeros((6 + m, 6 + m))
+        M[:3, :3] = self.mass * np.eye(3)
+        M[3:6, :3] = skew(self.first_moment(q))
+        M[:3, 3:6] = M[3:6, :3].T
+        M[3:6, 3:6] = self.inertia(q)
+        M[6:, :3], M[6:, 3:6], M[6:, 6:] = self.Ct, Cr, self.Me
+        M[:3, 6:], M[3:6, 6:] = self.Ct.T, Cr.T
+        return M
+
+    def arrays(self) -> dict:
+        """Everything by name, as it is stored in result.h5."""
+        own = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
+        derived = ("mass", "Cr1", "dJ", "Gr", "Ge", "Oe", "Oe1")
+        return {name: np.asarray(getattr(self, name)) for name in own + derived}
+
+
+def _quadratic(field):
+    """Six coefficients of u^T skew(w)^2 r from field[a, b] = integral of r_a u_b; last axis added."""
+    trace = field[0, 0] + field[1, 1] + field[2, 2]
+    squares = [field[a, a] - trace for a in range(3)]
+    mixed = [field[a, b] + field[b, a] for a, b in ((0, 1), (1, 2), (0, 2))]
+    return np.stack(squares + mixed, axis=-1)
+
+
+def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False, Me=None) -> FloatingFrame:
+    """The quantities of a SecondOrderModel with the basis `columns` (a block (n, m)). Collective.
+
+    `Me`: V^T M V (m, m) where it is known already. Raises InputError without node coordinates.
+    """
+    dofs = require_dofs(model, "a floating frame")
+    origin = np.asarray(origin, dtype=float)
+    with ExitStack() as stack:
+        motions, momentum = rigid_motions(model, origin), create_block(model.M, 6)
+        stack.callback(motions.destroy)
+        stack.callback(momentum.destroy)
+        apply(model.M, motions, momentum)
+        gram, coupling = inner(motions, momentum), inner(momentum, columns)
+    rigid = model.comm.bcast(rigid_body_of(gram))
+    rotations = model.comm.allreduce(bool(((dofs.direction > 2) & (dofs.direction < SCALAR)).any()), op=MPI.LOR)
+    every = np.flatnonzero(rigid.masses > 0)
+    Me = project(model.M, columns) if Me is None else Me
+    with ExitStack() as stack:
+        mass = model.M
+        if lumped:
+            mass = _lumped(model)
+            stack.callback(mass.destroy)
+        N, S = _integrals(model, columns, origin, mass, every if rotations else _heaviest(rigid.masses))
+        exact = not rotations and model.comm.bcast(_adds_up(S, Me))
+        if not (exact or rotations or lumped):
+            N, S = _integrals(model, columns, origin, mass, every)
+    kind = "lumped" if lumped else "consistent" if exact else "mean of directions"
+    if turned := model.comm.allreduce(int((dofs.direction >= OWN).sum())):
+        kind += f"; {turned} dofs in directions of their own (own1 to own6) have no part in mass, inertia and couplings"
+    first_moment = rigid.masses.max() * rigid.centre
+    result = FloatingFrame(
+        rigid.masses, first_moment, rigid.inertia, coupling[:3].T.copy(), coupling[3:].T.copy(), N, S, Me, origin, kind
+    )
+    return model.comm.bcast(result)
+
+
+def _adds_up(S, Me):
+    """Whether S[0, 0] + S[1, 1] + S[2, 2] is Me, each coordinate in its own size."""
+    sizes = np.sqrt(np.abs(np.diag(Me)))
+    return bool((np.abs(np.einsum("aakl->kl", S) - Me) <= SAME_PRODUCTS * np.outer(sizes, sizes)).all())
+
+
+def _heaviest(masses):
+    """The first direction with all the mass: no node is missing in it."""
+    return np.flatnonzero(masses >= (1 - SAME_MASS) * masses.max())[:1] if masses.max() > 0 else []
+
+
+def _integrals(model, columns, origin, mass, bases):
+    """N (m, 3, 3) and S (3, 3, m, m), the mean of those by the mass matrices of the directions `bases`. Collective."""
+    count = int(np.diff(columns.getActiveColumns())[0])
+    parts = [slice(low, min(low + WIDTH, count)) for low in range(0, count, WIDTH)]
+    N, S = np.zeros((count, 3, 3)), np.zeros((3, 3, count, count))
+    for base in bases:
+        mine = np.flatnonzero(model.dofs.direction == base)
+        points = (model.dofs.position - origin)[mine]
+        with Owned(model.comm) as owned:
+            places = (model.first_row + mine).astype(PETSc.IntType)
+            chosen = owned.owns(PETSc.IS().createGeneral(places, model.K.comm))
+            scalar = owned.owns(mass.createSubMatrix(chosen, chosen))  # of one direction: a ninth of the matrix
+            fields = [_field(model, columns, scalar, d, base, mine) for d in range(3)]
+            for b in range(3):
+                for part in parts:
+                    load = _product(model.comm, scalar, fields[b][:, part])
+                    N[part, :, b] += load.T @ points / len(bases)
+                    for a in range(b + 1):
+                        S[a, b, :, part] += fields[a].T @ load / len(bases)
+    N, S = model.comm.allreduce(N), model.comm.allreduce(S)
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        S[b, a] = S[a, b].T
+    return N, S
+
+
+def _field(model, columns, scalar, direction, base, mine):
+    """The displacements of the columns in a direction, at the rows `mine` of the direction `base`. Collective."""
+    with Owned(model.comm) as owned:
+        transfer = owned.owns(_transfer(model, direction, base, mine))
+        first, last = columns.getActiveColumns()
+        field = owned.owns(create_block(scalar, last - first))
+        apply(transfer, columns, field)
+        with local_rows(field) as rows:
+            return rows.real.copy()
+
+
+def _product(comm, scalar, values):
+    """The scalar mass matrix times columns (rows, k), the rows of this rank of both. Collective."""
+    with Owned(comm) as owned:
+        given, product = (owned.owns(create_block(scalar, values.shape[1])) for _ in range(2))
+        with local_rows(given) as rows:
+            rows[...] = values
+        apply(scalar, given, product)
+        with local_rows(product) as rows:
+            return rows.real.copy(order="F")
+
+
+def _transfer(model, source, target, mine):
+    """T that takes the component in direction `source` of every node to the place of its row in direction `target`;
+    `mine`: the local rows in that direction."""
+    comm, dofs = model.comm, model.dofs
+    rows = np.arange(model.first_row, model.first_row + model.local_rows)
+    if source == target:
+        wanted, given = rows[mine], rows[mine]
+    else:
+        # rows of a node meet on a rank that its number chooses
+        parts = []
+        for direction in (target, source):
+            those = dofs.direction == direction
+            node = dofs.node[those]
+            parts.append(exchange(comm, _meeting_rank(node, comm.size), [node, rows[those]]))
+        (node_t, row_t), (node_s, row_s) = parts
+        _, at_t, at_s = np.intersect1d(node_t, node_s, return_indices=True)
+        owner = np.searchsorted(model.row_starts, row_t[at_t], side="right") - 1
+        wanted, given = exchange(comm, owner, [row_t[at_t], row_s[at_s]])
+        order = np.argsort(wanted)
+        wanted, given = wanted[order], given[order]
+    counts = np.zeros(len(mine) + 1, dtype=PETSc.IntType)
+    counts[np.searchsorted(rows[mine], wanted) + 1] = 1
+    csr = (np.cumsum(counts, dtype=PETSc.IntType), given.astype(PETSc.IntType), np.ones(len(given)))
+    return PETSc.Mat().createAIJ(((len(mine), None), (model.local_rows, model.size)), csr=csr, comm=model.K.comm)
+
+
+def _meeting_rank(node, ranks):
+    """Ranks (nodes,) that share node numbers evenly, also those that go up in tens (Fibonacci hashing)."""
+    mixed = node.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    return ((mixed >> np.uint64(40)) % np.uint64(ranks)).astype(np.int64)
+
+
+def _lumped(model):
+    """A diagonal matrix with the row sums of M for unit translations."""
+    with ExitStack() as stack:
+        motions, momentum = rigid_motions(model), create_block(model.M, 6)
+        stack.callback(motions.destroy)
+        stack.callback(momentum.destroy)
+        apply(model.M, motions, momentum)
+        values, moved = np.zeros(model.local_rows), model.dofs.direction < 3
+        with local_rows(momentum) as rows:
+            values[moved] = rows.real[moved, model.dofs.direction[moved]]
+    indptr = np.arange(model.local_rows + 1, dtype=PETSc.IntType)
+    indices = np.arange(model.first_row, model.first_row + model.local_rows, dtype=PETSc.IntType)
+    return PETSc.Mat().createAIJ(
+        ((model.local_rows, model.size),) * 2, csr=(indptr, indices, values), comm=model.K.comm
+    )

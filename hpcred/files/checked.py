@@ -1,0 +1,313 @@
+"""HDF5 files of hpcred for reading: what leaves was checked against its checksums, and shapes against a table.
+
+A file keeps, beside a dataset `a/b`, the sums of its chunks as `checksums/a/b` (leading, chunks), see
+files.checksums, with the attribute `axis` of the rows, -1 for all in a line; and in the attribute `xxh3` that of the
+other attributes and of the names of all datasets. Files of earlier versions have no such attribute, and other sums or
+none: they are read without checks of values.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from math import prod
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+
+from ..parallel.failures import InputError, reason_of
+from .checksums import ROWS_OF_SUM, hashed, sums_of, tag_of
+
+SUMS = "checksums"
+CHECKSUM = "xxh3"  # the attribute
+KINDS = {"integer": "iu", "real": "f", "complex": "c", "text": "SO", "flag": "b"}
+DEEPEST = 8  # groups in groups
+HAND = 2**19  # bytes that the processor keeps at hand
+PACKED = 1100  # times what is stored is the most that deflate makes of it: a file that says more is not to be believed
+
+
+class Entry(NamedTuple):
+    """A dataset of a kind of file: one of KINDS, its sizes (numbers, or letters that stand for one number throughout
+    the file, with +1 perhaps, or ? for any), and whether it is always there."""
+
+    kind: str
+    shape: tuple
+    needed: bool = False
+
+
+def header_checksum(attributes: dict, names) -> int:
+    """The XXH3 of the attributes of a file, but for itself, and of the names of its datasets."""
+    kept = {key: value for key, value in attributes.items() if key != CHECKSUM}
+    text = json.dumps([kept, sorted(names)], sort_keys=True, default=_plain)
+    return hashed(text.encode())
+
+
+def _plain(value):
+    """What HDF5 gives as an attribute, for JSON."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
+
+
+def damaged(path, what) -> InputError:
+    return InputError(f"{path}: {what}; the file is damaged: make it again, or take a copy")
+
+
+class CheckedFile:
+    """A file that is open, with `attributes`, and `datasets` by name. Indexing works as in h5py; raises InputError.
+
+    `schema`: entries by name, or by the name of the group and /* for those that have any name in it. `complete`:
+    whether the file has checksums.
+    """
+
+    def __init__(self, file, path, schema=None):
+        self.path = path
+        try:
+            self.attrs = dict(file.attrs)
+            self.datasets = dict(own_datasets(file, path))
+        except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+            if reason := reason_of(error):
+                raise InputError(f"{path}: cannot be read ({reason})") from error
+            raise damaged(path, f"its contents cannot be listed ({_text(error)})") from error
+        self._check_names(path)
+        self._check_shapes(schema or {})
+
+    def _check_names(self, path):
+        """Give datasets their sums."""
+        sums = {name: item for name, item in self.datasets.items() if name.startswith(SUMS + "/")}
+        for name in sums:
+            del self.datasets[name]
+        self.complete = CHECKSUM in self.attrs
+        if self.complete:
+            if self.attribute(CHECKSUM) != header_checksum(self.attrs, self.datasets):
+                raise damaged(path, "the attributes, or the names of the datasets, do not have their checksum")
+            for name, item in self.datasets.items():
+                if f"{SUMS}/{name}" not in sums:
+                    raise damaged(path, f"/{name} has no checksum")
+                self.datasets[name] = CheckedDataset(item, sums[f"{SUMS}/{name}"], path)
+        else:
+            self.datasets = {name: CheckedDataset(item, None, path) for name, item in self.datasets.items()}
+
+    def __contains__(self, name):
+        return name in self.datasets or any(key.startswith(name + "/") for key in self.datasets)
+
+    def __getitem__(self, name):
+        """A dataset or a group."""
+        if name in self.datasets:
+            return self.datasets[name]
+        if name in self:
+            return Group(self, name + "/")
+        raise damaged(self.path, f"/{name} is missing")
+
+    def get(self, name, default=None):
+        return self[name] if name in self else default  # noqa: SIM401
+
+    def attribute(self, name, kind=int, default=None):
+        """An attribute as a number or text."""
+        value = self.attrs.get(name, default)
+        try:
+            return kind(value.decode() if isinstance(value, bytes) else value)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise damaged(self.path, f"the attribute {name} is missing or no {kind.__name__}: {value!r}") from error
+
+    def verify(self, first=lambda rows: (0, rows)) -> int:
+        """Check all datasets, of each the rows that `first` names (low, high); returns their number."""
+        for item in self.datasets.values():
+            item.verify(*first(item.rows))
+        return len(self.datasets)
+
+    def _check_shapes(self, schema):
+        sizes = {"n": self.attribute("size")} if "size" in self.attrs else {}
+        for name, entry in schema.items():
+            if entry.needed and name not in self.datasets:
+                raise self._unfit(f"/{name} is missing")
+        for name, item in self.datasets.items():
+            entry = schema.get(name) or schema.get(name.rpartition("/")[0] + "/*")
+            if entry is None:
+                continue
+            expected = [_size(size, sizes, found) for size, found in zip(entry.shape, item.shape, strict=False)]
+            right = item.dtype.kind in KINDS[entry.kind] and len(entry.shape) == item.ndim
+            if not right or expected != list(item.shape):
+                found = f"{item.dtype} of shape {item.shape}"
+                shape = tuple(sizes.get(size, size) for size in entry.shape)
+                raise self._unfit(f"/{name} is {found}, expected {entry.kind} of shape {shape}")
+
+    def _unfit(self, what):
+        """What to raise for a dataset that is missing or of another shape: of a file that a user wrote, perhaps."""
+        if self.complete:
+            return damaged(self.path, what)
+        return InputError(f"{self.path}: {what}; 'files' in the documentation lists all arrays, or make the file again")
+
+
+class Group:
+    """A group of a CheckedFile: its datasets and groups by their names in it."""
+
+    def __init__(self, file, start):
+        self._file, self._start = file, start
+
+    def __contains__(self, name):
+        return self._start + name in self._file
+
+    def __getitem__(self, name):
+        return self._file[self._start + name]
+
+    def items(self) -> list:
+        """Names and datasets of the group itself."""
+        found = ((key[len(self._start) :], item) for key, item in self._file.datasets.items()
+                 if key.startswith(self._start))  # fmt: skip
+        return [(key, item) for key, item in found if "/" not in key]
+
+
+def _size(size, sizes, found):
+    """The size that is expected where `found` is; letters get their number where they stand first."""
+    if size == "?":
+        return found
+    if isinstance(size, int):
+        return size
+    letter, plus, _ = size.partition("+")
+    return sizes.setdefault(letter, found - bool(plus)) + bool(plus)
+
+
+def own_datasets(group, path, before="", depth=0):
+    """The names and datasets of a group. Raises InputError for what is a link, or kept in another file."""
+    for key in group:
+        name = before + key
+        if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+            raise damaged(path, f"/{name} is a link to something else, which hpcred never writes")
+        item = group[key]
+        if isinstance(item, h5py.Group):
+            if depth == DEEPEST:
+                raise damaged(path, f"/{name} is a group in more than {DEEPEST} groups")
+            yield from own_datasets(item, path, name + "/", depth + 1)
+        elif isinstance(item, h5py.Dataset):
+            if item.external or item.is_virtual:
+                raise damaged(path, f"/{name} is kept in another file, which hpcred never does")
+            yield name, item
+
+
+class CheckedDataset:
+    """A dataset; what is read of it is checked, in whole chunks of its rows. `rows` along its axis."""
+
+    def __init__(self, dataset, sums, path):
+        self._dataset, self._sums, self.path = dataset, sums, path
+        self.name, self.axis = dataset.name, -1
+        self.shape, self.dtype, stored = self._guarded(
+            lambda: (dataset.shape, dataset.dtype, dataset.id.get_storage_size())
+        )
+        if self.shape is None:
+            raise damaged(path, f"{self.name} is empty")
+        self.ndim = len(self.shape)
+        if self.dtype.itemsize * prod(self.shape) > stored * (1 if dataset.chunks is None else PACKED):
+            raise damaged(path, f"{self.name} is not whole")
+        if sums is not None:
+            self.axis = int(self._guarded(lambda: sums.attrs["axis"]))
+            if not -1 <= self.axis < self.ndim:
+                raise damaged(path, f"{self.name} does not have its checksum")
+            leading, chunks = prod(self.shape[: max(self.axis, 0)]), -(-self.rows // ROWS_OF_SUM)
+            if sums.shape != (leading, chunks) or sums.dtype != np.uint64:
+                raise damaged(path, f"{self.name} does not have its checksum")
+            self._tag = tag_of(self.dtype, self.shape, self.axis)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows under the sums; one where all of it is checked together."""
+        return self.shape[self.axis] if self.axis >= 0 else prod(self.shape)
+
+    def __len__(self):
+        return self.shape[0]
+
+    def __getitem__(self, key):
+        """Everything for ... or (); rows of the axis for a slice, a number or an array of numbers at its place."""
+        if self._sums is None:
+            return self._guarded(lambda: self._dataset[key])
+        parts = key if isinstance(key, tuple) else (key,)
+        leading, last = parts[: self.axis], parts[self.axis] if 0 <= self.axis < len(parts) else slice(None)
+        alone = [part for part in leading if isinstance(part, (int, np.integer))]
+        everything = not parts or parts[0] is Ellipsis
+        others = [part for part in leading if isinstance(part, slice) and part == slice(None)]
+        if everything or self.axis < 0 or len(parts) > self.axis + 1 or len(alone) + len(others) < len(leading):
+            found = self._between(0, self.rows)
+            return found if everything else found[key]
+        place = tuple(part if isinstance(part, slice) else slice(part, part + 1) for part in leading)
+        if isinstance(last, slice):
+            low, high, step = last.indices(self.rows)
+            found = self._between(low, max(high, low), place)
+            if step != 1:
+                raise IndexError(f"{self.name}: a step of {step}")
+        else:
+            found = self._picked(np.atleast_1d(last), place)
+            found = found if np.ndim(last) else np.take(found, 0, axis=self.axis)
+        return found[0] if alone else found
+
+    def verify(self, low, high):
+        """Read the rows low .. high and check them."""
+        step = max(ROWS_OF_SUM, 2**26 // max(self._dataset.nbytes // max(self.rows, 1), 1) // ROWS_OF_SUM * ROWS_OF_SUM)
+        if self.axis < 0:
+            low, high, step = (0, self.rows, self.rows) if low == 0 else (0, 0, 1)
+        for start in range(low, high, max(step, 1)):
+            self._between(start, min(start + step, high))
+
+    def _picked(self, rows, leading):
+        """Rows by their numbers, from the chunks that they are in."""
+        parts = [np.zeros((*self.shape[: self.axis], 0, *self.shape[self.axis + 1 :]), self.dtype)]
+        order = np.argsort(rows, kind="stable")
+        for chunk in np.unique(rows // ROWS_OF_SUM):
+            block = self._between(chunk * ROWS_OF_SUM, min((chunk + 1) * ROWS_OF_SUM, self.rows), leading)
+            mine = np.sort(rows[rows // ROWS_OF_SUM == chunk]) - chunk * ROWS_OF_SUM
+            parts.append(np.take(block, mine, axis=self.axis))
+        found = np.concatenate([part for part in parts if part.shape[self.axis]] or parts, axis=self.axis)
+        return np.take(found, np.argsort(order), axis=self.axis)
+
+    def _between(self, low, high, leading=()):
+        """Rows low .. high along the axis, with the chunks that they are in checked; `leading`: slices before it."""
+        if self.axis < 0:
+            return self._whole()
+        begin, end = low // ROWS_OF_SUM * ROWS_OF_SUM, min(-(-high // ROWS_OF_SUM) * ROWS_OF_SUM, self.rows)
+        place = (*leading, *[slice(None)] * (self.axis - len(leading)))
+        ends = [item.indices(size)[:2] for item, size in zip(place, self.shape, strict=False)]
+        sizes = (*(b - a for a, b in ends), end - begin, *self.shape[self.axis + 1 :])
+        found, sums = np.empty(sizes, self.dtype.str), []  # MPI knows this byte order
+        for start, stop in self._steps(begin, end):
+            part = found[start - begin : stop - begin] if self.axis == 0 else found
+            self._guarded(partial(self._read, part, [*ends, (start, stop)]))
+            sums.append(self._guarded(partial(sums_of, part, self.axis, self._tag)))
+        chunks = (place[0] if place else slice(None), slice(begin // ROWS_OF_SUM, -(-end // ROWS_OF_SUM)))
+        self._compare(np.concatenate(sums, axis=1), chunks)
+        return found[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
+
+    def _whole(self):
+        """What has one sum for all of it."""
+        found = self._guarded(lambda: self._dataset[()])
+        self._compare(self._guarded(lambda: sums_of(np.asarray(found, self.dtype).reshape(-1), 0, self._tag)), ())
+        return found
+
+    def _steps(self, begin, end):
+        """The rows begin .. end in steps: in the order of the file, so few that the processor has them at hand when
+        they are summed."""
+        if self.axis > 0:
+            return [(begin, end)]
+        step = max(HAND // max(prod(self.shape[1:]) * self.dtype.itemsize * ROWS_OF_SUM, 1), 1) * ROWS_OF_SUM
+        return [(start, min(start + step, end)) for start in range(begin, end, step)] or [(begin, end)]
+
+    def _read(self, part, ends):
+        """Fill an array with what is between the `ends` of the first axes; h5py itself writes zeros there first."""
+        if part.size:
+            there = self._dataset.id.get_space()
+            there.select_hyperslab((*(low for low, _ in ends), *[0] * (self.ndim - len(ends))), part.shape)
+            self._dataset.id.read(h5py.h5s.create_simple(part.shape), there, part)
+
+    def _compare(self, sums, chunks):
+        """Compare sums with those of the file."""
+        if not np.array_equal(sums, self._guarded(lambda: self._sums[chunks])):
+            raise damaged(self.path, f"{self.name} does not have its checksum")
+
+    def _guarded(self, read):
+        try:
+            return read()
+        except (OSError, RuntimeError, ValueError, KeyError, TypeError, MemoryError) as error:
+            if reason := reason_of(error):
+                raise InputError(f"{self.path}: {self.name} cannot be read ({reason})") from error
+            raise damaged(self.path, f"{self.name} cannot be read ({_text(error)})") from error
+
+
+def _text(error):
+    return " ".join(str(error).split())[:120]

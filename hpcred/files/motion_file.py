@@ -1,0 +1,90 @@
+"""Write the motion of a simulation: simulation.h5, and a table as .csv. SI units.
+
+simulation.h5, with nt output times, m elastic coordinates, k nodes, c and d components of constraints, s springs:
+t (nt); position (nt, 3) of the body frame; quaternion (nt, 4), scalar first; velocity, angular_velocity (nt, 3) in body
+axes; elastic, elastic_velocity (nt, m)
+nodes/number, name (k); nodes/position, displacement, rotation (nt, k, 3) in inertial axes; rotation: a vector in rad,
+which goes on beyond pi
+constraints/name (c), such as 7:x; constraints/force (nt, c) on the body; constraints/moment_name (d), such as 7:rx;
+constraints/moment (nt, d) on the body; all joints and drives of a node together, in inertial axes
+springs/name (s), such as 1:7 for the first one, at node 7; springs/force, moment (nt, s, 3) on the body; springs/energy
+(nt, s)
+energy/kinetic, elastic, gravity, springs, work (of forces and moments), drives (their work), dissipated (nt)
+provenance: JSON with versions, setup, largest errors, and where the time went
+The .csv has one line a time: t, position, quaternion, elastic coordinates, displacements, rotations of nodes that have
+some, forces, moments and energies.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..simulation.joints import AXES
+from ..simulation.simulation import Motion
+from .checked import Entry
+from .hdf5 import writing
+
+FORMAT = "hpcred-simulation"
+VERSION = 1
+SCHEMA = {
+    "t": Entry("real", ("t",), needed=True), "provenance": Entry("text", (), needed=True),
+    **{key: Entry("real", ("t", size), needed=True) for key, size in (
+        ("position", 3), ("quaternion", 4), ("velocity", 3), ("angular_velocity", 3), ("elastic", "m"),
+        ("elastic_velocity", "m"))},
+    "nodes/number": Entry("integer", ("k",), needed=True), "nodes/position": Entry("real", ("t", "k", 3), needed=True),
+    "nodes/displacement": Entry("real", ("t", "k", 3), needed=True), "nodes/rotation": Entry("real", ("t", "k", 3)),
+    "constraints/name": Entry("text", ("c",), needed=True), "constraints/force": Entry("real", ("t", "c"), needed=True),
+    "energy/*": Entry("real", ("t",)),
+}  # fmt: skip
+
+
+def write_motion(path, motion: Motion, provenance: dict, comm):
+    """Write simulation.h5. Collective, with the same arguments on all ranks."""
+    with writing(path, comm) as file:
+        file.attribute("format", FORMAT)
+        file.attribute("version", VERSION)
+        for name, value in _arrays(motion).items():
+            file.small(name, value)
+        file.small("provenance", provenance)
+
+
+def _arrays(motion) -> dict:
+    """Everything by its place in the HDF5 file."""
+    names = ("t", "position", "quaternion", "velocity", "angular_velocity", "elastic", "elastic_velocity")
+    return {
+        **{name: getattr(motion, name) for name in names},
+        "nodes/number": np.array(motion.nodes, dtype=int),
+        "nodes/name": motion.node_names,
+        "nodes/position": motion.node_position,
+        "nodes/displacement": motion.node_displacement,
+        "nodes/rotation": motion.node_rotation,
+        "constraints/name": motion.constraint_names,
+        "constraints/force": motion.constraint_force,
+        "constraints/moment_name": motion.moment_names,
+        "constraints/moment": motion.constraint_moment,
+        "springs/name": motion.spring_names,
+        **{f"springs/{name}": getattr(motion, f"spring_{name}") for name in ("force", "moment", "energy")},
+        **{f"energy/{name}": value for name, value in motion.energies.items()},
+    }
+
+
+def write_motion_csv(path, motion: Motion):
+    """One line an output time, one column a number, named in the first line; call it on one rank."""
+    columns = {"t": motion.t}
+    columns |= {f"position_{a}": motion.position[:, i] for i, a in enumerate(AXES)}
+    columns |= {f"quaternion_{a}": motion.quaternion[:, i] for i, a in enumerate("wxyz")}
+    columns |= {f"q{k + 1}": motion.elastic[:, k] for k in range(motion.elastic.shape[1])}
+    for kind, values in (("displacement", motion.node_displacement), ("rotation", motion.node_rotation)):
+        for j, name in enumerate(motion.node_names):
+            if kind == "displacement" or motion.node_rotates[j]:
+                columns |= {f"{kind}_{name}_{a}": values[:, j, i] for i, a in enumerate(AXES)}
+    for kind, names in (("force", motion.constraint_names), ("moment", motion.moment_names)):
+        values = getattr(motion, f"constraint_{kind}")
+        columns |= {f"constraint_{kind}_{name.replace(':', '_')}": values[:, i] for i, name in enumerate(names)}
+    for kind in ("force", "moment"):
+        values = getattr(motion, f"spring_{kind}")
+        for j, name in enumerate(motion.spring_names):
+            columns |= {f"spring_{kind}_{name.replace(':', '_')}_{a}": values[:, j, i] for i, a in enumerate(AXES)}
+    columns |= {f"energy_{name}": value for name, value in motion.energies.items()}
+    np.savetxt(path, np.array(list(columns.values())).T, "%.10e", ",", header=",".join(columns), comments="",
+               encoding="utf-8")  # fmt: skip

@@ -1,0 +1,207 @@
+"""The rule for files that a run writes: their names and kinds enter; what must not be written over is refused early.
+
+A file that the run reads is never written, under whatever name. A file of another kind is not replaced, nor what is
+read-only or no file (a pipe, a device). A file of the same kind is, which is said, unless the user keeps what is there.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+import zipfile
+from pathlib import Path
+
+import h5py
+
+from ..parallel.failures import InputError, agreed, unfinished
+from .locks import begin, lock, lock_name, temporary_name
+from .room import free_bytes, no_room
+from .seal import is_broken
+from .system_errors import open_input, reading_from
+from .text import shown
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+JSON, CSV_OF_RESPONSES, CSV_OF_MOTION = "JSON file", ".csv file of responses", ".csv file of a simulation"
+PNG, SVG, PDF = "PNG picture", "SVG picture", "PDF file"
+ZIP, MATLAB, SID, UFF, VTK = "zip archive", "MATLAB .mat file", "SID file", "universal file", "VTK file"
+SUPERELEMENT, MBDYN, OP4 = "superelement", ".fem file for MBDyn", "Nastran OP4 file"
+DENSE, MARKET = "Matrix Market file of a dense matrix", "Matrix Market file"  # one of hpcred's, one of a big model
+OTHER = "file of another kind"
+GIF, WEBP, HTML = "GIF picture", "WebP picture", "HTML report"
+PICTURES = {".png": PNG, ".svg": SVG, ".pdf": PDF, ".gif": GIF, ".webp": WEBP}
+BEGINNINGS = (
+    (b"\x89PNG", PNG), (b"%PDF", PDF), (b"GIF8", GIF), (b"RIFF", WEBP), (b"<!DOCTYPE html>", HTML),
+    (b"    -1\n", UFF), (b"%%MatrixMarket matrix array", DENSE), (b"%%MatrixMarket", MARKET),
+    (b"** superelement", SUPERELEMENT), (b"! superelement", SUPERELEMENT), (b"$ superelement", SUPERELEMENT),
+    (b"$ external superelement", SUPERELEMENT), (b"** hpcred ", MBDYN),
+    (b"<VTKFile", VTK), (b"f_hz,", CSV_OF_RESPONSES), (b"t,position_x,", CSV_OF_MOTION), (b"{\n", JSON), (b"[\n", JSON),
+    (b"[]", JSON), (b"{}", JSON), (b"# hpcred sweep", "job of a sweep"),
+    (b"#!/bin/bash\n# hpcred sweep", "script of a sweep"),
+)  # fmt: skip
+PATTERNS = (
+    (re.compile(rb"\s*\d+\s+\d+\s*:[^\n]*\n\s*part\s*\n"), SID),  # two numbers and a comment, then the line "part"
+    (re.compile(rb"(?s)\x18\0\0\0.{24}\x18\0\0\0"), OP4),  # the record of six words before a matrix
+)
+TITLES = re.compile(rb"[A-Za-z][^\n,;]*(,[^-+.\d\s,;][^\n,;]*)+\n")  # the first line of a table, all of it words
+EMPTY = "empty file"
+
+_keep = False
+
+
+def keep_files(keep: bool):
+    """Whether files that exist are refused as outputs, of the same kind too: what the user of a command wants."""
+    global _keep
+    _keep = keep
+
+
+def check_kept(path):
+    """Raise InputError where the file exists and files are kept. On one rank."""
+    if _keep and os.path.exists(path):
+        raise InputError(f"output {path}: it exists, and --keep leaves it; choose another name")
+
+
+def hdf5_kind(name: str) -> str:
+    """The kind of an HDF5 file whose attribute `format` is a name."""
+    return f"HDF5 file of format '{name}'"
+
+
+def kind_of(path) -> str:
+    """What a file is, by its first bytes, in words; of archives of arrays with the first of their names."""
+    with open_input(path) as file:
+        start = file.read(4096)
+    if not start:
+        return EMPTY
+    if start.startswith(HDF5):
+        try:
+            if is_broken(path):
+                return "damaged HDF5 file"
+            with reading_from(path), h5py.File(path, "r") as file:
+                return hdf5_kind(str(file.attrs.get("format", "none")))
+        except (OSError, RuntimeError, KeyError):
+            return "damaged HDF5 file"
+    if start.startswith(b"<?xml"):
+        return SVG if b"<svg" in start else VTK if b"<VTKFile" in start else "XML file"
+    if start.startswith((b"PK\x03\x04", b"MATLAB")):
+        return _archive_kind(path, ZIP if start.startswith(b"PK") else MATLAB)
+    kind = next((kind for begins, kind in BEGINNINGS if start.startswith(begins)), None)
+    kind = kind or next((kind for begins, kind in PATTERNS if begins.match(start)), None)
+    if kind is None and TITLES.match(start):
+        return f".csv table of {shown(start.split(b',')[0])}"
+    return kind or OTHER
+
+
+def _archive_kind(path, kind) -> str:
+    """The kind of an archive with some of the names in it: arrays of a body are not matrices of a user."""
+    try:
+        with reading_from(path):
+            if kind == ZIP:
+                with zipfile.ZipFile(path) as archive:
+                    names = archive.namelist()
+            else:
+                from scipy.io import whosmat  # of a tenth of a second to load
+
+                names = [name for name, *_ in whosmat(path)]
+    except InputError:
+        raise
+    except Exception:  # whatever a damaged file makes its reader raise
+        return f"damaged {kind}"
+    return f"{kind} of {', '.join(sorted(names)[:3])}"
+
+
+def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int = 0):
+    """Refuse outputs that cannot be written or must not be, or that another run is about to write; those that are not
+    refused belong to this run until they are written. `progress` tells which files are replaced. Collective.
+
+    `outputs`: kinds (see kind_of) by path, those of None left out; `reads`: files that the run reads; `needed`: bytes
+    of all. Raises InputError, or ComputationError where there is no room.
+    """
+    outputs = {path: kind for path, kind in outputs.items() if path is not None}
+    for path in outputs:
+        check_writable(path, comm)
+    replaced, locks = [], [lock_name(Path(os.path.realpath(path))) for path in outputs]
+    with agreed(comm):
+        if comm.rank == 0:
+            for number, (path, kind) in enumerate(outputs.items()):
+                for other in [*reads, *list(outputs)[:number]]:
+                    if other is not None and _same(path, other):
+                        what = "reads" if other in reads else "writes too"
+                        raise InputError(f"output {path}: this is {other}, which this run {what}; choose another name")
+                if os.path.exists(path):
+                    check_kind(path, kind)
+                    check_kept(path)
+                    if kind not in (ZIP, MATLAB, None):  # of these it is seen at the end
+                        replaced.append(path)
+            if outputs:
+                check_room(next(iter(outputs)), needed)
+            for path in outputs:
+                lock(Path(os.path.realpath(path)), path)
+    unfinished.update(locks)  # on all ranks: any of them may be the one that ends the job
+    for path in replaced:
+        if progress is not None:
+            progress.tell(f"{path} exists and will be replaced")
+
+
+def check_writable(path, comm):
+    """Raise InputError on all ranks if rank 0 cannot create `path`, or write it where it exists. Collective."""
+    with agreed(comm):
+        if comm.rank == 0:
+            try:
+                _check_writable(path)
+            except InputError:
+                raise
+            except (OSError, ValueError) as error:  # a name that is too long, or with a zero byte
+                said = getattr(error, "strerror", None) or str(error)
+                raise InputError(f"output {str(path)[:80]!r}: cannot be written ({said}); choose another") from error
+
+
+def _check_writable(path):
+    real = Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
+    folder = real.parent
+    if not folder.is_dir():
+        raise InputError(f"output {path}: the folder {folder} does not exist; create it first")
+    if real.is_dir():
+        raise InputError(f"output {path}: this is a folder, expected a file name")
+    if real.exists():
+        mode = real.stat().st_mode
+        if not stat.S_ISREG(mode):
+            raise InputError(f"output {path}: this is a pipe or a device, expected a file name")
+        if not mode & 0o222 or not os.access(real, os.W_OK):
+            raise InputError(f"output {path}: it is read-only; choose another name")
+    try:
+        probe = Path(f"{temporary_name(real)}.h5")  # no name is longer
+        begin(probe)
+        probe.unlink()
+    except PermissionError as error:
+        raise InputError(
+            f"output {path}: the folder {folder} cannot be written ({error.strerror}); choose another"
+        ) from error
+
+
+def check_kind(path, kind: str):
+    """Raise InputError where an existing file is of another kind; an empty one may become anything. On one rank.
+
+    Archives without names, as they are known before they are written, are compared again when they are there; None is
+    any kind that hpcred writes.
+    """
+    found = kind_of(path)
+    alike = kind is not None and (found == kind or (kind in (ZIP, MATLAB) and found.startswith(kind)))
+    if found == OTHER or not (alike or found == EMPTY or kind is None):
+        article = "an" if found[0] in "aeiouH" else "a"
+        by = "" if kind in (None, OTHER) else f" by {kind}"
+        raise InputError(
+            f"output {path}: found {article} {found} there, which is not replaced{by}; remove it or choose another name"
+        )
+
+
+def _same(path, other) -> bool:
+    """Whether two names are of one file, through links too."""
+    if os.path.realpath(path) == os.path.realpath(other):
+        return True
+    return os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other)
+
+
+def check_room(path, needed: int):
+    """Raise ComputationError where the disk has less than the bytes needed for `path`. On one rank."""
+    if free_bytes(Path(os.path.realpath(path)).parent) < needed:
+        raise no_room(path, needed)

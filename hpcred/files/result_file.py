@@ -1,0 +1,347 @@
+"""All of result.h5: a reduced model, its body and its basis enter; a Result leaves.
+
+attributes: format, version; loss_factor of structural damping
+reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
+reduced/interfaces/name, node (k), position (k, 3): in interface coordinates, the nodes whose displacements come first
+basis/V (m, n), one row a basis vector in the dofs of the full model (basis/W: the left one of a two-sided projection)
+dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kind> (elements, nodes), held/,
+    sets/<name>, as in model.h5
+floating_frame/: the quantities of body.floating_frame, for a one-sided basis of a model with nodes
+interface/node (k), name (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): displacements
+phi q and rotations psi q of each node, which rotates where it has rotations
+record: JSON of reduction.record.Record
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from ..body.body import Body, Surface, body_of, number_of
+from ..body.floating_frame import FloatingFrame
+from ..body.node_shapes import NodeShape, shapes_of_rows
+from ..linalg.blocks import create_block, local_rows
+from ..model.dofs import SCALAR
+from ..model.elements import surface_triangles
+from ..model.interfaces import InterfaceNode
+from ..model.second_order_model import listed, require_model
+from ..parallel.declared import declared
+from ..parallel.failures import InputError, agreed
+from ..parallel.petsc import MPI
+from ..reduction.record import Record, difference_of, signature_of
+from ..reduction.reduced_model import ReducedModel
+from .checked import Entry
+from .hdf5 import reading, texts, writing
+from .model_file import NODES, sets_of, write_nodes
+
+FORMAT, VERSION = "hpcred-result", 2
+LABELS = ("node", "direction", "position")
+ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
+NAMES = ("input_names", "output_names")
+QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
+SCHEMA = NODES | {
+    **{f"reduced/{key}": Entry("real", ("m", "m"), needed=True) for key in "MDK"},
+    "reduced/B": Entry("real", ("m", "p"), needed=True), "reduced/C": Entry("real", ("r", "m"), needed=True),
+    "reduced/frequencies": Entry("real", ("m",), needed=True),
+    "reduced/input_names": Entry("text", ("p",), needed=True),
+    "reduced/output_names": Entry("text", ("r",), needed=True),
+    "reduced/interfaces/name": Entry("text", ("i",)), "reduced/interfaces/node": Entry("integer", ("i",)),
+    "reduced/interfaces/position": Entry("real", ("i", 3)),
+    "basis/V": Entry("real", ("m", "n")), "basis/W": Entry("real", ("m", "n")),
+    "interface/node": Entry("integer", ("k",)), "interface/name": Entry("text", ("k",)),
+    "interface/position": Entry("real", ("k", 3)), "interface/phi": Entry("real", ("k", 3, "m")),
+    "interface/psi": Entry("real", ("k", 3, "m")), "interface/rotates": Entry("flag", ("k",)),
+    "floating_frame/masses": Entry("real", (3,)), "floating_frame/integrals": Entry("text", ()),
+    "record": Entry("text", (), needed=True),
+}  # fmt: skip
+ROWS_AT_A_TIME = 2**22  # that are looked through
+LARGE = 100_000  # dofs of a body whose surface is no longer drawn without being asked for
+
+
+@dataclass
+class Result:
+    """What a result file contains, but for the basis, which stays in the file: see shapes().
+
+    `reduced`: the ReducedModel with its record. `floating_frame`: None where the model had no nodes or the projection
+    was two-sided. `nodes`: shapes of the interface nodes, those of the inputs and outputs. `path` of the file.
+    """
+
+    path: Path
+    reduced: ReducedModel
+    floating_frame: FloatingFrame | None = None
+    nodes: list[NodeShape] = field(default_factory=list)
+
+    def __str__(self):
+        return f"{self.path}: {self.reduced}"
+
+    def body(self, nodes=None) -> Body:
+        """The body with chosen interface nodes, by default those of the inputs and outputs.
+
+        `nodes`: numbers, names of interfaces, and names of node sets for all their nodes that have dofs; where an
+        interface and a set have the same name it is that of the interface. On one rank. Raises InputError where the
+        file has no floating-frame quantities or no such node.
+        """
+        if self.floating_frame is None:
+            raise InputError(
+                f"{self.path}: no floating-frame quantities; the model had no node coordinates, or the projection "
+                "was two-sided"
+            )
+        known = {shape.node: shape for shape in self.nodes}
+        members = {} if nodes is None else self._members({node for node in nodes if isinstance(node, str)})
+        if nodes is None:
+            chosen = list(known)
+        else:
+            chosen = [number for node in nodes for number in members.get(node) or [number_of(self.nodes, node)]]
+            chosen = list(dict.fromkeys(chosen))
+        missing = [node for node in chosen if node not in known]
+        if missing:
+            known |= {shape.node: shape for shape in self._shapes_of_nodes(missing)}
+        return Body(self.reduced, self.floating_frame, [known[node] for node in chosen])
+
+    def _members(self, names) -> dict[str, list[int]]:
+        """The nodes with dofs of the sets of these names, those of interfaces left out. Raises InputError."""
+        interfaces = [shape.name for shape in self.nodes if shape.name]
+        names = names.difference(interfaces)
+        if not names:
+            return {}
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
+            sets = sets_of(file)
+            unknown = sorted(names.difference(sets))
+            if unknown:
+                raise InputError(
+                    f"{self.path}: node '{unknown[0]}': no interface or node set of this name; interfaces: "
+                    f"{listed(interfaces)}; node sets: {listed(sorted(sets))}"
+                )
+            found = {name: sets[name][...] for name in names}
+            wanted = np.unique(np.concatenate(list(found.values())))
+            nodes = file["dofs/node"]
+            starts = range(0, len(nodes), ROWS_AT_A_TIME)
+            there = [np.intersect1d(nodes[low : low + ROWS_AT_A_TIME], wanted) for low in starts]
+            if "held" in file:
+                there.append(np.intersect1d(file["held/node"][...], wanted))
+        there = np.concatenate(there)
+        found = {name: numbers[np.isin(numbers, there)].tolist() for name, numbers in found.items()}
+        for name, numbers in found.items():
+            if not numbers:
+                raise InputError(f"{self.path}: no node of the set '{name}' has dofs; choose another")
+        return found
+
+    def _shapes_of_nodes(self, nodes):
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
+            if "basis/V" not in file or "dofs" not in file:
+                raise InputError(
+                    f"{self.path}: node {nodes[0]} is no interface node, and the file was written without basis"
+                )
+            columns, dofs = file["basis/V"], file["dofs"]
+            rows = np.concatenate([
+                low + np.flatnonzero(np.isin(dofs["node"][low : low + ROWS_AT_A_TIME], nodes))
+                for low in range(0, columns.shape[1], ROWS_AT_A_TIME)
+            ])  # fmt: skip
+            parts = [dofs[key][rows] for key in LABELS] if len(rows) else [np.zeros((0, *dofs[key].shape[1:]))
+                                                                           for key in LABELS]  # fmt: skip
+            basis = columns[:, rows].T if len(rows) else np.zeros((0, columns.shape[0]))
+            if "held" in file:
+                held = np.flatnonzero(np.isin(file["held/node"][...], nodes))
+                parts = [np.concatenate([part, file[f"held/{key}"][...][held]])
+                         for key, part in zip(LABELS, parts, strict=True)]  # fmt: skip
+                basis = np.concatenate([basis, np.zeros((len(held), basis.shape[1]))])
+        return shapes_of_rows(nodes, *parts, basis, str(self.path))
+
+    def surface(self) -> Surface | None:
+        """The surface of the body, or None: without elements or basis in the file, or above LARGE dofs. On one rank."""
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
+            if "basis/V" not in file or "elements" not in file or file["basis/V"].shape[1] > LARGE:
+                return None
+            shapes = Shapes(file, self.path)
+            triangles = surface_triangles(shapes.cells)
+            nodes, places = np.unique(triangles, return_inverse=True)
+            phi = [shapes.column(column)[nodes] for column in range(self.reduced.size)]
+        if not len(nodes):
+            return None
+        return Surface(shapes.points[nodes], places.reshape(triangles.shape), np.stack(phi, axis=-1))
+
+    @contextmanager
+    def shapes(self):
+        """The Shapes of all columns of the basis, while the file is open. On one rank. Raises InputError."""
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
+            yield Shapes(file, self.path)
+
+
+class Shapes:
+    """Shapes of the columns of a basis at the nodes, read from an open file one by one.
+
+    `nodes` (k,) their numbers, with those that are held, which do not move; `points` (k, 3) in m, `cells` by kind
+    as indices of points, `names` and `frequencies` (m,) of the shapes: pseudo-modes, which the columns of the basis
+    are (54), but in interface coordinates, or the basis vectors of a two-sided projection. `first`: the number of the
+    first shape. `mark_names` and `mark_points` (j, 3) in m: of the interface nodes, which need not be among the nodes.
+    """
+
+    def __init__(self, file, name):
+        if "basis/V" not in file or "dofs" not in file:
+            raise InputError(
+                f"{name}: no basis with node coordinates; reduce a model with nodes, and with write_basis = true"
+            )
+        self._rows = np.flatnonzero(file["dofs/direction"][...] != SCALAR)  # scalar dofs have no place
+        node, self._direction = (file[f"dofs/{key}"][...][self._rows] for key in ("node", "direction"))
+        position = file["dofs/position"][...][self._rows]
+        if "held" in file:
+            node = np.concatenate([node, file["held/node"][...]])
+            position = np.concatenate([position, file["held/position"][...]])
+        self.nodes, first, place = np.unique(node, return_index=True, return_inverse=True)
+        self.points = position[first]
+        self._place = place[: len(self._direction)]
+        self._basis = file["basis/V"]
+        kind = "basis vector" if "basis/W" in file else "pseudo-mode"
+        self.frequencies = file["reduced/frequencies"][...]
+        self._mixture = self._mixed = None
+        if "reduced/interfaces" in file:
+            from scipy.linalg import eigh  # which few results need
+
+            self._mixture = eigh(file["reduced/K"][...], file["reduced/M"][...])[1]
+        width = len(str(len(self.frequencies)))
+        self.first = int(file.attrs.get("first_number", 1))
+        self.names = [f"{kind} {k:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies, self.first)]
+        self.mark_names, self.mark_points, self._mark_phi = [], np.zeros((0, 3)), np.zeros((0, 3, len(self.names)))
+        if marks := file.get("interface"):
+            numbers = list(map(str, marks["node"][...].tolist()))
+            named = texts(marks["name"]) if "name" in marks else numbers
+            self.mark_names = [name or number for name, number in zip(named, numbers, strict=True)]
+            self.mark_points, self._mark_phi = marks["position"][...], marks["phi"][...]
+        self.cells = {}
+        for key, cells in file.get("elements", {}).items():
+            cells = cells[...]
+            index = np.searchsorted(self.nodes, cells).clip(max=len(self.nodes) - 1)
+            there = (self.nodes[index] == cells).all(axis=1)  # a frame may hold all dofs of a node
+            self.cells[key] = index[there]
+
+    def displacement(self, number) -> np.ndarray:
+        """(k, 3); the translational dofs of a shape."""
+        if self._mixture is None:
+            return self.column(number)
+        if self._mixed is None:
+            self._mixed = self._mixture.T @ self._basis[...]
+        return self._placed(self._mixed[number])
+
+    def mark_displacement(self, number) -> np.ndarray:
+        """(j, 3); the displacements of the interface nodes of a shape."""
+        return self._mark_phi[..., number] if self._mixture is None else self._mark_phi @ self._mixture[:, number]
+
+    def column(self, number) -> np.ndarray:
+        """(k, 3); the translational dofs of a column of the basis, which belongs to a coordinate."""
+        return self._placed(self._basis[number])
+
+    def _placed(self, values):
+        values, moved = values[self._rows], self._direction < 3
+        displaced = np.zeros((len(self.nodes), 3))
+        displaced[self._place[moved], self._direction[moved]] = values[moved]
+        return displaced
+
+
+def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=(0.0, 0.0, 0.0), lumped=False):
+    """Write what `reduce` made of a SecondOrderModel. Collective. Raises InputError when the file cannot be written.
+
+    With the `model` come its nodes and elements, and the quantities that multibody programs need (for them the basis of
+    `reduced` must not be closed); `origin` (3,) of the body frame in m; `lumped`: see floating_frame.
+    `basis`: whether V is written.
+    """
+    declared("reduced", reduced, ReducedModel)
+    if model is not None:
+        require_model(model)
+        key = reduced.record and difference_of(signature_of(model), reduced.record)
+        if key in ("M", "K"):
+            raise InputError(f"model: found another {key} than that which was reduced; give the model that was")
+    comm = model.comm if model is not None else reduced.columns.comm.tompi4py() if reduced.columns else MPI.COMM_WORLD
+    body = None
+    if model is not None and model.dofs is not None and reduced.columns is not None and reduced.left_columns is None:
+        body = body_of(model, reduced, origin=origin, lumped=lumped)
+    with writing(path, comm) as file:
+        file.attribute("format", FORMAT)
+        file.attribute("version", VERSION)
+        file.attribute("loss_factor", reduced.loss_factor)
+        for key in ARRAYS:
+            file.small(f"reduced/{key}", getattr(reduced, key))
+        for key in NAMES:
+            file.small(f"reduced/{key}", list(getattr(reduced, key)))
+        if reduced.interfaces:
+            for key in ("name", "node", "position"):
+                file.small(f"reduced/interfaces/{key}", [getattr(item, key) for item in reduced.interfaces])
+        if basis and reduced.columns is not None:
+            _write_basis(file, reduced, model)
+        if body is not None:
+            for key, value in body.floating_frame.arrays().items():
+                file.small(f"floating_frame/{key}", value, gaps=True)  # what a body that is held here does not show
+            file.small("floating_frame/integrals", body.floating_frame.integrals)
+            if body.nodes:
+                for key in ("node", "position", "phi", "psi", "rotates"):
+                    file.small(f"interface/{key}", np.array([getattr(shape, key) for shape in body.nodes]))
+                file.small("interface/name", [shape.name for shape in body.nodes])
+        file.small("record", TypeAdapter(Record | None).dump_json(reduced.record).decode())
+
+
+def _write_basis(file, reduced, model):
+    for key, block in (("V", reduced.columns), ("W", reduced.left_columns)):
+        if block is not None:
+            with local_rows(block) as rows:
+                file.rows(f"basis/{key}", np.ascontiguousarray(rows.real.T), axis=1)
+    if model is not None and model.dofs is not None:
+        write_nodes(file, model)
+
+
+def read_result(path, comm=MPI.COMM_WORLD) -> Result:
+    """Read a result on every rank, without its basis. Collective. Raises InputError."""
+    with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
+        group = file["reduced"]
+        try:
+            record = TypeAdapter(Record | None).validate_json(file["record"][()])
+        except ValidationError as error:
+            raise InputError(f"{path}: the record of the run is damaged: {error.errors()[0]['msg']}") from error
+        reduced = ReducedModel(
+            **{key: group[key][...] for key in ARRAYS},
+            **{key: tuple(texts(group[key])) for key in NAMES},
+            interfaces=_interfaces(group["interfaces"]) if "interfaces" in group else (),
+            loss_factor=file.attribute("loss_factor", float),
+            record=record,
+        )
+        result = Result(Path(path), reduced)
+        if "floating_frame" in file:
+            quantities = file["floating_frame"]
+            result.floating_frame = FloatingFrame(
+                **{key: quantities[key][()] for key in QUANTITIES}, integrals=quantities["integrals"][()].decode()
+            )
+        if "interface" in file:
+            arrays = [file[f"interface/{key}"][...] for key in ("node", "position", "phi", "psi", "rotates")]
+            names = texts(file["interface/name"]) if "name" in file["interface"] else [""] * len(arrays[0])
+            result.nodes = [
+                NodeShape(int(node), position, phi, psi, bool(rotates), name)
+                for node, position, phi, psi, rotates, name in zip(*arrays, names, strict=True)
+            ]
+        return result
+
+
+def read_basis(path, model):
+    """The basis V (n, m) as a block with the rows of the model, or None where the file has none.
+
+    Collective; the caller destroys it. Raises InputError.
+    """
+    with agreed(model.comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
+        part = None
+        if "basis/V" in file:
+            if file["basis/V"].shape[1] != model.size:
+                raise InputError(f"{path}: its basis has {file['basis/V'].shape[1]} rows, expected {model.size}")
+            part = file["basis/V"][:, model.first_row : model.first_row + model.local_rows].T
+    if part is None:
+        return None
+    block = create_block(model.K, part.shape[1])
+    with local_rows(block) as rows:
+        rows[...] = part
+    return block
+
+
+def _interfaces(group) -> tuple[InterfaceNode, ...]:
+    """The nodes of interface coordinates."""
+    rows = zip(texts(group["name"]), group["node"][...].tolist(), group["position"][...].tolist(), strict=True)
+    return tuple(InterfaceNode(name, node, tuple(position)) for name, node, position in rows)

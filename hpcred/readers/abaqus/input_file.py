@@ -1,0 +1,537 @@
+"""Abaqus input files (.inp): a file enters; nodes at their places in the assembly, elements and sets leave.
+
+Each rank looks for keywords in its range of bytes; rank 0 walks through the keywords (parts, instances, includes),
+and all ranks share the data lines. Read are *Node, *Element, *Nset, *Elset, *Part, *Instance, *Assembly, *Include and
+*System; what else would change nodes, or the directions of dofs, is refused.
+"""
+
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ...files.system_errors import open_input
+from ...files.text import (
+    BYTE_ORDER_MARK,
+    CONTROL,
+    LARGEST_LABEL,
+    Piece,
+    first_line,
+    line_number,
+    padded,
+    pieces,
+    ragged,
+    refuse_packed,
+    require_file,
+    shown,
+    whole,
+    without_comments,
+)
+from ...model.elements import NODES, abaqus_kind, abaqus_nodes_more, in_vtk_order
+from ...parallel.failures import InputError, agreed
+from ...parallel.lookup import look_up, sort_over_ranks
+from ..nodes.table import LARGEST_COORDINATE, Nodes, finite
+from .sets import GROUP, read_sets
+
+KEYWORD = re.compile(rb"(?m)^[ \t]*\*(?!\*)")
+GOES_ON = re.compile(rb",[ \t\r]*(\n|$)")
+EMPTY_FIELD = re.compile(rb",(?=[ \t]*,)")
+REDIRECTED = re.compile(rb"(?m)^[ \t]*>[ \t]*\*\*.*$")
+TYPE = re.compile(r"\w+")  # of elements
+WITH_NORMAL = 7  # numbers of a node
+CHANGES_NODES = {"ngen", "nfill", "ncopy", "nmap", "import", "imperfection", "symmetricmodelgeneration"}
+MAKES_ELEMENTS = {"elgen", "elcopy"}
+SCOPES = {"part", "endpart", "assembly", "endassembly", "instance", "endinstance"}  # where a *System ends
+# what CalculiX leaves out with its data lines, as all that it does not know
+UNKNOWN_TO_CALCULIX = {*SCOPES, "system", *CHANGES_NODES, *MAKES_ELEMENTS}
+TOLERATED = {"nset", "input", "system"}  # parameters of *Node
+
+
+@dataclass(frozen=True)
+class Section:
+    """A keyword at the byte `position` of a file, its parameters, and the bytes start..stop of its data lines."""
+
+    path: Path
+    position: int
+    keyword: str
+    parameters: dict
+    start: int
+    stop: int
+
+    def refusal(self, text: str) -> InputError:
+        return InputError(f"{self.path}, line {line_number(self.path, self.position)}: {text}")
+
+    def has_data(self) -> bool:
+        return bool(_data_lines(self))
+
+
+@dataclass(frozen=True)
+class Placement:
+    """x -> a + R (x + translation - a), with R the rotation about an axis through a."""
+
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    point: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+
+    def __call__(self, position):
+        return self.point + (position + self.translation - self.point) @ self.rotation.T
+
+
+@dataclass(frozen=True)
+class Block:
+    """The data lines of a *Node, *Element, *Nset or *Elset, the `system` in which its nodes are given, where these then
+    stand, and which of the `groups` of labels they are of; `prefix`: what Abaqus puts before the names of sets.
+    """
+
+    section: Section
+    path: Path
+    start: int
+    stop: int | None
+    system: Placement
+    placement: Placement
+    group: str
+    prefix: str = ""
+
+
+@dataclass
+class Mesh:
+    """What an input file says of the mesh; each rank has a share.
+
+    `nodes` ascending by number over the ranks; `elements`: node numbers (elements, nodes) by kind, but for kinds that
+    are not known; `sets`: node numbers by name, see abaqus_sets. `sections`: all keywords, the same on all ranks;
+    `counts`: so many elements of all ranks have the type of this name, in capitals.
+    """
+
+    nodes: Nodes
+    elements: dict[str, np.ndarray]
+    sets: dict[str, np.ndarray]
+    sections: list[Section]
+    counts: dict[str, int]
+
+
+def begins(start: bytes) -> bool:
+    """Whether a text that starts so is an input file: its first line that is no comment is a keyword."""
+    return first_line(REDIRECTED.sub(b"", start))[:1] == b"*"
+
+
+def read(path, comm, calculix=False) -> Mesh:
+    """The mesh of an input file. Collective. Raises InputError.
+
+    `calculix`: whether it is read as CalculiX does. Then matrices are in global directions in spite of *Transform;
+    what stands on a line behind the nodes of an element does not count, nor do keywords that CalculiX does not know
+    (one without a name is among them, if it has no data lines), and a node may have no coordinates, which are zero; no
+    keyword goes on in the next line; lines of >** above the first keyword are comments.
+    """
+    sections = _sections(Path(path), comm, (), calculix)
+    if calculix:
+        sections = [section for section in sections if section.keyword not in UNKNOWN_TO_CALCULIX]
+    with agreed(comm):
+        blocks = _blocks(path, sections, calculix) if comm.rank == 0 else None
+    blocks = comm.bcast(blocks)
+    groups = sorted({block.group for block in blocks})
+    nodes, elements, sets = (
+        [block for block in blocks if block.section.keyword in keywords]
+        for keywords in (("node",), ("element",), ("nset", "elset"))
+    )
+    named = {}
+    nodes = _nodes(path, comm, nodes, named, 1 if calculix else 2)
+    elements, keys, counts = _elements(comm, elements, groups, named, calculix)
+    _require_nodes(path, comm, nodes, elements)
+    return Mesh(nodes, elements, read_sets(path, comm, sets, groups, named, elements, keys), sections, counts)
+
+
+def _sections(path, comm, including, calculix):
+    """All keywords of a file and of those it includes, in order. Collective."""
+    with agreed(comm):
+        require_file(path)
+        refuse_packed(path)
+        found = [piece.start + match.start() for piece in pieces(path, comm) for match in KEYWORD.finditer(piece.text)]
+    positions = sum(comm.allgather(found), [])
+    with agreed(comm):
+        sections = _keywords(path, positions, calculix) if comm.rank == 0 else None
+    result = []
+    for section in comm.bcast(sections):
+        if section.keyword != "include":
+            result.append(section)
+            continue
+        with agreed(comm):
+            name = section.parameters.get("input")
+            if not name:
+                raise section.refusal("found *Include without a file, expected input=FILE")
+            file = path.parent / name
+            if not file.is_file():
+                raise section.refusal(f"found *Include of {file}, which is no file")
+            if file.resolve() in [item.resolve() for item in (path, *including)]:
+                raise section.refusal(f"found *Include of {file}, which includes itself")
+            if _data_lines(section):
+                raise section.refusal("found data lines below *Include, expected a keyword")
+        result += _sections(file, comm, (path, *including), calculix)
+    return result
+
+
+def _keywords(path, positions, calculix):
+    """The Sections of a file from the bytes where its keywords begin; for Abaqus a line that ends with a comma goes on.
+    """
+    sections, size = [], path.stat().st_size
+    with open_input(path) as file:
+        head = file.read(positions[0] if positions else size).removeprefix(BYTE_ORDER_MARK)
+        head = REDIRECTED.sub(b"", head) if calculix else head
+        if first_line(head):
+            found = shown(first_line(head))
+            raise InputError(f"{path}: found '{found}' above the first keyword, expected a keyword such as *Node")
+        for position, stop in zip(positions, [*positions, size][1:], strict=True):
+            file.seek(position)
+            line = file.readline()
+            while not calculix and line.rstrip().endswith(b",") and file.tell() < stop:
+                line = line.rstrip() + file.readline()
+            text = line.decode("latin-1").strip().lstrip("*").strip()
+            keyword, *parameters = ["", *_fields(text)] if text[:1] in ("", ",") else _fields(text)
+            pairs = (item.partition("=") for item in parameters)
+            given = {_word(key): value.strip().strip("\"'") for key, _, value in pairs if key.strip()}
+            sections.append(Section(path, position, _word(keyword), given, file.tell(), stop))
+            _require_keyword(sections[-1], line, calculix)
+    return sections
+
+
+def _require_keyword(section, line, calculix):
+    """Refuse a damaged line of a keyword."""
+    if CONTROL.search(line):
+        raise section.refusal(f"found '{shown(line)}', expected a keyword without control characters")
+    if line.count(b'"') % 2:
+        raise section.refusal(f"found '{shown(line)}', expected a keyword with a second quote for each first one")
+    if not section.keyword and not calculix:
+        raise section.refusal("found a line with nothing behind its asterisk, expected a keyword")
+    if not section.keyword and section.has_data():
+        raise section.refusal(
+            "found data lines below a line with nothing behind its asterisk, expected a keyword above them"
+        )
+
+
+def _fields(line):
+    """The parts of a line between commas; commas in quotes do not count."""
+    return re.findall(r'(?:"[^"]*"|[^",])+', line)
+
+
+def _word(text):
+    """Keywords and parameters count without blanks and in any case."""
+    return re.sub(r"[ \t\r\n]", "", text.lower())  # of ASCII: other blanks are signs like others
+
+
+def _data_lines(section):
+    """The few data lines of a keyword, without comments and blank lines, as lists of fields."""
+    with open_input(section.path) as file:
+        file.seek(section.start)
+        text = without_comments(file.read(section.stop - section.start))
+    lines = ([item.strip().decode("latin-1") for item in line.split(b",")] for line in text.splitlines())
+    return [fields for fields in lines if fields != [""]]
+
+
+def _numbers(section, fields, count):
+    """`count` numbers of a data line; what is left out is zero."""
+    fields = [item.lower().replace("d", "e") for item in fields]
+    while fields and not fields[-1]:
+        fields.pop()
+    try:
+        if len(fields) > count or not all(item.isascii() and "_" not in item for item in fields):
+            raise ValueError
+        values = np.array([float(item or 0.0) for item in fields] + [0.0] * (count - len(fields)))
+    except ValueError as error:
+        raise section.refusal(f"found the data line '{', '.join(fields)}', expected {count} numbers") from error
+    if not (np.abs(values) <= LARGEST_COORDINATE).all():
+        raise section.refusal(f"found the data line '{', '.join(fields)}', expected finite numbers, of a body's size")
+    return values
+
+
+def _blocks(path, sections, calculix):
+    """The data lines of nodes and elements that are in the model, each with its place."""
+    parts, blocks, instances = {}, [], {}
+    scope, name, placement, system = "model", "", Placement(), Placement()
+    for section in sections:
+        keyword, given = section.keyword, section.parameters
+        if keyword in CHANGES_NODES:
+            raise section.refusal(
+                f"found *{keyword.capitalize()}, which makes or moves nodes; write the input file with all nodes in "
+                "*Node lines, or give the nodes as lines of node, x, y, z"
+            )
+        if keyword in MAKES_ELEMENTS:
+            raise section.refusal(
+                f"found *{keyword.capitalize()}, which makes elements; write the input file with all elements in "
+                "*Element lines, or give the nodes as lines of node, x, y, z"
+            )
+        if keyword == "transform" and not calculix:
+            raise section.refusal(
+                "found *Transform, which turns the directions of dofs; take the matrices from a model without it"
+            )
+        if keyword == "node" and calculix and given.get("system", "r").lower() != "r":
+            raise section.refusal(
+                f"found *Node with system={given['system']}, which CalculiX does not know; its matrices belong to x, "
+                "y, z as they are written"
+            )
+        if keyword == "system":
+            system = _system(section)
+        elif keyword in SCOPES:
+            system = Placement()
+        if keyword == "part":
+            scope, name = "part", given.get("name", "").lower()
+            parts[name] = []
+        elif keyword == "assembly":
+            scope = "assembly"
+        elif keyword == "instance":
+            scope, name, placement = "instance", given.get("name", ""), _placement(section)
+            instances[name.lower()] = name
+            part = given.get("part", "").lower()
+            if part not in parts or "instance" in given or "library" in given:
+                raise section.refusal(f"found an *Instance of '{part}', expected one of a *Part above")
+            blocks += [_block(*item, placement, f"instance {name}", f"{name}.") for item in parts[part]]
+        elif keyword in ("endpart", "endassembly", "endinstance"):
+            scope = "assembly" if keyword == "endinstance" else "model"
+        elif keyword in ("node", "element", "nset", "elset"):
+            if scope == "part":
+                parts[name].append((section, system))
+            elif scope == "instance":
+                blocks.append(_block(section, system, placement, f"instance {name}", f"{name}."))
+            else:
+                of = instances.get(given.get("instance", "").lower()) if keyword in ("nset", "elset") else None
+                blocks.append(_block(section, system, Placement(), f"instance {of}" if of else f"the {scope}"))
+    if parts and not instances:
+        raise InputError(f"{path}: found a *Part but no *Instance of one, expected an assembly, or nodes without parts")
+    return blocks
+
+
+def _block(section, system, placement, group, prefix=""):
+    start, stop, path = section.start, section.stop, section.path
+    if "input" in section.parameters:
+        path = section.path.parent / section.parameters["input"]
+        if not path.is_file():
+            raise section.refusal(f"found input={path}, which is no file")
+        if _data_lines(section):
+            raise section.refusal("found data lines below a keyword with input=, expected them in that file only")
+        start, stop = 0, None
+    if section.keyword == "node":
+        unknown = sorted(set(section.parameters) - TOLERATED)
+        kind = section.parameters.get("system", "r").lower()
+        if unknown or kind not in ("r", "c"):
+            found = f"the parameter {unknown[0]}" if unknown else f"system={kind.upper()}"
+            raise section.refusal(
+                f"found *Node with {found}, expected "
+                "rectangular (system=R) or cylindrical (system=C) coordinates"
+            )
+    return Block(section, path, start, stop, system, placement, group, prefix)
+
+
+def _system(section):
+    """From the system of *System to that of the part: by its origin a, b on its x axis, and c in its x, y plane.
+
+    Without c, z is that of the part, and b counts without its z; without b, only the origin is another.
+    """
+    lines = _data_lines(section)
+    if len(lines) > 2:
+        raise section.refusal(f"found {len(lines)} lines below *System, expected the points a and b, and c")
+    values = _numbers(section, lines[0], 6) if lines else np.zeros(6)
+    a, x = values[:3], values[3:] - values[:3]
+    if len(lines) < 2 and not (any(lines[0][3:] if lines else ()) and values.any()):
+        return Placement(a)
+    if len(lines) < 2:
+        x[2], z = 0.0, np.array([0.0, 0.0, 1.0])
+    else:
+        z = np.cross(x, _numbers(section, lines[1], 3) - a)
+    if not x.any() or not z.any():
+        raise section.refusal("found *System with its points on a line, expected an origin a, b on x, and c beside it")
+    x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
+    return Placement(a, a, np.stack([x, np.cross(z, x), z], axis=1))
+
+
+def _placement(section):
+    """The translation, and then the rotation about the axis from a to b, of the data lines of an *Instance."""
+    lines = _data_lines(section)
+    if len(lines) > 2:
+        raise section.refusal(f"found {len(lines)} lines below *Instance, expected a translation and a rotation")
+    translation = _numbers(section, lines[0], 3) if lines else np.zeros(3)
+    if len(lines) < 2:
+        return Placement(translation)
+    values = _numbers(section, lines[1], 7)
+    a, b, angle = values[:3], values[3:6], np.deg2rad(values[6])
+    length = np.linalg.norm(b - a)
+    if not length:
+        raise section.refusal("found a rotation of *Instance about two equal points, expected an axis from a to b")
+    x, y, z = (b - a) / length
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return Placement(translation, a, rotation)
+
+
+def _nodes(path, comm, blocks, named, least):
+    """The nodes of all blocks, ascending by number over the ranks; each number once. Fills `named`, see abaqus_sets.
+
+    `least`: how many numbers a line has.
+    """
+    groups = sorted({block.group for block in blocks})
+    with agreed(comm):
+        parts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.int64))]
+        for block in blocks:
+            for piece in pieces(block.path, comm, block.start, block.stop):
+                label, position = _node_lines(piece, block, least)
+                _name(named, block, "nset", label)
+                position = block.placement(block.system(position))
+                parts.append((label, position, np.full(len(label), groups.index(block.group))))
+        label, position, group = (np.concatenate(items) for items in zip(*parts, strict=True))
+    label, x, y, z, group = sort_over_ranks(comm, label, [*position.T, group])
+    position = np.array([x, y, z]).T
+    if not comm.allreduce(len(label)):
+        raise InputError(f"{path}: found no nodes, expected *Node lines of node, x, y, z")
+    with agreed(comm):
+        again = np.flatnonzero(label[1:] == label[:-1]) + 1
+        mixed = again[group[again] != group[again - 1]]
+        if mixed.size:
+            names = " and ".join(groups[group[k]] for k in (mixed[0] - 1, mixed[0]))
+            raise InputError(
+                f"{path}: found the node {label[mixed[0]]} in {names}; rows of the matrices cannot be told apart, "
+                "since Abaqus numbers the nodes of an assembly anew; write the input file without parts and "
+                "assemblies, or give tables of nodes and dofs in the numbers that Abaqus uses"
+            )
+        moved = again[(position[again] != position[again - 1]).any(axis=1)]
+        if moved.size:
+            places = " and ".join(str(position[k].tolist()) for k in (moved[0] - 1, moved[0]))
+            raise InputError(f"{path}: found the node {label[moved[0]]} at {places}, expected one place a node")
+    once = np.ones(len(label), bool)
+    once[again] = False
+    label = label[once]
+    return Nodes(label, position[once], (comm.exscan(len(label)) or 0) + np.arange(len(label)))
+
+
+def _node_lines(piece, block, least):
+    """Labels, and Cartesian coordinates in the system of the part, of data lines; what is left out is zero.
+
+    Behind the coordinates may stand the normal of a beam or shell, which does not count.
+    """
+    filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
+    values, counts, lines = ragged(filled, blanks=False, expected="node, x, y, z")
+    wrong = np.flatnonzero((counts < least) | (counts > WITH_NORMAL))
+    if wrong.size:
+        raise piece.refusal(lines[wrong[0]], f"node, x, y, z and a normal ({least} to {WITH_NORMAL} numbers a line)")
+    table = padded(values, counts, WITH_NORMAL)
+    finite(piece, table[:, 1:], lines)
+    label = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
+    position = table[:, 1:4]
+    if block.section.parameters.get("system", "r").lower() == "c":  # radius, angle in degrees, z
+        radius, angle = position[:, 0].copy(), np.deg2rad(position[:, 1])
+        position[:, 0], position[:, 1] = radius * np.cos(angle), radius * np.sin(angle)
+    return label, position
+
+
+def _name(named, block, kind, numbers):
+    """Keep the numbers of a *Node or *Element that names a set."""
+    if name := block.section.parameters.get(kind):
+        named.setdefault((kind, block.prefix + name), []).append(numbers)
+
+
+def _elements(comm, blocks, groups, named, calculix):
+    """Node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind; the number of all
+    elements by type. Fills `named`.
+    """
+    found, keys, counts = {}, {}, Counter()
+    with agreed(comm):
+        for block in blocks:
+            if "type" not in block.section.parameters:
+                raise block.section.refusal("found *Element without type=, expected the type of its elements")
+            name = block.section.parameters["type"]
+            if not TYPE.fullmatch(name):
+                raise block.section.refusal(f"found type={name}, expected the type of elements")
+            kind = abaqus_kind(name)
+            if kind is None:
+                continue
+            width = NODES[kind] + 1
+            middle = name.upper() == "S8R5"  # which may name the node that it has in its middle
+            surplus = (calculix or middle) and _numbers_in_first_line(block) > width
+            more = 0 if calculix else abaqus_nodes_more(name)
+            for piece in pieces(block.path, comm, block.start, block.stop, continued=not surplus):
+                lines = _with_more_nodes(piece, width, more) if more else _element_lines(piece, width, surplus)
+                found.setdefault(kind, []).append(lines[:, 1:])
+                keys.setdefault(kind, []).append(GROUP * groups.index(block.group) + lines[:, 0])
+                counts[name.upper()] += len(lines)
+                _name(named, block, "elset", keys[kind][-1])
+    kinds = sorted(set().union(*comm.allgather(set(found))))
+    return (
+        {kind: in_vtk_order(kind, np.concatenate([np.zeros((0, NODES[kind]), np.int64), *found.get(kind, [])]))
+         for kind in kinds},
+        {kind: np.concatenate([np.zeros(0, np.int64), *keys.get(kind, [])]) for kind in kinds},
+        dict(sum(comm.allgather(counts), Counter())),
+    )  # fmt: skip
+
+
+def _require_nodes(path, comm, nodes, elements):
+    """Raise InputError where an element stands on a node that the file does not have."""
+    for kind, corners in elements.items():
+        wanted = np.unique(corners)
+        there, _ = look_up(comm, nodes.label, [], wanted)
+        with agreed(comm):
+            if not there.all():
+                raise InputError(
+                    f"{path}: found the node {wanted[~there][0]} in elements ({kind}), but no place of it; expected a "
+                    "*Node line for each node"
+                )
+
+
+def _numbers_in_first_line(block):
+    with open_input(block.path) as file:
+        file.seek(block.start)
+        return len(first_line(file.read(4096)).replace(b",", b" ").split())
+
+
+def _with_more_nodes(piece, width, more):
+    """As _element_lines, of elements that may name up to `more` further nodes, 0 or nothing where there is none.
+
+    These stand in the same line, or below one that ends with a comma.
+    """
+    filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
+    values, counts, lines = ragged(filled, blanks=False, expected=f"{width} to {width + more} numbers an element")
+    first, total = np.arange(len(counts)), counts
+    if (counts < width).any() or GOES_ON.search(filled.text):
+        first, total = _lines_joined(filled, lines, counts, width, more)
+    wrong = np.flatnonzero((total < width) | (total > width + more))
+    if wrong.size:
+        raise piece.refusal(lines[first[wrong[0]]], f"{width} to {width + more} numbers an element")
+    place = np.arange(len(values)) - np.repeat(np.cumsum(total) - total, total)
+    line = np.repeat(lines, counts)
+    whole(piece, values[place < width], line[place < width], "the number of an element or node", 1, LARGEST_LABEL)
+    whole(piece, values[place >= width], line[place >= width], "the number of a node", 0, LARGEST_LABEL)
+    return values[place < width].reshape(-1, width).astype(np.int64)
+
+
+def _lines_joined(piece, lines, counts, width, more):
+    """Of each element: the first of its lines, and how many numbers they have together."""
+    text = without_comments(piece.text).split(b"\n")
+    goes_on = [text[line].rstrip().endswith(b",") for line in lines]
+    first, total = [], []
+    for k, count in enumerate(counts.tolist()):
+        if first and (total[-1] < width or (goes_on[k - 1] and total[-1] + count <= width + more)):
+            total[-1] += count
+        else:
+            first.append(k)
+            total.append(count)
+    return np.array(first, np.int64), np.array(total, np.int64)
+
+
+def _element_lines(piece, width, surplus=False):
+    """The numbers of elements and of their nodes, each of one or more whole lines of together `width` numbers.
+
+    With `surplus` an element is the first numbers of each line.
+    """
+    values, counts, lines = ragged(piece, blanks=False, expected=f"{width} numbers an element")
+    if surplus:
+        if (counts < width).any():
+            raise piece.refusal(lines[np.argmax(counts < width)], f"at least {width} numbers an element")
+        place = np.arange(len(values)) - np.repeat(np.cumsum(counts) - counts, counts)
+        values, counts = values[place < width], np.full(len(counts), width)
+    if (counts > width).any():
+        raise piece.refusal(lines[np.argmax(counts > width)], f"{width} numbers an element")
+    ends = np.cumsum(counts)
+    line = np.searchsorted(ends, np.arange(width, values.size + 1, width))
+    wrong = np.flatnonzero(ends[line] % width) if values.size else line
+    if wrong.size or values.size % width:
+        bad = line[wrong[0]] if wrong.size else len(lines) - 1
+        raise piece.refusal(lines[bad], f"{width} numbers an element")
+    whole(piece, values, np.repeat(lines, counts), "the number of an element or node", 1, LARGEST_LABEL)
+    return values.reshape(-1, width).astype(np.int64)

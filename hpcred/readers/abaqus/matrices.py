@@ -1,0 +1,156 @@
+"""Matrices as Abaqus' *MATRIX OUTPUT writes them: a text enters, entries leave, some on each rank.
+
+FORMAT=COORDINATE has lines of row, column, value with numbers from 1 and both triangles. FORMAT=MATRIX INPUT has
+lines of node, dof, node, dof, value; of a symmetric matrix one triangle, of others both.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ...files.text import LARGEST_LABEL, first_bytes, first_line, numbers, pieces, shown, triples, whole
+from ...parallel.exchange import exchange
+from ...parallel.failures import InputError, agreed
+from ..entries import Collected, Entries, LabelledEntries, both_triangles, joined, label_of
+
+ENDINGS = {"K": "STIF", "M": "MASS", "D": "DMPV"}
+STRUCTURAL_DAMPING = "DMPS"
+MATRIX_MARKET = (  # compiled when a file has a %
+    rb"(?im)^[ \t]*%[^\n]*(?:matrixmarket|matrix +(?:coordinate|array)|(?:real|integer) +(?:general|symmetric|skew))"
+)
+
+
+def begins(start: bytes) -> bool:
+    """Whether a file that starts so has lines of numbers."""
+    return first_line(start)[:1].isdigit() or first_line(start)[:1] == b"-"
+
+
+def read(path, comm) -> Entries | LabelledEntries:
+    """Read a real square matrix. Collective. Raises InputError."""
+    with agreed(comm):
+        line = first_line(first_bytes(path))
+        columns = len(line.replace(b",", b" ").split())
+        if columns == 6 and b"." not in b"".join(line.replace(b",", b" ").split()[:5]):
+            raise InputError(
+                f"{path}: found a first line '{shown(line)}' of 6 numbers, as of matrices element by "
+                "element, expected the assembled matrix; leave Element by Element out of *Matrix Generate"
+            )
+        if columns not in (3, 5):
+            raise InputError(
+                f"{path}: found a first line '{shown(line)}' of {columns} numbers, expected "
+                "row, column, value or node, dof, node, dof, value"
+            )
+    return _read_coordinates(path, comm) if columns == 3 else _read_matrix_input(path, comm)
+
+
+def _pieces(path, comm):
+    """As text.pieces; refused is Matrix Market with a damaged header, whose sizes would be taken for an entry."""
+    for piece in pieces(path, comm):
+        if b"%" in piece.text and (header := re.search(MATRIX_MARKET, piece.text)):
+            raise piece.refusal(piece.text[: header.start()].count(b"\n"), "the header of a Matrix Market file as the "
+                                "first line, or no such line")  # fmt: skip
+        yield piece
+
+
+def _read_coordinates(path, comm):
+    with agreed(comm):
+        found = Collected((np.int64, np.int64, float))
+        for piece in _pieces(path, comm):
+            found.add(triples(piece, commas=True)[:3], piece.share)
+        i, j, v = found.arrays
+    below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
+    if below != above:
+        raise InputError(
+            f"{path}: found entries {'below' if below else 'above'} the diagonal only, expected lines of row, column, "
+            "value of both triangles; write one triangle as a symmetric Matrix Market file"
+        )
+    size = 1 + max(comm.allgather(int(max(i.max(initial=-1), j.max(initial=-1)))))
+    if comm.bcast((i[0], j[0], v[0]) if len(i) else None) == (size - 1, size - 1, comm.allreduce(len(i)) - 1):
+        raise InputError(
+            f"{path}: found a first line of the numbers of rows, columns and lines below it, as of a Matrix Market "
+            "file without its header; put %%MatrixMarket matrix coordinate real general (or symmetric) above it"
+        )
+    return Entries((size, size), i, j, v)
+
+
+def _read_matrix_input(path, comm):
+    with agreed(comm):
+        parts = []
+        for piece in _pieces(path, comm):
+            table, lines = numbers(piece, 5)
+            labels = []
+            for k in (0, 2):
+                internal = np.flatnonzero(table[:, k] <= 0)
+                if internal.size:
+                    raise piece.refusal(
+                        lines[internal[0]],
+                        "the number of a node of the mesh; nodes that are not positive are Abaqus' own (Lagrange "
+                        "multipliers, hybrid elements, contact), which a mechanical model cannot have",
+                    )
+                node = whole(piece, table[:, k], lines, "the node number", 1, LARGEST_LABEL)
+                dof = whole(piece, table[:, k + 1], lines, "the dof (1 to 3 displacements, 4 to 6 rotations)", 1, 6)
+                labels.append(label_of(node, dof - 1))
+            parts.append((*labels, table[:, 4].copy()))
+        i, j, v = joined(parts, (np.int64, np.int64, float))
+        del parts
+    if is_one_triangle(comm, i, j):
+        i, j, v = both_triangles(i, j, v)
+    return LabelledEntries(i, j, v)
+
+
+def is_one_triangle(comm, i, j):
+    """Whether no entry has its mirror image; the order of Abaqus' rows need not be that of the node numbers."""
+    below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
+    if not (below and above):
+        return True
+    off = i != j
+    low, high, is_above = np.minimum(i, j)[off], np.maximum(i, j)[off], (i < j)[off]
+    low, high, is_above = exchange(comm, low % comm.size, [low, high, is_above])
+    order = np.lexsort((is_above, high, low))
+    low, high, is_above = low[order], high[order], is_above[order]
+    mirrored = (low[1:] == low[:-1]) & (high[1:] == high[:-1]) & (is_above[1:] != is_above[:-1])
+    return not any(comm.allgather(bool(mirrored.any())))
+
+
+def is_beside(path) -> bool:
+    """Whether a matrix file that Abaqus wrote is beside an input file."""
+    return bool(_matrices_beside(Path(path)))
+
+
+def _matrices_beside(path):
+    """Files by step and by kind (STIF, MASS, ...)."""
+    found = {}
+    pattern = re.compile(re.escape(path.stem) + r"_?(STIF|MASS|DMPV|DMPS)(\d+)\.mtx(\.gz)?")
+    folder = path.parent
+    for file in sorted(folder.iterdir()) if folder.is_dir() else ():
+        match = pattern.fullmatch(file.name)
+        if match:
+            found.setdefault(match[2], {}).setdefault(match[1], str(file))
+    return found
+
+
+def files_beside(path) -> dict[str, str]:
+    """The matrix files K, M and perhaps D that Abaqus wrote beside an input file block.inp. Raises InputError.
+
+    Their names are block_STIF1.mtx or blockSTIF1.mtx, with the number of the step; also .mtx.gz.
+    """
+    path = Path(path)
+    found = _matrices_beside(path)
+    if len(found) > 1:
+        raise InputError(
+            f"{path}: found matrices of the steps {', '.join(sorted(found, key=int))} beside it, expected those of one "
+            "step; give the files by -K and -M, and the input file by --nodes"
+        )
+    files = next(iter(found.values()), {})
+    for key in ("K", "M"):
+        if ENDINGS[key] not in files:
+            expected = path.with_name(f"{path.stem}_{ENDINGS[key]}1.mtx")
+            other = "" if files else f", or {path.stem}.sti of CalculiX (*Frequency, SOLVER=MATRIXSTORAGE)"
+            raise InputError(f"{path}: found no matrix {key} beside it, expected {expected}{other}")
+    if STRUCTURAL_DAMPING in files:
+        raise InputError(
+            f"{files[STRUCTURAL_DAMPING]}: found a matrix of structural damping, which a model cannot hold; give the "
+            "other files by -K, -M and -D, and a loss factor in the job"
+        )
+    return {key: files[ending] for key, ending in ENDINGS.items() if ending in files}

@@ -1,0 +1,148 @@
+"""Sets of an Abaqus input file: its *Nset and *Elset blocks and its elements enter, node numbers by name leave.
+
+A set of elements becomes the set of their nodes, "elements of NAME". Sets inside of an instance are named as Abaqus
+does, INSTANCE.NAME; those that Abaqus/CAE made for itself (internal) are left out.
+"""
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...files.text import (
+    LARGEST_LABEL,
+    Piece,
+    pieces,
+    ragged,
+    refuse_empty_fields,
+    require_commas,
+    shown,
+    whole,
+    without_comments,
+)
+from ...parallel.failures import InputError, agreed
+from ...parallel.lookup import look_up, sort_over_ranks
+from ...parallel.petsc import MPI
+
+WORD = re.compile(rb'"[^"\n]*"|[^\s,][^,\n]*[A-Za-z_][^,\n]*|[A-Za-z_][^,\n]*')
+IN_INSTANCE = re.compile(r".+\.(\d{1,18})")
+GROUP = 2**32  # keys of elements: GROUP times the number of their instance, plus their own
+NOTHING = np.zeros(0, np.int64)
+
+
+@dataclass
+class Members:
+    """What a rank found of one set: numbers of nodes, or keys of elements, and names of sets that belong to it.
+
+    `parts`: of each such name the ways to write it in full.
+    """
+
+    name: str
+    numbers: list[np.ndarray] = field(default_factory=list)
+    parts: set[tuple[str, ...]] = field(default_factory=set)
+
+
+def read_sets(path, comm, blocks, groups, named, elements, keys) -> dict[str, np.ndarray]:
+    """Node numbers by name of the set, each once over all ranks, ascending. Collective. Raises InputError.
+
+    `blocks` of *Nset and *Elset; `groups`: the instances, in the order of their numbers in keys. `named`: numbers of
+    this rank by ("nset" or "elset", name), of *Node and *Element with such a parameter. `elements`, `keys`: node
+    numbers (elements of this rank, nodes) and keys (elements,) by kind.
+    """
+    found = {}
+    with agreed(comm):
+        for block in blocks:
+            _read_block(comm, block, GROUP * groups.index(block.group), found)
+        for (kind, name), numbers in named.items():
+            _members(found, kind, name).numbers += numbers
+    sets = {}
+    for (kind, _), (name, numbers) in _with_their_parts(path, comm, found).items():
+        numbers = np.unique(sort_over_ranks(comm, numbers)[0])
+        if kind == "elset":
+            name = f"elements of {name}"
+            of_kinds = (look_up(comm, numbers, [], keys[key])[0] for key in elements)
+            nodes = [part[inside].ravel() for part, inside in zip(elements.values(), of_kinds, strict=True)]
+            numbers = np.unique(sort_over_ranks(comm, np.concatenate([NOTHING, *nodes]))[0])
+        if comm.allreduce(len(numbers)):
+            sets[name] = numbers
+    return sets
+
+
+def _members(found, kind, name):
+    return found.setdefault((kind, name.lower()), Members(name))
+
+
+def _read_block(comm, block, offset, found):
+    """Put what the data lines of this rank say into `found`."""
+    kind, given = block.section.keyword, block.section.parameters
+    name = given.get(kind)
+    if not name:
+        raise block.section.refusal(f"found *{kind.capitalize()} without a name, expected {kind}=NAME")
+    if "internal" in given or (kind == "nset" and "elset" in given):
+        return  # the nodes of a set of elements are there under its own name
+    members = _members(found, kind, block.prefix + name)
+    offset = offset if kind == "elset" else 0
+    if "generate" in given:  # few lines, perhaps of very many numbers: each rank takes its share of all
+        for piece in pieces(block.path, MPI.COMM_SELF, block.start, block.stop):
+            members.numbers.append(offset + _ranges(piece)[comm.rank :: comm.size])
+        return
+    for piece in pieces(block.path, comm, block.start, block.stop):
+        text = without_comments(piece.text)
+        words = [word.decode("latin-1").strip().strip('"') for word in WORD.findall(text)]
+        fields = WORD.sub(b"1", text)
+        refuse_empty_fields(piece, fields)
+        require_commas(piece, fields)
+        plain = Piece(piece.path, WORD.sub(b" ", text).replace(b",", b" "), piece.start)
+        values, counts, lines = ragged(plain, expected="whole numbers")
+        numbers = whole(plain, values, np.repeat(lines, counts), "a number", 1, LARGEST_LABEL)
+        inside = [int(match[1]) for match in map(IN_INSTANCE.fullmatch, words) if match]
+        members.numbers.append(offset + np.concatenate([numbers, np.array(inside, np.int64)]))
+        words = [word.lower() for word in words if not IN_INSTANCE.fullmatch(word)]
+        members.parts |= {(word, block.prefix.lower() + word) for word in words}
+
+
+def _ranges(piece):
+    """The numbers of lines of first, last, step; a step that is left out is 1."""
+    values, counts, lines = ragged(piece, blanks=False, expected="first, last and step of numbers")
+    wrong = np.flatnonzero((counts < 2) | (counts > 3))
+    if wrong.size:
+        raise piece.refusal(lines[wrong[0]], "first, last and step of numbers")
+    values = whole(piece, values, np.repeat(lines, counts), "a number", 1, LARGEST_LABEL)
+    parts = [NOTHING]
+    rows = np.split(values, np.cumsum(counts)[:-1]) if len(lines) else []
+    for line, row in zip(lines, rows, strict=True):
+        if row[0] > row[1]:
+            raise piece.refusal(line, "first, last and step of numbers, the first not above the last")
+        parts.append(np.arange(row[0], row[1] + 1, row[2] if len(row) == 3 else 1))
+    return np.concatenate(parts)
+
+
+def _with_their_parts(path, comm, found):
+    """(name, numbers of this rank) of every set of any rank, with those of the sets that it names."""
+    table = {}
+    for part in comm.allgather({key: (members.name, members.parts) for key, members in found.items()}):
+        for key, (name, parts) in part.items():
+            table.setdefault(key, (name, set()))[1].update(parts)
+    result = {}
+    for key in sorted(table):
+        reached, new = {key}, {key}
+        while new:
+            new = {item for one in new for item in _named_in(path, one, table)} - reached
+            reached |= new
+        arrays = [array for item in sorted(reached) if item in found for array in found[item].numbers]
+        result[key] = table[key][0], np.concatenate([NOTHING, *arrays])
+    return result
+
+
+def _named_in(path, key, table):
+    """The keys of the sets that a set names. Elements of kinds that are not known have no sets, nodes always have."""
+    kind, (name, parts) = key[0], table[key]
+    for words in sorted(parts):
+        there = [(kind, word) for word in words if (kind, word) in table]
+        if kind == "nset" and not there:
+            found = shown(words[0].encode("latin-1"))
+            raise InputError(
+                f"{path}: found the set '{found}' in the set of nodes '{name}', expected one of the sets of nodes of "
+                "the file that has a name of its own"
+            )
+        yield from there

@@ -1,0 +1,268 @@
+"""ANSYS' archive of a model (.cdb, of CDWRITE): a text enters; nodes, angles of their axes and elements leave.
+
+Read are the blocks NBLOCK and EBLOCK, whose second line is the Fortran format of their fields, and ET or ETBLOCK, the
+types of elements. Each rank looks for them in its range of bytes, then all share the lines of each block.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...files.system_errors import open_input
+from ...files.text import LARGEST_LABEL, Piece, line_number, numbers, pieces, ragged, require_file, shown, whole
+from ...model.elements import NODES
+from ...parallel.failures import InputError, agreed
+from ..fixed_width import Field, fields_of_format, separated
+from ..nodes.table import finite
+
+COMMAND = re.compile(
+    rb"(?im)^[ \t]*(?:(?P<block>[NE]BLOCK)\b|(?P<types>ETBLOCK)\b|(?P<type>ET[ \t]*,)"
+    rb"|(?P<end>-1[ \t]*\r?$|N[ \t]*,[ \t]*(?:R5\.\d|UNBL)[ \t]*,[ \t]*LOC[ \t]*,[ \t]*-1)"
+    rb"|(?P<node>N[ \t]*,[ \t]*(?:R5\.\d[ \t]*,[ \t]*LOC[ \t]*,|\d))|(?P<turn>(?:NROTAT|NMODIF|NANG)\b))[^\n]*"
+)
+START = re.compile(rb"(?im)^[ \t]*(/COM|/PREP7|/NOPR|/BATCH|/TITLE|NUMOFF|NBLOCK|ET[ \t]*,)")
+HEAD = 11  # fields of an element in front of its nodes; the second is its type, the ninth how many nodes follow
+TYPE, COUNT, NUMBER = 1, 8, 10
+FIRST = 8  # nodes in the first line of an element
+SOLIDS = {45, 46, 64, 65, 73, 92, 95, 148, 185, 186, 187, 190, 285}
+SHELLS = {28, 41, 42, 43, 63, 82, 91, 93, 99, 143, 150, 181, 182, 183, 281}
+BEAMS = {1, 3, 4, 8, 10, 23, 44, 180, 188, 189}
+
+
+@dataclass(frozen=True)
+class Block:
+    """The lines start..stop (bytes) of an NBLOCK or EBLOCK, their fields, and how many the file announces."""
+
+    name: str
+    line: int
+    announced: int | None
+    fields: list[Field]
+    start: int
+    stop: int
+
+
+def begins(start: bytes) -> bool:
+    """Whether a text that starts so may be an archive: one of its lines is a command that stands above the blocks."""
+    return b"\0" not in start and bool(START.search(start))
+
+
+def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict]:
+    """Node numbers, coordinates, angles in degrees and elements of this rank. Collective. Raises InputError.
+
+    Elements: node numbers (elements, nodes) by kind; those of other types than solids, shells and beams are left out.
+    """
+    path = Path(path)
+    with agreed(comm):
+        require_file(path)
+        found = []
+        for piece in pieces(path, comm):
+            for match in COMMAND.finditer(piece.text):
+                found.append((piece.start + match.start(), match.lastgroup, match[0].decode("latin-1").strip()))
+    found = sum(comm.allgather(found), [])
+    with agreed(comm):
+        blocks = _blocks(path, found) if comm.rank == 0 else None
+    blocks = comm.bcast(blocks)
+    with agreed(comm):
+        types = _types(path, found) if comm.rank == 0 else None
+    types = comm.bcast(types)
+    nodes, elements, counts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))], {}, []
+    with agreed(comm):
+        for block in blocks:
+            if block.name == "NBLOCK":
+                parts = [_nodes(piece, block.fields) for piece in pieces(path, comm, block.start, block.stop)]
+                nodes += parts
+                counts.append(sum(len(part[0]) for part in parts))
+            else:
+                counts.append(_elements(path, comm, block, types, elements))
+    totals = comm.allreduce(np.array(counts, dtype=np.int64))
+    for block, total in zip(blocks, totals, strict=True):
+        if block.announced is not None and block.announced != total:
+            raise InputError(
+                f"{path}, line {block.line}: found {total} entries of {block.name}, but it announces "
+                f"{block.announced}; the file is damaged"
+            )
+    kinds = sorted(set().union(*comm.allgather(set(elements))))
+    joined = {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *elements.get(kind, [])]) for kind in kinds}
+    return *(np.concatenate(item) for item in zip(*nodes, strict=True)), joined
+
+
+def _blocks(path, found):
+    """The Blocks of the commands that were found (byte, kind, line), in order."""
+    blocks = []
+    with open_input(path) as file:
+        for index, (position, kind, line) in enumerate(found):
+            if kind == "node":
+                raise InputError(
+                    f"{path}, line {line_number(path, position)}: found nodes as single commands, expected the blocks "
+                    "of CDWRITE,DB,file,cdb"
+                )
+            if kind == "turn":
+                raise InputError(
+                    f"{path}, line {line_number(path, position)}: found '{shown(line.encode())}', which gives nodes "
+                    "axes of their own that only ANSYS knows; let it write CDWRITE,DB,file,cdb, which has their angles"
+                )
+            if kind != "block":
+                continue
+            words = [word.strip() for word in line.split(",")]
+            name, number = words[0].upper(), line_number(path, position)
+            if name == "EBLOCK" and not (len(words) > 2 and words[1] == "19" and words[2].upper() == "SOLID"):
+                continue  # other forms of elements: pictures show those of the usual form
+            file.seek(position)
+            file.readline()
+            fields = fields_of_format(file.readline(), f"{path}, line {number + 1}")
+            end = found[index + 1] if index + 1 < len(found) else None
+            if end is None or end[1] != "end":
+                raise InputError(f"{path}, line {number}: found no end of {name}; the file is cut off or damaged")
+            if name == "NBLOCK" and not _fits(fields, words):
+                raise InputError(
+                    f"{path}, line {number}: found an NBLOCK of {len(fields)} fields, expected 3 integers (1 of "
+                    "NBLOCK,3) and 3 to 6 numbers"
+                )
+            if name == "EBLOCK" and not (len(fields) == HEAD + FIRST and all(field.whole for field in fields)):
+                raise InputError(
+                    f"{path}, line {number}: found an EBLOCK of {len(fields)} fields, expected 19 integers"
+                )
+            counts = [word for word in words[3:] if word]
+            if not all(word.isdigit() and word.isascii() for word in counts):
+                raise InputError(
+                    f"{path}, line {number}: found '{shown(line.encode())}', expected whole numbers behind SOLID"
+                )
+            # the short NBLOCK of Workbench has the highest number that a node may have, and not how many there are
+            announced = int(counts[-1]) if len(counts) == 2 else None
+            blocks.append(Block(name, number, announced, fields, file.tell(), end[0]))
+    if not any(block.name == "NBLOCK" for block in blocks):
+        raise InputError(f"{path}: found no nodes, expected an NBLOCK as CDWRITE,DB,file,cdb writes it")
+    return blocks
+
+
+def _fits(fields, words):
+    """Whether an NBLOCK has node number, perhaps two more integers, x, y, z and perhaps angles."""
+    count = {"6": 3, "3": 1}.get("".join(words[1:2]))
+    whole_numbers = [field.whole for field in fields]
+    return count is not None and whole_numbers in [[True] * count + [False] * k for k in range(3, 7)]
+
+
+def _types(path, found):
+    """The numbers of ANSYS' element types (185 of SOLID185) by the type numbers that elements name."""
+    types = {}
+    for index, (position, kind, line) in enumerate(found):
+        words = [word.strip() for word in line.split("!")[0].split(",")]
+        if kind == "type" and len(words) > 2 and words[1].isdecimal() and len(words[1]) < 12:
+            digits = re.search(r"\d{1,9}$", words[2])
+            if digits:
+                types[int(words[1])] = int(digits[0])
+        elif kind == "types":
+            types |= _types_of_block(path, position, found[index + 1 : index + 2])
+    return types
+
+
+def _types_of_block(path, position, after):
+    """The types in the lines of an ETBLOCK: number, type, key options."""
+    number = line_number(path, position)
+    if not after or after[0][1] != "end":
+        raise InputError(f"{path}, line {number}: found no end of ETBLOCK; the file is cut off or damaged")
+    with open_input(path) as file:
+        file.seek(position)
+        _, _, *lines = file.read(after[0][0] - position).splitlines() or [b""]
+    pairs = [line.split()[:2] for line in lines if line.strip()]
+    if not all(len(pair) == 2 and pair[0].isdigit() and pair[1].isdigit() for pair in pairs):
+        raise InputError(f"{path}, line {number}: found an ETBLOCK with other lines than number, type and key options")
+    return {int(key): int(type_) for key, type_ in pairs}
+
+
+def _nodes(piece, fields):
+    """Labels, coordinates and angles of the lines of an NBLOCK; numbers that are left out at the end are zero."""
+    table, lines = numbers(separated(piece, fields, fill=True), len(fields), commas=False)
+    label = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
+    reals = table[:, sum(field.whole for field in fields) :]
+    reals = np.hstack([reals, np.zeros((len(table), 6 - reals.shape[1]))])
+    finite(piece, reals, lines)
+    return label, reals[:, :3], reals[:, 3:]
+
+
+def _elements(path, comm, block, types, elements):
+    """Add the elements of this rank to `elements` by kind; returns how many there are of any kind."""
+    own = b"".join(piece.text for piece in pieces(path, comm, block.start, block.stop))
+    if not own:
+        return 0
+    low = next(piece.start for piece in pieces(path, comm, block.start, block.stop))
+    with open_input(path) as file:
+        file.seek(low + len(own))
+        beyond = b"".join(file.readline() for _ in range(3) if file.tell() < block.stop)
+    piece = Piece(path, own + beyond, low)
+    values, counts, lines = ragged(separated(piece, block.fields), commas=False, expected="integers")
+    whole(piece, values, np.repeat(lines, counts), "a number of an element", -LARGEST_LABEL, LARGEST_LABEL)
+    values = values.astype(np.int64)
+    place = np.cumsum(counts) - counts
+    mine = int(np.count_nonzero(lines < own.count(b"\n") + (not own.endswith(b"\n"))))
+    nodes = np.where(counts > HEAD, values[np.minimum(place + COUNT, len(values) - 1)], 0)
+    more = -(-np.maximum(nodes - FIRST, 0) // (HEAD + FIRST))  # lines that follow the first
+    after = np.arange(len(counts)) + 1 + more
+    until = np.append(place, len(values))
+    fits = (nodes > 0) & (counts == HEAD + np.minimum(nodes, FIRST)) & (after <= len(counts))
+    fits[fits] &= until[after[fits]] - place[fits] == HEAD + nodes[fits]
+    for first in range(1 if low == block.start else 3):  # the lines at the top may belong to the rank before
+        heads = followed(after, first)
+        heads = heads[heads < mine]
+        if fits[heads].all():
+            break
+    else:
+        first, heads = 0, followed(after, 0)
+    if not fits[heads].all():
+        raise piece.refusal(int(lines[heads[~fits[heads]][0]]), "an element of 11 numbers, then its nodes")
+    table = values[np.minimum(place[heads, None] + np.arange(HEAD + 20), len(values) - 1)]
+    here = np.arange(HEAD + 20) < HEAD + np.minimum(nodes[heads], 20)[:, None]
+    here[:, [k for k in range(HEAD) if k not in (TYPE, NUMBER)]] = False  # keys of the geometry may be negative
+    if (negative := ((table < 0) & here).any(axis=1)).any():
+        raise piece.refusal(int(lines[heads[negative][0]]), "numbers of nodes, of an element and its type, from 0 on")
+    for number in np.unique(table[:, TYPE]):
+        for count in np.unique(table[table[:, TYPE] == number, COUNT]):
+            some = table[(table[:, TYPE] == number) & (table[:, COUNT] == count), HEAD:][:, : min(count, 20)]
+            for kind, part in kinds_of(types.get(int(number)), some):
+                elements.setdefault(kind, []).append(part)
+    return len(heads)
+
+
+def followed(after: np.ndarray, first: int) -> np.ndarray:
+    """The places on the way first, after[first], after[after[first]], ..., ascending, up to the end."""
+    size = len(after)
+    jump = np.append(np.minimum(after, size), size)
+    path = np.array([first] if first < size else [], dtype=np.int64)
+    while len(path):
+        ahead = jump[path]
+        ahead = ahead[ahead < size]
+        if not len(ahead):
+            break
+        path, jump = np.concatenate([path, ahead]), jump[jump]
+    return np.sort(path)
+
+
+def kinds_of(type_: int | None, nodes: np.ndarray):
+    """Pairs of a kind (see model.elements) and node numbers, of elements of one type; repeated nodes make wedges."""
+    count = nodes.shape[1]
+    if type_ in BEAMS and count >= 2:
+        yield ("line3", nodes[:, :3]) if type_ == 189 and count >= 3 else ("line", nodes[:, :2])
+    elif type_ in SHELLS and count in (3, 4, 6, 8):
+        triangle = nodes[:, 2] == nodes[:, 3] if count in (4, 8) else np.ones(len(nodes), bool)
+        corner = [0, 1, 2] if count in (3, 4) else [0, 1, 2, 4, 5, 7] if count == 8 else list(range(6))
+        yield ("triangle" if len(corner) == 3 else "triangle6"), nodes[triangle][:, corner]
+        if count in (4, 8):
+            yield ("quad" if count == 4 else "quad8"), nodes[~triangle]
+    elif type_ in SOLIDS and count in (4, 10):
+        yield ("tetra" if count == 4 else "tetra10"), nodes
+    elif type_ in SOLIDS and count in (8, 20):
+        top = (nodes[:, 4:7] == nodes[:, 5:8]).all(axis=1)  # M = N = O = P
+        side = nodes[:, 2] == nodes[:, 3]  # K = L
+        wedge = side & ~top & (nodes[:, 6] == nodes[:, 7])
+        plain = ~top & ~wedge & ~side
+        for some, kind, corner in (
+            (top & side, "tetra", [0, 1, 2, 4]), (top & ~side, "pyramid", [0, 1, 2, 3, 4]),
+            (wedge, "wedge", [0, 1, 2, 4, 5, 6]), (plain, "hexahedron" if count == 8 else "hexahedron20", range(count)),
+        ):  # fmt: skip
+            part = nodes[some][:, list(corner)]
+            if len(part) and (part > 0).all():
+                yield kind, part
+            elif len(part):  # without some of the nodes in the middle of edges
+                yield "hexahedron", part[:, :8]

@@ -1,0 +1,115 @@
+"""Nodes for matrices of ANSYS: the matrix file enters; nodes, turned axes and elements of a file beside it leave."""
+
+from dataclasses import dataclass, field
+from os.path import commonprefix
+from pathlib import Path
+
+import numpy as np
+
+from ...files.text import first_bytes
+from ...parallel.failures import InputError, agreed
+from ...parallel.lookup import repeated_key, sort_over_ranks
+from ..nodal_systems import rotation_of_angles, turn_to_global
+from ..nodes.table import Nodes
+from . import cdb as ansys_cdb
+from . import lists as ansys_lists
+from . import rst as ansys_rst
+
+SUFFIXES = (".cdb", ".rst")  # in this order: an archive has elements too
+
+
+@dataclass
+class FoundNodes:
+    """The nodes of a file, the numbers (turned,) and axes (turned, 3, 3) of those with axes of their own; elements."""
+
+    file: str
+    nodes: Nodes
+    turned: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    rotation: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    elements: dict = field(default_factory=dict)
+
+    def refuse_turned(self):
+        """Raise InputError where nodes have axes of their own, for matrices whose rows have no names."""
+        if len(self.turned):
+            raise InputError(
+                f"{self.file}: found axes of its own at node {self.turned[0]}, which the rows of the matrices may "
+                "follow; name the rows by --dofs, so that they can be turned to global x, y, z"
+            )
+
+
+def begins(start: bytes) -> bool:
+    """Whether a file that starts so is a result file, a list of nodes or an archive of ANSYS."""
+    return ansys_rst.begins(start) or ansys_lists.begins_nodes(start) or ansys_cdb.begins(start)
+
+
+def find_nodes(path, comm, lists=False) -> FoundNodes | None:
+    """The nodes of the .cdb or .rst file beside a file: of the same name, else the only one. Collective.
+
+    `lists`: a list of nodes (NLIST, NWRITE, Workbench) will do as well. None where there is no such file. Raises
+    InputError.
+    """
+    with agreed(comm):
+        file = _file_beside(Path(path), lists) if comm.rank == 0 else None
+    file = comm.bcast(file)
+    return None if file is None else read_nodes(file, comm)
+
+
+def read_nodes(file, comm) -> FoundNodes:
+    """The nodes of a result file, an archive or a list of nodes. Collective. Raises InputError."""
+    with agreed(comm):
+        start = first_bytes(file)
+    elements = {}
+    if ansys_rst.begins(start):
+        label, position, angles = ansys_rst.read(file, comm)
+    elif ansys_lists.begins_nodes(start):
+        label, position, angles = ansys_lists.read_nodes(file, comm)
+    else:
+        label, position, angles, elements = ansys_cdb.read(file, comm)
+    turned = (angles != 0).any(axis=1)
+    label_turned, rotation = label[turned], rotation_of_angles(angles[turned])
+    twice = repeated_key(comm, label)
+    if twice is not None:
+        raise InputError(f"{file}: found the node {twice} more than once, expected one place a node")
+    label, x, y, z = sort_over_ranks(comm, label, list(position.T))
+    place = (comm.exscan(len(label)) or 0) + np.arange(len(label))
+    nodes = Nodes(label, np.array([x, y, z]).T.reshape(-1, 3), place)
+    return FoundNodes(str(file), nodes, label_turned, rotation, elements)
+
+
+def turn_found(comm, parts, found: FoundNodes):
+    """Turn the matrices of the parts from the nodes' own axes to the global ones, with a word about it. Collective."""
+    count = turn_to_global(comm, parts, found.turned, found.rotation, found.file)
+    if count:
+        parts.warnings.append(
+            f"{found.file}: {count} nodes have axes of their own; the matrices were turned to global x, y, z"
+        )
+
+
+def _file_beside(path, lists):
+    """The file with the nodes, or None."""
+    for suffix in SUFFIXES:
+        same = path.with_suffix(suffix)
+        if same.is_file():
+            return str(same)
+    others = [item for item in sorted(path.parent.iterdir()) if item.suffix.lower() in SUFFIXES and item.is_file()]
+    if not others and lists:
+        others = [item for item in sorted(path.parent.iterdir()) if item != path and item.is_file()
+                  and ansys_lists.begins_nodes(_start(item))]  # fmt: skip
+    alike = [len(commonprefix([path.name, item.name])) for item in others]
+    if len(others) > 1 and alike.count(max(alike)) == 1:  # rotor_K.txt, rotor_nodes.txt, plate_nodes.txt
+        others = [others[alike.index(max(alike))]]
+    if len(others) > 1:
+        names = ", ".join(item.name for item in others)
+        raise InputError(
+            f"{path}: found several files with nodes beside it ({names}), expected one, or {path.stem}.rst or "
+            f"{path.stem}.cdb; keep the files of one model in a folder of their own"
+        )
+    return str(others[0]) if others else None
+
+
+def _start(path):
+    """The first bytes of a file; nothing where it cannot be read."""
+    try:
+        return first_bytes(path)
+    except InputError:
+        return b""

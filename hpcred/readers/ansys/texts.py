@@ -1,0 +1,136 @@
+"""Matrices that ANSYS wrote as texts: one of them enters; it, the others, their rows and the nodes beside it leave.
+
+HBMAT writes Harwell-Boeing files, whose title says which matrix it is, and a .mapping file of the rows. *EXPORT of
+APDL Math writes Matrix Market files; their names say which matrix they are, and the rows come from a .mapping file of
+HBMAT, or, where no dof is held, from a vector of node numbers.
+"""
+
+import re
+from pathlib import Path
+
+from ...files.system_errors import reading_from
+from ...files.text import first_bytes
+from ...parallel.failures import InputError, agreed
+from ..matrices import harwell_boeing, matrix_market
+from ..parts import Parts
+from . import lists as ansys_lists
+from .nodes import find_nodes, turn_found
+
+TITLE = re.compile(rb"^(stiffness|mass|damping) matrix from ANSYS", re.IGNORECASE)
+KEYS = {b"stiffness": "K", b"mass": "M", b"damping": "D"}
+NAMES = {"K": re.compile(r"stif|(?<![a-z])k(?![a-z])|mat_?k|kmat", re.IGNORECASE),
+         "M": re.compile(r"mass|(?<![a-z])m(?![a-z])|mat_?m(?!at)|mmat", re.IGNORECASE),
+         "D": re.compile(r"damp|(?<![a-z])[cd](?![a-z])|mat_?[cd](?![a-z])|[cd]mat", re.IGNORECASE)}  # fmt: skip
+COORDINATE = re.compile(rb"^%%matrixmarket +matrix +coordinate +real", re.IGNORECASE)
+
+
+def begins(start: bytes) -> bool:
+    """Whether a text that starts so is a matrix of HBMAT or of *EXPORT,...,MMF."""
+    return _is_hbmat(start) or _is_mmf(start)
+
+
+def read_parts(path, comm):
+    """The matrices of a set, told by one of them. Collective. Raises InputError."""
+    path = Path(path)
+    with agreed(comm):
+        found = _set_of(path) if comm.rank == 0 else None
+    files, mapping, vector = comm.bcast(found)
+    read = harwell_boeing.read if _is_hbmat(first_bytes(path)) else matrix_market.read
+    parts = Parts({key: read(file, comm) for key, file in files.items()}, files)
+    shapes = {matrix.shape for matrix in parts.matrices.values()}
+    if len(shapes) > 1:
+        raise InputError(f"{path}: found matrices of different sizes, {_listed(files)}; keep those of one run together")
+    size = parts.matrices["K"].shape[0]
+    if mapping or vector:
+        parts.files["rows"] = mapping or vector
+        if mapping:
+            parts.row_labels = ansys_lists.read_mapping(mapping, comm)
+        else:
+            parts.row_labels = ansys_lists.read_vector(vector, comm, size)
+        total = comm.allreduce(len(parts.row_labels[0]))
+        if total != size:
+            raise InputError(f"{mapping or vector}: found {total} rows, expected {size} as {files['K']} has")
+    nodes = find_nodes(path, comm, lists=True) if parts.row_labels is not None else None
+    if parts.row_labels is None:
+        parts.warnings.append(
+            f"{path}: found no file of the rows beside it, so the model has no nodes; write it by HBMAT,...,YES,YES"
+        )
+    elif nodes is None:
+        parts.warnings.append(
+            f"{path}: found no file of nodes beside it (.cdb, .rst or a list of nodes), so the model has none; write "
+            "them by CDWRITE,DB"
+        )
+    else:
+        parts.nodes, parts.elements = nodes.nodes, nodes.elements
+        parts.files["nodes"] = nodes.file
+        turn_found(comm, parts, nodes)
+    parts.as_written = nodes is None or not comm.allreduce(len(nodes.turned))
+    parts.warnings.append(f"{path}: taken together were {_listed(parts.files)}")
+    return parts
+
+
+def _is_hbmat(start):
+    return harwell_boeing.begins(start) and bool(TITLE.match(harwell_boeing.title(start)))
+
+
+def _is_mmf(start):
+    return bool(COORDINATE.match(start)) and ansys_lists.CREATOR in start
+
+
+def _set_of(path):
+    """The files K, M and perhaps D, and those of the rows: a mapping, or a vector of nodes, or None."""
+    start = first_bytes(path)
+    kind = _is_hbmat if _is_hbmat(start) else _is_mmf
+    matrices, mappings, vectors = {}, [], []
+    for item in sorted(path.parent.iterdir()):
+        if not item.is_file():
+            continue
+        try:
+            head = first_bytes(item)
+        except InputError:
+            continue
+        if kind(head):
+            matrices.setdefault(_key(item, head), []).append(item)
+        elif ansys_lists.begins_mapping(head):
+            mappings.append(item)
+        elif ansys_lists.begins_vector(head):
+            vectors.append(item)
+    own = _key(path, start)
+    if own is None:
+        raise InputError(
+            f"{path}: found a matrix whose name does not say which it is, expected a name with stiff or mass; or give "
+            "the files by -K and -M"
+        )
+    matrices[own] = [path]
+    files = {}
+    for key, what in (("K", "stiffness"), ("M", "mass"), ("D", "damping")):
+        some = matrices.get(key, [])
+        if len(some) > 1 or (not some and key != "D"):
+            names = " and ".join(item.name for item in some) or "none"
+            raise InputError(
+                f"{path}: found {names} as {what} matrix beside it, expected one; give the files by -K and -M, and the "
+                "rows by --dofs"
+            )
+        if some:
+            files[key] = str(some[0])
+    stems = {Path(file).stem for file in files.values()}
+    same = [item for item in mappings if item.stem in stems] or mappings
+    with reading_from(path):
+        texts = {item.read_bytes() for item in same} if len(same) > 1 else set()
+    if len(texts) > 1 or (not same and len(vectors) > 1):
+        names = ", ".join(item.name for item in same or vectors)
+        raise InputError(f"{path}: found several files of the rows beside it ({names}), expected one, or equal ones")
+    return files, str(same[0]) if same else None, str(vectors[0]) if vectors and not same else None
+
+
+def _key(path, start):
+    """K, M or D: by the title of HBMAT, else by the name of the file; None where it says nothing or two things."""
+    match = TITLE.match(harwell_boeing.title(start))
+    if match:
+        return KEYS[match[1].lower()]
+    found = [key for key, pattern in NAMES.items() if pattern.search(path.stem)]
+    return found[0] if len(found) == 1 else None
+
+
+def _listed(files):
+    return ", ".join(f"{key} {Path(file).name}" for key, file in files.items())

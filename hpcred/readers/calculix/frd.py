@@ -1,0 +1,246 @@
+"""Read nodes and elements of a file of results of CalculiX (.frd), as text or, of *NODE OUTPUT, binary.
+
+A block of nodes (2C) and one of elements (3C) stand in front of all results; their heads say how many there are, and in
+which form: 0 and 1 are texts with fields of 5 or 10 columns for a number, 2 and 3 are binary, with places of four and
+of eight bytes.
+"""
+
+import mmap
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...files.system_errors import open_input, read_numbers
+from ...files.text import LARGEST_LABEL, Piece, numbers, pieces, ragged, records, refuse_packed, require_file, whole
+from ...model.elements import NODES
+from ...parallel.failures import InputError, agreed
+from ...parallel.lookup import repeated_key, sort_over_ranks
+from ..entries import joined
+from ..fixed_width import fields_of_format, separated
+from ..nodes.table import LARGEST_COORDINATE, Nodes, finite
+
+HEAD = re.compile(rb"(?m)^ {4}([23])C {18}([ \d]{12}) {37}(\d)[ \t]*\r?\n")
+ELEMENT = re.compile(rb"(?m)^ -1")
+SHARE = 2**14  # binary elements that one rank reads at a time, at least
+SHORT, LONG, SINGLE, DOUBLE = range(4)
+KINDS = {1: "hexahedron", 2: "wedge", 3: "tetra", 4: "hexahedron20", 5: "wedge15", 6: "tetra10", 7: "triangle",
+         8: "triangle6", 9: "quad", 10: "quad8", 11: "line", 12: "line3"}  # fmt: skip
+LONGEST = 4 + max(NODES[kind] for kind in KINDS.values())  # words of a binary element
+# edges between bottom and top stand in front of those of the top
+VTK = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)], "wedge15": [*range(9), 12, 13, 14, 9, 10, 11]}
+
+
+@dataclass
+class Results:
+    """Nodes ascending by number and elements (node numbers by kind) of this rank; `rough`: places have six digits."""
+
+    nodes: Nodes
+    elements: dict[str, np.ndarray]
+    rough: bool
+
+    def said(self, path) -> list[str]:
+        """A remark on places of few digits."""
+        return [f"{path}: its places have 6 digits only, in which rigid-body motions of the nodes meet forces; give "
+                "the input file, or results of *NODE OUTPUT in place of *NODE FILE"] * self.rough  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Block:
+    """`count` nodes or elements of a form in the bytes start..stop; `shares`: bytes where shares of binary elements
+    begin."""
+
+    count: int
+    form: int
+    start: int
+    stop: int
+    shares: tuple[int, ...] = ()
+
+
+def begins(start: bytes) -> bool:
+    """Whether a file that starts so has results of CalculiX."""
+    return start.startswith(b"    1C")
+
+
+def read(path, comm) -> Results | None:
+    """What a file says of the mesh; None where it has no nodes, as of a run that only writes matrices. Collective.
+
+    Raises InputError.
+    """
+    with agreed(comm):
+        require_file(path)
+        refuse_packed(path, "results of CalculiX")
+        blocks = _blocks(path) if comm.rank == 0 else None
+    blocks = comm.bcast(blocks)
+    if 2 not in blocks:
+        return None
+    with agreed(comm):
+        label, position = _nodes(path, comm, blocks[2])
+        elements = _elements(path, comm, blocks[3]) if 3 in blocks else {}
+        wrong = ~(np.abs(position) <= LARGEST_COORDINATE).all(axis=1)
+        if wrong.any():
+            raise InputError(f"{path}: found the node {label[wrong][0]} at {position[wrong][0].tolist()}, expected "
+                             "finite coordinates")  # fmt: skip
+    counts = [comm.allreduce(len(label)), comm.allreduce(sum(len(part) for part in elements.values()))]
+    for what, count, block in zip(("nodes", "elements"), counts, (blocks[2], blocks.get(3)), strict=True):
+        if block and count != block.count:
+            raise InputError(f"{path}: found {count} {what}, expected {block.count}; the file is cut off or damaged")
+    twice = repeated_key(comm, label)
+    if twice is not None:
+        raise InputError(f"{path}: found the node {twice} more than once, expected one place a node")
+    label, x, y, z = sort_over_ranks(comm, label, list(position.T))
+    nodes = Nodes(label, np.stack([x, y, z], axis=1), (comm.exscan(len(label)) or 0) + np.arange(len(label)))
+    kinds = sorted(set().union(*comm.allgather(set(elements))))
+    empty = {kind: np.zeros((0, NODES[kind]), np.int64) for kind in kinds}
+    return Results(nodes, empty | elements, blocks[2].form in (SHORT, LONG))
+
+
+def _blocks(path) -> dict[int, Block]:
+    """The blocks of nodes (2) and elements (3). Raises InputError."""
+    found = {}
+    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+
+        def damaged(at, expected):
+            where = f"at byte {at} of {len(data)}"
+            return InputError(f"{path}: found no {expected} {where}; the file is cut off or damaged")
+
+        at = 0
+        while data[at : at + 5] in (b"    1", b"    2", b"    3"):
+            line = data[at : data.find(b"\n", at) + 1]
+            if line[4:5] == b"1":
+                at += len(line)
+                if not line:
+                    raise damaged(len(data), "end of a line")
+                continue
+            match = HEAD.fullmatch(line)
+            key = int(line[4:5])
+            if match is None or key in found or int(match[3]) > DOUBLE:
+                raise damaged(at, "head of one block of nodes, and one of elements behind it,")
+            at, count, form, shares = at + len(line), int(match[2]), int(match[3]), ()
+            if form in (SHORT, LONG):
+                stop = data.find(b"\n -3", at - 1) + 1
+                end = data.find(b"\n", stop) + 1
+                if not stop or data[stop:end].strip() != b"-3":
+                    raise damaged(at, "end (-3) of the block that begins")
+            elif key == 2:
+                end = stop = at + count * (28 if form == DOUBLE else 16)
+            else:
+                shares = _shares(data, at, count, damaged)
+                end = stop = shares[-1]
+            if stop > len(data):
+                raise damaged(len(data), "whole block of nodes or elements")
+            found[key], at = Block(count, form, at, stop, shares), end
+        if data[at : at + 5] not in (b"  100", b" 9999", b"    4") and data[at:].strip() != b"9999":
+            raise damaged(at, "block of nodes, elements or results")
+    if 3 in found and 2 not in found:
+        raise InputError(f"{path}: found elements but no nodes; the file is damaged")
+    return found
+
+
+def _shares(data, at, count, damaged):
+    """Bytes where each SHARE-th of so many binary elements begins, and where the last one ends."""
+    shares, done, ahead = [], 0, 1
+    while done < count:
+        words = np.frombuffer(data[at : at + 4 * LONGEST * ahead][: (len(data) - at) // 4 * 4], "<i4")
+        size, same = _alike(words, min(ahead, count - done))
+        if not same:
+            raise damaged(at, "element of a known type")
+        shares += range(at + 4 * size * (-done % SHARE), at + 4 * size * same, 4 * size * SHARE)
+        at, done, ahead = at + 4 * size * same, done + same, min(2 * same + 1, SHARE)
+    return (*shares, at)
+
+
+def _alike(words, most):
+    """How many words each of the first elements has, and how many of them, at most so many, are of one type."""
+    kind = KINDS.get(int(words[1])) if len(words) > 1 else None
+    if kind is None:
+        return 0, 0
+    size = 4 + NODES[kind]
+    types = words[1 : 1 + size * most : size]
+    return size, int((types == types[0]).argmin() if (types != types[0]).any() else len(types))
+
+
+def _nodes(path, comm, block):
+    """Numbers and places of the nodes of this rank, in any order."""
+    if block.form in (SINGLE, DOUBLE):
+        kind = np.dtype([("number", "<i4"), ("place", "<f8" if block.form == DOUBLE else "<f4", 3)])
+        low, high = (block.count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
+        table = read_numbers(path, kind, high - low, block.start + low * kind.itemsize)
+        label = table["number"].astype(np.int64)
+        if (label < 1).any():
+            raise _no_number(path, label)
+        return label, table["place"].astype(float)
+    fields = fields_of_format(b"(I3,I%d,3E12.5)" % (5 if block.form == SHORT else 10), str(path))
+    labels, places = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
+    for piece in pieces(path, comm, block.start, block.stop):
+        table, lines = numbers(separated(piece, fields), 5, commas=False)
+        whole(piece, table[:, 0], lines, "the key -1 of a node", -1, -1)
+        labels.append(whole(piece, table[:, 1], lines, "the node number", 1, LARGEST_LABEL))
+        finite(piece, table[:, 2:], lines)
+        places.append(table[:, 2:])
+    return np.concatenate(labels), np.concatenate(places)
+
+
+def _no_number(path, values):
+    return InputError(f"{path}: found the node number {values.min()}, expected positive ones; the file is damaged")
+
+
+def _elements(path, comm, block):
+    """Node numbers of the elements of this rank by kind."""
+    if block.form in (SHORT, LONG):
+        found = records(path, comm, block.start, block.stop, ELEMENT)
+        parts = [_elements_of_text(piece, block.form) for piece in found]
+    else:
+        count = len(block.shares) - 1
+        low, high = (block.shares[count * rank // comm.size] for rank in (comm.rank, comm.rank + 1))
+        parts = [_binary_elements(path, low, high)]
+    types, values = joined(parts, (np.int64, np.int64))
+    owner, found = np.repeat(types, _sizes(types)), {}
+    for type_ in np.unique(types).tolist():
+        kind = KINDS[type_]
+        table = values[owner == type_].reshape(-1, NODES[kind])
+        found[kind] = table[:, VTK.get(kind, slice(None))]
+    return found
+
+
+def _sizes(types):
+    """How many nodes elements of these types have."""
+    known = np.zeros(max(KINDS) + 1, np.int64)
+    known[list(KINDS)] = [NODES[kind] for kind in KINDS.values()]
+    return known[types]
+
+
+def _binary_elements(path, low, high):
+    """Types of the elements in the bytes low..high, and their nodes one after the other."""
+    words = read_numbers(path, "<i4", (high - low) // 4, low).astype(np.int64)
+    heads, at, ahead = [np.zeros(0, np.int64)], 0, 1
+    while at < len(words):
+        size, same = _alike(words[at:], ahead)
+        heads.append(at + size * np.arange(same))
+        at, ahead = at + size * same, 2 * same + 1
+    heads = np.concatenate(heads)
+    values = np.delete(words, (heads[:, None] + np.arange(4)).ravel())
+    if (values < 1).any():
+        raise _no_number(path, values)
+    return words[heads + 1], values
+
+
+def _elements_of_text(piece, form):
+    """Types of elements, and their nodes one after the other."""
+    width, most = (5, 15) if form == SHORT else (10, 10)
+    heads = Piece(piece.path, re.sub(rb"(?m)^ -2.*$", b"", piece.text), piece.start)
+    below = Piece(piece.path, re.sub(rb"(?m)^ -1.*$", b"", piece.text), piece.start)
+    table, at = numbers(separated(heads, fields_of_format(b"(I3,I%d,3I5)" % width, str(piece.path))), 5, commas=False)
+    whole(piece, table[:, 0], at, "the key -1 of an element", -1, -1)
+    types = whole(piece, table[:, 2], at, "the type of an element", 1, max(KINDS))
+    nodes = fields_of_format(b"(I3,%dI%d)" % (most, width), str(piece.path))
+    values, counts, lines = ragged(separated(below, nodes), commas=False, expected="nodes of an element")
+    keys = np.cumsum(counts) - counts
+    whole(piece, values[keys], lines, "the key -2 of the nodes of an element", -2, -2)
+    have = np.bincount(np.searchsorted(at, lines), counts - 1, len(at) + 1)[1:]
+    expected = _sizes(types)
+    if (wrong := have != expected).any():
+        k = np.flatnonzero(wrong)[0]
+        raise piece.refusal(int(at[k]), f"an element with {expected[k]} nodes in the lines below")
+    values, lines = np.delete(values, keys), np.repeat(lines, counts - 1)
+    return types, whole(piece, values, lines, "the node number", 1, LARGEST_LABEL)

@@ -1,0 +1,91 @@
+"""Matrices as CalculiX writes them (.sti, .mas, also .gz): a text enters, entries of both triangles leave.
+
+Each line has row, column, value with numbers from 1, of the upper triangle with its whole diagonal, ascending by column
+and then by row. The text has no counts, so that these rules, the last line break, and the other matrix with the same
+places show damage.
+"""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...files.text import first_bytes, is_cut_line, pieces, triples
+from ...parallel.failures import InputError, agreed
+from ..entries import Collected, Entries, both_triangles
+
+LINE = re.compile(rb"[1-9]\d* [1-9]\d* [ -]\d\.\d{13}e[+-]\d\d\d?")
+MIXED = 0x9E3779B97F4A7C15  # an odd number that spreads places over 64 bits
+
+
+@dataclass
+class Triangle:
+    """Entries (row <= column, from 0) of this rank, the `size` of the whole matrix, and the `places` of all entries:
+    their number and a sum over their rows and columns, equal for matrices with entries at the same places."""
+
+    size: int
+    rows: np.ndarray
+    columns: np.ndarray
+    values: np.ndarray
+    places: tuple[int, int]
+
+    def mirrored(self) -> Entries:
+        """The entries of both triangles."""
+        return Entries((self.size, self.size), *both_triangles(self.rows, self.columns, self.values))
+
+
+def begins(start: bytes) -> bool:
+    """Whether a file that starts so is of CalculiX: its first lines are those of an upper triangle as it writes one."""
+    lines = start.split(b"\n")
+    lines = [line.rstrip(b"\r") for line in (lines[:-1] if len(lines) > 1 else lines)]
+    if not all(map(LINE.fullmatch, lines)):
+        return False
+    places = [tuple(map(int, line.split()[:2])) for line in lines]
+    return places[0] == (1, 1) and all(row <= column for row, column in places)
+
+
+def read(path, comm) -> Entries:
+    """Read a symmetric matrix. Collective. Raises InputError."""
+    return read_triangle(path, comm).mirrored()
+
+
+def read_triangle(path, comm) -> Triangle:
+    """Read the upper triangle of a matrix. Collective. Raises InputError."""
+    with agreed(comm):
+        require_last_line(path)
+        found, bounds, diagonal, places = Collected((np.int64, np.int64, float)), [], 0, 0
+        for piece in pieces(path, comm):
+            i, j, v, lines = triples(piece)
+            order = j * np.int64(2**31) + i  # rows stay below 2^31
+            wrong = np.flatnonzero((i > j) | np.append(False, order[1:] <= order[:-1]))
+            if wrong.size:
+                raise piece.refusal(
+                    wrong[0] if lines is None else lines[wrong[0]],
+                    "an entry of the upper triangle, ascending by column and then by row, as CalculiX writes them",
+                )
+            if len(order):
+                bounds.append((piece.start, int(order[0]), int(order[-1])))
+            diagonal += np.count_nonzero(i == j)
+            places += int((order.astype(np.uint64) * np.uint64(MIXED) >> np.uint64(20)).sum(dtype=np.uint64))
+            found.add((i, j, v), piece.share)
+        i, j, v = found.arrays
+    size = 1 + max(comm.allgather(int(j.max(initial=-1))))
+    diagonal, places, count = (comm.allreduce(number) for number in (diagonal, places, len(v)))
+    ends = sorted(item for part in comm.allgather(bounds) for item in part)
+    for (_, _, last), (start, first, _) in zip(ends[:-1], ends[1:], strict=True):
+        if first <= last:
+            raise InputError(f"{path}: found columns that do not ascend at byte {start}; the file is damaged")
+    if diagonal != size or not size:
+        raise InputError(
+            f"{path}: found {diagonal} entries of the diagonal for {size} columns, expected one in each column; the "
+            "file is damaged, or not one of CalculiX' upper triangles"
+        )
+    return Triangle(size, i, j, v, (count, places))
+
+
+def require_last_line(path):
+    """Raise InputError where the (unpacked) text does not end with a line break: its last line may be cut."""
+    if not first_bytes(path):
+        raise InputError(f"{path}: found an empty file")
+    if is_cut_line(path):
+        raise InputError(f"{path}: found no line break at its end; the file is cut")

@@ -1,0 +1,379 @@
+"""What CalculiX writes with *FREQUENCY, SOLVER=MATRIXSTORAGE: one of its files enters, the parts of a model leave.
+
+beam.sti and beam.mas are K and M without the dofs of supports and of dependent nodes; beam.dof names node and direction
+of each row; beam.inp beside them has nodes, elements, sets, supports (*Boundary) and rigid bodies. Without it beam.frd
+of another run has nodes and elements.
+"""
+
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from ...files.text import LARGEST_LABEL, Piece, numbers, padded, pieces, places, ragged, whole
+from ...model.dofs import SCALAR
+from ...parallel.failures import InputError, agreed
+from ...parallel.lookup import look_up, repeated_key, sort_over_ranks
+from ...parallel.petsc import MPI
+from ..abaqus import input_file as abaqus_input
+from ..entries import joined, label_name, label_of, node_and_direction
+from ..nodes.table import Nodes
+from ..parts import Parts
+from . import frd as calculix_frd
+from . import matrices as calculix_matrices
+from .matrices import read_triangle, require_last_line
+
+DOF_LINES = re.compile(rb"(?:\d+\.\d\r?\n)*")
+NAMED_LINE = re.compile(rb"(?m)^[ \t]*([A-Za-z_\"][^,\n]*),([^\n]*)")
+EMPTY_FIELD = re.compile(rb",(?=[ \t]*(?:,|\r?$))", re.M)
+SINGULAR_MASS = {"C3D20R"}
+INCOMPATIBLE = "C3D8I"
+EXPANDED = {  # what CalculiX makes of plane elements, whose rows have names that are not what they say
+    "CPS": "solids with rows of their thickness",
+    "CAX": "a sector of 2 degrees with 1/180 of the mass",
+}
+FLAT = ("triangle", "triangle6", "quad", "quad8", "line", "line3")
+MOVED = {"submodel", "basemotion"}  # parameters of *Boundary that prescribe motions of other kinds
+NO_NODES = np.zeros(0, np.int64)
+SUFFIXES = {"K": ".sti", "M": ".mas", "dofs": ".dof"}
+
+
+def begins(start: bytes) -> bool:
+    """Whether a file that starts so is a .sti, .mas or .dof file."""
+    return begins_dofs(start) or calculix_matrices.begins(start)
+
+
+def begins_dofs(start: bytes) -> bool:
+    """Whether a text that starts so has lines of node.direction only."""
+    cut = start.rfind(b"\n") + 1
+    return cut > 0 and DOF_LINES.fullmatch(start[:cut]) is not None
+
+
+def files_of(path) -> dict[str, str]:
+    """The files K, M, dofs and, where they are there, input and results of the set to which a file belongs; also packed
+    ones."""
+    path = Path(path)
+    stem = path.with_suffix("") if path.suffix == ".gz" else path
+    found = {}
+    for key, suffix in {**SUFFIXES, "input": ".inp", "results": ".frd"}.items():
+        plain = stem.with_suffix(suffix)
+        packed = [plain.with_name(plain.name + ".gz")] * (key != "results")
+        there = [item for item in (plain, *packed) if item.is_file()]
+        if there:
+            found[key] = str(there[0])
+    return found
+
+
+def read_parts(path, comm) -> Parts:
+    """K, M, row labels, nodes, elements, sets, held dofs of the files beside `path`. Collective. Raises InputError."""
+    with agreed(comm):
+        files = files_of(path)
+        for key, suffix in SUFFIXES.items():
+            if key not in files:
+                hint = ", of a step *Frequency, SOLVER=MATRIXSTORAGE" if key == "M" else ""
+                expected = Path(str(path).removesuffix(".gz")).with_suffix(suffix)
+                raise InputError(f"{path}: found no {expected} beside it, expected one of CalculiX{hint}")
+    triangles = {key: read_triangle(files[key], comm) for key in ("K", "M")}
+    K, M = triangles["K"], triangles["M"]
+    if (K.size, K.places) != (M.size, M.places):
+        raise InputError(
+            f"{files['M']}: found {M.places[0]} entries of {M.size} rows, at other places than the {K.places[0]} "
+            f"entries of {K.size} rows of {files['K']}; one of the files is damaged, or of another run"
+        )
+    label, row = read_dofs(files["dofs"], comm)
+    count = comm.allreduce(len(label))
+    if K.size == 2 * count:
+        raise InputError(
+            f"{files['K']}: found {K.size} rows for {count} lines of {files['dofs']}: with cyclic symmetry CalculiX "
+            "writes real and imaginary parts of a nodal diameter; write the matrices of the whole body"
+        )
+    if K.size != count:
+        raise InputError(f"{files['dofs']}: found {count} lines, expected one for each of the {K.size} rows")
+    parts = Parts({key: triangles.pop(key).mirrored() for key in ("K", "M")}, {key: files[key] for key in ("K", "M")})
+    del K, M
+    try:
+        name_rows(comm, parts, files, label, row)
+    except Unnamed as reason:
+        parts.warnings.append(
+            f"{files['dofs']}: {reason}; the rows have no names, and inputs are named by the number of their row"
+        )
+    return parts
+
+
+def read_dofs(path, comm) -> tuple[np.ndarray, np.ndarray]:
+    """Labels of the lines node.direction of this rank, and the row of each. Collective. Raises InputError."""
+    with agreed(comm):
+        require_last_line(path)
+        parts, counts = [], []
+        for piece in pieces(path, comm):
+            if not DOF_LINES.fullmatch(piece.text):
+                lines = piece.text.split(b"\n")
+                wrong = next(k for k, line in enumerate(lines) if not DOF_LINES.fullmatch(line + b"\n"))
+                raise piece.refusal(wrong, "node.direction, such as 20.3")
+            table, lines = numbers(Piece(path, piece.text.replace(b".", b" "), piece.start), 2)
+            node = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
+            if (table[:, 1] == 0).any():
+                raise piece.refusal(
+                    lines[np.flatnonzero(table[:, 1] == 0)[0]],
+                    "a displacement (1 to 3); 0 is a temperature, which a mechanical model cannot have",
+                )
+            direction = whole(piece, table[:, 1], lines, "the direction (1 to 6)", 1, 6)
+            parts.append((label_of(node, direction - 1),))
+            counts.append((piece.start, len(table)))
+        (label,) = joined(parts, (np.int64,))
+    return label, places(comm, counts)
+
+
+class Unnamed(Exception):
+    """Why the rows cannot have names; raised on all ranks."""
+
+
+def name_rows(comm, parts, files, label, row):
+    """Fill in nodes, elements, sets, row labels and held dofs. Raises Unnamed where the files do not tell them.
+
+    `files`: dofs, input or results, and those of the parts. Collective.
+    """
+    mesh = _mesh_of(comm, parts, files, label)
+    inside = _inside_elements(comm, label, mesh.counts.get(INCOMPATIBLE, 0))
+    turning = _turning(comm, files, mesh, label[~inside])
+    label = with_rotations(label, turning)
+    if count := comm.allreduce(int(np.count_nonzero(inside))):
+        label, mesh.nodes = _as_scalars(comm, label, inside, mesh.nodes)
+        parts.warnings.append(
+            f"{files['dofs']}: {count} rows are the incompatible modes of elements of the type {INCOMPATIBLE}, which "
+            "belong to no node"
+        )
+    parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
+    parts.row_labels = label, row
+    parts.removed, inclined = _held(comm, mesh, turning, label)
+    if inclined:
+        parts.warnings.append(
+            f"{files['input']}: *Boundary holds {inclined} nodes along axes of their own (*Transform); these supports "
+            "are in the matrices, without their part of the mass, and in no list of held dofs"
+        )
+    if any(kind in SINGULAR_MASS for kind in _element_types(mesh.sections)):
+        parts.warnings.append(
+            f"{files['M']}: elements of the type C3D20R have a singular mass matrix, by CalculiX' reduced integration"
+        )
+
+
+def _mesh_of(comm, parts, files, label):
+    """What the input file or results have, for rows with these labels. Raises Unnamed where it does not say what they
+    are."""
+    twice = repeated_key(comm, label)
+    if twice is not None:
+        raise Unnamed(f"found {label_name(twice)} for several rows, since CalculiX makes solids of beams and shells")
+    _require_order(comm, files["dofs"], label)
+    if "input" not in files:
+        return _mesh_of_results(comm, parts, files, label)
+    mesh = abaqus_input.read(files["input"], comm, calculix=True)
+    with agreed(comm):
+        _require_steps(files["input"], mesh.sections)
+        _refuse_local_directions(mesh.sections)
+    for kind in sorted(_element_types(mesh.sections)):
+        if kind[:3] in EXPANDED:
+            raise Unnamed(f"elements of the type {kind} become {EXPANDED[kind[:3]]} in CalculiX")
+    return mesh
+
+
+def _mesh_of_results(comm, parts, files, label):
+    """The nodes and elements of results. Raises Unnamed where the rows may be others than those of their nodes."""
+    found = calculix_frd.read(files["results"], comm) if "results" in files else None
+    if found is None:
+        stem = Path(files["dofs"]).stem
+        raise Unnamed(
+            f"found no input file ({stem}.inp) beside it, which would give coordinates"
+            + (f", and {files['results']} has no nodes" if "results" in files else f", nor results ({stem}.frd)")
+        )
+    flat = sorted(set(found.elements) & set(FLAT))
+    if flat:
+        raise Unnamed(f"elements of {files['results']} ({', '.join(flat)}) become solids in CalculiX")
+    node, _ = node_and_direction(label)
+    there, _ = look_up(comm, found.nodes.label, [], node)
+    if other := sum(comm.allgather(np.unique(node[~there])[:1].tolist()), []):
+        raise Unnamed(
+            f"the node {min(other)} is not in {files['results']}, as those of rigid bodies and couplings, whose "
+            "directions only the input file tells"
+        )
+    parts.warnings += found.said(files["results"])
+    parts.warnings.append(
+        f"{files['results']}: nodes and elements are those of this file; supports and sets of nodes only the input "
+        "file tells"
+    )
+    return abaqus_input.Mesh(found.nodes, found.elements, {}, [], {})
+
+
+def _turning(comm, files, mesh, label):
+    """The REF node by ROT node of all rigid bodies whose rows have these labels. Raises Unnamed where rows are those
+    of other nodes that CalculiX made."""
+    turning, without = rigid_bodies(mesh.sections)
+    node, _ = node_and_direction(label)
+    found, _ = look_up(comm, mesh.nodes.label, [], node)
+    made = sorted(set().union(*comm.allgather(set(np.unique(node[~found])[: len(without) + 1].tolist()))))
+    last = max(comm.allgather(int(mesh.nodes.label.max(initial=0))))
+    if made and made[0] < last:  # those that CalculiX makes are numbered after all others
+        raise InputError(
+            f"{files['dofs']}: found rows of the node {made[0]}, which is not in {files['input']}; expected the input "
+            "file of this run"
+        )
+    if len(made) == len(set(without)) == len(without):
+        # CalculiX makes a ROT node for each *Rigid Body without one and each *Kinematic, with ascending numbers
+        turning |= dict(zip(made, without, strict=True))
+    elif made:
+        raise Unnamed(
+            f"the node {made[0]} is not in {files['input']}, since CalculiX made it (give *Rigid Body a REF NODE and a "
+            "ROT NODE of the input file, and each *Coupling with *Kinematic a REF NODE of its own)"
+        )
+    return turning
+
+
+def _inside_elements(comm, label, count):
+    """Which of the rows are incompatible modes of `count` elements: nine each, of the nodes with the largest numbers.
+
+    CalculiX makes three nodes for each such element, behind all others, when the whole file is read. None where the
+    rows are others. Collective.
+    """
+    node, _ = node_and_direction(label)
+    inside = node > comm.allreduce(int(node.max(initial=0)), op=MPI.MAX) - 3 * count
+    return inside if comm.allreduce(int(np.count_nonzero(inside))) == 9 * count else np.zeros(len(label), bool)
+
+
+def _as_scalars(comm, label, inside, nodes):
+    """Labels in which rows `inside` of elements are scalars with numbers of their own, and the nodes with these."""
+    node, direction = node_and_direction(label[inside])
+    number = 3 * node + direction
+    first = comm.allreduce(int(number.min(initial=np.iinfo(np.int64).max)), op=MPI.MIN)
+    behind = comm.allreduce(int(nodes.label.max(initial=0)), op=MPI.MAX) + 1
+    number = behind + number - first
+    label = label.copy()
+    label[inside] = label_of(number, np.full(len(number), SCALAR))
+    places = np.zeros((len(number), 3))
+    return label, Nodes(*map(np.concatenate, ((nodes.label, number), (nodes.position, places), (nodes.place, number))))
+
+
+def _require_order(comm, path, label):
+    """Raise InputError unless rows ascend by node and direction, as CalculiX numbers them."""
+    ends = [pair for pair in comm.allgather((label[0], label[-1]) if len(label) else None) if pair]
+    with agreed(comm):
+        wrong = np.flatnonzero(np.diff(label) <= 0)
+        if wrong.size:
+            found = label_name(label[wrong[0] + 1]), label_name(label[wrong[0]])
+        else:
+            found = next(((label_name(b[0]), label_name(a[1])) for a, b in pairwise(ends) if b[0] <= a[1]), None)
+        if found:
+            raise InputError(
+                f"{path}: found {found[0]} below {found[1]}, expected lines that ascend; the file is damaged"
+            )
+
+
+def _require_steps(path, sections):
+    """Raise InputError unless the file has a step, and its end."""
+    keywords = [section.keyword for section in sections]
+    if not 1 <= keywords.count("step") == keywords.count("endstep"):
+        raise InputError(
+            f"{path}: found {keywords.count('step')} *Step and {keywords.count('endstep')} *End Step, expected the "
+            "step that wrote the matrices, and its end; the file is cut off or damaged"
+        )
+
+
+def _element_types(sections):
+    return {section.parameters.get("type", "").upper() for section in sections if section.keyword == "element"}
+
+
+def _refuse_local_directions(sections):
+    for section in sections:
+        if section.keyword == "frequency" and section.parameters.get("global", "").lower() == "no":
+            raise section.refusal("found *Frequency with GLOBAL=NO, expected matrices in global directions")
+
+
+def rigid_bodies(sections) -> tuple[dict[int, int], list[int]]:
+    """The REF node by ROT node of *Rigid Body, and the REF nodes of those and of *Kinematic without ROT node, in order.
+
+    Displacements of the ROT node are rotations of the REF node.
+    """
+    found, without, coupled = {}, [], ""
+    for section in sections:
+        if section.keyword == "coupling":
+            coupled = section.parameters.get("refnode", "")
+        elif section.keyword == "kinematic" and coupled.isdecimal() and section.has_data():
+            without.append(int(coupled))
+        if section.keyword == "rigidbody":
+            turned, reference = (section.parameters.get(key, "") for key in ("rotnode", "refnode"))
+            if turned.isdecimal() and reference.isdecimal():
+                found[int(turned)] = int(reference)
+            elif reference.isdecimal():
+                without.append(int(reference))
+    return found, without
+
+
+def with_rotations(label, turning: dict[int, int]):
+    """Labels in which 1 to 3 of a ROT node are 4 to 6 of its REF node."""
+    node, direction = node_and_direction(label)
+    turned = np.array(sorted(turning), np.int64)
+    mine = np.isin(node, turned) & (direction < 3)
+    reference = np.array([turning[key] for key in turned.tolist()], np.int64)
+    label = label.copy()
+    label[mine] = label_of(reference[np.searchsorted(turned, node[mine])], direction[mine] + 3)
+    return label
+
+
+def _held(comm, mesh, turning, rows):
+    """Labels of dofs of *Boundary that have no row, each once, and the number of all nodes that are held in other
+    directions than x, y, z. Collective.
+    """
+    sets = {name.lower(): nodes for name, nodes in mesh.sets.items()}
+    with agreed(comm):
+        found, inclined = [NO_NODES], [NO_NODES]
+        for section in mesh.sections:
+            if section.keyword == "boundary" and not MOVED & set(section.parameters):
+                found += _supports(comm, section, sets)
+            elif section.keyword == "transform":
+                inclined.append(sets.get(section.parameters.get("nset", "").lower(), NO_NODES))
+        label = with_rotations(np.unique(np.concatenate(found)), turning)
+    _, label = sort_over_ranks(comm, node_and_direction(label)[0], [label])  # all of a node on one rank
+    label = np.unique(label)
+    node, direction = node_and_direction(label)
+    with_row, _ = look_up(comm, rows, [], label)
+    there, _ = look_up(comm, mesh.nodes.label, [], node)
+    local, _ = look_up(comm, np.unique(sort_over_ranks(comm, np.concatenate(inclined))[0]), [], node)
+    # with axes of its own a node is held in global ones where all of them are; rotations have only rigid bodies
+    _, place, count = np.unique(node, return_inverse=True, return_counts=True)
+    turned = (direction > 2) & ~np.isin(node, list(turning.values()))
+    inclined = there & ~turned & local & (count[place] < 3)
+    return label[there & ~with_row & ~turned & ~inclined], comm.allreduce(len(np.unique(node[inclined])))
+
+
+def _supports(comm, section, sets):
+    """Labels of the dofs that a *Boundary names: of its lines of nodes on this rank, and its part of sets."""
+    found = []
+    for piece in pieces(section.path, comm, section.start, section.stop):
+        text = EMPTY_FIELD.sub(b",0", NAMED_LINE.sub(b"", piece.text))
+        values, counts, lines = ragged(Piece(piece.path, text, piece.start), expected="node, directions, value")
+        wrong = np.flatnonzero((counts < 2) | (counts > 4))
+        if wrong.size:
+            raise piece.refusal(lines[wrong[0]], "node, first direction, last direction, value")
+        table = padded(values, counts, 4)
+        node = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
+        first, last = (whole(piece, table[:, k], lines, "the direction", 0, 11) for k in (1, 2))
+        found += _labels(node, first, np.where(last == 0, first, last))
+    for piece in pieces(section.path, MPI.COMM_SELF, section.start, section.stop):
+        for name, rest in NAMED_LINE.findall(piece.text):
+            name = name.decode("latin-1").strip().strip('"')
+            fields = [item.strip() for item in rest.decode("latin-1").split(",")]
+            if name.lower() not in sets or not all(item.isdecimal() for item in fields[:2] if item):
+                raise section.refusal(
+                    f"found *Boundary with '{name}, {', '.join(fields)}', expected a set of nodes, first and last "
+                    "direction"
+                )
+            first = int(fields[0] or 0)
+            last = int(fields[1]) if len(fields) > 1 and fields[1] else first
+            nodes = sets[name.lower()]
+            found += _labels(nodes, np.full(len(nodes), first), np.full(len(nodes), last))
+    return found
+
+
+def _labels(node, first, last):
+    """Labels of the directions (1 to 6) from first to last of each node."""
+    inside = [(direction, (first <= direction) & (direction <= last)) for direction in range(1, 7)]
+    return [label_of(node[mask], np.full(np.count_nonzero(mask), direction - 1)) for direction, mask in inside]

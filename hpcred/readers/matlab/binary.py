@@ -1,0 +1,424 @@
+"""MATLAB files of version 4 and 5 (also 6 and 7): a file enters; its variables, and columns or rows of one, leave.
+
+Version 5 is a list of elements, each perhaps packed by zlib, which is then unpacked up to what is wanted; what is not
+packed is read at its place. Structs and cells are looked into, up to a depth.
+"""
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...files.system_errors import open_input
+from ...parallel.failures import InputError
+from .variables import Variable
+
+NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+MATRIX, PACKED = 14, 15
+CELL, STRUCT, OBJECT, CHAR, SPARSE = 1, 2, 3, 4, 5
+NUMERIC = range(6, 16)
+FUNCTION, OPAQUE = 16, 17  # function handles; strings, tables, times and all other objects of classes
+COMPLEX, LOGICAL = 0x0800, 0x0200
+DOUBLES = 9
+DEPTH, MOST_ITEMS = 12, 1000  # structs in structs, and items of a cell or struct array, that are looked into
+VERSION_4 = {0: "f8", 1: "f4", 2: "i4", 3: "i2", 4: "u2", 5: "u1"}
+BYTES_AT_A_TIME = 2**22  # bytes unpacked at a time
+
+
+def begins_version_5(start: bytes) -> bool:
+    """Whether a file that starts so is of version 5."""
+    return len(start) >= 128 and start[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
+
+
+def begins_version_4(start: bytes) -> bool:
+    """Whether a file that starts so is of version 4: the header of a matrix with a name."""
+    return _header_4(start[:20]) is not None and _name_4(start) is not None
+
+
+@dataclass(frozen=True)
+class Run:
+    """Numbers in a row: the byte where they begin in their element, their type, and how many they are."""
+
+    offset: int
+    dtype: str
+    count: int
+
+
+@dataclass(frozen=True)
+class Place:
+    """The bytes `start`, `size` of an element in the file, whether it is packed, and the runs of a matrix in it.
+
+    A sparse one has its rows and either, in version 5, where its columns start, or, in version 4, the column of each.
+    """
+
+    start: int
+    size: int
+    packed: bool
+    values: Run | None = None
+    rows: Run | None = None
+    starts: Run | None = None
+    columns: Run | None = None
+
+
+class _Element:
+    """The bytes of an element, unpacked, to be read forwards. Raises InputError where it ends too early."""
+
+    def __init__(self, path, file, place):
+        self._path, self._file, self._place = path, file, place
+        self.position = 0
+        self._taken, self._unpack, self._rest = 0, zlib.decompressobj() if place.packed else None, b""
+
+    def read(self, count) -> bytes:
+        parts = []
+        while count:
+            part = self._some(min(count, BYTES_AT_A_TIME))
+            if not part:
+                raise damaged(self._path, self._place.start + self.position, "an element that ends too early")
+            parts.append(part)
+            count -= len(part)
+            self.position += len(part)
+        return b"".join(parts)
+
+    def _some(self, count):
+        if self._unpack is None:
+            self._file.seek(self._place.start + self.position)
+            return self._file.read(min(count, self._place.size - self.position))
+        while True:
+            text = self._rest
+            if not text and not self._unpack.eof:
+                self._file.seek(self._place.start + self._taken)
+                text = self._file.read(min(BYTES_AT_A_TIME, self._place.size - self._taken))
+                self._taken += len(text)
+            if self._unpack.eof:
+                return b""
+            try:
+                found = self._unpack.decompress(text, count)
+            except zlib.error as error:
+                what = f"a packed element that cannot be read ({error})"
+                raise damaged(self._path, self._place.start, what) from error
+            self._rest = self._unpack.unconsumed_tail
+            if found or (not text and not self._rest):
+                return found
+
+    def skip(self, count):
+        if self._unpack is None and self.position + count <= self._place.size:
+            self.position += count
+            return
+        while count:
+            count -= len(self.read(min(count, BYTES_AT_A_TIME)))
+
+    def numbers(self, run, first, last) -> np.ndarray:
+        """The numbers first..last of a run that begins at or behind the present position."""
+        dtype = np.dtype(run.dtype)
+        self.skip(run.offset + first * dtype.itemsize - self.position)
+        return np.frombuffer(self.read((last - first) * dtype.itemsize), dtype)
+
+    def finish(self):
+        """Read a packed element to its end, so that its checksum is looked at."""
+        if self._unpack is not None:
+            while found := self._some(BYTES_AT_A_TIME):
+                self.position += len(found)
+            if not self._unpack.eof or self._unpack.unused_data or self._taken < self._place.size:
+                raise damaged(self._path, self._place.start, "a packed element of another length than it says")
+
+
+def damaged(path, position, found) -> InputError:
+    return InputError(f"{path}: found {found} at byte {position}; the file is damaged, or no MATLAB file")
+
+
+def variables(path) -> list[Variable]:
+    """All numeric matrices of a file, those in structs and cells included. Raises InputError."""
+    with open_input(path) as file:
+        start = file.read(128)
+        if not begins_version_5(start):
+            return _variables_4(path, file)
+        order = "<" if start[126:128] == b"IM" else ">"
+        size, at, found = Path(path).stat().st_size, 128, []
+        while at < size:
+            file.seek(at)
+            tag = file.read(8)
+            if len(tag) < 8:
+                raise damaged(path, at, "a few bytes behind the last element")
+            kind, count = (int(number) for number in np.frombuffer(tag, f"{order}u4"))
+            if kind not in (MATRIX, PACKED) or at + 8 + count > size:
+                raise damaged(path, at, f"an element of type {kind} and {count} bytes")
+            try:
+                these = _Level5(path, file, Place(at + 8, count, kind == PACKED), order).found
+                found += [item for item in these if item.name]  # without: what MATLAB keeps for objects
+            except (ValueError, IndexError, OverflowError) as error:
+                if isinstance(error, InputError):
+                    raise
+                raise damaged(path, at, "a variable that fits no rule") from error
+            at += 8 + count
+        return found
+
+
+class _Level5:
+    """The variables `found` in one element of version 5."""
+
+    def __init__(self, path, file, place, order):
+        self._path, self._place, self._order = path, place, order
+        self._stream = _Element(path, file, place)
+        self.found = []
+        if place.packed:
+            kind, _, _ = self._tag()
+            if kind != MATRIX:
+                raise self._wrong(f"a packed element of type {kind}")
+        self._matrix("", 0)
+        self._stream.finish()
+
+    def _wrong(self, what):
+        return damaged(self._path, self._place.start + (0 if self._place.packed else self._stream.position), what)
+
+    def _tag(self):
+        """Type, number of bytes, and how many bytes of padding follow them."""
+        word = self._stream.read(4)
+        number = int(np.frombuffer(word, f"{self._order}u4")[0])
+        if number >> 16:  # type, number of bytes, and the data in eight bytes
+            if number >> 16 > 4:
+                raise self._wrong(f"a small element of {number >> 16} bytes")
+            return number & 0xFFFF, number >> 16, 4 - (number >> 16)
+        count = int(np.frombuffer(self._stream.read(4), f"{self._order}u4")[0])
+        return number, count, -count % 8
+
+    def _small(self, expected, most=2**20) -> np.ndarray:
+        """The numbers of an element that has few, as one of the expected types."""
+        kind, count, padding = self._tag()
+        if kind not in expected or count > most or count % np.dtype(NUMBERS[kind]).itemsize:
+            raise self._wrong(f"an element of type {kind} and {count} bytes, where type {expected[0]} is expected,")
+        data = self._stream.read(count)
+        self._stream.skip(padding)
+        return np.frombuffer(data, self._order + NUMBERS[kind])
+
+    def _run(self, truths=None) -> Run:
+        return self._run_and_last(truths)[0]
+
+    def _run_and_last(self, truths=None) -> tuple[Run, int]:
+        """A run of numbers and the last of them, as a whole number; `truths`: how many, of a sparse logical matrix."""
+        kind, count, padding = self._tag()
+        if kind == DOUBLES and count == truths:  # MATLAB says doubles, and writes a byte each
+            kind = 2
+        width = np.dtype(NUMBERS.get(kind, "u1")).itemsize
+        if kind not in NUMBERS or count % width:
+            raise self._wrong(f"numbers of type {kind} and {count} bytes")
+        run = Run(self._stream.position, self._order + NUMBERS[kind], count // width)
+        last = self._stream.numbers(run, run.count - 1, run.count) if run.count else np.zeros(1)
+        self._stream.skip(padding)
+        return run, int(last[0]) if np.isfinite(last[0]) else -1
+
+    def _matrix(self, name, depth):
+        """A matrix behind its tag; `name`: what it is called where that is not its own name."""
+        flags = self._small((6,), 8)
+        if len(flags) != 2:
+            raise self._wrong("flags of a matrix that are no two numbers")
+        kind, is_complex, is_logical = int(flags[0]) & 0xFF, *(bool(int(flags[0]) & bit) for bit in (COMPLEX, LOGICAL))
+        if kind in (FUNCTION, OPAQUE):  # hold no matrix of their own, and have no shape; whoever called knows their end
+            return
+        shape = tuple(int(number) for number in self._small((5,), 8 * 32))
+        own = self._small((1, 2), 2**16).astype(np.uint8).tobytes().decode("latin-1")
+        if len(shape) < 2 or min(shape) < 0:
+            raise self._wrong(f"a matrix of shape {shape}")
+        self._require_names([own])
+        name, items = name or own, int(np.prod(shape, dtype=object))
+        if kind in NUMERIC:
+            self._dense(name, shape, is_complex, items)
+        elif kind == SPARSE:
+            self._sparse(name, shape, is_complex, is_logical, int(flags[1]))
+        elif kind == CHAR:
+            self._run_of_text()
+        elif kind == CELL:
+            self._items([f"{name}{{{k + 1}}}" for k in range(min(items, MOST_ITEMS))], items, depth)
+        elif kind in (STRUCT, OBJECT):
+            if kind == OBJECT:
+                self._small((1, 2), 2**16)
+            self._fields(name, items, depth)
+        else:
+            raise InputError(
+                f"{self._path}: found the variable '{name}' of a kind that cannot be read (class {kind}); save the "
+                "matrices without it"
+            )
+
+    def _dense(self, name, shape, is_complex, items):
+        runs = [self._run() for _ in range(1 + is_complex)]
+        if any(run.count != items for run in runs):
+            raise self._wrong(f"{runs[0].count} numbers for the matrix '{name}' of {items}")
+        self.found.append(Variable(name, shape, complex=is_complex, place=self._at(runs[0])))
+
+    def _sparse(self, name, shape, is_complex, is_logical, room):
+        rows = self._run()
+        starts, count = self._run_and_last()
+        values = [self._run(room if is_logical else None) for _ in range(1 + is_complex)][0]
+        if len(shape) != 2 or starts.count != shape[1] + 1 or not count <= min(rows.count, values.count, room):
+            raise self._wrong(f"a sparse matrix '{name}' whose lists do not fit each other,")
+        self.found.append(Variable(name, shape, True, count, is_complex, self._at(values, rows, starts)))
+
+    def _run_of_text(self):
+        _, count, padding = self._tag()
+        self._stream.skip(count + padding)
+
+    def _fields(self, name, items, depth):
+        length = int(self._small((5,), 4).sum())
+        names = self._small((1, 2), 2**24).astype(np.uint8).tobytes()
+        if length < 1 or len(names) % length:
+            raise self._wrong(f"a struct '{name}' with {len(names)} letters in names of {length}")
+        fields = [names[k : k + length].split(b"\0")[0].decode("latin-1") for k in range(0, len(names), length)]
+        self._require_names(fields)
+        names = [f"{name}.{field}" if items == 1 else f"{name}({k + 1}).{field}"
+                 for k in range(min(items, MOST_ITEMS)) for field in fields]  # fmt: skip
+        self._items(names, items * len(fields), depth)
+
+    def _require_names(self, names):
+        wrong = next((name for name in names if name and not name.isidentifier()), None)
+        if wrong is not None:
+            raise self._wrong(f"the name {wrong!r}, which MATLAB does not give,")
+
+    def _items(self, names, count, depth):
+        for k in range(count):
+            kind, size, padding = self._tag()
+            if kind != MATRIX:
+                raise self._wrong(f"an element of type {kind} in a struct or cell")
+            end = self._stream.position + size + padding
+            if size and k < len(names) and depth < DEPTH:
+                self._matrix(names[k], depth + 1)
+            if self._stream.position > end:
+                raise self._wrong("an element that is longer than the one around it")
+            self._stream.skip(end - self._stream.position)
+
+    def _at(self, *runs):
+        return Place(self._place.start, self._place.size, self._place.packed, *runs)
+
+
+def _header_4(header):
+    """Byte order, type of numbers, text or sparse, rows, columns, complex, length of the name; or None."""
+    if len(header) < 20:
+        return None
+    for order, machine in (("<", 0), (">", 1)):
+        kind, rows, columns, imaginary, length = (int(number) for number in np.frombuffer(header, f"{order}i4"))
+        thousands, hundreds, tens, ones = kind // 1000, kind // 100 % 10, kind // 10 % 10, kind % 10
+        if (
+            thousands == machine and hundreds == 0 and tens in VERSION_4 and ones in (0, 1, 2)
+            and rows >= 0 and columns >= 0 and imaginary in (0, 1) and 1 < length <= 64
+        ):  # fmt: skip
+            return order, order + VERSION_4[tens], ones, rows, columns, bool(imaginary), length
+    return None
+
+
+def _name_4(start):
+    """The name behind a header of version 4, or None where it is none."""
+    length = _header_4(start[:20])[-1]
+    name = start[20 : 20 + length]
+    text = name.rstrip(b"\0").decode("latin-1")
+    return text if len(name) == length and name.endswith(b"\0") and text.isidentifier() else None
+
+
+def _variables_4(path, file):
+    size, at, found = Path(path).stat().st_size, 0, []
+    while at < size:
+        file.seek(at)
+        start = file.read(20 + 64)
+        header = _header_4(start[:20])
+        name = _name_4(start) if header else None
+        if name is None:
+            raise damaged(path, at, "no header of a matrix")
+        _, dtype, kind, rows, columns, is_complex, length = header
+        begin, width = at + 20 + length, np.dtype(dtype).itemsize
+        count = rows * columns * (1 + (is_complex and kind == 0))
+        if begin + count * width > size:
+            raise damaged(path, at, f"a matrix '{name}' of {rows} x {columns} numbers that the file does not have")
+        runs = [Run(k * rows * width, dtype, rows) for k in range(columns if kind == 2 else 0)]
+        if kind == 0:
+            place = Place(begin, count * width, False, Run(0, dtype, rows * columns))
+            found.append(Variable(name, (rows, columns), complex=is_complex, place=place))
+        elif kind == 2:
+            if columns not in (3, 4) or rows < 1:
+                raise damaged(path, at, f"a sparse matrix '{name}' of {rows} x {columns} numbers")
+            element = _Element(path, file, Place(begin, count * width, False))
+            shape = tuple(int(element.numbers(run, rows - 1, rows)[0]) for run in runs[:2])
+            i, j, v = (Run(run.offset, dtype, rows - 1) for run in runs[:3])
+            place = Place(begin, count * width, False, v, i, columns=j)
+            found.append(Variable(name, shape, True, rows - 1, columns == 4, place))
+        at = begin + count * width
+    return found
+
+
+def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, columns (from 0) and values of the share of one of `size` ranks. Raises InputError."""
+    place = variable.place
+    rows, columns = variable.shape
+    with open_input(path) as file:
+        if not columns or not rows:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+        if place.columns is not None:
+            count = place.values.count
+            first, last = count * rank // size, count * (rank + 1) // size
+            i, j, v = (_Element(path, file, place).numbers(run, first, last)
+                       for run in (place.rows, place.columns, place.values))  # fmt: skip
+            i, j = (_whole(path, variable, item, 1, limit) - 1 for item, limit in ((i, rows), (j, columns)))
+            return i, j, v.astype(float)
+        first, last = columns * rank // size, columns * (rank + 1) // size
+        element = _Element(path, file, place)
+        if not variable.sparse:
+            return dense_entries(rows, first, last, lambda low, high: element.numbers(place.values, low, high))
+        starts = element.numbers(place.starts, first, last + 1).astype(np.int64)
+        check_starts(path, variable, starts, first, last)
+        low, high = int(starts[0]), int(starts[-1])
+        element = _Element(path, file, place)
+        i = _whole(path, variable, element.numbers(place.rows, low, high), 0, rows - 1)
+        check_ascending(path, variable, i, starts)
+        v = element.numbers(place.values, low, high).astype(float)
+        return i, np.repeat(np.arange(first, last), np.diff(starts)), v
+
+
+def dense_entries(rows, first, last, numbers):
+    """Rows, columns and values that are not zero of the columns first..last; `numbers(low, high)` in column order."""
+    parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
+    step = max(1, BYTES_AT_A_TIME // max(rows, 1))
+    for low in range(first, last, step):
+        high = min(low + step, last)
+        values = numbers(low * rows, high * rows).astype(float)
+        there = np.flatnonzero(values)
+        parts.append((there % max(rows, 1), low + there // max(rows, 1), values[there]))
+    return tuple(np.concatenate(items) for items in zip(*parts, strict=True))
+
+
+def check_starts(path, variable, starts, first, last):
+    """Raise InputError unless the columns first..last start at ascending entries."""
+    count = variable.nonzeros
+    begins_well = first > 0 or starts[0] == 0
+    ends_well = last < variable.shape[1] or starts[-1] == count
+    if (np.diff(starts) < 0).any() or not 0 <= starts[0] <= starts[-1] <= count or not begins_well or not ends_well:
+        raise InputError(
+            f"{path}: found columns of '{variable.name}' that do not ascend from 0 to its {count} entries; the file is "
+            "damaged"
+        )
+
+
+def check_ascending(path, variable, rows, starts):
+    """Raise InputError unless rows ascend in every column, as MATLAB keeps them."""
+    ascends = np.diff(rows) > 0
+    ends = starts[1:-1] - starts[0] - 1  # the last entries of columns, but for the last column
+    ascends[ends[(ends >= 0) & (ends < len(ascends))]] = True
+    if not ascends.all():
+        raise InputError(
+            f"{path}: found rows of '{variable.name}' that do not ascend in their column; the file is damaged"
+        )
+
+
+def _whole(path, variable, values, low, high):
+    if len(values) and not ((values >= low) & (values <= high) & (values == np.floor(values))).all():
+        raise InputError(
+            f"{path}: found rows or columns of '{variable.name}' beyond its {variable.in_words()}; the file is damaged"
+        )
+    return values.astype(np.int64)
+
+
+def table_of(path, variable, first, last, across) -> np.ndarray:
+    """The rows, or with `across` the columns, first..last of a dense matrix, one in each row. Raises InputError."""
+    rows, columns = variable.shape
+    with open_input(path) as file:
+        element, values = _Element(path, file, variable.place), variable.place.values
+        if across:
+            return np.array(element.numbers(values, first * rows, last * rows), dtype=float).reshape(-1, rows)
+        parts = [element.numbers(values, k * rows + first, k * rows + last) for k in range(columns)]
+    return np.array(parts, dtype=float).reshape(columns, last - first).T

@@ -1,0 +1,148 @@
+"""MATLAB files of version 7.3, which are HDF5: a file enters; its variables, and columns or rows of one, leave.
+
+A sparse matrix is a group with the attribute MATLAB_sparse (its rows) and the arrays data, ir, jc, of which the first
+two are missing where it is empty; a dense one is an array with its columns as rows; a struct is a group; cells and
+struct arrays hold references.
+"""
+
+from contextlib import contextmanager
+
+import h5py
+import numpy as np
+
+from ...parallel.failures import InputError
+from .binary import DEPTH, MOST_ITEMS, check_ascending, check_starts, dense_entries
+from .variables import Variable
+
+LISTS = {"jc": "iu", "ir": "iu", "data": "fiuV"}  # of a sparse matrix, with kinds of numpy; V: complex numbers
+
+
+def begins(start: bytes) -> bool:
+    """Whether a file that starts so is of version 7.3."""
+    return start[:15] == b"MATLAB 7.3 MAT-"
+
+
+@contextmanager
+def _opened(path):
+    try:
+        with h5py.File(path, "r") as file:
+            _require_own_links(path, file)
+            yield file
+    except InputError:
+        raise
+    except (OSError, KeyError, ValueError, RuntimeError, TypeError) as error:
+        raise InputError(f"{path}: found a damaged HDF5 file ({str(error).splitlines()[0][:100]})") from error
+
+
+def _require_own_links(path, file):
+    """Raise InputError where the file has links to other files, which MATLAB never writes."""
+    name = file.id.links.visit(lambda name, info: None if info.type == h5py.h5l.TYPE_HARD else name, info=True)
+    if name is not None:
+        raise _not_followed(path, name.decode(errors="replace"))
+
+
+def _not_followed(path, name):
+    return InputError(f"{path}: found '{name}', which refers to another place; it is not followed")
+
+
+def _require_own_numbers(path, item):
+    """Raise InputError where the numbers of an array lie in other files."""
+    if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+        raise _not_followed(path, item.name.strip("/"))
+
+
+def variables(path) -> list[Variable]:
+    """All numeric matrices of a file, those in structs and cells included. Raises InputError."""
+    found = []
+    with _opened(path) as file:
+        for name in file:
+            if not name.startswith("#"):
+                _look(path, file, file[name], name, found, 0)
+    return found
+
+
+def _look(path, file, item, name, found, depth):
+    if depth > DEPTH:
+        return
+    _require_own_numbers(path, item)
+    if isinstance(item, h5py.Dataset) and "MATLAB_object_decode" in item.attrs:  # numbers that say where an object is
+        return
+    if isinstance(item, h5py.Group):
+        if "MATLAB_sparse" in item.attrs:
+            found.append(_sparse(path, item, name))
+            return
+        for key in item:
+            part = item[key]
+            if isinstance(part, h5py.Dataset) and part.dtype == h5py.ref_dtype and "MATLAB_class" not in part.attrs:
+                _references(path, file, part, lambda k, key=key: f"{name}({k}).{key}", found, depth)  # a struct array
+            else:
+                _look(path, file, part, f"{name}.{key}", found, depth + 1)
+    elif item.dtype == h5py.ref_dtype:
+        _references(path, file, item, lambda k: f"{name}{{{k}}}", found, depth)
+    elif item.attrs.get("MATLAB_empty", 0):
+        shape = tuple(int(number) for number in item[...].ravel()[:32])
+        if _class_of(item) not in ("char", "cell", "struct"):
+            found.append(Variable(name, shape, place=None))
+    elif _class_of(item) not in ("char", "cell", "struct") and (item.dtype.kind in "fiub" or item.dtype.names):
+        found.append(Variable(name, item.shape[::-1], complex=bool(item.dtype.names), place=item.name))
+
+
+def _references(path, file, item, name_of, found, depth):
+    for k, reference in enumerate(item[...].ravel(order="F")[:MOST_ITEMS]):
+        if reference:
+            _look(path, file, file[reference], name_of(k + 1), found, depth + 1)
+
+
+def _class_of(item):
+    kind = item.attrs.get("MATLAB_class", b"")
+    return kind.decode() if isinstance(kind, bytes) else str(kind)
+
+
+def _sparse(path, group, name):
+    lists = [group.get(key) for key in LISTS]
+    for item in lists:
+        _require_own_numbers(path, item)
+    if lists[0] is None or any(
+        isinstance(item, h5py.Group) or item.ndim != 1 or item.dtype.kind not in kinds
+        for item, kinds in zip(lists, LISTS.values(), strict=True) if item is not None
+    ):  # fmt: skip
+        raise InputError(f"{path}: found a sparse matrix '{name}' without its lists of numbers; the file is damaged")
+    rows, columns = int(group.attrs["MATLAB_sparse"]), lists[0].shape[0] - 1
+    nonzeros = int(lists[0][-1]) if columns >= 0 else -1
+    if rows < 0 or not 0 <= nonzeros <= min(item.shape[0] if item is not None else 0 for item in lists[1:]):
+        raise InputError(
+            f"{path}: found a sparse matrix '{name}' whose lists do not fit each other; the file is damaged"
+        )
+    is_complex = lists[2] is not None and bool(lists[2].dtype.names)
+    return Variable(name, (rows, columns), True, nonzeros, is_complex, group.name)
+
+
+def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, columns (from 0) and values of the share of one of `size` ranks. Raises InputError."""
+    rows, columns = variable.shape
+    first, last = columns * rank // size, columns * (rank + 1) // size
+    with _opened(path) as file:
+        if variable.place is None or not rows or not columns:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+        item = file[variable.place]
+        if not variable.sparse:
+            return dense_entries(rows, first, last, lambda low, high: item[low // rows : high // rows].ravel())
+        starts = item["jc"][first : last + 1].astype(np.int64)
+        check_starts(path, variable, starts, first, last)
+        low, high = int(starts[0]), int(starts[-1])
+        if low == high:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+        i, v = item["ir"][low:high].astype(np.int64), item["data"][low:high].astype(float)
+        if len(i) != high - low or len(v) != high - low or not 0 <= i.min() <= i.max() < rows:
+            raise InputError(f"{path}: found rows of '{variable.name}' beyond its {rows}; the file is damaged")
+        check_ascending(path, variable, i, starts)
+        return i, np.repeat(np.arange(first, last), np.diff(starts)), v
+
+
+def table_of(path, variable, first, last, across) -> np.ndarray:
+    """The rows, or with `across` the columns, first..last of a dense matrix, one in each row. Raises InputError."""
+    if variable.place is None:
+        return np.zeros((0, variable.shape[not across]))
+    with _opened(path) as file:
+        item = file[variable.place]
+        return (item[first:last] if across else item[:, first:last].T).astype(float)

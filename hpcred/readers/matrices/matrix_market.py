@@ -1,0 +1,111 @@
+"""Matrix Market files (also .gz): a coordinate or array file enters, entries leave, some on each rank."""
+
+import numpy as np
+
+from ...files.text import BYTE_ORDER_MARK, Piece, numbers, open_unpacked, pieces, places, shown, triples
+from ...parallel.failures import InputError, agreed
+from ..entries import Collected, Entries, both_triangles
+
+SYMMETRIES = ("general", "symmetric", "skew-symmetric")
+
+
+def begins(start: bytes) -> bool:
+    """Whether a file that starts so is Matrix Market."""
+    return start[:14].lower() == b"%%matrixmarket"
+
+
+def read(path, comm) -> Entries:
+    """Read a real matrix; of symmetric files both triangles are given. Collective. Raises InputError."""
+    with agreed(comm):
+        kind, symmetry, shape, count, start = _header(path)
+    if kind == "array":
+        return _read_array(path, comm, symmetry, shape, start)
+    with agreed(comm):
+        found, above = Collected((np.int64, np.int64, float)), None
+        below = False
+        for piece in pieces(path, comm, start):
+            i, j, v, lines = triples(piece)
+            _check_range(piece, i, j, lines, shape)
+            if symmetry != "general":
+                if above is None and (upper := np.flatnonzero(j > i)).size:
+                    above = piece, upper[0] if lines is None else lines[upper[0]]
+                below = below or bool((j < i).any())
+                if symmetry == "skew-symmetric" and (wrong := np.flatnonzero((i == j) & (v != 0))).size:
+                    raise piece.refusal(wrong[0] if lines is None else lines[wrong[0]],
+                                        "no diagonal in a skew-symmetric matrix")  # fmt: skip
+            found.add((i, j, v), piece.share)
+        i, j, v = found.arrays
+    total = comm.allreduce(len(v))
+    if total != count:
+        raise InputError(f"{path}: found {total} entries, the header says {count}; the file is damaged")
+    if symmetry == "general":
+        return Entries(shape, i, j, v)
+    below = any(comm.allgather(below))
+    with agreed(comm):
+        if below and above is not None:
+            raise above[0].refusal(above[1], f"one triangle only, as the header says {symmetry} and entries below "
+                                             "the diagonal were found too")  # fmt: skip
+    return Entries(shape, *both_triangles(i, j, v, -1.0 if symmetry == "skew-symmetric" else 1.0))
+
+
+def _check_range(piece: Piece, i, j, lines, shape):
+    if len(i) and (i.max() >= shape[0] or j.max() >= shape[1]):
+        wrong = np.flatnonzero((i >= shape[0]) | (j >= shape[1]))[0]
+        raise piece.refusal(wrong if lines is None else lines[wrong],
+                            f"an entry of the {shape[0]} x {shape[1]} matrix that the header announces")  # fmt: skip
+
+
+def _read_array(path, comm, symmetry, shape, start):
+    """A dense matrix, one number a line, column by column; of symmetric ones from the diagonal, or below it, down."""
+    with agreed(comm):
+        parts, counts = [], []
+        for piece in pieces(path, comm, start):
+            parts.append(numbers(piece, 1, commas=False)[0][:, 0])
+            counts.append((piece.start, len(parts[-1])))
+        values = np.concatenate([np.zeros(0), *parts])
+    place = places(comm, counts)
+    total = comm.allreduce(len(values))
+    rows, columns = shape
+    skew = symmetry == "skew-symmetric"
+    expected = rows * columns if symmetry == "general" else rows * (rows - 1 if skew else rows + 1) // 2
+    if total != expected:
+        raise InputError(
+            f"{path}: found {total} entries, the header says {rows} x {columns}, {symmetry}: {expected}; the file is "
+            "damaged"
+        )
+    if symmetry == "general":
+        return Entries(shape, place % rows, place // rows, values)
+    top = np.arange(columns) + skew  # the first row of each column
+    begin = np.cumsum(rows - top) - (rows - top)
+    j = np.searchsorted(begin, place, side="right") - 1
+    return Entries(shape, *both_triangles(top[j] + place - begin[j], j, values, -1.0 if skew else 1.0))
+
+
+def _header(path):
+    """Format, symmetry, shape, number of entries in the file and the byte where they begin."""
+    with open_unpacked(path) as file:
+        line = file.readline().removeprefix(BYTE_ORDER_MARK)
+        words = [word.decode("latin-1") for word in line.lower().split()]
+        if (
+            len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"] or words[2] not in ("coordinate", "array")
+            or words[3] not in ("real", "integer") or words[4] not in SYMMETRIES
+        ):  # fmt: skip
+            raise InputError(
+                f"{path}, line 1: found '{shown(line)}', expected a real Matrix Market header: '%%MatrixMarket "
+                f"matrix', coordinate or array, real or integer, {SYMMETRIES[0]}, {SYMMETRIES[1]} or {SYMMETRIES[2]}"
+            )
+        number, text = 2, file.readline()
+        while text.lstrip()[:1] == b"%" or (text and not text.strip()):
+            number, text = number + 1, file.readline()
+        sizes = [int(word) for word in text.split() if word.isdigit() and len(word) < 1000]
+        expected = 3 if words[2] == "coordinate" else 2
+        if len(sizes) != expected or len(text.split()) != expected:
+            raise InputError(
+                f"{path}, line {number}: found the size line '{shown(text)}', expected "
+                f"{'rows, columns and entries' if expected == 3 else 'rows and columns'}"
+            )
+        if words[4] != "general" and sizes[0] != sizes[1]:
+            raise InputError(
+                f"{path}, line {number}: found a {words[4]} matrix of {sizes[0]} x {sizes[1]}, expected a square one"
+            )
+        return words[2], words[4], (sizes[0], sizes[1]), sizes[-1], file.tell()

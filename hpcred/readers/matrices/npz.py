@@ -1,0 +1,154 @@
+"""Files of scipy.sparse.save_npz (CSR, CSC or COO): a file enters, entries leave, each rank its share of rows.
+
+The arrays lie packed in a zip archive: each rank unpacks them up to the end of its share, and keeps its share.
+"""
+
+import struct
+import zipfile
+import zlib
+
+import numpy as np
+
+from ...files.system_errors import reading_from
+from ...parallel.failures import InputError, agreed
+from ...parallel.memory import MB, node_mb
+from ..entries import Entries
+from .petsc_binary import row_share
+
+# what zipfile makes of damage: also places before the file, methods that do not exist, and passwords
+DAMAGES = (
+    zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError, struct.error,
+)  # fmt: skip
+NEEDED = {"coo": ("row", "col"), "csr": ("indptr", "indices"), "csc": ("indptr", "indices")}
+
+
+def begins(start: bytes) -> bool:
+    """Whether a file that starts so is a zip archive."""
+    return start[:2] == b"PK"
+
+
+def read(path, comm) -> Entries:
+    """Read a real sparse matrix. Collective. Raises InputError."""
+    with agreed(comm):
+        try:
+            with reading_from(path), zipfile.ZipFile(path) as archive:
+                return _read(path, archive, comm)
+        except InputError:
+            raise
+        except DAMAGES as error:
+            raise InputError(f"{path}: found a damaged zip archive ({error})") from error
+
+
+def _read(path, archive, comm):
+    names = set(archive.namelist())
+    if len(names) < len(archive.namelist()):
+        raise InputError(f"{path}: found an array twice in the archive, expected each name once; the file is damaged")
+    if not {"format.npy", "shape.npy", "data.npy"} <= names:
+        raise InputError(
+            f"{path}: found the arrays {sorted(names)}, expected those of scipy.sparse.save_npz, one matrix a file"
+        )
+    kind = _whole_array(path, archive, "format", 1)
+    kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+    if kind not in NEEDED:
+        raise InputError(f"{path}: found a sparse matrix of format '{kind[:20]}', expected csr, csc or coo; save "
+                         "A.tocsr()")  # fmt: skip
+    with archive.open("shape.npy") as file:
+        _, dtype = _header(path, "shape", file)
+    if dtype.kind not in "iu":
+        raise InputError(f"{path}: found an array 'shape' of type {dtype}, expected whole numbers")
+    shape = tuple(int(number) for number in np.atleast_1d(_whole_array(path, archive, "shape", 2)))
+    if len(shape) != 2 or min(shape) < 0:
+        raise InputError(f"{path}: found the shape {shape}, expected rows and columns")
+    for name in NEEDED[kind]:
+        if f"{name}.npy" not in names:
+            raise InputError(f"{path}: found no array '{name}', which the format {kind} needs")
+    count = _length(path, archive, "data", "fiu")
+    if kind == "coo":
+        for name in NEEDED[kind]:
+            _require(path, name, _length(path, archive, name, "iu"), count)
+        low, high = row_share(count, comm.rank, comm.size)
+        i, j = (_part(path, archive, name, low, high).astype(np.int64) for name in ("row", "col"))
+    else:
+        lines = shape[0] if kind == "csr" else shape[1]
+        _require(path, "indices", _length(path, archive, "indices", "iu"), count)
+        _require(path, "indptr", _length(path, archive, "indptr", "iu"), lines + 1)
+        first, last = row_share(lines, comm.rank, comm.size)
+        indptr = _part(path, archive, "indptr", first, last + 1).astype(np.int64)
+        if (np.diff(indptr) < 0).any() or (first == 0 and indptr[0] != 0) or (last == lines and indptr[-1] != count):
+            raise InputError(
+                f"{path}: found an array 'indptr' that does not ascend from 0 to the number of entries ({count}); "
+                "the file is damaged"
+            )
+        low, high = int(indptr[0]), int(indptr[-1])
+        if not 0 <= low <= high <= count:
+            raise InputError(f"{path}: found an array 'indptr' beyond the {count} entries; the file is damaged")
+        i = np.repeat(np.arange(first, last), np.diff(indptr))
+        j = _part(path, archive, "indices", low, high).astype(np.int64)
+        if kind == "csc":
+            i, j = j, i
+    for name, index, size in (("row", i, shape[0]), ("column", j, shape[1])):
+        if len(index) and not 0 <= index.min() <= index.max() < size:
+            wrong = index.max() if index.min() >= 0 else index.min()
+            raise InputError(f"{path}: found the {name} {wrong} (from 0), expected less than {size}")
+    return Entries(shape, i, j, _part(path, archive, "data", low, high).astype(float))
+
+
+def _require(path, name, found, expected):
+    if found != expected:
+        raise InputError(f"{path}: found {found} numbers in the array '{name}', expected {expected}")
+
+
+def _length(path, archive, name, kinds):
+    """Length of a one-dimensional array of numbers of some kinds of numpy."""
+    with archive.open(f"{name}.npy") as file:
+        shape, dtype = _header(path, name, file)
+    if len(shape) != 1 or dtype.kind not in kinds:
+        what = "real" if "f" in kinds else "whole"
+        raise InputError(
+            f"{path}: found an array '{name}' of shape {shape} and type {dtype}, expected one row of {what} numbers"
+        )
+    return shape[0]
+
+
+def _header(path, name, file):
+    try:
+        version = np.lib.format.read_magic(file)
+        read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
+        shape, _, dtype = read(file)
+    except (ValueError, KeyError) as error:
+        raise InputError(f"{path}: the array '{name}' cannot be read ({error})") from error
+    if dtype.hasobject:
+        raise InputError(f"{path}: found Python objects in the array '{name}', expected numbers")
+    return shape, dtype
+
+
+def _whole_array(path, archive, name, largest):
+    """A scalar or an array of at most `largest` items."""
+    with archive.open(f"{name}.npy") as file:
+        shape, dtype = _header(path, name, file)
+        size = int(np.prod(shape, dtype=np.int64))
+        if size > largest:
+            raise InputError(f"{path}: found {size} items in the array '{name}', expected {largest}")
+        array = np.frombuffer(_exactly(path, name, file, size * dtype.itemsize), dtype)
+    return array.reshape(shape)[()]
+
+
+def _part(path, archive, name, low, high):
+    """Elements low..high of a one-dimensional array."""
+    with archive.open(f"{name}.npy") as file:
+        _, dtype = _header(path, name, file)
+        file.seek(file.tell() + low * dtype.itemsize)
+        return np.frombuffer(_exactly(path, name, file, (high - low) * dtype.itemsize), dtype)
+
+
+def _exactly(path, name, file, count):
+    """So many bytes. Raises InputError where they do not fit: a small archive may hold anything."""
+    if count > MB * (free := node_mb()):
+        raise InputError(
+            f"{path}: found {count / MB:.0f} MB in the array '{name}', and {free:.0f} MB are free; take more ranks on "
+            "more nodes"
+        )
+    data = file.read(count)
+    if len(data) != count:
+        raise InputError(f"{path}: the array '{name}' is shorter than it says; the file is damaged")
+    return data

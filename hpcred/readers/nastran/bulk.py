@@ -1,0 +1,446 @@
+"""Input files of Nastran and OptiStruct (.bdf, .dat, .fem): a file enters, its points, elements and few cards leave.
+
+Read are the grid and scalar points, coordinate systems, elements as far as pictures need them, and the cards that tell
+which dofs have no row (see nastran_sets). Each rank reads its share of the lines; the cards of systems and constraints,
+which are few, are collected on all ranks.
+"""
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ...files.system_errors import open_input
+from ...files.text import first_bytes, first_line, line_number, records, refuse_packed, require_file
+from ...model.elements import NODES
+from ...parallel.failures import InputError, agreed
+from ...parallel.lookup import repeated_key, sort_over_ranks
+from ..nodes.table import LARGEST_COORDINATE
+from .cards import CARD, components, lines_of, number_of, reals, whole_of, wholes
+from .points import CYLINDRICAL, HELD, RECTANGULAR, SPHERICAL, TINY, Points, System
+
+START = re.compile(
+    rb"(?mi)^[ \t]*(?:SOL[ ,]|CEND\b|BEGIN[ \t]+(?:BULK|SUPER)|NASTRAN[ ,]|PARAM[ ,]|"
+    rb"(?:GRID|DMIG|SPOINT|CORD[12][RCS]|GRDSET)[ ,*])"
+)
+MARK = re.compile(
+    rb"(?mi)^[ \t]*(?:(?P<begin>BEGIN\b[^\n$]*)|(?P<end>ENDDATA\b)|(?P<cend>CEND\b)|"
+    rb"INCLUDE[ \t]*(?:(?P<quote>['\"])|(?P<bare>[^'\"\n$ \t]+)))"
+)
+LONGEST_NAME = 4096  # bytes of a file's name in quotes, perhaps over several lines
+CASE = re.compile(rb"(?mi)^[ \t]*(?P<word>SPC|MPC)(?:[ \t]*\([^)\n]*\))?[ \t]*=[ \t]*(?P<number>\d+)|^[ \t]*SUBCASE\b")
+SYSTEMS = {"R": RECTANGULAR, "C": CYLINDRICAL, "S": SPHERICAL}
+SMALL = re.compile(
+    rb"CORD[12][RCS]|GRDSET|SPC|SPC1|SPCADD|MPC|MPCADD|RBE1|RBE2|RBE3|RBAR|RBAR1|RROD|RTRPLT1?|RSPLINE|RSSCON|RJOINT|"
+    rb"PARAM|[ABCQ]SET1?|OMIT1?|SUPORT1?|SPOINT|EPOINT|SEQGP|CSUPER|SESET|SEBULK|EXTRN"
+)
+# number of the field of the first node, and nodes by kind, the largest first
+ELEMENTS = {
+    "CTETRA": (2, ("tetra10", "tetra")), "CHEXA": (2, ("hexahedron20", "hexahedron")),
+    "CPENTA": (2, ("wedge15", "wedge")), "CPYRAM": (2, ("pyramid",)), "CPYRA": (2, ("pyramid",)),
+    "CQUAD4": (2, ("quad",)), "CQUADR": (2, ("quad",)), "CTRIA3": (2, ("triangle",)), "CTRIAR": (2, ("triangle",)),
+    "CQUAD8": (2, ("quad8", "quad")), "CTRIA6": (2, ("triangle6", "triangle")), "CSHEAR": (2, ("quad",)),
+    "CBAR": (2, ("line",)), "CBEAM": (2, ("line",)), "CROD": (2, ("line",)), "CTUBE": (2, ("line",)),
+    "CBEND": (2, ("line",)), "CONROD": (1, ("line",)), "CBUSH": (2, ("line",)),
+}  # fmt: skip
+# Nastran numbers the vertical edges before those of the top
+VTK = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)], "wedge15": [*range(9), 12, 13, 14, 9, 10, 11]}
+WITH_NODES = {"CONM2": (1,), "CONM1": (1,), "CELAS1": (2, 4), "CELAS2": (2, 4), "CBUSH": (2, 3), "CDAMP1": (2, 4),
+              "CDAMP2": (2, 4), "CMASS1": (2, 4), "CMASS2": (2, 4), "CVISC": (2, 3)}  # fmt: skip
+ANY_ELEMENT = re.compile(rb"C(?!ORD[12][RCS]$|SET1?$|SUPER$|REEP$|LOAD$|YJOIN$)[A-Z]+[0-9]*")
+FLUID = -1
+
+
+@dataclass(frozen=True)
+class Card:
+    """A card of which there are few: its fields without the empty ones at the end, and where it stands."""
+
+    name: str
+    fields: tuple[str, ...]
+    file: str
+    start: int
+    line: int
+
+    def error(self, sentence: str) -> InputError:
+        """An InputError that names the line."""
+        line = line_number(self.file, self.start) + self.line
+        return InputError(f"{self.file}, line {line}: {self.name}: {sentence}")
+
+    def text(self, k: int) -> str:
+        """The field k, from 0 behind the name; empty where there is none."""
+        return self.fields[k] if k < len(self.fields) else ""
+
+    def whole(self, k: int, what: str, empty: int | None = None) -> int:
+        """The whole number in the field k."""
+        return whole_of(self.text(k), self.error, what, empty)
+
+    def real(self, k: int, what: str) -> float:
+        """The number in the field k, 0 where it is empty."""
+        return number_of(self.text(k), self.error, what, 0.0)
+
+    def directions(self, k: int) -> np.ndarray:
+        """Which of the directions 1 to 6 (6,) the field k names."""
+        if not set(self.text(k)) <= set("0123456"):
+            raise self.error(f"found the directions '{self.text(k)}', expected digits of 1 to 6")
+        return np.array([str(d) in self.text(k) for d in range(1, 7)])
+
+    def points(self, first: int) -> tuple[list[int], list[int]]:
+        """Lowest and highest numbers of a list of points that may say THRU, from the field `first` on."""
+        words = [word for word in self.fields[first:] if word]
+        low, high = [], []
+        k = 0
+        while k < len(words):
+            number = whole_of(words[k], self.error, "a point")
+            last = number
+            if k + 2 < len(words) and words[k + 1] == "THRU":
+                last = whole_of(words[k + 2], self.error, "a point")
+                k += 2
+                if k + 1 < len(words) and words[k + 1] in ("BY", "EXCEPT"):
+                    raise self.error(f"found '{words[k + 1]}' behind THRU, which is not read; list the points")
+            if last < number:
+                raise self.error(f"found {number} THRU {last}, expected ascending numbers")
+            low.append(number)
+            high.append(last)
+            k += 1
+        return low, high
+
+
+@dataclass
+class Deck:
+    """What the bulk data say; grids are those of this rank, as `Points` but in the systems of the file.
+
+    `cards`: the few other ones, on all ranks. `case`: the numbers that the case control
+    gives by SPC and MPC, or None where there is no case control. `other`: node numbers of what has nodes and is no
+    element of `elements`, `unknown`: names of elements of which it is not known where the nodes stand. `point_mass`:
+    the sum of CONM2, as written.
+    """
+
+    path: Path
+    label: np.ndarray
+    system: np.ndarray
+    coordinates: np.ndarray
+    displacement: np.ndarray
+    held: np.ndarray
+    cards: list[Card]
+    case: dict | None
+    elements: dict[str, np.ndarray] = field(default_factory=dict)
+    other: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    unknown: set = field(default_factory=set)
+    point_mass: float = 0.0
+
+    @property
+    def mass_unit(self) -> float:
+        """PARAM,WTMASS: what masses of the input file are multiplied by."""
+        given = [card for card in self.cards if card.name == "PARAM" and card.text(0) == "WTMASS"]
+        return given[0].real(1, "WTMASS") if given else 1.0
+
+
+def begins(start: bytes) -> bool:
+    """Whether a text that starts so is an input file of Nastran."""
+    return first_line(start)[:1] != b"*" and b"\0" not in start and START.search(start) is not None
+
+
+def beside(path) -> list[Path]:
+    """The other files of the same name in the folder of a file, in any case of letters."""
+    path = Path(path)
+    return [file for file in sorted(path.parent.iterdir())
+            if file.stem.lower() == path.stem.lower() and file != path and file.is_file()]  # fmt: skip
+
+
+def companions(path) -> list[Path]:
+    """The input files beside a file, that of an external superelement first."""
+    suffixes = (".pch", ".bdf", ".dat", ".nas", ".fem", ".blk", ".asm")
+    found = [file for file in beside(path) if file.suffix.lower() in suffixes and begins(first_bytes(file))]
+    return sorted(found, key=lambda file: suffixes.index(file.suffix.lower()))
+
+
+def read_deck(path, comm) -> Deck:
+    """Read an input file and those that it includes. Collective. Raises InputError."""
+    path = Path(path)
+    segments, case = _segments(path, comm)
+    grids, cards, elements, other, unknown, point_mass = [], [], {}, [], set(), 0.0
+    with agreed(comm):
+        for file, start, stop in segments:
+            for piece in records(file, comm, start, stop, CARD):
+                found = lines_of(piece, ANY_ELEMENT)
+                for name in np.unique(found.name):
+                    _elements(found.of(name.decode()), name.decode(), elements, other, unknown)
+                table, number = found.of("CONM2").table(4)
+                point_mass += float(reals(piece, table[:, 3], number, "a mass").sum())
+                grids.append(_grids(lines_of(piece, re.compile(rb"GRID"))))
+                cards += [Card(name, tuple(fields), str(file), piece.start, line)
+                          for name, fields, line in lines_of(piece, SMALL).listed()]  # fmt: skip
+    cards = sum(comm.allgather(cards), [])
+    kinds = sorted(set().union(*comm.allgather(set(elements))))
+    unknown = set().union(*comm.allgather(unknown))
+    with agreed(comm):
+        defaults = _defaults(cards)
+        columns = [np.concatenate([grid[k] for grid in grids] or [np.zeros(0, np.int64)]) for k in range(4)]
+        xyz = np.concatenate([np.zeros((0, 3)), *(grid[4] for grid in grids)])
+        held = np.concatenate([np.zeros((0, 6), bool), *(grid[5] for grid in grids)])
+        label, system, displacement, no_hold = columns
+        system = np.where(system < -1, defaults[0], system)
+        displacement = np.where(displacement < -1, defaults[1], displacement)
+        held[no_hold == 0] = defaults[2]
+    return Deck(
+        path, label, system, xyz, displacement, held, cards, case,
+        {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *elements.get(kind, [])]) for kind in kinds},
+        np.concatenate([np.zeros(0, np.int64), *other]), unknown,
+        comm.allreduce(point_mass),
+    )  # fmt: skip
+
+
+def _segments(path, comm, including=()):
+    """Bytes of bulk data (file, start, stop), in order, and what the case control says. Collective."""
+    with agreed(comm):
+        require_file(path)
+        refuse_packed(path)
+        size = path.stat().st_size
+        mine = [(piece.start + match.start(), piece.start + match.end(), match.groupdict())
+                for piece in records(path, comm, 0, size, re.compile(rb"(?m)^")) for match in MARK.finditer(piece.text)]
+    marks = sum(comm.allgather(mine), [])
+    begin = [mark for mark in marks if mark[2]["begin"]]
+    with agreed(comm):
+        if len(begin) > 1:
+            raise InputError(
+                f"{path}: found {len(begin)} sections of bulk data, expected one: superelements as parts have numbers "
+                "of their own; give the matrices of one with its own input file"
+            )
+        if not begin and any(mark[2]["cend"] for mark in marks) and not including:
+            raise InputError(f"{path}: found CEND but no BEGIN BULK, expected bulk data")
+        if begin and b"BULK" in begin[0][2]["begin"].upper() and not any(mark[2]["end"] for mark in marks):
+            raise InputError(f"{path}: found BEGIN BULK but no ENDDATA; the file is cut off, or lacks that last line")
+        case = _case(path, begin[0][0]) if begin and not including else None
+    at = begin[0][1] if begin else 0
+    result = []
+    for low, high, groups in marks:
+        if low < at or groups["begin"]:
+            continue
+        if groups["end"]:
+            size = low
+            break
+        if groups["cend"]:
+            continue
+        result.append((str(path), at, low))
+        with agreed(comm):
+            name = groups["bare"]
+            if groups["quote"]:
+                name, high = _name_in_quotes(path, high, groups["quote"])
+            file = _included(path, name, including)
+        result += _segments(file, comm, (*including, path))[0]
+        with open_input(path) as text:
+            text.seek(high)
+            at = high + len(text.readline())
+    return [item for item in [*result, (str(path), at, size)] if item[1] < item[2]], case
+
+
+def _name_in_quotes(path, start, quote):
+    """The name from the byte `start` to the next quote, perhaps on a later line, and the byte where that stands."""
+    with open_input(path) as file:
+        file.seek(start)
+        name, end, _ = file.read(LONGEST_NAME).partition(quote)
+    if not end:
+        raise InputError(f"{path}, line {line_number(path, start)}: found an INCLUDE without its second quote")
+    return b"".join(line.strip() for line in name.splitlines()), start + len(name)
+
+
+def _included(path, name, including):
+    """The file of an INCLUDE: beside the main file or the including one, in any case of letters where none has that."""
+    name = name.decode("latin-1").strip().replace("\\", "/")
+    for folder in dict.fromkeys([path.parent, *(file.parent for file in including)]):
+        file = folder / name
+        if not file.is_file() and file.parent.is_dir():
+            file = next((item for item in file.parent.iterdir() if item.name.lower() == file.name.lower()), file)
+        if file.is_file():
+            if file.resolve() in [item.resolve() for item in (path, *including)]:
+                raise InputError(f"{path}: found INCLUDE of {file}, which includes itself")
+            return file
+    raise InputError(f"{path}: found INCLUDE '{name}', which is no file in {path.parent}; put it there")
+
+
+def _case(path, stop):
+    """Numbers of SPC and MPC of the case control; more than one where subcases differ."""
+    with open_input(path) as file:
+        text = file.read(stop)
+    text = text[text.upper().rfind(b"CEND") + 4 if b"CEND" in text.upper() else 0 :]
+    found = {"SPC": set(), "MPC": set()}
+    for match in CASE.finditer(text):
+        if match["word"]:
+            found[match["word"].decode().upper()].add(int(match["number"]))
+    return found
+
+
+def _grids(lines):
+    """Label, CP, CD, whether PS is given, coordinates and PS of GRID cards; -2 where a system is left out."""
+    table, number = lines.table(7)
+    piece = lines.piece
+    if (more := lines.beyond(8)).size:
+        raise piece.refusal(int(more[0]), "a grid point of at most eight fields")
+    label = wholes(piece, table[:, 0], number, "the number of a grid point", 1)
+    system, displacement = (_system(piece, table[:, k], number) for k in (1, 5))
+    xyz = np.stack([reals(piece, table[:, k], number, "a coordinate") for k in (2, 3, 4)], axis=1)
+    held = components(piece, table[:, 6], number, "the supports of a grid point")
+    return label, system, displacement, (table[:, 6] != b"").astype(np.int64), xyz, held
+
+
+def _system(piece, fields, number):
+    empty, fluid = fields == b"", fields == b"-1"
+    value = wholes(piece, np.where(empty | fluid, b"0", fields), number, "the number of a coordinate system")
+    return np.where(empty, -2, np.where(fluid, FLUID, value))
+
+
+def _elements(lines, name, elements, other, unknown):
+    """Nodes of the elements of one name in a piece go to `elements`, or to `other`."""
+    if name in WITH_NODES:
+        table, _ = lines.table(max(WITH_NODES[name]) + 1)
+        for k in WITH_NODES[name]:
+            digits = np.char.isdigit(table[:, k])
+            other.append(table[digits, k].astype(np.int64))
+    if name not in ELEMENTS:
+        if name not in WITH_NODES:
+            unknown.add(name)
+        return
+    first, kinds = ELEMENTS[name]
+    table, number = lines.table(first + NODES[kinds[0]])
+    nodes = table[:, first:]
+    left = np.ones(len(nodes), bool)
+    for kind in kinds:
+        full = left & np.char.isdigit(nodes[:, : NODES[kind]]).all(axis=1)
+        if full.any():
+            labels = wholes(lines.piece, nodes[full, : NODES[kind]].ravel(), np.repeat(number[full], NODES[kind]),
+                            "the number of a node", 1).reshape(-1, NODES[kind])  # fmt: skip
+            elements.setdefault(kind, []).append(labels[:, VTK.get(kind, slice(None))])
+        left &= ~full
+
+
+def _defaults(cards):
+    """CP, CD and PS of GRDSET."""
+    card, *more = [card for card in cards if card.name == "GRDSET"] or [None]
+    if card is None:
+        return 0, 0, np.zeros(6, bool)
+    if more:
+        raise more[0].error("found a second one, expected one for all points")
+    return card.whole(1, "CP", 0), card.whole(5, "CD", 0), card.directions(6)
+
+
+def points_of(deck: Deck, comm) -> Points:
+    """All grid and scalar points, ascending by number, without marks but those of permanent supports.
+
+    Collective. Raises InputError.
+    """
+    with agreed(comm):
+        scalars = _scalars(deck.cards) if comm.rank == 0 else np.zeros(0, np.int64)
+        if (deck.displacement == FLUID).any():
+            raise InputError(
+                f"{deck.path}: found the fluid point {deck.label[deck.displacement == FLUID][0]} (CD = -1), expected a "
+                "structure without fluid"
+            )
+    label = np.concatenate([deck.label, scalars])
+    count, extra = len(deck.label), len(scalars)
+    padded = [np.concatenate([part, np.zeros(extra, part.dtype)]) for part in (
+        deck.system, deck.displacement, *deck.coordinates.T, *deck.held.T)]  # fmt: skip
+    twice = repeated_key(comm, label)
+    if twice is not None:
+        raise InputError(f"{deck.path}: found the point {twice} more than once, expected each point once")
+    label, scalar, system, displacement, x, y, z, *held = sort_over_ranks(
+        comm, label, [np.arange(len(label)) >= count, *padded]
+    )
+    if not comm.allreduce(len(label)):
+        raise InputError(f"{deck.path}: found no points, expected GRID cards")
+    systems = _systems(comm, deck, label, system, np.stack([x, y, z], axis=1))
+    with agreed(comm):
+        position = np.zeros((len(label), 3))
+        for number in np.unique(system):
+            mine = (system == number) & ~scalar
+            position[mine] = _known(deck, systems, number).to_basic(np.stack([x, y, z], axis=1)[mine])
+        far = ~(np.abs(position) <= LARGEST_COORDINATE).all(axis=1)
+        if far.any():
+            raise InputError(f"{deck.path}: found the point {label[far][0]} at {position[far][0].tolist()}, expected "
+                             "finite coordinates")  # fmt: skip
+        turned = np.flatnonzero((displacement != 0) & ~scalar)
+        axes = np.zeros((len(turned), 3, 3))
+        for number in np.unique(displacement[turned]):
+            mine = displacement[turned] == number
+            axes[mine] = _known(deck, systems, number).directions(position[turned[mine]])
+        axes[np.abs(axes) < TINY] = 0.0
+        same = (axes == np.eye(3)).all(axis=(1, 2))
+    marks = np.where(np.stack(held, axis=1), HELD, 0).astype(np.uint8)
+    return Points(label, position, scalar.astype(bool), marks, turned[~same], axes[~same])
+
+
+def _known(deck, systems, number):
+    if number not in systems:
+        raise InputError(f"{deck.path}: found points in the coordinate system {number}, which no CORD card defines")
+    return systems[number]
+
+
+def _scalars(cards):
+    """Numbers of the scalar points."""
+    found = []
+    for card in cards:
+        if card.name == "SPOINT":
+            low, high = card.points(0)
+            found += [np.arange(a, b + 1) for a, b in zip(low, high, strict=True)]
+    return np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
+
+
+def _systems(comm, deck, label, system, coordinates):
+    """All coordinate systems by number. Collective."""
+    with agreed(comm):
+        wanted = [card.whole(start + k, "a grid point") for card in deck.cards if card.name.startswith("CORD1")
+                  for start in _halves(card) for k in (1, 2, 3)]  # fmt: skip
+        mine = np.flatnonzero(np.isin(label, np.array(wanted, dtype=np.int64)))
+        own = {int(label[k]): (int(system[k]), coordinates[k]) for k in mine}
+    grids = {}
+    for part in comm.allgather(own):
+        grids |= part
+    with agreed(comm):
+        systems, open_ = {0: System()}, _definitions(deck, grids)
+        while open_:
+            ready = [number for number, (_, points, _) in open_.items() if all(ref in systems for ref, _ in points)]
+            if not ready:
+                number, (_, points, card) = next(iter(open_.items()))
+                missing = next(ref for ref, _ in points if ref not in systems)
+                raise card.error(
+                    f"found the coordinate system {number} defined in {missing}, which no card defines, or by itself"
+                )
+            for number in ready:
+                kind, points, card = open_.pop(number)
+                basic = [systems[ref].to_basic(np.asarray(point, float)[None])[0] for ref, point in points]
+                systems[number] = System.from_points(kind, *basic)
+                if systems[number] is None:
+                    raise card.error(f"found three points on a line for the coordinate system {number}")
+        return systems
+
+
+def _halves(card):
+    """Fields where the systems of a CORD1 card begin: it may define two."""
+    return (0, 4) if card.text(4) else (0,)
+
+
+def _definitions(deck, grids):
+    """Kind, three points (system, coordinates) and card of the systems by number."""
+    found = {}
+
+    def define(card, number, points):
+        item = (SYSTEMS[card.name[5]], points, card)
+        if number == 0 or number in found and (found[number][0] != item[0] or str(found[number][1]) != str(points)):
+            raise card.error(f"found the coordinate system {number} a second time, expected one definition")
+        found[number] = item
+
+    for card in deck.cards:
+        if card.name.startswith("CORD2"):
+            reference = card.whole(1, "the system of reference", 0)
+            values = [card.real(k, "a coordinate") for k in range(2, 11)]
+            define(card, card.whole(0, "the number of the system"),
+                   [(reference, values[k : k + 3]) for k in (0, 3, 6)])  # fmt: skip
+        elif card.name.startswith("CORD1"):
+            for start in _halves(card):
+                points = [card.whole(start + k, "a grid point") for k in (1, 2, 3)]
+                missing = [point for point in points if point not in grids]
+                if missing:
+                    raise card.error(f"found the point {missing[0]}, which no GRID card defines")
+                define(card, card.whole(start, "the number of the system"),
+                       [(grids[point][0], grids[point][1].tolist()) for point in points])  # fmt: skip
+    return found

@@ -1,0 +1,263 @@
+"""Bulk data of Nastran: pieces of text enter, the fields of their cards leave, in small, large and free form.
+
+A card begins where a line begins with a letter; the lines below it that do not continue it.
+"""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...files.text import CONTROL, LARGEST_LABEL, Piece, parse_fortran
+from .replication import REPEATED, in_full
+
+CARD = re.compile(rb"(?m)^[A-Za-z]")
+REMARK = re.compile(rb"\$[^\n]*")
+WIDTH = 24  # of a field in free form, without blanks around
+SMALL, LARGE = 8, 4  # data fields a line
+
+
+@dataclass
+class Lines:
+    """Lines of some cards of a piece.
+
+    `card` (lines,): which card of the piece each belongs to; `name` (lines,) of that card, `starts` (lines,) whether
+    the card begins here, `number` (lines,) in the piece, `count` (lines,) of data fields and `fields` (lines, 8).
+    `total`: number of all cards of the piece.
+    """
+
+    piece: Piece
+    card: np.ndarray
+    name: np.ndarray
+    starts: np.ndarray
+    number: np.ndarray
+    count: np.ndarray
+    fields: np.ndarray
+    total: int
+
+    def of(self, name: str) -> "Lines":
+        """Only those of the cards of one name."""
+        mine = self.name == name.encode()
+        parts = (getattr(self, key)[mine] for key in ("card", "name", "starts", "number", "count", "fields"))
+        return Lines(self.piece, *parts, self.total)
+
+    def table(self, width: int) -> tuple[np.ndarray, np.ndarray]:
+        """The first `width` fields (cards, width) of each card, and the lines (cards,) where they begin."""
+        first = np.flatnonzero(self.starts)
+        which, place = self._places()
+        have = (np.arange(SMALL) < self.count[:, None]) & (place < width)
+        table = np.full((len(first), width), b"", dtype=self.fields.dtype)
+        table[np.broadcast_to(which[:, None], have.shape)[have], place[have]] = self.fields[have]
+        return table, self.number[first]
+
+    def beyond(self, width: int) -> np.ndarray:
+        """The lines of the piece with a field, not empty, behind the first `width` of its card."""
+        return self.number[((self._places()[1] >= width) & (self.fields != b"")).any(axis=1)]
+
+    def _places(self):
+        """Which of the cards a line belongs to, and the places (lines, 8) of its fields in that card."""
+        which = np.cumsum(self.starts) - 1
+        before = np.cumsum(self.count) - self.count
+        return which, (before - before[np.flatnonzero(self.starts)][which])[:, None] + np.arange(SMALL)
+
+    def listed(self) -> list[tuple[str, list[str], int]]:
+        """Name, fields without the empty ones at the end, and line of each card; of cards that are few."""
+        found = []
+        for name, starts, number, count, fields in zip(
+            self.name, self.starts, self.number, self.count, self.fields, strict=True
+        ):
+            if starts:
+                found.append((name.decode(), [], int(number)))
+            found[-1][1].extend(field.decode("latin-1") for field in fields[:count])
+        for _, fields, _ in found:
+            while fields and not fields[-1]:
+                fields.pop()
+        return found
+
+
+def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
+    """The lines of cards whose name (upper case) `wanted` matches wholly. Raises InputError.
+
+    A line that is no card continues one, and begins with a blank, +, * or a comma, or is refused. `strict`: for cards
+    that a program wrote: refused are also remarks that do not begin their line, what is behind the 80th column, and
+    other cards between those of one first field.
+    """
+    plain = REMARK.sub(b"", piece.text).upper().replace(b"\r", b" ")
+    if control := CONTROL.search(plain):
+        raise piece.refusal(plain.count(b"\n", 0, control.start()), "a card, without control characters")
+    if b"\t" in plain:
+        plain = plain.expandtabs(8)
+    origin = None
+    if not strict and REPEATED.search(plain):
+        plain, origin = in_full(piece, plain)
+    text = np.frombuffer(plain if plain.endswith(b"\n") else plain + b"\n", np.uint8)
+    stop = np.flatnonzero(text == ord("\n"))
+    start = np.concatenate([[0], stop[:-1] + 1])
+    visible = np.concatenate([[0], np.cumsum(text > ord(" "))])
+    used = visible[stop] > visible[start]
+    number = np.flatnonzero(used) if origin is None else origin[np.flatnonzero(used)]
+    start, stop = start[used], stop[used]
+    head = _gather(text, start, np.minimum(start + 8, stop), 8)
+    starts = (head[:, 0] >= ord("A")) & (head[:, 0] <= ord("Z"))
+    card = np.cumsum(starts) - 1
+    total = int(np.count_nonzero(starts))
+    ended = np.maximum.accumulate((head == ord(" ")) | (head == ord(",")) | (head == ord("*")), axis=1)
+    names = np.where(ended, 0, head).astype(np.uint8)[starts].copy().view("S8").ravel()
+    distinct, back = np.unique(names, return_inverse=True)
+    fits = np.array([wanted.fullmatch(name) is not None for name in distinct], bool)[back] if len(names) else []
+    mine = (card >= 0) & np.asarray(fits, bool)[card] if len(names) else np.zeros(len(card), bool)
+    stray = (card < 0) | (~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8)))
+    stray &= (card < 0) | mine | (head[:, 0] != ord("="))  # cards that are not wanted may be repeated
+    if stray.any():
+        raise piece.refusal(int(number[stray][0]), "a card, or a line that continues one")
+    apart = _apart(text, start, stop, head, starts)
+    if apart.size:
+        raise piece.refusal(int(number[apart[0]]), "a line that continues the one above, which does not end with its "
+                            "name (field 10); put the lines of each card below each other")  # fmt: skip
+    lines = piece.text.split(b"\n") if strict and b"$" in piece.text else ()
+    for k in [k for k, line in enumerate(lines) if b"$" in line and not line.startswith(b"$")]:
+        place = np.searchsorted(number, k, side="right") - 1  # of the line itself, or the last in front of a remark
+        if place >= 0 and mine[place]:
+            raise piece.refusal(k, "a card without a remark behind it")
+    card, start, stop, number, head, starts = (part[mine] for part in (card, start, stop, number, head, starts))
+    if strict:
+        odd = visible[stop] > visible[np.minimum(start + 80, stop)]
+        if odd.any():
+            raise piece.refusal(int(number[odd][0]), "a card of at most 80 columns")
+    count, fields = _fields(piece, text, start, stop, head, number)
+    if strict and starts.any():
+        first, label = card[starts], fields[starts, 0]
+        gap = (np.diff(first) > 1) & (label[1:] == label[:-1])
+        if gap.any():
+            raise piece.refusal(int(number[starts][1:][gap][0]) - 1, "none but cards of one matrix here")
+    name = names[card] if len(names) else np.zeros(0, "S8")
+    return Lines(piece, card, name, starts, number, count, fields, total)
+
+
+def _apart(text, start, stop, head, starts):
+    """Which lines continue another card than that above them, by their name (field 1) and that of the line above."""
+    named = ((head[:, 0] == ord("+")) | (head[:, 0] == ord("*"))) & (head[:, 1] > ord(" ")) & (head[:, 1] != ord(","))
+    child = np.flatnonzero(named & ~starts)
+    own = _name(np.where(np.logical_or.accumulate(head[child] == ord(","), axis=1), ord(" "), head[child]))
+    start, stop, star = start[child - 1], stop[child - 1], _is_large(head[child - 1])
+    comma = np.append(np.flatnonzero(text == ord(",")), [len(text)] * (SMALL + 2))
+    first = np.searchsorted(comma, start)
+    free, last = comma[first] < stop, first + np.where(star, LARGE, SMALL)
+    low = np.where(free, comma[last] + 1, start + 72)
+    above = _gather(text, low, np.minimum(np.where(free, comma[last + 1], start + 80), stop), 2 * SMALL)
+    return child[(own != _name(above)) & (own != _name(above[:, 1:]))]  # the first character there does not count
+
+
+def _name(characters):
+    """The names of continuations in characters (lines, width)."""
+    characters = np.ascontiguousarray(characters, np.uint8)
+    return np.char.strip(characters.view(f"S{characters.shape[1]}").ravel(), b" +*")
+
+
+def _is_large(head):
+    """Whether lines (n,), by their first field (n, 8), have large fields: a star in front of the first comma."""
+    comma, star = (np.where((head == ord(sign)).any(axis=1), (head == ord(sign)).argmax(axis=1), 8) for sign in ",*")
+    return star < comma
+
+
+def _fields(piece, text, start, stop, head, number):
+    """Number of data fields (lines,) and the fields (lines, 8) without blanks around."""
+    commas = np.concatenate([[0], np.cumsum(text == ord(","))])
+    free = commas[stop] > commas[start]
+    star = _is_large(head)
+    count = np.where(star, LARGE, SMALL)
+    width = np.where(star, 16, 8)
+    low = start[:, None] + 8 + width[:, None] * np.arange(SMALL)
+    high = np.minimum(low + width[:, None], stop[:, None])
+    if free.any():
+        at = np.flatnonzero(text == ord(","))
+        line = np.searchsorted(start, at, side="right") - 1
+        within = (line >= 0) & (at < stop[line]) & free[line]
+        at, line = at[within], line[within]
+        place = np.arange(len(at)) - np.searchsorted(line, line)
+        end = np.where(np.append(line[1:] == line[:-1], False), np.append(at[1:], 0), stop[line]) if len(at) else at
+        data = place < count[line]
+        low[free], high[free] = 0, 0
+        low[line[data], place[data]], high[line[data], place[data]] = at[data] + 1, end[data]
+        visible = np.concatenate([[0], np.cumsum(text > ord(" "))])
+        beyond = (place > count[line]) & (visible[end] > visible[np.minimum(at + 1, end)])
+        if beyond.any():
+            raise piece.refusal(int(number[line[beyond][0]]), f"at most {SMALL + 2} fields a line")
+    low, high = np.minimum(low, stop[:, None]), np.maximum(high, np.minimum(low, stop[:, None]))
+    last = len(text) - 1
+    while (blank := (low < high) & (text[np.minimum(low, last)] == ord(" "))).any():  # in front
+        low = low + blank
+    far = np.minimum(low + WIDTH, high)
+    visible = np.concatenate([[0], np.cumsum(text > ord(" "))])
+    long = (visible[high] > visible[far]).any(axis=1)
+    if long.any():
+        raise piece.refusal(int(number[long][0]), f"fields of at most {WIDTH} characters")
+    flat = _gather(text, low.ravel(), far.ravel(), WIDTH)
+    flat = np.where(np.maximum.accumulate(flat[:, ::-1] > ord(" "), axis=1)[:, ::-1], flat, 0)  # blanks behind
+    fields = flat.astype(np.uint8).view(f"S{WIDTH}").reshape(len(start), SMALL)
+    return count, fields
+
+
+def _gather(text, low, high, width):
+    """Characters (lines, width) of the places low..high of a text, with blanks behind."""
+    at = low[:, None] + np.arange(width)
+    return np.where(at < high[:, None], text[np.minimum(at, len(text) - 1)], ord(" ")).astype(np.uint8)
+
+
+def reals(piece: Piece, fields: np.ndarray, lines: np.ndarray, what: str, empty=0.0) -> np.ndarray:
+    """Finite numbers of fields (n,); `lines` (n,) for messages. Raises InputError that names the line."""
+    filled = np.where(fields == b"", str(empty).encode(), fields)
+    values = parse_fortran(b"\n".join(filled.tolist()))
+    if values is None or len(values) != len(fields) or not np.isfinite(values).all():
+        for field, line in zip(filled.tolist(), lines, strict=True):
+            value = parse_fortran(field)
+            if value is None or len(value) != 1 or not np.isfinite(value).all():
+                raise piece.refusal(int(line), f"{what}, a number")
+    return values
+
+
+def _characters(fields):
+    """Fields (n,) as codes (n, width), 0 behind the last character."""
+    return np.ascontiguousarray(fields).view(np.uint8).reshape(len(fields), fields.dtype.itemsize)
+
+
+def wholes(piece, fields, lines, what, low=0, high=LARGEST_LABEL, empty=None) -> np.ndarray:
+    """Whole numbers low..high of fields (n,); an empty field is `empty`, or refused. Raises InputError."""
+    filled = fields if empty is None else np.where(fields == b"", str(empty).encode(), fields)
+    characters = _characters(filled)
+    digit = (characters >= ord("0")) & (characters <= ord("9"))
+    good = (digit | (characters == 0)).all(axis=1) & digit.any(axis=1) & (digit.sum(axis=1) <= 10)
+    value = np.zeros(len(filled), np.int64)
+    for k in range(characters.shape[1]):
+        value = np.where(digit[:, k] & good, 10 * value + characters[:, k] - ord("0"), value)
+    wrong = np.flatnonzero(~good | (value < low) | (value > high))
+    if wrong.size:
+        raise piece.refusal(int(lines[wrong[0]]), f"{what}, a whole number of {low} to {high}")
+    return value
+
+
+def components(piece, fields, lines, what) -> np.ndarray:
+    """Which of the directions 1 to 6 (n, 6) the digits of fields (n,) name; 0 or none: no direction."""
+    characters = _characters(fields)
+    wrong = np.flatnonzero(~((characters == 0) | ((characters >= ord("0")) & (characters <= ord("6")))).all(axis=1))
+    if wrong.size:
+        raise piece.refusal(int(lines[wrong[0]]), f"{what}, digits of 1 to 6")
+    return (characters[:, :, None] == ord("1") + np.arange(6)).any(axis=1)
+
+
+def number_of(field: str, where, what: str, empty=None) -> float:
+    """The number in a field of a card of which there are few. Raises InputError; `where` makes it from a sentence."""
+    text = field or ("" if empty is None else str(empty))
+    value = parse_fortran(text.encode())
+    if not text or value is None or len(value) != 1 or not np.isfinite(value[0]):
+        raise where(f"found '{field}' for {what}, expected a number")
+    return float(value[0])
+
+
+def whole_of(field: str, where, what: str, empty=None) -> int:
+    """The whole number, not negative, in a field of a card of which there are few. Raises InputError."""
+    text = field or ("" if empty is None else str(empty))
+    if not (text.isascii() and text.isdigit() and len(text) < 11):
+        raise where(f"found '{field}' for {what}, expected a whole number")
+    return int(text)
+

@@ -1,0 +1,273 @@
+"""Matrices on DMIG cards of Nastran and OptiStruct (.pch): a text enters, entries with labels leave, some on each rank.
+
+A matrix has a card NAME, 0, form, type, then one card a column: NAME, node, direction, and for each entry node,
+direction, real part, imaginary part. Of a symmetric matrix one half is given. The numbers have few digits.
+"""
+
+import itertools
+import os
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...files.system_errors import open_input
+from ...files.text import first_bytes, first_line, line_number, records, refuse_packed, shown
+from ...model.dofs import SCALAR
+from ...parallel.failures import InputError, agreed
+from ...parallel.lookup import look_up, number_over_ranks, repeated_key
+from ..abaqus.matrices import is_one_triangle
+from ..entries import LabelledEntries, both_triangles, joined, label_name, label_of
+from .cards import CARD, lines_of, reals, wholes
+from .names import single
+
+NAME = re.compile(rb"DMIG")
+START = re.compile(rb"(?mi)^DMIG[ ,*\t]")
+END = re.compile(rb"(?mi)^[ \t]*ENDDATA")
+END_LINE = re.compile(rb"(?i)ENDDATA[\s,]*(?:\s[0-9a-f]{8})?\s*(?:\$.*)?")  # Patran puts eight digits behind it
+REMARK = re.compile(rb"(?:\$.*)?")
+SQUARE, SYMMETRIC = 1, 6
+FORMS = {SQUARE: "square", SYMMETRIC: "symmetric", 2: "rectangular", 9: "rectangular"}
+COMPLEX = (3, 4)
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """The header card of a matrix; `columns` it says, 0 where it does not."""
+
+    name: str
+    form: int
+    kind: int
+    columns: int
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """A stiffness with fewer columns, `there`, than its header card says; none of its rows lacks one."""
+
+    path: object
+    matrix: Matrix
+    there: int
+
+    def error(self, sentence: str) -> InputError:
+        """An InputError on the number of columns."""
+        return InputError(
+            f"{self.path}: found {self.there} columns of the matrix {self.matrix.name}, expected {self.matrix.columns}"
+            + sentence
+        )
+
+
+def begins(start: bytes) -> bool:
+    """Whether a text that starts so has DMIG cards."""
+    return first_line(start)[:1] != b"*" and b"\0" not in start and START.search(start) is not None
+
+
+def contents(path, comm) -> list[Matrix]:
+    """The matrices of a file, in order. Collective. Raises InputError."""
+    with agreed(comm):
+        first_bytes(path)
+        refuse_packed(path, "DMIG cards")
+    _require_end(path, comm)
+    with agreed(comm):
+        mine, used, ends = [], set(), []
+        for piece in _pieces(path, comm):
+            lines = lines_of(piece, NAME, strict=True)
+            table, number = lines.table(8)
+            which = lines.card[lines.starts]
+            edges = (int(which[0]), table[0, 0], lines.total - 1 - int(which[-1]), table[-1, 0]) if len(which) else ()
+            ends.append((piece.start, lines.total, *edges))
+            at = np.flatnonzero(table[:, 1] == b"0")
+            form, kind, columns = (wholes(piece, table[at, k], number[at], what, 0, empty=0)
+                                   for k, what in ((2, "the form"), (3, "the type"), (7, "the number of columns")))
+            mine += [Matrix(name.decode("latin-1"), *(int(item) for item in rest))
+                     for name, *rest in zip(table[at, 0], form, kind, columns, strict=True)]  # fmt: skip
+            used |= set(table[:, 0].tolist())
+    found = sum(comm.allgather(mine), [])
+    _check_order(path, sorted(sum(comm.allgather(ends), [])))
+    used = set().union(*comm.allgather(used))
+    without = sorted(name.decode("latin-1") for name in used - {item.name.encode("latin-1") for item in found})
+    if without:
+        raise InputError(
+            f"{path}: found DMIG cards of {without[0]!r}, which has no card with its form and type; the file is damaged"
+        )
+    return found
+
+
+def _check_order(path, pieces):
+    """Refuse other cards between two of one matrix, where a piece ends and the next one begins.
+
+    `pieces`: start, number of cards, and, of those with DMIG cards, how many others stand before the first, its matrix,
+    how many stand behind the last, and its matrix.
+    """
+    others, name = 0, None
+    for _, total, *dmig in pieces:
+        if not dmig:
+            others += total
+            continue
+        before, first, behind, last = dmig
+        if first == name and others + before:
+            raise InputError(
+                f"{path}: found other cards between those of the matrix {shown(name)}, expected none; the "
+                "file is damaged"
+            )
+        others, name = behind, last
+
+
+def read(path, comm, key="K", variables=None) -> LabelledEntries:
+    """One matrix of a file, for -K and the like. Collective. Raises InputError."""
+    found = contents(path, comm)
+    place = single(path, [item.name for item in found], key, variables)
+    entries, _, lacking = read_matrices(path, comm, {key: found[place]})
+    if lacking is not None:
+        raise lacking.error("; where it counts dofs that have no row, convert the file with its input file beside it")
+    return entries[key]
+
+
+def read_matrices(path, comm, wanted: dict[str, Matrix]) -> tuple[dict, list[str], Lacking | None]:
+    """The entries of matrices by key, from one pass through a file, warnings, and what K lacks of the columns that it
+    announces. Collective. Raises InputError."""
+    with agreed(comm):
+        for matrix in wanted.values():
+            if matrix.form not in (SQUARE, SYMMETRIC) or matrix.kind not in (1, 2, 3, 4):
+                raise InputError(
+                    f"{path}: found the matrix {matrix.name} of form {matrix.form} "
+                    f"({FORMS.get(matrix.form, 'unknown')}) and type {matrix.kind}, expected a square or symmetric one"
+                )
+        parts, digits = {key: [] for key in wanted}, 0
+        for piece in _pieces(path, comm):
+            found = lines_of(piece, NAME, strict=True)
+            for key, matrix in wanted.items():
+                part, most = _entries(piece, found, matrix)
+                parts[key].append(part)
+                digits = max(digits, most)
+    digits = max(comm.allgather(digits))
+    warnings = [
+        f"{path}: the numbers have {digits} digits, of which few are left where stiff parts cancel: rigid-body modes "
+        "of a free body come out at up to about +-1 Hz (real or imaginary), and its first elastic modes may be off in "
+        "the third digit; binary OP4 has all digits",
+    ]
+    result, lacking = {}, None
+    for key, matrix in wanted.items():
+        i, j, v = joined(parts.pop(key), (np.int64, np.int64, float))
+        _require_once(path, comm, matrix, i, j)
+        columns = number_over_ranks(comm, j)[0]
+        there = comm.allreduce(len(columns))
+        if key == "K" and there < matrix.columns:
+            lacking = Lacking(path, matrix, there)
+            if not all(comm.allgather(bool(look_up(comm, columns, [], np.unique(i))[0].all()))):
+                raise lacking.error("; the file is cut off or damaged")
+        elif there < matrix.columns:
+            warnings.append(
+                f"{path}: the matrix {matrix.name} has {there} of {matrix.columns} columns, the others are 0"
+            )
+        if matrix.form == SYMMETRIC:
+            if not is_one_triangle(comm, i, j):
+                raise InputError(f"{path}: found both halves of the symmetric matrix {matrix.name}, expected one")
+            i, j, v = both_triangles(i, j, v)
+        result[key] = LabelledEntries(i, j, v)
+    return result, warnings, lacking
+
+
+def _require_once(path, comm, matrix, i, j):
+    """Raise InputError where a place of a matrix is given more than once, as no program writes it."""
+    names, place = number_over_ranks(comm, np.concatenate([i, j]))
+    key = place[: len(i)] * comm.allreduce(len(names)) + place[len(i) :]
+    twice = repeated_key(comm, key)
+    if twice is not None:
+        found = np.flatnonzero(key == twice)[:1]
+        (row, column), *_ = sum(comm.allgather([(i[k], j[k]) for k in found]), [])
+        raise InputError(
+            f"{path}: found the entry {label_name(row)}, {label_name(column)} of the matrix {matrix.name} more than "
+            "once; the file is damaged"
+        )
+
+
+def _pieces(path, comm):
+    yield from records(path, comm, 0, os.path.getsize(path), CARD)
+
+
+def _require_end(path, comm):
+    """Raise InputError where cards stand behind ENDDATA, or the last line may be cut. Collective."""
+    with agreed(comm):
+        found = [piece.start + match.start() for piece in _pieces(path, comm) for match in END.finditer(piece.text)]
+    end = min((item for item in comm.allgather(min(found, default=None)) if item is not None), default=None)
+    with agreed(comm):
+        if comm.rank:
+            return
+        with open_input(path) as file:
+            if end is None:
+                last = _last_line(file)
+                if not last.endswith(b"\n"):
+                    found = f"'{shown(last)}'" if last.strip() else f"of {len(last)} blanks"
+                    raise InputError(f"{path}: found the last line {found} without an end; the file is cut off")
+                return
+            file.seek(end)
+            for expected in itertools.chain([END_LINE], itertools.repeat(REMARK)):
+                at, line = file.tell(), file.readline()
+                if not line:
+                    break
+                if not expected.fullmatch(line.strip()):
+                    raise InputError(
+                        f"{path}, line {line_number(path, at)}: found '{shown(line)}', expected nothing behind ENDDATA"
+                    )
+
+
+def _last_line(file):
+    """The last 200 bytes of a file at most, from the beginning of its last line on."""
+    file.seek(max(os.path.getsize(file.name) - 200, 0))
+    return file.read().splitlines(keepends=True)[-1]
+
+
+def _entries(piece, lines, matrix):
+    """Labels of rows and columns and values of the entries of one matrix in a piece, and the digits of the longest."""
+    # each line is two fours of fields, or one in large form; the first four of a card name the column
+    fours = lines.fields.reshape(-1, 2, 4)
+    have = np.arange(2) < (lines.count // 4)[:, None]
+    head = np.zeros(have.shape, bool)
+    head[:, 0] = lines.starts
+    fours, head = fours[have], head[have]
+    number = np.broadcast_to(lines.number[:, None], have.shape)[have]
+    owner = np.cumsum(head) - 1
+    heads = fours[head]
+    column = (heads[:, 0] == matrix.name.encode("latin-1")) & (heads[:, 1] != b"0")
+    at = np.flatnonzero(~head & column[owner] & (fours != b"").any(axis=1))
+    stray = ~head & ~column[owner] & (heads[owner, 0] == matrix.name.encode("latin-1")) & (fours[:, 0] != b"")
+    # but the second half of that card: what is written, whether polar, nothing, and the number of columns
+    stray &= (np.arange(len(fours)) - np.flatnonzero(head)[owner] > 1) | (fours[:, 2] != b"")
+    if stray.any():
+        raise piece.refusal(int(number[stray][-1]), "no entries below the card with form and type")
+    odd = number[head][column & (heads[:, 3] != b"")]
+    if odd.size:
+        raise piece.refusal(int(odd[0]), "name, node and direction of a column")
+    names = _labels(piece, heads[column, 1], heads[column, 2], number[head][column], "of a column")
+    j = np.zeros(len(heads), np.int64)
+    j[column] = names
+    entry, line = fours[at], number[at]
+    i = _labels(piece, entry[:, 0], entry[:, 1], line, "of a row")
+    missing = np.flatnonzero(entry[:, 2] == b"")
+    if missing.size:
+        raise piece.refusal(int(line[missing[0]]), "node, direction and value of an entry")
+    v = reals(piece, entry[:, 2], line, "the value of an entry")
+    if matrix.kind in COMPLEX and reals(piece, entry[:, 3], line, "the imaginary part of an entry").any():
+        raise InputError(f"{piece.path}: found the complex matrix {matrix.name}, expected a real one")
+    if matrix.kind not in COMPLEX and (entry[:, 3] != b"").any():
+        raise piece.refusal(int(line[entry[:, 3] != b""][0]), f"no imaginary part in the real matrix {matrix.name}")
+    return (i, j[owner[at]], v), _digits(entry[:, 2])
+
+
+def _labels(piece, nodes, directions, lines, what):
+    node = wholes(piece, nodes, lines, f"the node {what}", 1)
+    direction = wholes(piece, directions, lines, f"the direction {what}", 0, 6, empty=0)
+    return label_of(node, np.where(direction == 0, SCALAR, direction - 1))
+
+
+def _digits(fields):
+    """The most digits that a number has in front of its exponent."""
+    if not len(fields):
+        return 0
+    codes = np.ascontiguousarray(fields).view(np.uint8).reshape(len(fields), fields.dtype.itemsize)
+    digit = (codes >= ord("0")) & (codes <= ord("9"))
+    begun = np.maximum.accumulate(digit, axis=1)
+    sign = (codes == ord("+")) | (codes == ord("-")) | (codes == ord("E")) | (codes == ord("D"))
+    ended = np.maximum.accumulate(sign & begun, axis=1)
+    return int((digit & ~ended).sum(axis=1).max())

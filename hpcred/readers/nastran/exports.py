@@ -1,0 +1,528 @@
+"""Exports of Nastran, OptiStruct and MYSTRAN: a file with its companions enters, the parts of a model leave.
+
+Matrices stand on OP4, in OP2 or on DMIG cards; which dofs their rows are, and where the nodes lie, is said by an OP2 of
+the same name beside them (USET, BGPDT), or by the input file. Rows in displacement systems of the nodes (CD) are turned
+to x, y, z.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...files.text import first_bytes
+from ...model.dofs import OWN, SCALAR
+from ...parallel.failures import InputError, agreed
+from ...parallel.lookup import look_up, number_over_ranks
+from ..entries import STRIDE, Entries, LabelledEntries, asymmetry, chunks, label_name, label_of
+from ..nodes.table import Nodes
+from ..parts import Parts, common_size, labels_in_order
+from . import (
+    bulk as nastran_bulk,
+)
+from . import (
+    dmig as nastran_dmig,
+)
+from . import (
+    op2 as nastran_op2,
+)
+from . import (
+    op2_matrices as nastran_op2_matrices,
+)
+from . import (
+    op4 as nastran_op4,
+)
+from .mass import compare_mass
+from .names import STRUCTURAL, Choice, letter_of, named, none_found, pairs
+from .points import HELD, SETS, Points, present, refined, turn_of, turned_entries
+from .sets import hold_rotations_of_solids, mark_sets
+
+NO_USET = (
+    "put the OP2 of the run (tables BGPDT and USET) or the input file of the same name beside it; without nodes there "
+    "are no rigid-body modes, pictures or exports"
+)
+SYMMETRIC_IN_FILE = 1e-8  # ||A - A^T|| / ||A||, for the digits that files have
+LOOSE = (
+    "matrices of the G-set have no supports (SPC) and no rigid elements or constraints (RBE, MPC) applied: what these "
+    "join is loose; export {} to have them"
+)
+
+
+@dataclass
+class _Rows:
+    """What is known of the rows of matrices: `points` and `mask` (points, 6) of the dofs that have rows, in order."""
+
+    points: Points
+    mask: np.ndarray
+    source: Path
+    elements: dict
+
+
+def begins_bulk(start: bytes) -> bool:
+    """Whether a text that starts so is a punch file with matrices, or an input file with them beside it."""
+    return nastran_dmig.begins(start) or nastran_bulk.begins(start)
+
+
+def read_op4(path, comm, variables=None) -> Parts:
+    """The model of an OP4 file, or of an OP2 with matrices. `variables`: names of matrices by K, M, D. Collective.
+
+    Raises InputError.
+    """
+    path = Path(path)
+    files, contents = _op4_files(path, comm)
+    names = [matrix.name for matrix in contents]
+    se = _superelements(files, contents, comm)
+    choices = _choices(path, names, se, variables)
+    rows, choice, warnings = _rows_of(path, comm, [(item, contents[item.places["K"]].shape[0], se[item.places["K"]])
+                                                   for item in choices], bool(variables))  # fmt: skip
+    taken = {key: contents[place] for key, place in choice.places.items()}
+    matrices = {key: _read_matrix(files[choice.places[key]], comm, matrix) for key, matrix in taken.items()}
+    if "D" in matrices and not comm.allreduce(len(matrices["D"].values)):
+        del matrices["D"]
+    said = {key: f"{files[choice.places[key]]}, matrix {taken[key].name}" for key in matrices}
+    warnings = [_taken(path, said, names), *warnings]
+    _check(comm, matrices, said)
+    matrices, number = _without_empty_rows(comm, matrices, warnings)
+    parts = Parts(matrices, said, warnings=warnings)
+    if rows is not None:
+        _label_rows(comm, parts, rows, number)
+    return parts
+
+
+def _op4_files(path, comm):
+    """All matrices of a file, and the file of each; those of OP4 files of the same name where it has no pair."""
+    with agreed(comm):
+        is_op2 = nastran_op2.begins(first_bytes(path))
+    contents = (nastran_op2_matrices if is_op2 else nastran_op4).contents(path, comm)
+    files = [path] * len(contents)
+    if is_op2 and not contents:
+        raise InputError(
+            f"{path}: found an OP2 of Nastran, without matrices, of which nodes and sets of dofs are read; give the "
+            ".op4 or .pch of the run, and leave this one beside it"
+        )
+    if not is_op2 and not pairs([matrix.name for matrix in contents]):
+        with agreed(comm):
+            others = [file for file in nastran_bulk.beside(path) if nastran_op4.begins(first_bytes(file))]
+        for file in comm.bcast(others):
+            more = nastran_op4.contents(file, comm)
+            contents, files = contents + more, files + [file] * len(more)
+    return files, contents
+
+
+def _read_matrix(file, comm, matrix):
+    is_op2 = isinstance(matrix, nastran_op2_matrices.Op2Matrix)
+    return (nastran_op2_matrices if is_op2 else nastran_op4).read_matrix(file, comm, matrix)
+
+
+def _superelements(files, contents, comm):
+    """The number of the superelement to which each matrix belongs, where matrices SE_START say so, else None.
+
+    Raises InputError where LOOP_END is missing, which ends the file of a run that writes them.
+    """
+    numbers, number = [], None
+    starts = [file for file, matrix in zip(files, contents, strict=True) if matrix.name == "SE_START"]
+    if starts and "LOOP_END" not in {matrix.name for matrix in contents}:
+        raise InputError(f"{starts[0]}: found matrices SE_START, but no LOOP_END behind the last; the file is cut off")
+    for file, matrix in zip(files, contents, strict=True):
+        if matrix.name == "SE_START" and matrix.shape == (1, 1):
+            values = comm.allgather(_read_matrix(file, comm, matrix).values)
+            number = int(np.concatenate(values).sum())
+        numbers.append(number)
+    return numbers
+
+
+def _choices(path, names, se, variables):
+    """Pairs of matrices, the best first. Raises InputError."""
+    if variables:
+        places = named(path, names, variables)
+        if not {"K", "M"} <= set(places):
+            best = next(iter(pairs(names)), Choice({}, None))
+            places = {**best.places, **places}
+        if not {"K", "M"} <= set(places):
+            raise none_found(path, names)
+        return [Choice(places, letter_of(names[places["K"]]))]
+    found = []
+    for number in sorted(set(se), key=lambda item: -1 if item is None else item):
+        mine = [k for k, item in enumerate(se) if item == number]
+        for choice in pairs([names[k] for k in mine]):
+            found.append((number, Choice({key: mine[k] for key, k in choice.places.items()}, choice.letter)))
+    if not found:
+        raise none_found(path, names)
+    groups = sorted({number for number, _ in found if number is not None})
+    chosen = 0 if 0 in groups else groups[0] if len(groups) == 1 else None
+    if groups and chosen is None:
+        raise InputError(
+            f"{path}: found matrices of the superelements {', '.join(map(str, groups))}, expected those of one or of "
+            "the residual structure (0); choose by --variables K=KAA:1,M=MAA:1"
+        )
+    found = [choice for number, choice in found if not groups or number == chosen]
+    for key, place in found[0].places.items():
+        again = [k for k, name in enumerate(names) if name == names[place] and se[k] == se[place]]
+        if len(again) > 1:
+            raise InputError(
+                f"{path}: found {len(again)} matrices {names[place]}; choose by --variables {key}={names[place]}:1"
+            )
+    return found
+
+
+def _taken(path, said, names):
+    text = ", ".join(f"{key} is {where.rsplit(' ', 1)[-1]}" for key, where in said.items())
+    others = sorted(set(names) - {where.rsplit(" ", 1)[-1] for where in said.values()})
+    left = f"; not read: {', '.join(others)}" if others else ""
+    structural = [name for name in others if name.startswith(STRUCTURAL)]
+    hint = f" ({structural[0]} is structural damping: give a loss factor in the job)" if structural else ""
+    return f"{path}: {text}{left}{hint}"
+
+
+def _check(comm, matrices, said):
+    """Refuse matrices that do not fit each other, or a stiffness or mass that is not symmetric. Collective."""
+    for key in ("K", "M"):
+        defect = asymmetry(comm, matrices[key])
+        if not defect <= SYMMETRIC_IN_FILE:
+            raise InputError(
+                f"{said[key]}: found ||A - A^T|| / ||A|| = {defect:.1e} (scaled to a diagonal of 1), expected a "
+                "symmetric matrix; the file is damaged, or the model has follower forces or the like"
+            )
+    if isinstance(matrices["K"], LabelledEntries):
+        return
+    size = matrices["K"].shape
+    for key, item in matrices.items():
+        if item.shape != size or size[0] != size[1]:
+            raise InputError(
+                f"{said[key]}: found {item.shape[0]} x {item.shape[1]}, but {said['K']} is {size[0]} x {size[1]}, "
+                "expected square matrices of one size"
+            )
+
+
+def _rows_of(path, comm, candidates, insisted):
+    """What is known of the rows of the first candidate (choice, size, superelement) of which that can be told.
+
+    Returns _Rows or None, the choice, and warnings. Raises InputError where companions contradict the matrices.
+    """
+    with agreed(comm):
+        beside = nastran_bulk.beside(path)
+        op2 = next((file for file in (path, *beside) if nastran_op2.begins(first_bytes(file))), None)
+        other = next((file for file in beside if op2 is None and file.suffix.lower() == ".op2"), None)
+        if other is not None:
+            begins = first_bytes(other)[:12]
+            raise InputError(f"{other}: found a file that begins with {begins!r}, expected one of OUTPUT2")
+        files = nastran_bulk.companions(path)
+    op2, files = comm.bcast((op2, files))
+    if op2 is None and not files:
+        return None, candidates[0][0], [f"{path}: the nodes are not known; {NO_USET}"]
+    groups = nastran_op2.points_by_superelement(op2, comm) if op2 else []
+    if op2 == path and not groups and not files:
+        return None, candidates[0][0], [f"{path}: found no tables BGPDT, EQEXIN and CSTM of all points; the nodes are "
+                                        "not known; put the input file of the same name beside it"]  # fmt: skip
+    decks = [nastran_bulk.read_deck(file, comm) for file in files]
+    decks = [deck for deck in decks if comm.allreduce(len(deck.label))]
+    reasons = []
+    for choice, size, se in candidates:
+        letters = [choice.letter] if choice.letter else list(SETS)
+        for letter in letters:
+            of_se = [item for item in groups if se is None or item[0] in (None, se)]
+            rows = _rows_of_op2(op2, of_se, decks, comm, letter, size)
+            if rows is not None:
+                return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter, op2)]
+        for deck in decks:
+            for letter in letters:
+                rows, reason = _rows_of_deck(deck, comm, letter, size)
+                if rows is not None:
+                    return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter, deck.path)]
+                reasons.append(f"{deck.path} has {reason}")
+        if groups and not decks:
+            counts = {points.count(comm, points.of_set(letter)) for _, points in groups for letter in letters}
+            reasons.append(f"{op2} has {' or '.join(map(str, sorted(counts)))} dofs in such a set")
+        if insisted:
+            break
+    if not reasons:
+        reasons.append(f"{op2} has no tables BGPDT, EQEXIN and CSTM of all points")
+    first = candidates[0]
+    raise InputError(
+        f"{path}: found matrices of {first[1]} rows, but {reasons[0]}; which dofs the rows are cannot be told: give "
+        "the OP2 of the run with the tables BGPDT and USET the same name, or export KGG and MGG, or move the other "
+        "files away to read the matrices without nodes"
+    )
+
+
+def _passed(reasons):
+    """Why matrices that would be better were not taken."""
+    return [f"matrices with all constraints are there, but {reasons[0]}: their rows cannot be named"] if reasons else []
+
+
+def _rows_of_op2(op2, groups, decks, comm, letter, size):
+    """_Rows of a set from the points of an OP2 by superelement, with the places of input files where those are rough;
+    None where no set has so many rows."""
+    fitting = [(number, points) for number, points in groups if points.count(comm, points.of_set(letter)) == size]
+    if not fitting:
+        return None
+    _, points = next((item for item in fitting if item[0] == 0), fitting[-1])
+    mask = points.of_set(letter)
+    for deck in decks:
+        if points.rough:
+            points = refined(comm, points, nastran_bulk.points_of(deck, comm))
+    return _Rows(points, mask, op2, next((deck.elements for deck in decks if deck.elements), {}))
+
+
+def _rows_of_deck(deck, comm, letter, size):
+    """_Rows of a set from the input file, or why not."""
+    points = nastran_bulk.points_of(deck, comm)
+    if letter != "G":
+        reason = mark_sets(deck, comm, points)
+        if reason:
+            return None, reason
+    counts = [points.count(comm, points.of_set(letter))]
+    if counts[0] != size and letter != "G" and hold_rotations_of_solids(deck, comm, points):
+        counts.append(points.count(comm, points.of_set(letter)))
+    if counts[-1] != size:
+        return None, f"{' or '.join(map(str, dict.fromkeys(counts)))} dofs in the set {letter}"
+    return _Rows(points, points.of_set(letter), deck.path, deck.elements), None
+
+
+def _said_of_rows(comm, rows, letter, source):
+    points = rows.points
+    held = comm.allreduce(int(np.count_nonzero(points.there() & (points.marks & HELD > 0))))
+    gone = points.count(comm, points.there()) - points.count(comm, rows.mask)
+    found = [f"nodes and sets of dofs are those of {source}"]
+    if letter == "G":
+        found.append(LOOSE.format("KAA and MAA"))
+    else:
+        if held:
+            found.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
+        if gone > held:
+            found.append(f"{gone - held} dofs have no row, since they depend on others or were condensed")
+    if points.rough:
+        found.append(f"{source} gives places with 7 digits only, in which rigid-body motions of the nodes meet forces; "
+                     "put the input file beside it")  # fmt: skip
+    return found
+
+
+def _without_empty_rows(comm, matrices, warnings):
+    """The matrices without rows that have no entry, and the old numbers of the new rows of this rank."""
+    size = matrices["K"].shape[0]
+    used = [np.zeros(0, np.int64)]
+    for item in matrices.values():
+        used += [np.unique(item.rows[part][item.values[part] != 0]) for part in chunks(comm, len(item.values))]
+    used = np.unique(np.concatenate(used))
+    kept, _ = number_over_ranks(comm, used)
+    count = comm.allreduce(len(kept))
+    if count == size:
+        return matrices, None
+    warnings.append(f"{size - count} rows without stiffness and mass were left out")
+    first = comm.exscan(len(kept)) or 0
+    result = {}
+    for key, item in matrices.items():
+        ends = []
+        for name in (item.rows, item.columns):
+            distinct, back = np.unique(name, return_inverse=True)
+            found, (new,) = look_up(comm, kept, [first + np.arange(len(kept))], distinct)
+            ends.append((found[back], new[back]))
+        there = ends[0][0] & ends[1][0]
+        result[key] = Entries((count, count), ends[0][1][there], ends[1][1][there], item.values[there])
+    return result, kept
+
+
+def _label_rows(comm, parts, rows, kept):
+    """Labels of numbered rows, in x, y, z as far as they go; the matrices are turned."""
+    points, mask = rows.points, rows.mask
+    counts = comm.allgather(int(mask.sum()))
+    number = np.full(mask.shape, -1)
+    number[mask] = sum(counts[: comm.rank]) + np.arange(counts[comm.rank])
+    if kept is not None:
+        found, (new,) = look_up(comm, kept, [(comm.exscan(len(kept)) or 0) + np.arange(len(kept))], number[mask])
+        number[mask] = np.where(found, new, -1)
+        mask = number >= 0
+    turn = turn_of(points, mask, number, by_label=False)
+    for key, item in parts.matrices.items():
+        parts.matrices[key] = Entries(item.shape, *turned_entries(comm, turn, item.rows, item.columns, item.values))
+    parts.row_labels = turn.label[mask], number[mask]
+    _finish(comm, parts, rows, turn, mask)
+
+
+def _finish(comm, parts, rows, turn, mask):
+    """Nodes, elements, held dofs and what to say of turned ones."""
+    points = rows.points
+    parts.nodes, parts.elements = points.nodes(comm), rows.elements
+    held = points.there() & ~mask & (points.marks & HELD > 0)
+    label = points.local_labels()
+    for low in (0, 3):
+        at = points.turned[~held[points.turned, low : low + 3].all(axis=1)]
+        label[at, low : low + 3] = label_of(points.label[at, None], OWN + low + np.arange(3))
+    parts.removed = label[held]
+    parts.warnings += _said_of_turn(comm, points, turn)
+    scalars = comm.allreduce(int(np.count_nonzero(mask[points.scalar])))
+    if scalars:
+        parts.warnings.append(f"{scalars} rows are scalar dofs (modal coordinates or scalar points), without a place")
+
+
+def _said_of_turn(comm, points, turn):
+    turned, own = (comm.allreduce(count) for count in (len(points.turned), turn.own))
+    if turned:
+        yield f"{turned} nodes have displacement systems of their own (CD); their rows were turned to x, y, z"
+    if own:
+        yield (
+            f"{own} rows of such nodes stay in their own directions (own1 to own6), since not all three directions of "
+            "the node have rows: pictures and interface nodes leave them out"
+        )
+
+
+def read_bulk(path, comm, variables=None) -> Parts:
+    """The model of DMIG cards, or of an input file with OP4 or a punch file beside it.
+
+    `variables`: names of matrices by K, M, D. Collective. Raises InputError.
+    """
+    path = Path(path)
+    contents = nastran_dmig.contents(path, comm)
+    if not contents:
+        return _read_beside(path, comm, variables)
+    names = [matrix.name for matrix in contents]
+    with agreed(comm):
+        choice = _choices(path, names, [None] * len(names), variables)[0]
+    wanted = {key: contents[place] for key, place in choice.places.items()}
+    matrices, warnings, lacking = nastran_dmig.read_matrices(path, comm, wanted)
+    if "D" in matrices and not comm.allreduce(len(matrices["D"].values)):
+        del matrices["D"]
+    said = {key: f"{path}, matrix {wanted[key].name}" for key in matrices}
+    _check(comm, matrices, said)
+    parts = Parts(matrices, said, warnings=[_taken(path, said, names), *warnings], open_ended=set(matrices),
+                  loose=choice.letter == "G")  # fmt: skip
+    if choice.letter == "G":
+        parts.warnings.append(LOOSE.format("KAAX and MAAX"))
+    deck = nastran_bulk.read_deck(path, comm)
+    if not comm.allreduce(len(deck.label)):
+        with agreed(comm):
+            files = nastran_bulk.companions(path)
+        file = next(iter(comm.bcast(files)), None)
+        if file is None and lacking is not None:
+            raise lacking.error("; the file is cut off or damaged, or counts dofs that have no row: put the input file "
+                                "of the same name beside it")  # fmt: skip
+        if file is None:
+            parts.warnings.append(f"{path}: the nodes are not known; put the input file of the same name beside it")
+            return parts
+        deck = nastran_bulk.read_deck(file, comm)
+    _label_entries(comm, parts, deck, lacking, path)
+    return parts
+
+
+def read_nodes(path, comm) -> tuple[Nodes, dict[str, np.ndarray], Points]:
+    """Nodes, ascending by number, and elements of an input file, for matrices of other files; and its Points.
+
+    Collective. Raises InputError.
+    """
+    deck = nastran_bulk.read_deck(path, comm)
+    points = nastran_bulk.points_of(deck, comm)
+    label, position = points.label[~points.scalar], points.position[~points.scalar]
+    nodes = Nodes(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label)))
+    return nodes, deck.elements, points
+
+
+def turn_rows(comm, parts, points, path):
+    """Turn rows of matrices, which are in the displacement systems (CD) of an input file, to x, y, z. Collective.
+
+    Rows are labelled or numbered, and then named by `row_labels` or by the order of the nodes. Raises InputError.
+    """
+    if not comm.allreduce(len(points.turned)):
+        return
+    own = points.local_labels()
+    if isinstance(parts.matrices["K"], LabelledEntries):
+        labels = np.concatenate([end for item in parts.matrices.values() for end in (item.rows, item.columns)])
+        turn = turn_of(points, present(comm, points, labels), own, by_label=True)
+        for key, item in parts.matrices.items():
+            parts.matrices[key] = LabelledEntries(*turned_entries(comm, turn, item.rows, item.columns, item.values))
+    else:
+        label, row = parts.row_labels or labels_in_order(comm, parts.nodes, common_size(parts), parts.files["K"])
+        found, (number,) = look_up(comm, label, [row], own.ravel())
+        mask, number = found.reshape(own.shape), np.where(found, number, -1).reshape(own.shape)
+        turn = turn_of(points, mask, number, by_label=False)
+        for key, item in parts.matrices.items():
+            parts.matrices[key] = Entries(item.shape, *turned_entries(comm, turn, item.rows, item.columns, item.values))
+        known, (new,) = look_up(comm, own[mask], [turn.label[mask]], label)
+        parts.row_labels = np.where(known, new, label), row
+    parts.warnings += [f"{path}: {sentence}" for sentence in _said_of_turn(comm, points, turn)]
+    parts.warnings.append(
+        f"{path}: matrices of Nastran are in these systems; where those of another program are in x, y, z, as the "
+        "forces of rigid-body motions show, delete CD in the GRID cards"
+    )
+
+
+def _read_beside(path, comm, variables):
+    """The matrices beside an input file."""
+    with agreed(comm):
+        beside = nastran_bulk.beside(path)
+        op4 = [file for file in beside if nastran_op4.begins(first_bytes(file))]
+        punch = [file for file in beside if nastran_dmig.begins(first_bytes(file))]
+        op2 = [file for file in beside if nastran_op2.begins(first_bytes(file))]
+    op4, punch, op2 = comm.bcast((op4, punch, op2))
+    if op4:
+        return read_op4(op4[0], comm, variables)
+    if punch:
+        return read_bulk(punch[0], comm, variables)
+    if op2 and nastran_op2_matrices.contents(op2[0], comm):
+        return read_op4(op2[0], comm, variables)
+    raise InputError(
+        f"{path}: found an input file of Nastran without matrices, expected {path.stem}.op4, {path.stem}.pch or "
+        f"{path.stem}.op2 with them beside it; see docs/formats-nastran.md for what to type in Nastran"
+    )
+
+
+def _label_entries(comm, parts, deck, lacking, path):
+    """Labelled entries in x, y, z as far as they go, with the nodes of an input file; `lacking`: see nastran_dmig."""
+    points = nastran_bulk.points_of(deck, comm)
+    _name_scalars(comm, parts, points)
+    labels = np.concatenate([end for item in parts.matrices.values() for end in (item.rows, item.columns)])
+    mask = present(comm, points, labels)
+    reason = mark_sets(deck, comm, points)
+    if lacking is not None:
+        _require_whole_set(comm, parts, deck, points, mask, lacking, reason)
+    turn = turn_of(points, mask, points.local_labels(), by_label=True)
+    for key, item in parts.matrices.items():
+        parts.matrices[key] = LabelledEntries(*turned_entries(comm, turn, item.rows, item.columns, item.values))
+    parts.warnings.append(f"nodes are those of {deck.path}")
+    held = points.count(comm, points.there() & ~mask & (points.marks & HELD > 0))
+    if held and not reason:
+        parts.warnings.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
+    _finish(comm, parts, _Rows(points, mask, deck.path, deck.elements), turn, mask)
+    of_this_run = Path(path) != Path(deck.path)  # and not matrices that were put into another model
+    if of_this_run and not (held or reason or comm.allreduce(turn.own)):
+        parts.warnings += compare_mass(comm, path, deck, parts.matrices["M"])
+
+
+def _require_whole_set(comm, parts, deck, points, mask, lacking, reason):
+    """Raise InputError unless K announces as many columns as the model has dofs, as Simcenter Nastran does, and lacks
+    none but of dofs that have no row. Says how many no card takes away. `mask`: the dofs of all matrices; `reason`: why
+    the cards do not tell them."""
+    total = points.count(comm, points.there())
+    if total != lacking.matrix.columns:
+        raise lacking.error(f"; the file is cut off or damaged, or {deck.path}, which has {total} dofs, belongs to "
+                            "another model")  # fmt: skip
+    of_K = present(comm, points, parts.matrices["K"].columns)
+    ends = comm.allgather(points.local_labels()[mask & ~of_K][:1].tolist())
+    if lost := sum(ends, []):
+        raise lacking.error(f" or a reason why {label_name(lost[0])} has mass but no stiffness; the file is cut off or "
+                            "damaged")  # fmt: skip
+    hold_rotations_of_solids(deck, comm, points)
+    parts.warnings.append(
+        f"{lacking.path}: the header of {lacking.matrix.name} counts all {total} dofs of {deck.path}, of which "
+        f"{total - lacking.there} have no row"
+    )
+    untold = points.count(comm, points.there() & ~mask & (points.marks & SETS["A"] == 0))
+    if reason:
+        parts.warnings.append(f"{deck.path}: found {reason}; which dofs have no row is taken from the matrices")
+    elif untold:
+        parts.warnings.append(
+            f"{untold} of these no card of {deck.path} takes away; they are taken as those without stiffness, which "
+            "AUTOSPC holds"
+        )
+
+
+def _name_scalars(comm, parts, points):
+    """The direction 1 of a scalar point is that of a scalar."""
+    if not comm.allreduce(int(points.scalar.sum())):
+        return
+    mine = points.label[points.scalar]
+    for item in parts.matrices.values():
+        for end in ("rows", "columns"):
+            label = getattr(item, end)
+            node, direction = np.divmod(label, STRIDE)
+            found, _ = look_up(comm, mine, [mine], node)
+            setattr(item, end, np.where(found & (direction == 0), label_of(node, np.full(len(node), SCALAR)), label))

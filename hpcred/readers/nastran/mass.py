@@ -1,0 +1,54 @@
+"""The mass that a Nastran run says of itself, to compare with that of a mass matrix without a mark of its end."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from ...files.text import open_unpacked
+from ...parallel.failures import InputError, agreed
+from ..entries import STRIDE, LabelledEntries
+from . import bulk as nastran_bulk
+
+WEIGHT = re.compile(rb"MASS AXIS SYSTEM \(S\)[^\n]*\n[ \t]*X[ \t]+(?P<mass>[-+\d.]+E[-+]\d+)")  # of GRDPNT in an .f06
+LONGEST = 2**30  # bytes of a listing that is looked at
+SAME = 0.01
+
+
+def compare_mass(comm, path, deck, M: LabelledEntries) -> list[str]:
+    """Sentences on the mass in x, y, z of M, of a body without supports, against that of the listing beside `path`, or
+    of the point masses of the input file. Collective. Raises InputError where M has less."""
+    found = _mass(comm, M)
+    with agreed(comm):
+        told, source = _told(path) if comm.rank == 0 else (None, None)
+    told, source = comm.bcast((told, source))
+    exact = told is not None
+    if not exact:
+        told, source = deck.point_mass, f"the CONM2 of {deck.path} sum up to"
+    told *= deck.mass_unit
+    if found < (1 - SAME) * told:
+        raise InputError(
+            f"{path}: found a mass of {found:.6g} in M, while {source} {told:.6g}; the file is cut off, or of another "
+            "run: export it again"
+        )
+    if exact and found > (1 + SAME) * told:
+        return [f"{path}: M has a mass of {found:.6g}, while {source} {told:.6g}; the two are of different runs"]
+    return [f"{path}: the mass of M, {found:.6g}, is what {source}"] if exact else []
+
+
+def _mass(comm, M):
+    """The largest of the masses in x, y, z."""
+    same = (M.rows % STRIDE == M.columns % STRIDE) & (M.rows % STRIDE < 3)
+    return float(max(comm.allreduce(np.bincount(M.rows[same] % STRIDE, M.values[same], 3))))
+
+
+def _told(path):
+    """The mass of the grid point weight generator in a listing of the same name, and words for it, or None."""
+    for file in nastran_bulk.beside(path):
+        if file.suffix.lower() == ".f06":
+            with open_unpacked(file) as text:
+                masses = {float(match["mass"]) for match in WEIGHT.finditer(text.read(LONGEST))}
+            if len(masses) == 1:
+                return masses.pop(), f"the grid point weight in {file} says"
+    return None, None

@@ -1,0 +1,375 @@
+"""Tables of Nastran's OUTPUT2: a file enters, the points of each superelement, with the sets of their dofs, leave.
+
+A file is a chain of Fortran records: single whole numbers (keys) say what follows. Rank 0 follows the chain once; of
+the tables BGPDT (places), USET (sets), EQEXIN (numbers) and CSTM (coordinate systems) each rank reads its share.
+"""
+
+import mmap
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...files.system_errors import open_input, read_numbers
+from ...files.text import LARGEST_LABEL, first_bytes
+from ...parallel.failures import InputError, agreed
+from ...parallel.lookup import look_up, repeated_key
+from .points import DEPENDENT, HELD, OMITTED, SUPPORTED, TINY, Points, System
+
+NAMES = ("SLIST", "BGPDT", "USET", "EQEXIN", "CSTM")
+SHARE = 2**22  # bytes of a matrix that one rank decodes at a time, at least
+SCALAR_CODE = 2
+KIND, GRID, SCALAR = 3, 61, 12  # the place of the kind among the words of a point of the long form, and the kinds
+# bits of USET that the sets have: m; s, by cards and by points; o; r
+MEMBERS = {DEPENDENT: 1, HELD: 1 << 9 | 1 << 10, OMITTED: 1 << 2, SUPPORTED: 1 << 3}
+
+
+@dataclass(frozen=True)
+class Table:
+    """The records of a table: of each, pieces as (byte, bytes) of the file. `order` of bytes, `size` of a word."""
+
+    path: str
+    name: str
+    order: str
+    size: int
+    records: list
+
+    def words(self, record: int, low: int, high: int) -> np.ndarray:
+        """The bytes of words low..high of a record, as array of bytes."""
+        return self.bytes(record, low * self.size, high * self.size)
+
+    def length(self, record: int) -> int:
+        """Bytes of a record; 0 where there is none."""
+        return sum(count for _, count in self.records[record]) if record < len(self.records) else 0
+
+    def bytes(self, record: int, low: int, high: int) -> np.ndarray:
+        parts, before = [np.zeros(0, np.uint8)], 0
+        for at, count in self.records[record]:
+            a, b = max(low - before, 0), min(high - before, count)
+            if a < b:
+                parts.append(read_numbers(self.path, np.uint8, b - a, offset=at + a))
+            before += count
+        return np.concatenate(parts)
+
+    def integers(self, record: int, low=0, high=None) -> np.ndarray:
+        """Words low..high of a record as whole numbers."""
+        high = self.length(record) // self.size if high is None else high
+        return self.words(record, low, high).view(f"{self.order}i{self.size}").astype(np.int64)
+
+
+def begins(start: bytes) -> bool:
+    """Whether a file that starts so is one of OUTPUT2: a record of one word, 3 (a header) or 2 (a name)."""
+    return _layout(start) is not None
+
+
+def _layout(start):
+    for order in "<>":
+        for size in (4, 8):
+            if len(start) >= size + 12 and struct.unpack_from(order + "i", start)[0] == size:
+                key = struct.unpack_from(order + ("i" if size == 4 else "q"), start, 4)[0]
+                if key in (2, 3) and struct.unpack_from(order + "i", start, 4 + size)[0] == size:
+                    return order, size
+    return None
+
+
+def points_by_superelement(path, comm) -> list[tuple[int | None, Points]]:
+    """The points, in the order of their rows, of each superelement of a file. Collective. Raises InputError.
+
+    The number of the superelement is None where the file does not say. Points of which the file has not all tables
+    (numbers, or coordinate systems) are left out.
+    """
+    with agreed(comm):
+        tables = _tables(path) if comm.rank == 0 else None
+    tables = comm.bcast(tables)
+    groups, group = [], {}
+    for table in tables:
+        key = next((name for name in NAMES if table.name.startswith(name)), None)
+        if key in (None, "SLIST") or table.name.startswith("EQEXINX"):
+            continue
+        if key in group:
+            groups.append(group)
+            group = {}
+        group[key] = table
+    groups.append(group)
+    slist = next((table for table in tables if table.name == "SLIST"), None)
+    numbers = slist.integers(0)[::7].tolist() if slist is not None else []
+    groups = [group for group in groups if "BGPDT" in group]
+    if len(numbers) != len(groups):
+        numbers = [None] * len(groups)
+    found = [(number, _points(path, comm, group)) for number, group in zip(numbers, groups, strict=True)]
+    return [(number, points) for number, points in found if points is not None]
+
+
+class _Chain:
+    """The Fortran records of a file, one after the other; `at`: the byte that it has come to."""
+
+    def __init__(self, data, path, order, size):
+        self.data, self.path, self.order, self.size, self.at = data, path, order, size, 0
+        self._length = struct.Struct(order + "i").unpack_from
+        self._number = struct.Struct(order + ("i" if size == 4 else "q")).unpack_from
+
+    @property
+    def ended(self) -> bool:
+        return self.at >= len(self.data)
+
+    def damaged(self, expected) -> InputError:
+        return InputError(
+            f"{self.path}: found no {expected} at byte {self.at} of {len(self.data)}; the file is damaged or cut off"
+        )
+
+    def record(self) -> tuple[int, int]:
+        """The place of the next record and its bytes."""
+        data, at = self.data, self.at
+        if at + 8 > len(data):
+            raise self.damaged("record")
+        count = self._length(data, at)[0]
+        if count < 0 or at + count + 8 > len(data) or self._length(data, at + 4 + count)[0] != count:
+            raise self.damaged("whole record")
+        self.at += count + 8
+        return at + 4, count
+
+    def key(self) -> int:
+        place, count = self.record()
+        if count != self.size:
+            raise self.damaged("key of one word")
+        return self._number(self.data, place)[0]
+
+    def pass_key(self, expected, what):
+        if self.key() != expected:
+            raise self.damaged(what)
+
+    def pieces(self, words, kind=0) -> list[tuple[int, int]]:
+        """The parts of a record of so many words, each followed by the words of the next one."""
+        parts = []
+        while words > 0:
+            place, count = self.record()
+            if kind == 0 and count != words * self.size:  # of a matrix, numbers are counted
+                raise self.damaged(f"record of {words} words")
+            parts.append((place, count))
+            words = self.key()
+        return parts
+
+    def name(self, words) -> str:
+        """A record with a name of so many words."""
+        if words < 1:
+            raise self.damaged("name of a table")
+        place, count = self.pieces(words)[0]
+        letters = self.data[place : place + count]
+        if self.size == 8:  # four letters a word
+            letters = b"".join(letters[k : k + 4] for k in range(0, count, 8))
+        return letters.decode("latin-1").strip()
+
+    def next_record(self) -> tuple[int, int]:
+        """The kind of the next record (1: a column of a matrix) and its words; both 0 at the end of the table."""
+        self.pass_key(1, "start of a record")
+        kind = self.key()
+        if kind not in (0, 1):
+            raise self.damaged("kind of a record")
+        return kind, self.key()
+
+
+@dataclass
+class Block:
+    """A table or matrix of a file; of a table its `records`, of a matrix (byte, columns before) of shares in `columns`.
+    """
+
+    name: str
+    order: str
+    size: int
+    trailer: tuple[int, ...]
+    records: list
+    columns: list
+
+
+def walk(path):
+    """Generate the Blocks of a file, from one walk along its records on one rank. Raises InputError."""
+    start = first_bytes(path)
+    if not begins(start):
+        raise InputError(f"{path}: found a file that begins with {start[:12]!r}, expected one of OUTPUT2")
+    order, size = _layout(start)
+    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        chain = _Chain(data, path, order, size)
+        while not chain.ended:
+            words = chain.key()
+            if words == 0:  # the end of what one run wrote
+                continue
+            if words == 3:  # date, title and label
+                chain.pieces(3)
+                chain.pass_key(0, "end of the header")
+                continue
+            name = chain.name(words)
+            chain.pass_key(7, "trailer of 7 words")
+            place, _ = chain.pieces(7)[0]
+            trailer = struct.unpack_from(order + ("7i" if size == 4 else "7q"), data, place)
+            block, number = Block(name, order, size, trailer, [], []), 0
+            while True:
+                at = chain.at
+                kind, count = chain.next_record()
+                if block.columns and (kind == 0 or at >= block.columns[-1][0] + SHARE):
+                    block.columns.append((at, number))
+                if (kind, count) == (0, 0):
+                    break
+                if kind and not block.columns:
+                    block.columns.append((at, 0))
+                elif not kind and block.columns:
+                    raise chain.damaged("column of a matrix behind others")
+                records = chain.pieces(count, kind)  # none for an empty column of a matrix
+                number += kind
+                if not kind:
+                    block.records.append(records)
+            yield block
+
+
+def columns_of(path, data, matrix, share):
+    """Generate number (from 0) and strings (byte, bytes) of each column of a share of a matrix."""
+    chain = _Chain(data, path, *matrix.layout)
+    chain.at = matrix.starts[share]
+    for column in range(matrix.columns[share], matrix.columns[share + 1]):
+        kind, count = chain.next_record()
+        yield column, chain.pieces(count, kind)
+
+
+def _tables(path):
+    """The wanted tables of a file."""
+    return [Table(str(path), block.name, block.order, block.size, block.records[1:])  # the first one is the name again
+            for block in walk(path) if block.name.startswith(NAMES)]  # fmt: skip
+
+
+def _points(path, comm, group):
+    """The Points of one set of tables: this rank's share of the places, in order. None where tables are missing."""
+    table = group["BGPDT"]
+
+    def damaged(what):
+        return InputError(f"{path}: found {what} in the table {table.name}; the file is damaged or of a kind that is "
+                          "not read")  # fmt: skip
+
+    with agreed(comm):
+        total, width = _form(table, group.get("EQEXIN"), damaged)
+    if width is None:
+        return None
+    with agreed(comm):
+        first, last = (total * rank // comm.size for rank in (comm.rank, comm.rank + 1))
+        data = table.bytes(0, first * width, last * width)
+    if width == 4 * table.size:
+        system, dof, label, scalar, position = _old_places(comm, data, group["EQEXIN"], first, damaged)
+    else:
+        with agreed(comm):
+            system, dof, label, scalar, position = _places(data, table, damaged)
+        if "EQEXIN" in group:
+            numbered = _numbered(comm, group["EQEXIN"], first, len(label), damaged)
+            with agreed(comm):
+                if any((one != other).any() for one, other in zip((label, dof, scalar), numbered, strict=True)):
+                    raise damaged("numbers of points or dofs other than those of EQEXIN")
+    with agreed(comm):
+        if (dof < 1).any() or (label < 1).any() or (label > LARGEST_LABEL).any():
+            raise damaged("numbers of points or dofs that are not positive")
+        if not np.isfinite(position).all():
+            raise damaged("places that are no numbers")
+        dofs = np.where(scalar, 1, 6)
+        before = dof[0] if len(dof) else 0
+        if (dof != before + np.cumsum(dofs) - dofs).any():
+            raise damaged("dofs that do not follow each other")
+        systems = _systems(group["CSTM"]) if "CSTM" in group else {}
+    turned = np.flatnonzero(~scalar & (system != 0))
+    if not all(comm.allgather(set(system[turned].tolist()) <= set(systems))):
+        return None
+    counts = comm.allgather(int(dofs.sum()))
+    with agreed(comm):
+        if len(dof) and before != 1 + sum(counts[: comm.rank]):
+            raise damaged("dofs that do not follow each other")
+        marks = np.zeros((len(label), 6), np.uint8)
+        if "USET" in group:
+            uset = group["USET"]
+            if uset.length(0) != sum(counts) * uset.size:
+                raise InputError(
+                    f"{path}: found {uset.length(0) // uset.size} dofs in the table {uset.name}, expected the "
+                    f"{sum(counts)} of {table.name}"
+                )
+            low = sum(counts[: comm.rank])
+            members = uset.integers(0, low, low + counts[comm.rank])
+            have = ~scalar[:, None] | (np.arange(6) == 0)
+            for mark, bits in MEMBERS.items():
+                marks[have] |= np.where(members & bits, mark, 0).astype(np.uint8)
+        axes = np.zeros((len(turned), 3, 3))
+        for number in np.unique(system[turned]):
+            mine = system[turned] == number
+            axes[mine] = systems[number].directions(position[turned[mine]])
+        axes[np.abs(axes) < TINY] = 0.0
+        same = (axes == np.eye(3)).all(axis=(1, 2))
+    rough = width == 16  # coordinates of 32 bits
+    return Points(label, position, scalar, marks, turned[~same], axes[~same], rough)
+
+
+def _form(table, numbers, damaged):
+    """How many points a BGPDT has, and bytes of each: with its numbers and doubles, or only system and place."""
+    long, short = 6 * table.size + 24, 4 * table.size
+    length = table.length(0)
+    if numbers is None:  # the short form may have the length of the long one, but has no kinds of points
+        is_long = length % long == 0 and length and table.integers(0, KIND, KIND + 1)[0] in (GRID, SCALAR)
+        return length // long, long if is_long else None
+    total = numbers.length(0) // (2 * numbers.size)
+    width = next((width for width in (long, short) if width * total == length), None)
+    if width is None or numbers.length(1) != numbers.length(0):
+        raise damaged(f"{length} bytes for {total} points, which are neither {long} nor {short} each,")
+    return total, width
+
+
+def _places(data, table, damaged):
+    """System, first dof, number, whether scalar, and place of points from the long form of BGPDT."""
+    kind = np.dtype([("whole", f"{table.order}i{table.size}", 6), ("place", f"{table.order}f8", 3)])
+    rows = data.view(kind)
+    system, dof, label, code = (rows["whole"][:, k].astype(np.int64) for k in range(4))
+    scalar = code == SCALAR
+    if not (scalar | (code == GRID)).all():
+        raise damaged("points that are neither grids nor scalars")
+    return system, dof, label, scalar, rows["place"].astype(float)
+
+
+def _old_places(comm, data, numbers, first, damaged):
+    """The same from the short form, with EQEXIN: number and place in the order, number and 10 times dof plus kind."""
+    kind = np.dtype([("system", f"{numbers.order}i{numbers.size}"), ("place", f"{numbers.order}f{numbers.size}", 3)])
+    rows = data.view(kind)
+    label, dof, scalar = _numbered(comm, numbers, first, len(rows), damaged)
+    return rows["system"].astype(np.int64), dof, label, scalar, rows["place"].astype(float)
+
+
+def _numbered(comm, numbers, first, count_here, damaged):
+    """Number, first dof and whether scalar of the points `first` and so on, by EQEXIN. Collective."""
+    with agreed(comm):
+        count = numbers.length(0) // (2 * numbers.size)
+        low, high = (count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
+        pairs = numbers.integers(0, 2 * low, 2 * high).reshape(-1, 2)
+        codes = numbers.integers(1, 2 * low, 2 * high).reshape(-1, 2)
+        if (pairs[:, 0] != codes[:, 0]).any() or (pairs < 1).any() or (codes < 1).any():
+            raise damaged("numbers of points that do not agree")
+    twice = repeated_key(comm, pairs[:, 1])
+    wanted = first + 1 + np.arange(count_here)
+    found, (label, code) = look_up(comm, pairs[:, 1], [pairs[:, 0], codes[:, 1]], wanted)
+    with agreed(comm):
+        if twice is not None or not found.all() or not np.isin(code % 10, (1, SCALAR_CODE)).all():
+            raise damaged("numbers of points that do not agree")
+    return label, code // 10, code % 10 == SCALAR_CODE
+
+
+def _systems(table):
+    """Coordinate systems by number: pairs of whole numbers with 12 reals each, or both in a record of its own."""
+    if len(table.records) > 1:
+        heads = table.integers(0).reshape(-1, 4)
+        reals = table.bytes(1, 0, table.length(1)).view(f"{table.order}f8")
+        items = [(number, kind, reals[at - 1 : at + 11]) for number, kind, _, at in heads]
+    else:
+        kind = np.dtype([("whole", f"{table.order}i{table.size}", 2), ("real", f"{table.order}f{table.size}", 12)])
+        if table.length(0) % kind.itemsize:
+            raise InputError(f"{table.path}: found {table.length(0)} bytes in the table {table.name}, expected "
+                             f"{kind.itemsize} a coordinate system")  # fmt: skip
+        items = [(*row["whole"], row["real"]) for row in table.bytes(0, 0, table.length(0)).view(kind)]
+    found = {}
+    for number, kind, values in items:
+        axes = np.array(values[3:], dtype=float).reshape(-1, 3)
+        if kind not in (1, 2, 3) or axes.shape != (3, 3) or np.abs(axes.T @ axes - np.eye(3)).max() > 1e-5:
+            raise InputError(
+                f"{table.path}: found no axes of the coordinate system {number} in the table {table.name}; the file is "
+                "damaged"
+            )
+        found[int(number)] = System(int(kind), np.array(values[:3], dtype=float), axes)
+    return found

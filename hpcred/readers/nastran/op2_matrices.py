@@ -1,0 +1,93 @@
+"""Read matrices (KGG, MGG, ...) that stand in a file of Nastran's OUTPUT2.
+
+A column is a chain of records, each with the number of its first row and the values from there on; keys between them
+say how much follows. Rank 0 follows the chain once, and each rank decodes its share of whole columns.
+"""
+
+import mmap
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...files.system_errors import open_input
+from ...files.text import refuse_packed
+from ...parallel.failures import InputError, agreed
+from ..entries import Entries
+from .names import single
+from .op2 import begins, columns_of, walk
+from .op4 import completed
+from .op4_matrix import COMPLEX, DOUBLE, Matrix, matrix_of, real_values
+
+__all__ = ["begins", "contents", "read", "read_matrix"]
+
+
+@dataclass(frozen=True)
+class Op2Matrix(Matrix):
+    """As Matrix; `columns` (shares + 1,): so many columns lie in front of each of `starts`."""
+
+    columns: tuple[int, ...] = ()
+
+
+def contents(path, comm) -> list[Op2Matrix]:
+    """The matrices of a file, in order. Collective. Raises InputError."""
+    with agreed(comm):
+        refuse_packed(path, "Nastran OP2")
+        found = [_matrix(path, block) for block in walk(path) if block.columns] if comm.rank == 0 else None
+    return comm.bcast(found)
+
+
+def _matrix(path, block):
+    """The Op2Matrix of a block with columns. Raises InputError."""
+    _, columns, rows, form, kind, *_ = block.trailer
+    starts, before = zip(*block.columns, strict=True)
+    if before[-1] != columns:
+        raise InputError(
+            f"{path}: found {before[-1]} columns of the matrix {block.name}, expected {columns}; the file is damaged"
+        )
+    place = {"starts": starts, "layout": (block.order, block.size), "is_text": False}
+    matrix = matrix_of(path, f"byte {starts[0]}", (columns, rows, form, kind), block.name.encode("latin-1"), **place)
+    return Op2Matrix(**vars(matrix) | {"columns": before})
+
+
+def read_matrix(path, comm, matrix: Op2Matrix) -> Entries:
+    """The entries of a matrix that `contents` found. Collective. Raises InputError."""
+    shares = len(matrix.starts) - 1
+    low, high = shares * comm.rank // comm.size, shares * (comm.rank + 1) // comm.size
+    with agreed(comm), open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        parts = [_decode(path, data, matrix, k) for k in range(low, high)]
+    return completed(path, comm, matrix, parts)
+
+
+def read(path, comm, key="K", variables=None) -> Entries:
+    """One matrix of a file, for -K and the like; `variables`: names by key. Collective. Raises InputError."""
+    found = contents(path, comm)
+    return read_matrix(path, comm, found[single(path, [item.name for item in found], key, variables)])
+
+
+def _decode(path, data, matrix, share):
+    """Rows and columns (from 0) and values of a share of columns."""
+    order, size = matrix.layout
+    number = size if size == 8 else 8 if matrix.kind in DOUBLE else 4  # bytes
+    width = number * (2 if matrix.kind in COMPLEX else 1)
+    rows, values, counts, columns = [], [], [], []
+    for column, strings in columns_of(path, data, matrix, share):
+        last = 0
+        for place, count in strings:
+            first = int(np.frombuffer(data, f"{order}i{size}", 1, place)[0])
+            length, rest = divmod(count - size, width)
+            if rest or length < 1 or first <= last or first + length - 1 > matrix.shape[0]:
+                raise InputError(
+                    f"{path}: found {count} bytes for the row {first} of column {column + 1} of the matrix {matrix}, "
+                    "expected strings of numbers that ascend in their column; the file is damaged"
+                )
+            last = first + length - 1
+            rows.append(first - 1)
+            columns.append(column)
+            counts.append(length)
+            values.append(np.array(np.frombuffer(data, f"{order}f{number}", (count - size) // number, place + size)))
+    counts = np.array(counts, np.int64)
+    values = real_values(path, matrix, np.concatenate([np.zeros(0), *values]))
+    i = np.repeat(np.array(rows, np.int64) - (np.cumsum(counts) - counts), counts) + np.arange(len(values))
+    j = np.repeat(np.array(columns, np.int64), counts)
+    there = values != 0
+    return i[there], j[there], values[there]

@@ -1,0 +1,237 @@
+"""Read nodes and elements of universal files (UFF, .unv).
+
+Read are the nodes of datasets 15, 781 and 2411 and the elements of 780 and 2412, and of coordinate systems (18, 2420)
+which are the global one. A dataset stands between two lines of -1.
+"""
+
+import os
+import re
+from bisect import bisect_left
+from pathlib import Path
+
+import numpy as np
+
+from ...files.system_errors import open_input
+from ...files.text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, ragged, records, refuse_packed, shown, whole
+from ...model.elements import NODES
+from ...parallel.failures import InputError, agreed
+from ...parallel.lookup import repeated_key
+from .table import Nodes, finite
+
+MARK = re.compile(rb"(?m)^ {0,4}-1[ \t]*\r?$")
+START = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{1,5}[ \t]*(?:b[^\n]*)?\r?\n")
+NUMBER = re.compile(rb"[ \t]*(\d{1,5})[ \t]*(?P<binary>b[^\n]*)?\r?\n?")
+# numbers in the lines of a node: label, two systems and a colour, and the coordinates
+NODE_LINES = {15: (7,), 781: (4, 3), 2411: (4, 3)}
+ELEMENTS = (780, 2412)
+GLOBAL = np.array([0, 1])  # coordinate systems, where the file does not say otherwise
+# kinds by the number of the finite element; those of WITH_SECTION have a line about the section before the nodes
+KINDS = {
+    11: "line", 21: "line", 22: "line", 23: "line3", 24: "line3", 41: "triangle", 42: "triangle6", 44: "quad",
+    45: "quad8", 51: "triangle", 52: "triangle6", 54: "quad", 55: "quad8", 61: "triangle", 62: "triangle6", 64: "quad",
+    65: "quad8", 91: "triangle", 92: "triangle6", 94: "quad", 95: "quad8", 111: "tetra", 112: "wedge", 113: "wedge15",
+    115: "hexahedron", 116: "hexahedron20", 118: "tetra10",
+}  # fmt: skip
+WITH_SECTION = (11, 21, 22, 23, 24)
+# places of the nodes in the file: round each face, corners and middles in turn; kinds that are not here are as in VTK
+ORDER = {
+    "line3": [0, 2, 1], "triangle6": [0, 3, 1, 4, 2, 5], "quad8": [0, 4, 1, 5, 2, 6, 3, 7],
+    "tetra10": [0, 4, 1, 5, 2, 6, 7, 8, 9, 3],
+    "wedge15": [0, 6, 1, 7, 2, 8, 12, 13, 14, 3, 9, 4, 10, 5, 11],
+    "hexahedron20": [0, 8, 1, 9, 2, 10, 3, 11, 16, 17, 18, 19, 4, 12, 5, 13, 6, 14, 7, 15],
+}  # fmt: skip
+ABOVE = 1000  # lines above the bytes of functions, of which there are 11
+
+
+def begins(start: bytes) -> bool:
+    """Whether a text that starts so is a universal file: a line of -1 and the number of a dataset."""
+    return START.match(start) is not None
+
+
+def read(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
+    """Nodes in the order of the file, and elements (node numbers (elements of this rank, nodes) by kind).
+
+    Collective. Raises InputError.
+    """
+    with agreed(comm):
+        refuse_packed(path)
+        size = os.path.getsize(path)
+        mine = [piece.start + match.start() for piece in records(path, comm, 0, size, re.compile(rb"(?m)^"))
+                for match in MARK.finditer(piece.text)]  # fmt: skip
+    marks = sum(comm.allgather(mine), [])
+    with agreed(comm):
+        sets = _datasets(path, marks)
+        nodes = [item for item in sets if item[0] in NODE_LINES]
+        if len(nodes) != 1:
+            numbers = ", ".join(str(number) for number, *_ in sets)
+            raise InputError(
+                f"{path}: found {len(nodes)} datasets of nodes (of the datasets {numbers or 'none'}), expected one of "
+                "15, 781 or 2411"
+            )
+        systems = _global_systems(path, [item for item in sets if item[0] in (18, 2420)])
+    label, position = _nodes(path, comm, systems, *nodes[0])
+    twice = repeated_key(comm, label)
+    if twice is not None:
+        raise InputError(f"{path}: found the node {twice} more than once, expected each node once")
+    with agreed(comm):
+        elements = _elements(path, [item for item in sets if item[0] in ELEMENTS]) if comm.rank == 0 else {}
+    kinds = comm.bcast(sorted(elements))
+    empty = {kind: np.zeros((0, NODES[kind]), np.int64) for kind in kinds}
+    return Nodes(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label))), {**empty, **elements}
+
+
+def _datasets(path, marks):
+    """Number, first and last byte of the lines of the datasets of text."""
+    found, at, size = [], 0, os.path.getsize(path)  # at: the byte up to which all is understood
+    with open_input(path) as file:
+        while (place := bisect_left(marks, at)) < len(marks):
+            _require_nothing(path, file, at, marks[place])
+            file.readline()
+            line = file.readline()
+            match = NUMBER.fullmatch(line)
+            if match is not None and match["binary"] and int(match[1]) not in (*NODE_LINES, *ELEMENTS):
+                at = _end_of_functions(path, file, line)
+                continue
+            if match is None or match["binary"]:
+                below = shown(line, 20)
+                raise InputError(f"{path}: found '{below}' below a line of -1, expected the number of a dataset")
+            if place + 1 == len(marks):
+                raise InputError(
+                    f"{path}: found {len(marks)} lines of -1, expected two a dataset; the file is cut off"
+                )
+            found.append((int(match[1]), file.tell(), marks[place + 1]))
+            file.seek(marks[place + 1])
+            file.readline()
+            at = file.tell()
+        _require_nothing(path, file, at, size)
+    return found
+
+
+def _require_nothing(path, file, low, high):
+    """Raise InputError where something stands outside of a dataset; leaves the file at `high`."""
+    file.seek(low)
+    if between := file.read(high - low).removeprefix(BYTE_ORDER_MARK).strip():
+        raise InputError(
+            f"{path}: found '{shown(between.splitlines()[0])}' outside of a dataset, expected two lines of -1 around "
+            "each; the file is damaged"
+        )
+
+
+def _end_of_functions(path, file, line):
+    """The byte behind a dataset of binary functions (58b), whose first line says how many lines and bytes it has."""
+    words = line.split()[1:]
+    if len(words) < 4 or not all(word.isdigit() and len(word) < 16 for word in words[:4]) or int(words[2]) > ABOVE:
+        raise InputError(f"{path}: found the binary dataset '{shown(line)}', expected its number of lines and bytes")
+    for _ in range(int(words[2])):
+        file.readline()
+    file.seek(int(words[3]), os.SEEK_CUR)
+    while (end := file.readline()) and not end.strip():  # the last line may begin behind the last byte
+        pass
+    if end.strip() != b"-1":
+        raise InputError(f"{path}: found no line of -1 behind the binary dataset '{shown(line)}'; the file is cut off")
+    return file.tell()
+
+
+def _global_systems(path, sets):
+    """The numbers of the coordinate systems that are the global one."""
+    found = dict.fromkeys(GLOBAL.tolist(), True)
+    for number, start, stop in sets:
+        with open_input(path) as file:
+            file.seek(start)
+            lines = file.read(stop - start).splitlines()
+        size, above, below = (4, 0, 2) if number == 18 else (6, 2, 4)  # lines of a system, above the first, of numbers
+        for at in range(above, len(lines) - size + 1, size):
+            try:
+                head = [int(word) for word in lines[at].split()]
+                values = [float(word) for line in lines[at + size - below : at + size]
+                          for word in line.upper().replace(b"D", b"E").split()]  # fmt: skip
+                found[head[0]] = head[1] == 0 and (_is_global_18(head, values) if number == 18 else
+                                                   values == [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0])  # fmt: skip
+            except (ValueError, IndexError):  # what cannot be read is not the global one
+                return np.zeros(1, np.int64)
+    return np.array([key for key, is_global in found.items() if is_global])
+
+
+def _is_global_18(head, values):
+    """Whether a system is the global one: by its origin, a point on its x axis, and one in its plane of x and z."""
+    x, z = np.array(values[3:6]), np.array(values[6:9])
+    return head[2] == 0 and values[:3] == [0, 0, 0] and x[0] > 0 and z[2] > 0 and not (x[1:].any() or z[1])
+
+
+def _nodes(path, comm, systems, number, start, stop):
+    """Numbers and coordinates of the nodes of this rank; `systems`: those that are the global one."""
+    widths = NODE_LINES[number]
+    # a node begins where a line holds no point
+    first = re.compile(rb"(?m)^") if len(widths) == 1 else re.compile(rb"(?m)^[ \t0-9+-]*\r?$")
+    labels, positions = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
+    with agreed(comm):
+        for piece in records(path, comm, start, stop, first):
+            values, counts, lines = ragged(piece, commas=False)
+            expected = np.resize(widths, len(counts))
+            wrong = np.flatnonzero(counts != expected)
+            if wrong.size or len(counts) % len(widths):
+                bad = lines[wrong[0]] if wrong.size else lines[-1]
+                raise piece.refusal(int(bad), f"lines of {' and '.join(map(str, widths))} numbers a node")
+            table, lines = values.reshape(-1, 7), lines[:: len(widths)]
+            finite(piece, table[:, 4:], lines)
+            own = np.flatnonzero(~np.isin(table[:, 1], systems))
+            if own.size and number == 15:
+                raise piece.refusal(int(lines[own[0]]), "coordinates in the global system")
+            own = np.flatnonzero(~np.isin(table[:, 2], systems))
+            if own.size:
+                raise piece.refusal(int(lines[own[0]]), "displacements in the global system, in which the matrices "
+                                    "must be; if they are, give the nodes as lines of number, x, y, z")  # fmt: skip
+            whole(piece, table[:, 1:4].ravel(), np.repeat(lines, 3), "two systems and a colour", 0)
+            labels.append(whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL))
+            positions.append(table[:, 4:])
+    label, position = np.concatenate(labels), np.concatenate(positions)
+    if not comm.allreduce(len(label)):
+        raise InputError(f"{path}: found no nodes in the dataset {number}")
+    return label, position
+
+
+def _elements(path, sets):
+    """Node numbers (elements, nodes) by kind, read on one rank: where an element begins is seen from the one before."""
+    found = {}
+    for number, start, stop in sets:
+        with open_input(path) as file:
+            file.seek(start)
+            piece = Piece(Path(path), file.read(stop - start), start)
+        values, counts, lines = ragged(piece, commas=False)
+        if not len(values):
+            continue
+        whole(piece, values, np.repeat(lines, counts), "the numbers of an element", -LARGEST_LABEL, LARGEST_LABEL)
+        at = np.cumsum(counts) - counts
+        # what each line would say if it were the first of an element
+        kind, nodes = (np.where(counts > 5, values[np.minimum(at + k, len(values) - 1)], 0) for k in (1, 5))
+        if number == 780:
+            nodes = np.where(counts == 8, values[np.minimum(at + 7, len(values) - 1)], 0)
+        skip = 1 + np.isin(kind, WITH_SECTION)
+        following = np.arange(len(counts)) + skip + np.ceil(nodes / 8).astype(np.int64)
+        heads, line, jumps = [], 0, following.tolist()
+        while line < len(jumps):
+            heads.append(line)
+            line = jumps[line] if jumps[line] > line + 1 else len(jumps) + 1
+        heads = np.array(heads, dtype=np.int64)
+        wrong = heads[(nodes[heads] < 1) | (nodes[heads] > 1000)]
+        if wrong.size or line != len(jumps):
+            bad = wrong[0] if wrong.size else heads[-1]
+            raise piece.refusal(int(lines[bad]), "number, kind and number of nodes of an element, and its nodes")
+        first = np.minimum(heads + skip[heads], len(at) - 1)
+        given = np.append(at, len(values))[np.minimum(following[heads], len(at))] - at[first]
+        wrong = heads[given != nodes[heads]]
+        if wrong.size:
+            raise piece.refusal(int(lines[wrong[0]]), "as many nodes below as it says")
+        for code, name in KINDS.items():
+            mine = (kind[heads] == code) & (nodes[heads] == NODES[name])
+            if mine.any():
+                table = values[at[first[mine]][:, None] + np.arange(NODES[name])]
+                whole(piece, table.ravel(), np.repeat(lines[heads[mine]], NODES[name]), "a node of an element", 1)
+                found.setdefault(name, []).append(table.astype(np.int64))
+    result = {}
+    for kind, nodes in found.items():
+        table = np.concatenate(nodes)
+        ordered = np.empty_like(table)
+        ordered[:, ORDER.get(kind, list(range(NODES[kind])))] = table
+        result[kind] = ordered
+    return result

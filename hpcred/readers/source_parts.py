@@ -1,0 +1,206 @@
+"""The files of a Source enter: single matrices, and lists of nodes and dofs; the parts of a model leave."""
+
+import numpy as np
+
+from ..files.text import doubts_of_end, first_bytes
+from ..parallel.failures import InputError, agreed
+from ..parallel.lookup import look_up, repeated_key, sort_over_ranks
+from ..settings.source import Source
+from .abaqus import input_file as abaqus_input
+from .abaqus import matrices as abaqus_matrices
+from .abaqus.matrices import files_beside
+from .ansys import lists as ansys_lists
+from .ansys import nodes as ansys_nodes
+from .calculix import frd as calculix_frd
+from .calculix import matrix_storage as calculix
+from .entries import LARGEST_VALUE, Entries, LabelledEntries, label_name, label_of, node_and_direction, require_sane
+from .matrices import matrix_market
+from .matrix_formats import format_of, read_entries
+from .nastran import dmig as nastran_dmig
+from .nastran import exports as nastran
+from .nodes import table as node_table
+from .nodes import uff
+from .parts import Parts, common_size, labels_in_order
+from .unread import refuse_unread
+
+OPEN_ENDED = (abaqus_matrices, nastran_dmig)  # formats without a mark of their end
+OF_LINES = (matrix_market, abaqus_matrices)  # formats whose numbers end where their lines do
+HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports, and what counts as that
+
+
+def abaqus_source(path) -> Source:
+    """The matrices that Abaqus wrote beside an input file: block.inp with block_STIF1.mtx and block_MASS1.mtx."""
+    return Source(**files_beside(path), nodes=str(path))
+
+
+def read_source(source: Source, comm) -> Parts:
+    """The parts that the files of a Source hold, but for B and C. Collective. Raises InputError."""
+    files = {key: getattr(source, key) for key in ("K", "M", "D") if getattr(source, key)}
+    parts = Parts({key: read_entries(path, comm, key, source.variables) for key, path in files.items()}, files)
+    with agreed(comm):
+        for path in dict.fromkeys(files.values()):
+            parts.warnings += doubts_of_end(path) if format_of(path).module in OF_LINES else []
+        parts.open_ended = {key for key, path in files.items() if format_of(path).module in OPEN_ENDED}
+        parts.loose = format_of(files["K"]).module is nastran_dmig  # perhaps of the G-set
+    if _name_rows_of_calculix(comm, parts, source):
+        return parts
+    is_input_file, turned, points = False, None, None
+    if source.nodes:
+        with agreed(comm):
+            start = first_bytes(source.nodes)
+            is_input_file = abaqus_input.begins(start)
+        if uff.begins(start):
+            parts.nodes, parts.elements = uff.read(source.nodes, comm)
+        elif nastran.begins_bulk(start):
+            parts.nodes, parts.elements, points = nastran.read_nodes(source.nodes, comm)
+        elif is_input_file:
+            mesh = abaqus_input.read(source.nodes, comm)
+            parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
+            keywords = [section.keyword for section in mesh.sections]
+            parts.all_massive = 0 < keywords.count("material") == keywords.count("density")
+        elif calculix_frd.begins(start):
+            _read_results(comm, parts, source.nodes)
+        elif ansys_nodes.begins(start):
+            turned = ansys_nodes.read_nodes(source.nodes, comm)
+            parts.nodes, parts.elements = turned.nodes, turned.elements
+        else:
+            with agreed(comm):
+                refuse_unread(source.nodes)
+            parts.nodes = node_table.read(source.nodes, comm)
+    if source.dofs:
+        with agreed(comm):
+            first_bytes(source.dofs)
+            if not source.nodes:
+                raise InputError(f"{source.dofs}: found the nodes of the rows, but no coordinates; give --nodes")
+            _require_numbered(parts, source)
+        parts.row_labels = _read_row_labels(source.dofs, comm, parts.matrices["K"].shape[0])
+        _require_rows(comm, parts, source, parts.row_labels[0])
+        if not is_input_file:
+            _hold_nodes_without_rows(comm, parts, source)
+        if turned is not None:
+            ansys_nodes.turn_found(comm, parts, turned)
+    elif turned is not None:
+        with agreed(comm):
+            turned.refuse_turned()
+    _remove_supports(comm, parts)
+    parts.as_written = turned is None
+    if points is not None:
+        parts.as_written &= not comm.allreduce(len(points.turned))
+        nastran.turn_rows(comm, parts, points, source.nodes)
+    return parts
+
+
+def _name_rows_of_calculix(comm, parts, source) -> bool:
+    """Name the rows by a .dof file and an input file or results of CalculiX, as it reads them; False for others."""
+    with agreed(comm):
+        if not (source.dofs and source.nodes and calculix.begins_dofs(first_bytes(source.dofs))):
+            return False
+        start = first_bytes(source.nodes)
+        kind = "input" if abaqus_input.begins(start) else "results" if calculix_frd.begins(start) else None
+    if kind is None:
+        return False
+    with agreed(comm):
+        _require_numbered(parts, source)
+    label, row = calculix.read_dofs(source.dofs, comm)
+    _require_rows(comm, parts, source, label)
+    try:
+        calculix.name_rows(comm, parts, {"dofs": source.dofs, kind: source.nodes, **parts.files}, label, row)
+    except calculix.Unnamed as reason:
+        raise InputError(f"{source.dofs}: {reason}; the rows cannot be named: leave out --dofs and --nodes") from reason
+    return True
+
+
+def _read_results(comm, parts, path):
+    """Nodes and elements of results of CalculiX."""
+    found = calculix_frd.read(path, comm)
+    if found is None:
+        raise InputError(f"{path}: found results of CalculiX without nodes, as a run that only writes matrices leaves "
+                         "them; give those of another run of the same mesh, or the input file")  # fmt: skip
+    parts.nodes, parts.elements = found.nodes, found.elements
+    parts.warnings += found.said(path)
+
+
+def _require_numbered(parts, source):
+    """Raise InputError where matrices name their rows themselves."""
+    for key, item in parts.matrices.items():
+        if isinstance(item, LabelledEntries):
+            raise InputError(f"{source.dofs}: not needed, since {parts.files[key]} names node and dof of its rows")
+
+
+def _require_rows(comm, parts, source, label):
+    """Raise InputError where a list has not one line for each row; `label`: those of this rank."""
+    size, total = parts.matrices["K"].shape[0], comm.allreduce(len(label))
+    if total != size:
+        raise InputError(f"{source.dofs}: found {total} lines, expected one for each of the {size} rows")
+
+
+def _remove_supports(comm, parts):
+    """Remove the rows that Abaqus holds by 1e36 on the diagonal of K, and keep their labels. Collective."""
+    K = parts.matrices["K"]
+    size_of = np.abs(K.values)
+    held = K.rows[(K.rows == K.columns) & (size_of >= HELD) & (size_of <= LARGEST_VALUE)]  # inf is no support
+    held = np.unique(np.concatenate(comm.allgather(np.unique(held))))  # few: those of the supports
+    if not len(held):
+        return
+    with agreed(comm):
+        for key, item in parts.matrices.items():
+            require_sane(item.values, f"{parts.files[key]}: found", "real")
+    what = f"{parts.files['K']}: removed {len(held)} rows that are held by {HELD_BY:g} on the diagonal of K"
+    if isinstance(K, LabelledEntries):
+        for key, item in parts.matrices.items():
+            free = ~(np.isin(item.rows, held) | np.isin(item.columns, held))
+            parts.matrices[key] = LabelledEntries(item.rows[free], item.columns[free], item.values[free])
+        parts.removed = held[comm.rank :: comm.size]
+        names = [label_name(label) for label in held[:4]]
+    else:
+        size = K.shape[0]
+        if parts.nodes is not None and parts.row_labels is None:
+            parts.row_labels = labels_in_order(comm, parts.nodes, size, parts.files["K"])
+        for key, item in parts.matrices.items():
+            if item.shape != K.shape:
+                common_size(parts)
+            free = ~(np.isin(item.rows, held) | np.isin(item.columns, held))
+            rows, columns = (ends[free] - np.searchsorted(held, ends[free]) for ends in (item.rows, item.columns))
+            parts.matrices[key] = Entries((size - len(held),) * 2, rows, columns, item.values[free])
+        names = [str(row + 1) for row in held[:4]]
+        if parts.row_labels is not None:
+            label, row = parts.row_labels
+            gone = np.isin(row, held)
+            parts.removed = np.concatenate([parts.removed, label[gone]])
+            parts.row_labels = label[~gone], row[~gone] - np.searchsorted(held, row[~gone])
+        else:
+            what += "; the rows behind them have new numbers"
+    parts.warnings.append(f"{what}: {', '.join(names)}{', ...' if len(held) > 4 else ''}")
+
+
+def _hold_nodes_without_rows(comm, parts, source):
+    """Nodes of a table without a row are held in the directions that the others have."""
+    node, direction = node_and_direction(parts.row_labels[0])
+    node = np.unique(sort_over_ranks(comm, node)[0])
+    there, _ = look_up(comm, node, [], parts.nodes.label)
+    directions = np.array(sorted(set().union(*comm.allgather(set(direction.tolist())))))
+    without = parts.nodes.label[~there]
+    parts.removed = label_of(np.repeat(without, len(directions)), np.tile(directions, len(without)))
+    if count := comm.allreduce(len(without)):
+        parts.warnings.append(
+            f"{source.nodes}: {count} of {comm.allreduce(len(there))} nodes have no row in {source.dofs}; they are "
+            "taken as held at zero; leave them out where they move with other nodes"
+        )
+
+
+def _read_row_labels(path, comm, size):
+    """Labels and rows of a file of --dofs: lines of node, direction, or what ANSYS writes. Collective."""
+    with agreed(comm):
+        start = first_bytes(path)
+    if ansys_lists.begins_mapping(start):
+        return ansys_lists.read_mapping(path, comm)
+    if ansys_lists.begins_vector(start):
+        return ansys_lists.read_vector(path, comm, size)
+    if calculix.begins_dofs(start):
+        label, row = calculix.read_dofs(path, comm)
+        twice = repeated_key(comm, label)
+        if twice is not None:
+            raise InputError(f"{path}: found two rows of {label_name(twice)}, since CalculiX makes solids of beams and "
+                             "shells; such rows cannot be named: leave out --dofs and --nodes")  # fmt: skip
+        return label, row
+    return node_table.read_row_labels(path, comm)

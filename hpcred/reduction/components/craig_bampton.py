@@ -1,0 +1,271 @@
+"""Component mode synthesis with interface nodes: constraint, fixed-interface and attachment modes extend a basis.
+
+Constraint modes solve K x = G^T lambda with G x = e for each direction e of the interfaces (Craig & Bampton, AIAA J.
+6(7), 1968; without modes, Guyan, AIAA J. 3(2), 1965); fixed-interface modes are those of (K, M) with G x = 0. Both come
+from the factor of K for the whole body, here X = K^-1 G^T, since G K^-1 (f + G^T lambda) = g is small. A free body has
+its motions R besides, x = X lambda + K^+ f + R c with R^T (f + G^T lambda) = 0, and K^+ by inertia relief.
+
+Residual attachment modes (Rubin, AIAA J. 13(8), 1975; MacNeal, 1971), K^-1 G^T beside free-interface modes, are the
+Krylov block of order 0 at 0 Hz with the loads of the interfaces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ...linalg.basis import Basis
+from ...linalg.blocks import add_product, create_block, dense, from_dense, inner
+from ...linalg.factorisation import SingularMatrix
+from ...model.dofs import DIRECTIONS
+from ...parallel.decisions import decided
+from ...parallel.declared import as_declared
+from ...parallel.failures import HpcredError, InputError, Owned
+from ...parallel.ranges import COUNT, require_band, within
+from ..run import Run
+from .component import Ingredient
+from .krylov_sequence import Entry
+from .modes import all_between, kept_modes, lowest_modes_by
+
+DEPENDENT_DIRECTION = 1e-12  # eigenvalue of the scaled G K^+ G^T below which one of the interfaces depends on others
+
+
+@dataclass(frozen=True)
+class ConstraintModes(Ingredient):
+    """The static shapes of the body for a unit displacement of each direction of the interfaces, the others held."""
+
+    kind: Literal["constraint_modes"] = field(default="constraint_modes", kw_only=True, repr=False)
+
+    per_direction = 1
+
+    def columns(self, inputs, rigid):
+        return 0
+
+    def extend(self, basis, run):
+        with Owned(run.model.comm) as owned:
+            _add_constraint_modes(basis, run, owned.owns(InterfaceSolver(run)))
+
+
+@dataclass(frozen=True)
+class Guyan(ConstraintModes):
+    """Static condensation to the interfaces: the constraint modes alone, by its name."""
+
+    kind: Literal["guyan"] = field(default="guyan", kw_only=True, repr=False)
+
+
+@dataclass(frozen=True)
+class FixedInterfaceModes(Ingredient):
+    """Undamped modes of the body with all interfaces held: the lowest `count`, or all in `band` (Hz)."""
+
+    kind: Literal["fixed_interface_modes"] = field(default="fixed_interface_modes", kw_only=True, repr=False)
+    count: int | None = None
+    band: tuple[float, float] | None = None
+
+    per_direction = 0
+
+    def __post_init__(self):
+        as_declared(self, f"{self.kind}.")
+        if (self.count is None) == (self.band is None):
+            raise InputError(f"{self.kind}: expected exactly one of count and band")
+        within(f"{self.kind}.count", self.count, COUNT)
+        require_band(f"{self.kind}.band", self.band)
+
+    def columns(self, inputs, rigid):
+        return self.count or 0
+
+    def extend(self, basis, run):
+        with Owned(run.model.comm) as owned:
+            self._add_modes(basis, run, owned.owns(InterfaceSolver(run)))
+
+    def _add_modes(self, basis, run, solver):
+        free = run.model.size - solver.size
+        if (self.count or 0) > free:
+            raise InputError(f"{self.kind}: {self.count} modes asked for, the held body has {free}")
+        where = f"{self.count} fixed-interface modes" if self.count else (
+            f"fixed-interface modes in {self.band[0]:g} to {self.band[1]:g} Hz")  # fmt: skip
+        with run.progress.stage("modes", where):
+            rule = {"held": "interfaces", "band": self.band}
+            values, block, served = kept_modes(run, rule, self.count, lambda: self._modes(run, solver, free))
+        frequencies = tuple((np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)).tolist())
+        if block is None:
+            run.note(where, 0, 0, frequencies_hz=(), from_store=served)
+            return
+        with Owned(run.model.comm) as owned, run.progress.stage("orthogonalise"):
+            found = basis.extend(owned.owns(block))
+        run.note(where, len(values), found, frequencies_hz=frequencies, from_store=served)
+
+    def _modes(self, run, solver, free):
+        if self.count:
+            return lowest_modes_by(run, self.count, free, solver.solve)
+        low, high = ((2 * np.pi * f) ** 2 for f in self.band)
+        return all_between(run, low, high, free, lambda count: lowest_modes_by(run, count, free, solver.solve))
+
+
+@dataclass(frozen=True)
+class CraigBampton(FixedInterfaceModes):
+    """Constraint modes, and fixed-interface modes by `count` or in `band` (Hz)."""
+
+    kind: Literal["craig_bampton"] = field(default="craig_bampton", kw_only=True, repr=False)
+
+    per_direction = 1
+
+    def extend(self, basis, run):
+        with Owned(run.model.comm) as owned:
+            solver = owned.owns(InterfaceSolver(run))
+            _add_constraint_modes(basis, run, solver)
+            self._add_modes(basis, run, solver)
+
+
+@dataclass(frozen=True)
+class ResidualAttachment(Ingredient):
+    """K^-1 G^T, by inertia relief for a free body: with modes before it, Rubin's and MacNeal's method.
+
+    The same as a Krylov block of order 0 at 0 Hz whose inputs are the loads of the interfaces: what the modes leave of
+    it is the residual flexibility.
+    """
+
+    kind: Literal["residual_attachment"] = field(default="residual_attachment", kw_only=True, repr=False)
+
+    per_direction = 1
+
+    def columns(self, inputs, rigid):
+        return 0
+
+    def extend(self, basis, run):
+        with Owned(run.model.comm) as owned:
+            solver = owned.owns(InterfaceSolver(run))
+            with run.progress.stage("orthogonalise"):
+                found = basis.extend(solver.flexible)
+            run.note("residual attachment modes", solver.size, found, from_store=solver.from_store)
+
+
+class InterfaceSolver:
+    """Solves K x = f + G^T lambda, G x = g with the factor of K that the run has; `size`: 6k directions.
+
+    `flexible`: X = K^-1 G^T (n, 6k) as a block. Owns PETSc objects: call close(). Collective throughout. Raises
+    InputError for a singular K, and for directions that depend on each other.
+    """
+
+    def __init__(self, run: Run):
+        model, self._run = run.model, run
+        check_directions(model)
+        self._forces = interface_forces(model)
+        self.size = self._forces.getActiveColumns()[1]
+        self.flexible = create_block(model.K, self.size)
+        try:
+            self.from_store = self._take_flexible()
+            small = inner(self._forces, self.flexible)
+            rigid = inner(self._forces, run.rigid.R) if run.rigid is not None else np.zeros((self.size, 0))
+            self._system = decided(model.comm, _interface_system, small, rigid, model.interfaces)
+        except HpcredError:
+            self.close()  # a refusal of all ranks
+            raise
+
+    def close(self):
+        self._forces.destroy()
+        self.flexible.destroy()
+
+    def _factored(self):
+        """The solver of the run with the factor of K."""
+        try:
+            return self._run.factored(0.0, "0 Hz")
+        except SingularMatrix as error:
+            raise InputError(
+                f"basis: K of {self._run.model.name} is singular, so the body can move freely; take frame kind "
+                "'buckens', with which coordinates = 'interface' keep the rigid-body motion"
+            ) from error
+
+    def _take_flexible(self) -> bool:
+        """X from the store, or else by solves, and whether it is from the store."""
+        run = self._run
+        key = {"kind": "attachment modes", **run.identity_of("M", "K")}  # of the interfaces among the nodes
+        entry = run.stored(key)
+        run.needs("0.0", "0.0")
+        if entry is not None:
+            with Owned(run.model.comm) as owned, dense(owned.owns(entry).block) as source, dense(self.flexible) as X:
+                source.copy(X)
+            return True
+        solver = self._factored()
+        with run.progress.stage("solve"):
+            solver.solve(self._forces, self.flexible, steps=1)
+        run.keep(key, Entry({}, (self.size,), self.flexible))
+        return False
+
+    def constraint_modes(self):
+        """x (n, 6k) with f = 0 and g = I, as a new block."""
+        shapes = create_block(self._run.model.K, self.size)
+        self._complete(shapes, np.eye(self.size), None, beta=0.0)
+        return shapes
+
+    def solve(self, load, solution, steps=0):
+        """solution = x with g = 0 for the columns of a load."""
+        self._factored().solve(load, solution, steps)
+        # twice, against what round-off leaves of the motion of the interfaces
+        for f in (load, None):
+            self._complete(solution, -inner(self._forces, solution), f)
+
+    def _complete(self, block, motion, load, beta=1.0):
+        """Add to the block what moves the interfaces by `motion` (6k, columns), in equilibrium with a load."""
+        rigid = self._run.rigid
+        count = motion.shape[1]
+        pushed = np.zeros((0 if rigid is None else rigid.count, count))
+        if rigid is not None and load is not None:
+            pushed = -inner(rigid.R, load)
+        forces, system = np.concatenate([motion, pushed]), self._system
+        found = decided(self._run.model.comm, lambda: system.scale[:, None] * np.linalg.solve(
+            system.matrix, system.scale[:, None] * forces))  # fmt: skip
+        add_product(block, self.flexible, found[: self.size], beta=beta)
+        if rigid is not None:
+            add_product(block, rigid.R, found[self.size :])
+
+
+@dataclass(frozen=True)
+class _System:
+    """The matrix of lambda and c, scaled to a unit diagonal, and its scale."""
+
+    matrix: np.ndarray
+    scale: np.ndarray
+
+
+def _interface_system(flexibility, rigid, interfaces):
+    """[G K^+ G^T, G R; (G R)^T, 0], refused where a direction of the interfaces depends on others."""
+    count = rigid.shape[1]
+    scale = 1 / np.sqrt(np.maximum(np.diag(flexibility), 1e-300))
+    other = 1 / np.maximum(np.linalg.norm(scale[:, None] * rigid, axis=0), 1e-300)
+    scale = np.concatenate([scale, other])
+    matrix = np.block([[flexibility, rigid], [rigid.T, np.zeros((count, count))]]) * np.outer(scale, scale)
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    weakest = np.abs(values).argmin()
+    if np.abs(values[weakest]) < DEPENDENT_DIRECTION:
+        place = int(np.abs(vectors[: len(flexibility), weakest]).argmax())
+        raise InputError(
+            f"interface '{interfaces[place // 6].name}': its direction {DIRECTIONS[place % 6]} cannot be moved by "
+            "itself; its motion depends on other interfaces, or the set is held there"
+        )
+    return _System(matrix, scale)
+
+
+def check_directions(model):
+    """Refuse an interface whose set does not move it in all directions."""
+    for item in model.interfaces:
+        if len(item.directions) < 6:
+            raise InputError(
+                f"interface '{item.name}': its set moves it in {', '.join(item.directions)} only, but component modes "
+                "and interface coordinates need all six directions; couple more directions, or take kind 'averaging'"
+            )
+
+
+def interface_forces(model):
+    """G^T as a new block (n, 6k). Collective."""
+    dense = model.Gt.copy().convert("dense")
+    block = from_dense(dense)
+    dense.destroy()
+    return block
+
+
+def _add_constraint_modes(basis: Basis, run: Run, solver: InterfaceSolver):
+    with Owned(run.model.comm) as owned, run.progress.stage("orthogonalise"):
+        found = basis.extend(owned.owns(solver.constraint_modes()))
+    run.note("constraint modes", solver.size, found, from_store=solver.from_store)

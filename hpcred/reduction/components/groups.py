@@ -1,0 +1,176 @@
+"""Groups of ranks: the points of a basis enter, each group makes the blocks of its points, and all ranks get them.
+
+Each group holds a copy of the model, distributed over its ranks, and has factors of its own, so that different points
+are factored at the same time. The blocks enter the basis in the order of the ingredients, as without groups.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...linalg.blocks import create_block, dense_matrix, local_rows
+from ...model.dofs import Dofs
+from ...model.frames import FramedModel
+from ...model.rigid_body_modes import RigidBodyModes
+from ...model.second_order_model import SecondOrderModel
+from ...parallel.exchange import exchange
+from ...parallel.failures import InputError, Owned, agreed, forget
+from ...parallel.petsc import PETSc
+from .component import PointIngredient
+from .point_blocks import join
+
+
+class Group:
+    """A copy of a framed model on the group of this rank: `framed`, the `number` of the group, its communicator.
+
+    The ranks are split into `groups` groups of consecutive ranks, as equal as possible. Call close(), on all ranks of a
+    group together. Making one is collective over all ranks of the model.
+    """
+
+    def __init__(self, framed: FramedModel, groups: int):
+        comm = framed.model.comm
+        self.number = comm.rank * groups // comm.size
+        self.comm = comm.Split(self.number, comm.rank)
+        model = _copy(framed.model, self.comm, self.number, groups)
+        rigid = RigidBodyModes(model) if framed.rigid is not None else None
+        self.framed = FramedModel(model, rigid=rigid, damping=framed.damping)
+
+    @property
+    def leads(self) -> bool:
+        """Whether this rank is the first of its group."""
+        return self.comm.rank == 0
+
+    def close(self):
+        self.framed.close()
+        forget(self.comm)
+        self.comm.Free()
+
+
+def _copy(model, group, number, groups):
+    comm = model.comm
+    mats = {key: mat.getRedundantMatrix(groups, subcomm=PETSc.Comm(group)) for key, mat in model.matrices.items()}
+    # rows of B, C^T and the labels go to the rank that has the row, in every group
+    starts = np.array(mats["K"].getOwnershipRanges()[:-1], dtype=np.int64)
+    layouts = comm.allgather((number, group.rank, starts))
+    columns = [np.arange(model.first_row, model.first_row + model.local_rows)]
+    dense = [mat for mat in (model.B, model.Ct) if mat is not None]
+    for mat in dense:
+        columns += list(mat.getDenseArray().real.T)
+    if model.dofs is not None:
+        columns += [model.dofs.node, model.dofs.direction, *model.dofs.position.T]
+    received = None
+    for target in range(groups):
+        ranks = np.array([rank for rank, (owner, _, _) in enumerate(layouts) if owner == target])
+        limits = layouts[ranks[0]][2]
+        owner = ranks[np.searchsorted(limits, columns[0], side="right") - 1]
+        parts = exchange(comm, owner, [np.ascontiguousarray(column) for column in columns])
+        if target == number:
+            order = np.argsort(parts[0])
+            received = [part[order] for part in parts[1:]]
+    blocks = []
+    for mat in dense:
+        count = mat.getSize()[1]
+        blocks.append(dense_matrix(mats["K"], np.array(received[:count]).T.reshape(-1, count)))
+        received = received[count:]
+    dofs = None
+    if model.dofs is not None:
+        dofs = Dofs(received[0], received[1], np.array(received[2:]).T.reshape(-1, 3))
+    return SecondOrderModel(
+        mats["M"], mats["K"], mats.get("D"), blocks[0] if model.B is not None else None,
+        blocks[-1] if model.Ct is not None else None, dofs, model.input_names, model.own_output_names, model.name,
+    )  # fmt: skip
+
+
+def number_of_groups(wanted, run, points: int) -> int:
+    """How many groups of ranks make so many points; `wanted`: see Reduction. Collective. Raises InputError."""
+    ranks = run.model.comm.size
+    if wanted != "auto":
+        if wanted > ranks:
+            raise InputError(f"groups: found {wanted!r}, expected 1 to {ranks}, the number of ranks, or 'auto'")
+        return min(wanted, max(points, 1))
+    most = min(points, ranks)
+    if most < 2 or run.multigrid:
+        return 1
+    with run.progress.stage("estimate"):
+        need, have = run.solvers.real.estimate()
+        run.release()
+    found = max(1, min(most, int(have / (1.2 * max(need, 1)))))
+    run.progress.say(f"{found} groups of ranks: a factor needs about {need:.0f} MB, there are {have:.0f} MB")
+    return found
+
+
+@dataclass
+class _Arrived:
+    """The blocks of a point that other ranks made, in the rows of the world."""
+
+    parts: list
+    block: object
+    width: int
+
+    def between(self, start, stop):
+        """The vectors start .. stop - 1 as active columns of the block."""
+        self.block.setActiveColumns(self.width * start, self.width * stop)
+        return self.block
+
+    def join(self, basis, run):
+        join(self.parts, self.between, basis, run)
+        self.close()
+
+    def close(self):
+        self.block.destroy()
+
+
+def blocks_in_groups(basis, runs, groups) -> dict:
+    """The blocks of the points of a basis, {(ingredient, run): blocks}, each made by a group of ranks.
+
+    Numbers are places in the lists. `runs` get the records of all factorisations. Collective.
+    """
+    model, progress = runs[0].model, runs[0].progress
+    comm = model.comm
+    points = [i for i, item in enumerate(basis) if isinstance(item, PointIngredient)]
+    arrived = {}
+    with Owned(comm) as owned:
+        group = owned.owns(Group(runs[0].framed, groups))
+        own = [owned.owns(runs[0].on_group(group.framed))]
+        if len(runs) > 1:
+            own.append(owned.owns(own[0].dual()))
+        for first in range(0, len(points), groups):
+            made = {}
+            with agreed(comm), Owned(group.comm):
+                if first + group.number < len(points):
+                    place = points[first + group.number]
+                    for c, run in enumerate(own):
+                        made[place, c] = basis[place].blocks(run)
+            for i in points[first : first + groups]:
+                for c in range(len(runs)):
+                    with progress.stage("merge"):
+                        arrived[i, c] = bring(model, group, made.get((i, c)))
+        for c, run in enumerate(runs):
+            for number, told in enumerate(comm.allgather(own[c].told() if group.leads else None)):
+                if told is not None:
+                    # what every group noted of the loads is said once
+                    run.add(*told[:2], told[2] if number == 0 else [], *told[3:])
+    return arrived
+
+
+def bring(model, group, blocks):
+    """Blocks of a group with the rows of the world; the ranks of other groups give nothing. Collective."""
+    comm = model.comm
+    mine = (blocks.parts, blocks.vectors.width) if blocks is not None else None
+    parts, width = next(item for item in comm.allgather(mine) if item is not None)
+    count = width * parts[-1].stop if parts else 0
+    rows, columns = np.zeros(0, dtype=np.int64), [np.zeros(0)] * count
+    if blocks is not None:
+        first = group.framed.model.first_row
+        rows = np.arange(first, first + group.framed.model.local_rows)
+        with local_rows(blocks.vectors.columns) as values:
+            columns = list(values.real.T.copy())
+        blocks.vectors.close()
+    owner = np.searchsorted(model.row_starts, rows, side="right") - 1
+    rows, *columns = exchange(comm, owner, [rows, *columns])
+    block = create_block(model.K, max(count, 1))
+    block.setActiveColumns(0, count)
+    if count:
+        with local_rows(block) as values:
+            values[rows - model.first_row] = np.array(columns).T
+    return _Arrived(parts, block, width)

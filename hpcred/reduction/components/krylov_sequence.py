@@ -1,0 +1,185 @@
+"""The chain of blocks of an expansion point: made block by block, or taken from a store; then its factor is not needed.
+
+A chain depends on its point alone: its vectors are orthonormal by themselves, and nothing that a basis has enters.
+What is in a store is therefore what would be computed, to the last digit where the ranks are as many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from ...linalg.basis import Basis
+from ...linalg.blocks import create_block
+from ...parallel.failures import ComputationError, Owned
+from .point_blocks import Part, PointBlocks
+
+
+@dataclass
+class Entry:
+    """What a store keeps under one key: columns as a block in `widths` columns each, facts (plain types), and small
+    arrays, the same on all ranks. `block` is None where there are no columns; who loads an entry closes it."""
+
+    facts: dict
+    widths: tuple[int, ...] = ()
+    block: object = None
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def close(self):
+        if self.block is not None:
+            self.block.destroy()
+
+
+@runtime_checkable
+class Store(Protocol):
+    """Where columns are kept from one reduction to the next (files.point_store has one in a folder).
+
+    Both methods are collective over the ranks of `model`, whose rows the columns have. They fail for no reason that
+    lies in files: `say` gets a sentence for the user instead.
+    """
+
+    def load(self, model, key: dict, say, most: int | None = None) -> Entry | None:
+        """What was kept under the key, with its first `most` widths; None where there is nothing sound."""
+
+    def save(self, model, key: dict, entry: Entry, say):
+        """Keep an entry, in place of what is there."""
+
+
+class Chain:
+    """Blocks of one point. A subclass says by which rule one follows from another. Call close(). Collective.
+
+    `vectors`: the orthonormal vectors of all blocks; `ends`: the last vector of each, plus one; `offered`: columns that
+    each was made of. `stored`: how many blocks came from the store. `wanted`: blocks that will be asked for, if known.
+    """
+
+    kind = Basis
+    rule = ""  # names it in the key
+
+    def __init__(self, run, wanted: int | None = None, **key):
+        self.run, self.ends, self.offered, self.complete, self.massless = run, [], [], False, False
+        self.labels = ("", "")  # of the factor, as FactorRecord has them
+        self._place, self._residual, self._solver = 0, 0.0, None
+        room = wanted * max(self._load_columns(), 1) if wanted else run.columns
+        self.vectors = self.kind(run.mass, tolerance=run.tolerance, room=room, keeps=run.keeps_images)
+        self._key = {"kind": "chain", "rule": self.rule, "tolerance": run.tolerance, **key}
+        self._take_stored(wanted)
+        self.stored = len(self.ends)
+
+    def close(self):
+        self.vectors.close()
+
+    # what a subclass has
+
+    def _load_columns(self) -> int:
+        """Columns of the loads."""
+        raise NotImplementedError
+
+    def _factor(self):
+        """The solver of the point, with its factor. Raises SingularMatrix."""
+        raise NotImplementedError
+
+    def _next_load(self):
+        """The loads of the next block, as a block that the caller destroys."""
+        raise NotImplementedError
+
+    def _took(self, load, block):
+        """Note what later loads need of a block that was solved for; sets `complete` where none can follow."""
+
+    def _offers(self, columns: int) -> int:
+        """How many columns of a basis a block of so many real columns can bring."""
+        return columns
+
+    def _state(self) -> dict[str, np.ndarray]:
+        """What is needed beside the vectors to make more blocks."""
+        return {}
+
+    def _go_on_from(self, state):
+        """Take over what _state() gave."""
+
+    # the chain
+
+    def factor(self):
+        """Have the point factored. Raises SingularMatrix."""
+        if self._solver is None:
+            self._solver = self._factor()
+
+    def advance(self) -> tuple[int, int]:
+        """The next block, made if it is not there: its first vector and its end, the same where no load is left.
+
+        Raises SingularMatrix.
+        """
+        if self.complete and self._place == len(self.ends):
+            return self.vectors.size, self.vectors.size
+        if self._place == len(self.ends):
+            self._make()
+        self._place += 1
+        return self._start(self._place - 1), self.ends[self._place - 1]
+
+    def _start(self, j):
+        return self.ends[j - 1] if j else 0
+
+    def _make(self):
+        model, progress = self.run.model, self.run.progress
+        self.factor()
+        with Owned(model.comm) as owned:
+            load = owned.owns(self._next_load())
+            columns = load.getActiveColumns()[1]
+            block = owned.owns(create_block(model.K, columns))
+            with progress.stage("solve"):
+                self._solver.solve(load, block)
+            with progress.stage("orthogonalise"):
+                start = self.vectors.size
+                self.massless |= self.vectors.extend(block).massless > 0
+                self.vectors.renew_images(start, self.vectors.size)  # as those that come from a store have them
+                self.complete = self.vectors.size == start
+                self._took(load, block)
+        self.run.massless |= self.massless
+        self.offered.append(self._offers(columns))
+        self.ends.append(self.vectors.size)
+        self._residual = max(self._residual, self._solver.records[-1].residual)
+
+    def blocks(self, count: int, name: str) -> PointBlocks:
+        """The first `count` blocks, fewer where the loads are exhausted, for a basis. Raises SingularMatrix."""
+        parts = []
+        while self._place < count and not (self.complete and self._place == len(self.ends)):
+            self.run.progress.step("blocks", self._place, count)
+            start, stop = self.advance()
+            j = self._place - 1
+            parts.append(Part(f"{name}, block {j}", self.offered[j], start, stop, j < self.stored))
+        self.keep()
+        return PointBlocks(self.vectors, parts)
+
+    def keep(self):
+        """Have the store keep the chain, if it has grown."""
+        self.run.needs(*self.labels)
+        if len(self.ends) == self.stored:
+            return
+        width = self.vectors.width
+        facts = {"ends": self.ends, "offered": self.offered, "complete": self.complete, "residual": self._residual,
+                 "massless": self.massless}  # fmt: skip
+        widths = tuple(width * (stop - self._start(j)) for j, stop in enumerate(self.ends))
+        self.run.keep(self._key, Entry(facts, widths, self.vectors.columns, self._state()))
+
+    def _take_stored(self, wanted):
+        entry = self.run.stored(self._key, wanted)
+        if entry is None:
+            return
+        with Owned(self.run.model.comm) as owned:
+            owned.owns(entry)
+            count, facts = len(entry.widths), entry.facts
+            try:
+                if entry.block is not None:
+                    self.vectors.restore(entry.block, facts["ends"][:count])
+            except ComputationError as error:
+                self.run.remark(f"store: {error}; the point is made again")
+                self.vectors.close()
+                self.vectors = self.kind(self.run.mass, tolerance=self.run.tolerance, keeps=self.run.keeps_images)
+                return
+        self.massless = facts["massless"]
+        self.run.massless |= self.massless
+        self.ends, self.offered = facts["ends"][:count], facts["offered"][:count]
+        if count == len(facts["ends"]):
+            self.complete, self._residual = facts["complete"], facts["residual"]
+            self._go_on_from(entry.arrays)

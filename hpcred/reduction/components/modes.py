@@ -1,0 +1,305 @@
+"""Modal reduction: the lowest modes, the modes in a band, or listed modes of (K, M) extend a basis."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ...linalg.basis import Basis, Extension
+from ...linalg.blocks import add_product, apply, column_norms, copy_of, create_block, inner, local_rows
+from ...linalg.eigensolver import lowest_modes, modes_in_interval
+from ...linalg.factorisation import DoesNotFit, Factoring, SingularMatrix
+from ...linalg.free_motions import free_motions_refused
+from ...model.damping import ModalDamping
+from ...parallel.decisions import decided
+from ...parallel.declared import as_declared
+from ...parallel.failures import ComputationError, InputError, Owned
+from ...parallel.petsc import is_complex
+from ...parallel.ranges import COUNT, require_band, within
+from ..projection import diagonalise, project, project_columns
+from .component import Ingredient
+from .krylov_sequence import Entry
+
+INDEPENDENT = 1e-6  # weight of a direction of modes found that is not round-off
+MIXED = 0.01  # share of rigid-body motions in a mode, and weight of what is left of it, that are not round-off
+AT_FIRST = 16  # modes that are looked for where nobody knows how many lie in a band
+
+
+@dataclass(frozen=True)
+class Modes(Ingredient):
+    """Undamped modes: exactly one of the lowest `count`, all in `band` (Hz), or those of the list `index`.
+
+    `dominant`: of these, only so many that contribute most to the transfer function, ranked by approximate Hankel
+    singular values of the lightly damped modal model, |b_i| |c_i| / (4 xi_i omega_i^2) (Gawronski, Dynamics and
+    Control of Structures, 1998, ch. 4), with xi = 1 % where the model has no damping.
+
+    `index` counts from 1 as finite-element programs do: rigid-body modes of a free body come first (1 to 6), and
+    are never part of the basis.
+    """
+
+    kind: Literal["modes"] = field(default="modes", kw_only=True, repr=False)
+    count: int | None = None
+    band: tuple[float, float] | None = None
+    index: tuple[int, ...] | None = None
+    dominant: int | None = None
+
+    def __post_init__(self):
+        as_declared(self, "modes.")
+        if sum(value is not None for value in (self.count, self.band, self.index)) != 1:
+            raise InputError("modes: expected exactly one of count, band and index")
+        require_band("modes.band", self.band)
+        if self.count is not None and self.count < 1:
+            raise InputError(f"modes.count: found {self.count}, expected at least 1")
+        if self.index is not None and (not self.index or min(self.index) < 1):
+            raise InputError(f"modes.index: found {list(self.index)}, expected numbers from 1")
+        if self.dominant is not None and self.dominant < 1:
+            raise InputError(f"modes.dominant: found {self.dominant}, expected at least 1")
+        for key in ("count", "index", "dominant"):
+            within(f"modes.{key}", getattr(self, key), COUNT)
+
+    def columns(self, inputs: int, rigid: int) -> int:
+        """Number of vectors known beforehand (0 for a band)."""
+        known = self.count or len(set(self.index or ()))
+        return min(known, self.dominant) if self.dominant else known
+
+    def check(self, size: int, rigid: int):
+        """Refuse what the model cannot have. Raises InputError."""
+        if self.index is not None and min(self.index) <= rigid:
+            raise InputError(
+                f"modes.index: modes 1 to {rigid} of a free body are its rigid-body modes, "
+                f"its elastic modes start at {rigid + 1}"
+            )
+        if self._highest(rigid) > size - rigid:
+            raise InputError(f"modes: {self._highest(rigid)} elastic modes asked for, the model has {size - rigid}")
+
+    def _highest(self, rigid):
+        """How many of the lowest elastic modes have to be known."""
+        return self.count or (max(self.index) - rigid if self.index else 0)
+
+    def extend(self, basis, run):
+        """Add the modes to the basis. Collective."""
+        rigid = run.framed.rigid_size
+        self.check(run.model.size, rigid)
+        more = {}
+        with run.progress.stage("modes", self._name()):
+            if self.band is not None:
+                values, block, served = kept_modes(run, {"band": self.band}, None, lambda: self._in_band(run))
+            else:
+                count = self._highest(rigid)
+                values, block, served = kept_modes(run, {"band": None}, count, lambda: _lowest(run, count))
+                if self.index is not None:
+                    chosen = np.array(sorted(set(self.index))) - rigid - 1
+                    values, block = values[chosen], choose(run, block, chosen)
+            if self.dominant is not None and block is not None:
+                values, block, dominance = _dominant(run, values, block, self.dominant)
+                more["dominance"] = tuple(dominance.tolist())
+            residual = float(residuals(run, values, block).max(initial=0.0))
+        frequencies = tuple((np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)).tolist())
+        found = Extension()
+        if block is not None:
+            with run.progress.stage("orthogonalise"):
+                found = basis.extend(block)
+            block.destroy()
+        run.note(self._name(), len(values), found, frequencies_hz=frequencies, residual=residual,
+                 from_store=served, **more)  # fmt: skip
+
+    def _name(self):
+        if self.band is not None:
+            return f"modes in {self.band[0]:g} to {self.band[1]:g} Hz"
+        return f"{self.count} lowest modes" if self.count else f"modes {list(self.index)}"
+
+    def _in_band(self, run):
+        low, high = ((2 * np.pi * f) ** 2 for f in self.band)
+        if low == 0:
+            low = -0.01 * high  # below the rigid-body modes, where K - low M is definite
+        if not is_complex() and _slices(run):
+            settings = Factoring(out_of_core=run.factoring.out_of_core).mumps()
+            values, block = modes_in_interval(run.model.K, run.model.M, low, high, settings=settings)
+            return _without_rigid(run, values, block)
+        # no inertia in complex builds, or by multigrid
+        most = run.model.size - run.framed.rigid_size
+        return all_between(run, low, high, most, lambda count: _lowest(run, count))
+
+
+def _slices(run):
+    """Whether the factors that SLEPc makes of its own fit; refused where nothing else would do."""
+    if not run.multigrid:
+        try:
+            run.solvers.real.estimate()
+        except DoesNotFit as error:
+            if not run.solvers.give_up_factors(error):
+                raise
+    if not run.multigrid:
+        run.release()
+    return not run.multigrid
+
+
+def kept_modes(run, rule, count, find):
+    """The first `count` modes, or all, from the store or by `find`, and whether they are from the store; the store then
+    has what was found, in place of fewer. `rule`: what tells them from others, with their "band" (None: the lowest)."""
+    key = {"kind": "modes", **rule, **run.identity_of("M", "K")}
+    entry = run.stored(key)
+    if rule["band"] is None:
+        run.needs("0.0", "0.0")
+    if entry is not None and len(entry.facts["values"]) >= (count or 0):
+        values, block = np.array(entry.facts["values"]), entry.block
+        return (values, block, True) if count is None else (values[:count], choose(run, block, np.arange(count)), True)
+    if entry is not None:
+        entry.close()
+    values, block = find()
+    widths = () if block is None else (len(values),)
+    run.keep(key, Entry({"values": values.tolist()}, widths, block))
+    return values, block, False
+
+
+def all_between(run, low, high, most, find):
+    """All eigenvalues from `low` to `high` (omega^2) and their modes as a block, or None, by `find(count)` of ever more
+    of the lowest, of which there are `most`, until one lies above. Collective."""
+    count = AT_FIRST
+    while True:
+        values, block = find(min(count, most))
+        if values[-1] > high or len(values) == most:
+            break
+        block.destroy()
+        count *= 2
+    inside = np.flatnonzero((values >= low) & (values <= high))
+    return values[inside], choose(run, block, inside)
+
+
+def _lowest(run, count):
+    try:
+        return lowest(run, count)
+    except SingularMatrix as error:
+        if run.rigid is not None:
+            raise free_motions_refused(run.model, run.rigid) from error
+        raise InputError(
+            f"basis: K of {run.model.name} is singular, so the body can move freely; "
+            "take frame kind 'buckens', 'chord' or 'tangent'"
+        ) from error
+
+
+def lowest(run, count, shift=0.0):
+    """The `count` lowest elastic eigenvalues (count,) of (K, M), and the M-orthonormal modes as a block. Collective.
+
+    Found by solves with K + shift M. Raises SingularMatrix.
+    """
+    solver = run.factored(shift, "0 Hz" if not shift else "a shift")
+    return lowest_modes_by(run, count, run.model.size - run.framed.rigid_size, solver.solve)
+
+
+def lowest_modes_by(run, count, most, solve):
+    """The `count` lowest modes, omega^2 (count,) and a block, on the space of dimension `most` in which
+    `solve(load, solution, steps)` inverts K.
+
+    Collective. Raises ComputationError.
+    """
+    with Owned(run.model.comm) as owned:
+        right, left = (owned.owns(create_block(run.model.K, 1)) for _ in range(2))
+
+        def invert(x, y):
+            with local_rows(right) as rows:
+                rows[:, 0] = x.getArray(readonly=True)
+            solve(right, left)
+            with local_rows(left) as rows:
+                y.setArray(rows[:, 0])
+
+        values, block = lowest_modes(
+            run.model.K, run.model.M, count, most, invert,
+            monitor=lambda found: run.progress.step("modes", found, count),
+        )  # fmt: skip
+        if not count:
+            return values, block
+        owned.owns(block)
+        return _polish(run, block, count, solve)
+
+
+def _polish(run, block, count, solve):
+    """One step of inverse iteration of all modes at once, refined, and the Rayleigh-Ritz values and vectors.
+
+    What follows modes in a basis is the small rest that they leave, and shares their round-off. The columns of the
+    block span the modes; there may be more of them, dependent ones.
+    """
+    with Owned(run.model.comm) as owned:
+        load = owned.owns(run.times_mass(block))
+        solve(load, block, steps=1)
+        vectors = owned.owns(Basis(run.mass, tolerance=INDEPENDENT, room=block.getSizes()[1]))
+        vectors.extend(block)
+        if vectors.size < count:
+            raise ComputationError(f"only {vectors.size} of the {count} modes found are independent")
+        values = diagonalise(vectors, project(run.model.K, vectors.columns))
+        return values[:count], copy_of(vectors.columns_between(0, count), run.model.K)
+
+
+def _dominant(run, values, block, count):
+    """The `count` modes with the largest contribution, in the order of frequency, and what they contribute."""
+    model = run.model
+    size = np.maximum(np.sqrt(np.diag(project(model.M, block))), 1e-300)
+    loads = np.linalg.norm(project_columns(block, model.B), axis=1) / size
+    sensors = loads if model.Ct is None else np.linalg.norm(project_columns(block, model.Ct), axis=1) / size
+    omega = np.sqrt(np.maximum(values, np.finfo(float).tiny))
+    ratio = np.full(len(values), 0.01)
+    if model.D is not None:
+        ratio = np.maximum(np.diag(project(model.D, block)) / size**2 / (2 * omega), 1e-6)
+    elif isinstance(run.framed.damping, ModalDamping):
+        ratio = np.maximum(run.framed.damping.at(omega / (2 * np.pi)), 1e-6)
+    value = loads * sensors / (4 * ratio * omega**2)
+    chosen = decided(model.comm, lambda: np.sort(np.argsort(-value, kind="stable")[:count]))
+    return values[chosen], choose(run, block, chosen), value[chosen]
+
+
+def choose(run, block, columns):
+    """The chosen columns as a new block, None for none; the block is destroyed."""
+    chosen = _chosen(run, block, columns)
+    block.destroy()
+    return chosen
+
+
+def _chosen(run, block, columns):
+    """The same of a block that stays."""
+    if not len(columns):
+        return None
+    chosen = create_block(run.model.K, len(columns))
+    with local_rows(block) as source, local_rows(chosen) as target:
+        target[...] = source[:, columns]
+    return chosen
+
+
+def _without_rigid(run, values, block):
+    """What is M-orthogonal to the rigid-body motions in the span of the modes, with Rayleigh quotients for values.
+
+    Other motions without force share their eigenvalue, zero, with those: single modes are any mixture of both.
+    """
+    if block is None or run.rigid is None:
+        return values, block
+    with Owned(run.model.comm) as owned:
+        owned.owns(block)
+        product = owned.owns(run.times_mass(block))
+        share = (inner(run.rigid.R, product) ** 2).sum(axis=0) / np.diag(inner(block, product))
+        elastic, quotients = np.flatnonzero(share < MIXED), np.zeros(0)
+        vectors = owned.owns(Basis(run.mass, run.rigid.R, MIXED, len(values)))
+        mixed = _chosen(run, block, np.flatnonzero(share >= MIXED))
+        if mixed is not None:
+            vectors.extend(owned.owns(mixed))
+            quotients = np.diag(project(run.model.K, vectors.columns)) if vectors.size else quotients
+        values = np.concatenate([quotients, values[elastic]])
+        if not len(values):
+            return values, None
+        found = create_block(run.model.K, len(values))
+        with local_rows(vectors.columns) as first, local_rows(block) as others, local_rows(found) as rows:
+            rows[:, : vectors.size], rows[:, vectors.size :] = first, others[:, elastic]
+        run.rigid.project(found)
+        return values, found
+
+
+def residuals(run, values, block) -> np.ndarray:
+    """||K x - lambda M x|| / (lambda ||M x||) of the modes. Collective."""
+    if block is None:
+        return np.zeros(0)
+    product, force = run.times_mass(block), create_block(run.model.K, len(values))
+    apply(run.model.K, block, force)
+    size = column_norms(product)
+    add_product(force, product, np.diag(values), alpha=-1.0)
+    found = column_norms(force) / np.maximum(np.abs(values) * size, 1e-300)
+    product.destroy()
+    force.destroy()
+    return found

@@ -1,0 +1,305 @@
+"""What an automatic reduction is asked for, and what it knows of its error: limits, points, proofs; no computation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
+from ...parallel.declared import as_declared
+from ...parallel.failures import InputError
+from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
+from ..measure import IDLE, PAPER, TINY, Measure
+from .error_estimate import UNIFORM
+from .pseudo_modal import Law
+
+ROUND_OFF = "limited by round-off"  # why a search ended
+UNDAMPED = 1e-8  # damping ratio up to which a mode counts as undamped
+NAMED = 3  # outputs that a warning names
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What an automatic reduction may take.
+
+    At most `factorisations`, `columns` of the big basis, `size` coordinates of the result and `seconds`; where one of
+    them ends the search the tolerance is not reached. `points` (Hz) are taken first, before the search chooses. The
+    response of an undamped model is measured with the loss factor 2 `zeta0`.
+    """
+
+    factorisations: int = 14
+    columns: int = 600
+    size: int | None = None
+    seconds: float | None = None
+    zeta0: float = 1e-3
+    points: tuple[float, ...] = ()
+
+    def __post_init__(self):
+        as_declared(self, "adaptive.")
+        for key in ("factorisations", "columns", "size", "seconds", "zeta0"):
+            if getattr(self, key) is not None and not 0 < getattr(self, key) < np.inf:
+                raise InputError(f"adaptive.{key}: found {getattr(self, key)}, expected more than 0")
+        if self.factorisations < 2:
+            raise InputError(f"adaptive.factorisations: found {self.factorisations}, expected at least 2")
+        if not 1e-12 <= self.zeta0 < 1:
+            raise InputError(f"adaptive.zeta0: found {self.zeta0:g}, expected a damping ratio below 1")
+        for key in ("factorisations", "columns", "size"):
+            within(f"adaptive.{key}", getattr(self, key), COUNT)
+        within("adaptive.seconds", self.seconds, (1e-6, 1e9, "s"))
+        within("adaptive.points", self.points, FREQUENCY)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adaptive(Limits):
+    """Reduction to an accuracy: eps(f) <= `tolerance` over `band` (Hz), within Limits.
+
+    `measure`: what eps is, "directions" (each response over the drive points of its input and output) or "paper", the
+    Frobenius norm (55). `static`: with "exact" the deflection at 0 Hz under every input is that
+    of the full model to round-off, which takes a factor of K and as many coordinates as there are inputs.
+    """
+
+    tolerance: float
+    band: tuple[float, float]
+    measure: Literal["directions", "paper"] = "directions"
+    static: Literal["tolerance", "exact"] = "tolerance"
+
+    def __post_init__(self):
+        as_declared(self, keys=("tolerance", "band", "measure", "static"))
+        super().__post_init__()
+        require_band("band", self.band)
+        if not 1e-15 <= self.tolerance < 1:
+            raise InputError(f"tolerance: found {self.tolerance:g}, expected a relative error such as 1e-4")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """An expansion point (Hz) of the search: columns that it brought, the `factors` that were made for it and their
+    seconds, modes below it (by the negative pivots, None where there are none), and the estimate over the band after
+    it, None without one. `factor_of`: the point (Hz) whose factor it was solved with, if not its own. `from_store`: its
+    own would have served, but all was there."""
+
+    frequency: float
+    columns: int
+    factor_seconds: float
+    modes_below: int | None
+    estimate: float | None = None
+    factors: int | None = None
+    from_store: bool = False
+    factor_of: float | None = None
+
+    @property
+    def factor_in_words(self) -> str:
+        """Which factor it was solved with."""
+        if self.factors or (self.factors is None and not self.from_store):
+            return f"{self.factor_seconds:.3g} s"
+        return "from the store" if self.from_store or self.factor_of is None else f"that of {self.factor_of:.6g} Hz"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proof:
+    """At a new point (Hz): the error that the estimate had `said` there of the model before, the `exact` one, and the
+    estimated rest (`own`) of the value that is called exact."""
+
+    frequency: float
+    said: float
+    exact: float
+    own: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Direction:
+    """How well an output is known: its response to an `input` in SI units and the error of that, at the lowest
+    frequency of the band (`static`, `static_error`); and the `largest` error of its responses over the band, where
+    (`frequency`, Hz) and under which input (`worst_input`). The input is that which acts where the output measures, the
+    drive point, or else that with the largest response."""
+
+    output: str
+    input: str
+    static: float
+    static_error: float
+    largest: float
+    frequency: float
+    worst_input: str
+
+
+def directions_table(by: Measure, parts, outputs, inputs) -> tuple[Direction, ...]:
+    """How well the `outputs` under the `inputs` (names) are known by themselves, the worst first.
+
+    `parts`: of the band, as frequencies (S,) in Hz, errors by the measure, and responses, both (S, r, p).
+    """
+    first, largest = None, [(-1.0, 0.0, 0)] * len(outputs)
+    for frequencies, each, H in parts:
+        first = first or (each[0], np.abs(H[0]))
+        each = np.where(np.isnan(each), np.inf, each)
+        for j in range(len(outputs)):
+            k, i = np.unravel_index(each[:, j].argmax(), each[:, j].shape)
+            if each[k, j, i] > largest[j][0]:
+                largest[j] = float(each[k, j, i]), float(frequencies[k]), int(i)
+    (errors, sizes), g = first, np.sqrt(np.maximum(by.inputs, TINY))
+    found = []
+    for j, (error, f, worst) in enumerate(largest):
+        i = by.drive[j] if by.drive[j] >= 0 else int((sizes[j] / g).argmax())
+        found.append(Direction(
+            output=outputs[j], input=inputs[i], static=float(sizes[j, i]), static_error=float(min(errors[j, i], IDLE)),
+            largest=min(error, IDLE), frequency=f, worst_input=inputs[worst],
+        ))  # fmt: skip
+    return tuple(sorted(found, key=lambda item: -item.largest))
+
+
+def worst_in_words(directions) -> str:
+    """The output that is known worst by itself, with its error; "" where that is not known."""
+    return "".join(f"{item.output}: {item.largest:.2g} at {item.frequency:.6g} Hz" for item in directions[:1])
+
+
+def rows_of_directions(directions, band) -> list[dict]:
+    """For a table: how well each output is known, the worst first; `band` (Hz)."""
+    at = "0 Hz" if band[0] == 0 else f"{band[0]:.6g} Hz"
+    rows = []
+    for item in directions:
+        row = {"direction": item.output, f"|H| at {at}": item.static, "error there": item.static_error,
+               "largest error": item.largest, "at (Hz)": item.frequency}  # fmt: skip
+        if any(other.input != other.output for other in directions):
+            row["input"] = item.input
+        if any(other.worst_input != other.input for other in directions):
+            row["worst under"] = item.worst_input
+        rows.append(row)
+    return rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accuracy:
+    """How large the error of an automatic reduction is, and how that is known.
+
+    `largest`: the estimated eps over the band, at `worst` (Hz), `mean` its mean Q / (upper - lower), `noise` the
+    round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in
+    words; `unproven`: why no exact value stands behind the estimate, "" where one does. `measured`: with which damping,
+    in words; `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model
+    alone, else 0; `beside_damping`: whether the damping matrix counts too. `big_size`: columns before the compression;
+    `highest`: pseudo-frequency (Hz); `missing_modes`: of the band that inertia counts and the model has not.
+    `measure`: what eps is, with its floors; `directions`: of every output, the worst first, against the big model.
+    `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against
+    exact. `points`: in order. `multigrid`: whether there was no factor.
+    """
+
+    tolerance: float
+    band: tuple[float, float]
+    reached: bool
+    stopped: str
+    largest: float
+    worst: float
+    mean: float
+    noise: float
+    measured: str
+    big_size: int
+    highest: float
+    missing_modes: int
+    points: tuple[Point, ...]
+    proofs: tuple[Proof, ...]
+    frequencies: tuple[float, ...] = field(repr=False)
+    eps: tuple[float, ...] = field(repr=False)
+    loss_factor: float = 0.0
+    beside_damping: bool = False
+    unproven: str = ""
+    multigrid: bool = False
+    measure: Measure = PAPER
+    directions: tuple[Direction, ...] = ()
+
+    def with_noise(self, noise: float) -> Accuracy:
+        """The same with so much round-off, which may be more than the claim bears."""
+        if self.reached and not self.largest + noise <= self.tolerance:
+            return replace(self, noise=noise, reached=False, stopped=ROUND_OFF)
+        return replace(self, noise=noise)
+
+    def times(self, inputs: float, outputs: float) -> Accuracy:
+        """The same of a model whose inputs and outputs are multiplied by factors."""
+        directions = tuple(replace(item, static=item.static * inputs * outputs) for item in self.directions)
+        return replace(self, measure=self.measure.times(inputs, outputs), directions=directions)
+
+    @property
+    def factorisations(self) -> int:
+        """Factors that were made."""
+        made = (not point.from_store if point.factors is None else point.factors for point in self.points)
+        return 0 if self.multigrid else sum(made)
+
+    @property
+    def sentence(self) -> str:
+        """What a user reads first."""
+        low, high = self.band
+        proven = self.proofs[-1] if self.proofs else None
+        if self.multigrid:  # whose first points in the band are no proofs yet
+            proven = max(self.proofs[1:] or self.proofs, key=lambda item: item.exact, default=None)
+        by = f", proven {proven.exact:.1e} at {proven.frequency:g} Hz of the big model" if proven else ""
+        # responses of round-off are compared with each other; without an exact value nothing bounds an estimate
+        more = " or more" if self.stopped == ROUND_OFF or self.unproven else ""
+        about = f"{self.largest + self.noise:.1e}{more}"
+        eps = "eps (55)" if self.measure.kind == "paper" else "eps"
+        claim = (
+            f"{eps} <= {self.tolerance:g} over {low:g} to {high:g} Hz" if self.reached
+            else f"NOT REACHED: {eps} is about {about}, not {self.tolerance:g}, over {low:g} to {high:g} Hz, "
+            f"{self.stopped}"
+        )  # fmt: skip
+        doubt = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
+        return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{doubt}"
+
+    @property
+    def direction_rows(self) -> list[dict]:
+        """For a table: see rows_of_directions."""
+        return rows_of_directions(self.directions, self.band)
+
+    @property
+    def worst_direction(self) -> str:
+        """The output that is known worst by itself, with its error; "" where that is not known."""
+        return worst_in_words(self.directions)
+
+    @property
+    def beyond(self) -> tuple[Direction, ...]:
+        """The outputs whose responses by themselves are off by more than the tolerance, the worst first."""
+        return tuple(item for item in self.directions if not item.largest <= self.tolerance)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user of the result has to know: a tolerance that was not reached, and what the measure hides."""
+        found = () if self.reached else (self.sentence,)
+        if self.measure.kind == "paper" and self.beyond:
+            named = [f"{item.output} {item.largest:.1g} at {item.frequency:.4g} Hz" for item in self.beyond]
+            found += (
+                f"measure: eps is that of the paper (55), the error of all responses together; by themselves "
+                f"{len(named)} of {len(self.directions)} outputs are off by more than {self.tolerance:g}: "
+                f"{', '.join(named[:NAMED])}{', ...' * (len(named) > NAMED)}; leave measure = \"paper\" out where they "
+                "matter",
+            )
+        return found
+
+
+def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
+    """How the response of a model with a damping law is measured: its proportional part, whether a given D comes on
+    top, and that in words."""
+    if isinstance(damping, GivenDamping):
+        law, loss = Law(eta=damping.loss_factor), damping.loss_factor
+        words = "measured with the damping matrix of the model"
+        return law, True, f"{words} and the loss factor {loss:g}" if loss else words
+    if isinstance(damping, Structural) and damping.loss_factor:
+        return Law(eta=damping.loss_factor), False, f"measured with the loss factor {damping.loss_factor:g}"
+    if isinstance(damping, Rayleigh | Caughey):
+        law, ratio = law_of_series(damping.coefficients), smallest_ratio(damping.coefficients, band)
+        if ratio > UNDAMPED:
+            return law, False, "measured with the damping of the model"
+    ratio, why = zeta0, "undamped"
+    if isinstance(damping, ModalDamping):
+        ratio = max(float(damping.at(np.linspace(*band, UNIFORM)).min()), 1e-6)
+        why = "the smallest modal ratio"
+    return Law(eta=2 * ratio), False, f"measured with the loss factor {2 * ratio:g} ({why})"
+
+
+def law_of_series(coefficients) -> Law:
+    """The damping of a Caughey series (39), of which Rayleigh damping is the first two terms."""
+    alpha, beta, *higher = (*coefficients, 0.0)[: max(len(coefficients), 2)]
+    return Law(alpha, beta, 0.0, tuple(higher) if any(higher) else ())
+
+
+def smallest_ratio(coefficients, band) -> float:
+    """The smallest damping ratio of a series over a band (Hz), without its sign."""
+    omega = 2 * np.pi * np.linspace(max(band[0], 1e-3 * band[1]), band[1], UNIFORM)
+    return float(np.abs(sum(a * omega ** (2 * k - 1) for k, a in enumerate(coefficients)) / 2).min())

@@ -1,0 +1,170 @@
+"""Compress a big projected model to the few combinations of its coordinates that the tolerance asks for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...parallel.failures import InputError
+from ..measure import Measure
+from .error_estimate import FINE, UNIFORM, Comparison, grid, largest, resolved
+from .judging import Judge
+from .pseudo_modal import Law, PseudoModal, columns, is_symmetric, responses, restricted, solve, times
+
+TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until the big model is kept
+LARGE = 1e6  # error that counts as any other above it
+TIE = 0.01  # by how much the first input or output counts less than the last, so that equal directions have an order
+
+
+def snapshots(model: PseudoModal, law: Law, frequencies, ports, measure: Measure) -> np.ndarray:
+    """States A^-1 L Lb / g and A^-T L Lc / h with the scales of a measure, (S, m, p + r); with C = B^T and symmetric A
+    only the first."""
+    Lb, Lc = ports
+    right = solve(model, law, frequencies, model.L @ Lb)
+    h, g = measure.scales(*responses(model, law, frequencies, ports))
+    right *= _inverse(g)[:, None, :]
+    if Lb is Lc and is_symmetric(model.D):
+        return right
+    left = solve(model, law, frequencies, model.L @ Lc, transposed=True) * _inverse(h)[:, None, :]
+    # only the product of the two scales has a meaning: equal parts
+    balance = (np.linalg.norm(left) / np.linalg.norm(right)) ** 0.5 or 1.0
+    return np.concatenate([right * balance, left / balance], axis=2)
+
+
+def _inverse(scales):
+    """1 / scales, and for those that are 0 as of the largest of their column."""
+    scales = np.where(scales > 0, scales, np.where((top := scales.max(axis=0)) > 0, top, 1.0))
+    return 1 / scales
+
+
+def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8, most=None) -> np.ndarray:
+    """Orthonormal columns U (m, k) of the coordinates of `pair.outer`, as few as `goal` allows for the largest error
+    over the frequencies (S,).
+
+    Leading left singular vectors of the snapshots, beside the orthonormal columns `fixed` (m, c), which are in the span
+    of U. First k is found by bisection; then one column less is tried again and again, with the snapshots weighted anew
+    (at most `rounds` times) where the error is large. With `most` so many columns, whatever error they have. Inputs and
+    outputs begin with slightly different weights: singular values of a symmetric body come in equal pairs, of which
+    round-off would choose the directions where k parts them.
+    """
+    model, law, ports, measure = pair.outer, pair.law, pair.ports, pair.measure
+    fixed = np.zeros((len(model.squares), 0)) if fixed is None else fixed
+    states = snapshots(model, law, frequencies, ports, measure)
+    states = states - times(fixed, times(fixed.T, states))
+    inputs = ports[0].shape[1]
+    known = responses(model, law, frequencies, ports)
+
+    def leading(weights):
+        flat = columns(states * weights)
+        return np.linalg.eigh(flat @ flat.T)[1][:, ::-1]
+
+    def errors(U):
+        """Of every response (S, r, p)."""
+        inside = inner_of(pair, joined(fixed, U))
+        return np.minimum(measure.each(inside.difference(frequencies), *known), LARGE)
+
+    def fits(U):
+        return measure.total(errors(U)).max() <= goal
+
+    ties = 1 + TIE * np.linspace(0.0, 1.0, states.shape[2])
+    even = leading(ties)
+    if most is not None:
+        return joined(fixed, even[:, : max(most - fixed.shape[1], 0)])
+    low, high = 0, len(model.squares) - fixed.shape[1]
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if fits(even[:, :middle]) else (middle, high)
+    best = even[:, :high]
+    while best.shape[1] > 1:
+        weights, U = np.tile(ties, (len(frequencies), 1, 1)), even[:, : best.shape[1] - 1]
+        for _ in range(rounds):
+            each = errors(U)
+            curve = measure.total(each)
+            if curve.max() <= goal:
+                break
+            of_inputs, of_outputs = each.max(axis=1), each.max(axis=2)
+            parts = of_inputs if states.shape[2] == inputs else np.hstack([of_inputs, of_outputs])
+            weights *= np.sqrt(0.05 + parts / max(parts.max(), 1e-300))[:, None, :]
+            U = leading(weights)[:, : U.shape[1]]
+        else:
+            break
+        best = U
+    return joined(fixed, best)
+
+
+def inner_of(pair: Comparison, U) -> Comparison:
+    """The comparison of a model on orthonormal columns U (m, k) of the coordinates of `pair.outer` with that."""
+    inner, embedding = restricted(pair.outer, U, pair.law)
+    return replace(pair, inner=inner, embedding=embedding)
+
+
+def joined(first, others) -> np.ndarray:
+    """Orthonormal columns that span two blocks of them, orthogonal to each other but for round-off."""
+    return np.linalg.qr(np.hstack([first, others]))[0] if first.shape[1] else others
+
+
+class Compressed(NamedTuple):
+    """What a search ends with: the `factor` (m, k) from the basis to the columns of the reduced model; that model
+    beside the big one (`pair`), and its error (`curve`, (S,)) at frequencies (S,) in Hz; the noise of the two; and why
+    the tolerance is not reached, or ""."""
+
+    factor: np.ndarray
+    pair: Comparison
+    frequencies: np.ndarray
+    curve: np.ndarray
+    noise: float
+    reason: str
+
+
+def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarray, beside: int) -> Compressed:
+    """The few combinations of a basis that the tolerance asks for, after a search; local.
+
+    `reason`: why the search ended before the tolerance was reached, or "". The columns `kept` (m, c), in terms of
+    those of the basis, stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the
+    error counts. `beside`: coordinates that join the model later, and count for the size. Raises InputError.
+    """
+    eps, est, noise = judge.settings.tolerance, judge.rest, max(judge.noise, judge.lost)
+    outer = judge.projections.model()
+    whole = judge.compare(outer, outer, np.eye(len(outer.squares)))
+    goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
+    fixed = np.linalg.qr(outer.vectors.T @ kept)[0] if kept.shape[1] else kept
+    found, frequencies, curve, limited = _reach(judge, whole, goal, fixed, beside)
+    reason = reason or limited
+    if drop_above is not None and found.inner.frequencies[-1] > drop_above:
+        found, frequencies, curve = _without_modes_above(drop_above, found, frequencies)
+        if not reason and curve.max() + est + noise > eps:
+            reason = f"without the pseudo-frequencies above {drop_above:g} Hz (drop_above)"
+    noise = max(noise, float(found.noise(frequencies).max()))
+    return Compressed(outer.vectors @ found.embedding, found, frequencies, curve, noise, reason)
+
+
+def _reach(judge, whole: Comparison, goal, fixed, beside):
+    """The smallest model whose error stays below the goal between the frequencies as well, beside the big one; a grid
+    and its error on it; and why the size that was asked for does not let it, or ""; `fixed`: see compressed(),
+    `beside`: see compress()."""
+    settings, law, outer = judge.settings, whole.law, whole.outer
+    S, limited, most = grid([outer], law, settings.band), "", settings.size
+    if most is not None:
+        most -= beside
+    for trial in range(TRIALS + 1):
+        U = compressed(whole, S, goal, fixed) if trial < TRIALS else np.eye(len(outer.squares))
+        if most is not None and U.shape[1] > most:
+            limited = f"with {settings.size} coordinates"
+            U = compressed(whole, S, 0.0, fixed, most=most)
+        found = inner_of(whole, U)
+        fine, curve = largest(found, grid([outer, found.inner], law, settings.band, 2 * UNIFORM, FINE))
+        if curve.max() <= 1.02 * goal or (most is not None and U.shape[1] >= most):
+            break
+        S = np.unique(np.concatenate([S, fine[curve > 0.8 * goal]]))
+    return found, *resolved(found, fine, curve, 3 * judge.noise), limited
+
+
+def _without_modes_above(limit, found: Comparison, frequencies):
+    kept = found.inner.frequencies <= limit
+    if not kept.any():
+        raise InputError(f"drop_above: no pseudo-frequency lies below {limit:g} Hz")
+    inner, turn = restricted(found.inner, np.eye(len(kept))[:, kept], found.law)
+    fewer = replace(found, inner=inner, embedding=found.embedding @ turn)
+    return fewer, *largest(fewer, frequencies)

@@ -1,0 +1,282 @@
+"""Estimate the error of a model from a richer one that contains it, and choose frequencies to look at.
+
+The error curve is smooth but for the poles of the two models: between two frequencies of a grid nothing is hidden where
+their distance is a fraction of that to the nearest pole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..measure import IDLE, PAPER, SILENT, Measure, directions, drive_points
+from .pseudo_modal import Law, PseudoModal, chunks, difference, norms, response, responses, solve
+
+UNIFORM = 200  # frequencies of a band, beside those around resonances
+APART = 0.02  # of the band between points
+GAP = 2e-3  # of a frequency between a point and pseudo-frequencies, but at most
+NARROW = 0.1  # of the band
+ROUNDOFF = 1e-14  # of the measure: what two computers need not agree on
+STEP, FINE = 1.0, 0.4  # between frequencies of a grid, in distances from the nearest pole
+SAME_POLE = 0.3  # of its distance from the axis, within which a pole needs no frequencies of its own
+SHARPEST = 1e-9  # of its frequency: the least distance of a pole from the axis that a grid resolves
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A model `inner` inside of a richer one, `outer`, by its `embedding` (see pseudo_modal.nested), and the measure of
+    how far its responses are from those of that. Local."""
+
+    inner: PseudoModal
+    outer: PseudoModal
+    embedding: np.ndarray
+    law: Law
+    ports: tuple[np.ndarray, np.ndarray]
+    measure: Measure
+
+    def difference(self, frequencies) -> np.ndarray:
+        """H_outer - H_inner (S, r, p)."""
+        return difference(self.inner, self.outer, self.embedding, self.law, frequencies, self.ports)
+
+    def curve(self, frequencies) -> np.ndarray:
+        """The error eps (S,) of the inner model."""
+        return self.measure.eps(self.difference(frequencies), *self.responses(frequencies))
+
+    def curve_and_dips(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
+        """curve(), and what it may grow to beside a frequency (S,), 0 where no scale has a minimum."""
+        E, known = self.difference(frequencies), self.responses(frequencies)
+        each = self.measure.each(E, *known)
+        curve = self.measure.total(each)
+        if self.measure.kind == "paper":
+            return curve, np.zeros_like(curve)
+        most = np.zeros_like(curve)
+        floors = self.measure.floors
+        for scale, floor, error in zip(self.measure.scales(*known), floors, (each.max(2), each.max(1)), strict=True):
+            low = maxima(-scale) & (scale > floor) & (floor > 0) & np.isfinite(scale)
+            grows = np.divide(scale, floor, out=np.ones_like(scale), where=floor > 0) ** 2
+            most = np.maximum(most, np.where(low, error * grows, 0.0).max(axis=1))
+        return curve, most
+
+    def each(self, frequencies) -> np.ndarray:
+        """The error of every response (S, r, p)."""
+        return self.measure.each(self.difference(frequencies), *self.responses(frequencies))
+
+    def responses(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
+        """Those of the outer model (see pseudo_modal.responses)."""
+        return responses(self.outer, self.law, frequencies, self.ports)
+
+    def noise(self, frequencies) -> np.ndarray:
+        """The noise (S,) of the two models: what plain subtraction of their responses differs by. A Caughey series of
+        more than two terms has no other difference to compare with."""
+        H, drive = self.responses(frequencies)
+        inner = responses(self.inner, self.law, frequencies, self.ports)[0]
+        return self.measure.eps(H - inner - self.difference(frequencies), H, drive)
+
+    def by(self, measure: Measure) -> Comparison:
+        """The same by another measure."""
+        return replace(self, measure=measure)
+
+
+def measure_of(settings, model: PseudoModal, law: Law, ports) -> Measure:
+    """The measure of errors that the settings of a search ask for, with floors from a model over the band."""
+    if settings.measure == "paper":
+        return PAPER
+    Lb, Lc = ports
+    frequencies = np.linspace(*settings.band, UNIFORM)
+    H, drive = responses(model, law, frequencies, ports)
+    of = drive_points(Lb, Lc)
+    silent = _silent(model, law, frequencies, ports) if (of[0] < 0).any() else ()
+    found = directions(frequencies, H, drive, of, silent)
+    # an input that moves nothing elastic, which a warning names, has no response that could be wrong
+    return replace(found, inputs=tuple(value or IDLE for value in found.inputs))
+
+
+def _silent(model, law, frequencies, ports) -> list[int]:
+    """The outputs (from 0) that feel no input: |c x| is round-off of |c| |x| at all frequencies."""
+    Lb, Lc = ports
+    left, feels = model.L @ Lc, False
+    for part in chunks(model, frequencies):
+        states = solve(model, law, part, model.L @ Lb)
+        bound = np.linalg.norm(left, axis=0)[:, None] * np.linalg.norm(states, axis=1)[:, None, :]
+        feels = feels | (np.abs(left.T @ states) > SILENT * bound).any(axis=(0, 2))
+    return np.flatnonzero(~feels).tolist()
+
+
+def poles_of(model: PseudoModal, law: Law) -> np.ndarray:
+    """The poles (k,) of a model that are not below the real axis, in rad/s."""
+    if model.inverse is not None:
+        return _upper(model.inverse.poles)
+    given = 0.0 if model.D is None else np.diag(model.D)
+    half = (law.damping_at(model.squares) + given) / 2
+    root = np.sqrt(half**2 - (1 + 1j * law.eta) * model.squares + 0j)
+    return _upper(np.concatenate([-half + root, -half - root]))
+
+
+def _upper(poles):
+    return poles[poles.imag >= 0]
+
+
+def resonances(model: PseudoModal, law: Law) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (k,) in Hz, ascending, where the response may peak, and their damping ratios (k,)."""
+    return at_poles(poles_of(model, law))
+
+
+def at_poles(poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (k,) in Hz, ascending, and damping ratios (k,) of the poles (m,) above the real axis, in rad/s."""
+    poles = poles[poles.imag > 0]
+    poles = poles[np.argsort(poles.imag)]
+    return poles.imag / (2 * np.pi), np.abs(poles.real) / np.abs(poles)
+
+
+def grid(models, law: Law, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray:
+    """S: `uniform` points over the band (Hz), and around every pole of the models as many as let the distance of two
+    frequencies be `step` times that to the nearest pole; without a step the places of the poles alone."""
+    low, high = band
+    points = [np.linspace(low, high, uniform)]
+    for model in models:
+        poles = poles_of(model, law) / (2 * np.pi)
+        poles = poles[np.argsort(poles.imag)]
+        at, width = poles.imag, np.maximum(np.abs(poles.real), SHARPEST * np.abs(poles))
+        near = np.flatnonzero((at > low - 0.1 * high) & (at < 1.1 * high) & (width > 0) & (width < high))
+        own, last = [], -np.inf
+        for j in near:  # in ascending order
+            if at[j] - last > SAME_POLE * width[j]:
+                own.append(j)
+                last = at[j]
+        if not own:
+            continue
+        middles = (at[own][1:] + at[own][:-1]) / 2
+        for j, left, right in zip(own, np.append(low, middles), np.append(middles, high), strict=True):
+            if step is None:
+                points.append(at[[j]])
+                continue
+            ends = np.arcsinh(np.array([left, right] - at[j]) / width[j]) / step
+            points.append(at[j] + width[j] * np.sinh(step * np.arange(np.ceil(ends[0]), np.floor(ends[1]) + 1)))
+    points = np.unique(np.concatenate(points))
+    points = points[(points >= low) & (points <= high)]
+    return points[np.diff(points, prepend=-1.0) > 1e-13 * points]
+
+
+def beside(frequencies: np.ndarray, places, parts=4) -> np.ndarray:
+    """New frequencies in the two intervals beside the frequencies at `places`."""
+    intervals = np.unique(np.concatenate([places - 1, places]))
+    intervals = intervals[(intervals >= 0) & (intervals < len(frequencies) - 1)]
+    steps = np.arange(1, parts) / parts
+    return (frequencies[intervals, None] + np.diff(frequencies)[intervals, None] * steps).ravel()
+
+
+def maxima(values: np.ndarray) -> np.ndarray:
+    """Whether each of the values (S, ...) is a maximum along the first axis."""
+    end = np.full((1, *values.shape[1:]), -np.inf)
+    padded = np.concatenate([end, values, end])
+    return (values >= padded[:-2]) & (values >= padded[2:])
+
+
+def largest(pair: Comparison, frequencies, rounds=4):
+    """Grid and error of a model on it, refined `rounds` times around the highest maxima, and where a scale of the
+    measure dips, as at zeros of a response, if the error may grow to be one of them there."""
+    curve, dips = pair.curve_and_dips(frequencies)
+    for _ in range(rounds):
+        high = curve.max() / 3
+        places = np.flatnonzero((maxima(curve) & (curve > high)) | (dips > high))
+        more = np.setdiff1d(beside(frequencies, places), frequencies)
+        if not more.size:
+            break
+        frequencies = np.union1d(frequencies, more)
+        curve, dips = pair.curve_and_dips(frequencies)
+    return frequencies, curve
+
+
+def resolved(pair: Comparison, frequencies, curve, above: float, step=1.5, rounds=5):
+    """The curve (S,) with more frequencies, so that it can be interpolated: intervals are halved, at most `rounds`
+    times, where it changes by more than the factor `step`, and beside its extrema; all where it is `above`."""
+    for _ in range(rounds):
+        height = np.log(np.maximum(curve, max(above, 1e-300)))
+        change = np.diff(height)
+        extremum = np.flatnonzero(change[:-1] * change[1:] < 0)
+        halved = np.abs(change) > np.log(step)
+        halved[extremum] = halved[extremum + 1] = True
+        halved &= np.diff(frequencies) > SHARPEST * frequencies[1:]
+        if not halved.any():
+            break
+        more = ((frequencies[:-1] + frequencies[1:]) / 2)[halved]
+        frequencies, curve = _merged(frequencies, curve, more, pair.curve(more))
+    return frequencies, curve
+
+
+def _merged(frequencies, curve, more, found):
+    """Both curves as one, in the order of the frequencies."""
+    frequencies, curve = np.append(frequencies, more), np.append(curve, found)
+    order = np.argsort(frequencies)
+    return frequencies[order], curve[order]
+
+
+def apart(frequencies, taken, band) -> np.ndarray:
+    """Which of the frequencies (S,) are APART of the band from all points that are taken."""
+    return (np.abs(np.subtract.outer(frequencies, taken)) >= APART * (band[1] - band[0])).all(axis=1)
+
+
+def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | None:
+    """The frequency of the largest estimate, APART of the band from other points and off pseudo-frequencies. Estimates
+    below ROUNDOFF tell nothing: there it is the one farthest from other points and the ends of the band."""
+    free = np.flatnonzero(apart(frequencies, taken, band))
+    distance = np.abs(np.subtract.outer(frequencies[free], [*taken, *band])).min(axis=1) / (band[1] - band[0])
+    height = np.where(curve[free] > ROUNDOFF, curve[free], 0.0)
+    for k in free[np.lexsort((-np.round(distance, 6), -height))]:
+        if (f := off_poles(frequencies[k], model, band)) is not None:
+            return f
+    return None
+
+
+def off_poles(f: float, model: PseudoModal, band) -> float | None:
+    """f, or the nearest frequency of the band that is GAP f away from all pseudo-frequencies, less in narrow bands."""
+    gap = min(GAP, NARROW * (band[1] - band[0]) / band[1])
+    poles = model.frequencies
+    tries = f * (1 + gap * np.array([0, 1, -1, 2, -2, 3, -3, 5, -5, 8, -8]))
+    for trial in tries:
+        if band[0] <= trial <= band[1] and trial > 0 and (np.abs(poles - trial) >= 0.999 * gap * trial).all():
+            return float(trial)
+    return None
+
+
+def rounded(f: float, band) -> float:
+    """A frequency that a search chose, to six digits, of the band (Hz) if that is narrow: the same on any number of
+    ranks, whose last digits differ."""
+    low, high = band
+    digits = 6 + max(0, int(np.ceil(-np.log10((high - low) / high))))
+    return float(np.clip(float(f"{f:.{digits}g}"), low, high))
+
+
+def missing(model: PseudoModal, counts) -> int:
+    """Modes below the points that inertia counts and the model has not; `counts`: (f, number of modes below f)."""
+    poles = model.frequencies
+    return max((count - int((poles < f).sum()) for f, count in counts), default=0)
+
+
+def is_free(model: PseudoModal, law: Law, frequencies, ports, zero: float) -> bool:
+    """Whether the response at the first of the frequencies, 0 Hz, is infinite but for round-off.
+
+    `zero`: squares of pseudo-frequencies below it, relative to the largest, count as round-off.
+    """
+    if not model.squares[0] < zero * model.squares[-1]:
+        return False
+    size = norms(response(model, law, np.array([0.0, frequencies[-1] / 200]), ports))
+    return not size[0] < 1e6 * size[1]
+
+
+def is_silent(model: PseudoModal, law: Law, frequencies, ports) -> bool:
+    """Whether the outputs do not feel the inputs."""
+    return len(_silent(model, law, frequencies, ports)) == ports[1].shape[1]
+
+
+def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:
+    """Up to `most` pseudo-modes (indices) below `top` Hz whose frequency was not there before, to `still`.
+
+    Largest change first; rigid-body modes and others far below the top are judged by their absolute change.
+    """
+    f, old = model.frequencies, before.frequencies
+    f = f[f < top]
+    moved = np.abs(f[:, None] - old).min(axis=1, initial=np.inf) / np.maximum(f, 0.01 * top)
+    order = np.argsort(-moved, kind="stable")
+    return order[moved[order] > still][:most]

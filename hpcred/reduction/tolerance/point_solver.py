@@ -1,0 +1,216 @@
+"""The solves of a search: a point (Hz) enters; what A^-1 makes of loads there joins the basis.
+
+A = K - omega^2 M is factored at the point. Where it may be, the factor of another point serves instead, or the
+multigrid of K, by conjugate gradients beside the basis (see linalg.iterative_solver). What the store knows takes no
+factor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import numpy as np
+
+from ...linalg.blocks import copy_of, create_block, random_block
+from ...linalg.conjugate_gradients import NegativeCurvature, NotSolved
+from ...linalg.factorisation import SingularMatrix
+from ...parallel.decisions import decided
+from ...parallel.failures import ComputationError, InputError, Owned
+from ...parallel.petsc import is_complex
+from ..components.krylov import PencilChain
+from ..components.krylov_sequence import Entry
+from .accuracy import Adaptive, Point
+from .error_estimate import off_poles, rounded
+from .projections import Projections
+from .residual_blocks import residual_block
+
+POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
+
+
+class NoRegularPoint(ComputationError):
+    """Near a point K - omega^2 M is singular, but for round-off."""
+
+
+class SearchChain(PencilChain):
+    """The chain of a point of a search: of the inputs and outputs together."""
+
+    rule = "pencil of inputs and outputs"
+
+    def _factor(self):
+        return self.run.factored(self._square, self._name, may_give_up=False)
+
+
+class PointSolver:
+    """Solves at one point after another, begun by open(); `points`: those that are done, a list of the search.
+
+    `nearby`: the point (Hz) whose factor solves take, or 0 Hz with multigrid; None where the point has its own.
+    Methods are collective.
+    """
+
+    def __init__(self, projections: Projections, settings: Adaptive, points: list[Point]):
+        self.projections, self.run = projections, projections.run
+        self._settings, self._points = settings, points
+        self.multigrid = self.run.multigrid  # solves at 0 Hz, and elsewhere beside a basis that has the modes below
+        # an LU of an unsymmetric model and a complex one have no signs of pivots
+        self.counts = not is_complex() and self.run.model.symmetric and not self.multigrid
+        self.nearby: float | None = 0.0 if self.multigrid else None
+        self._mass = 0.0  # -omega^2 of the point
+        self._random, self._smooth = 0, -1  # pairs of random columns; size of the basis that was smoothed
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether nothing has joined the basis since it was smoothed."""
+        return self._smooth == self.projections.basis.size
+
+    @property
+    def factored(self) -> float:
+        """-omega^2 of the factor that solves take."""
+        return self._mass if self.nearby is None else _mass_at(self.nearby)
+
+    @property
+    def is_nearby(self) -> bool:
+        """Whether solves at the point are by conjugate gradients beside the basis."""
+        return self._mass != self.factored
+
+    def open(self, f) -> tuple[float, int | None]:
+        """Begin a point, off the poles; its place and the modes below it. It is factored here unless the store knows
+        that it can be and how many those are, else when a solve needs it. Raises InputError, NoRegularPoint."""
+        run = self.run
+        if self.projections.basis.size:
+            moved = decided(run.model.comm, lambda: off_poles(f, self.projections.model(), self._settings.band))
+            f = f if moved in (None, f) else rounded(moved, self._settings.band)
+        if self.nearby:
+            self.go_to(f)
+            return float(f), None
+        for trial in (f, f * (1 + POLE_GAP), f * (1 - POLE_GAP), f * (1 + 3 * POLE_GAP)):
+            self.go_to(trial)
+            try:
+                pivots = self._pivots()
+            except SingularMatrix as error:
+                if self.multigrid:
+                    raise InputError(
+                        f"K of {run.model.name} is singular, so the body can move freely; take frame kind "
+                        "'buckens' (inertia relief), 'chord' or 'tangent'"
+                    ) from error
+                continue
+            rigid = run.framed.rigid_size if trial else 0
+            return float(trial), pivots - rigid if self.counts else None
+        raise NoRegularPoint(
+            f"no point near {f:g} Hz could be factored: it is among many eigenfrequencies, or the body is nearly free, "
+            "so that round-off of K hides where its lowest ones are"
+        )
+
+    def go_to(self, f):
+        """Have solves be at a point, which a solve factors where that is not done."""
+        self._mass = _mass_at(f)
+
+    def _pivots(self):
+        """The negative pivots at the point, None where there are none; from the store where that has them."""
+        run = self.run
+        key = {"kind": "count", "square": self._mass, **run.identity_of("M", "K")}
+        known = run.stored(key)
+        pivots = None if known is None else known.facts["negative_pivots"]
+        if known is None or (self.counts and pivots is None):
+            solver = self._factor()
+            pivots = solver.negative_pivots if self.counts else None
+            run.keep(key, Entry({"negative_pivots": pivots}))
+        return pivots
+
+    def _factor(self):
+        """The solver with the factor of K - omega^2 M at the point, or at the one near it."""
+        mass = self.factored
+        # another search begins by multigrid where a factor does not fit
+        return self.run.factored(mass, f"{(-mass) ** 0.5 / (2 * np.pi):.6g} Hz", may_give_up=self.multigrid)
+
+    def chain(self, f) -> SearchChain:
+        """The chain of blocks of the point, for the caller to close."""
+        loads = self.projections.loads
+        return SearchChain(self.run, self._mass, f"{f:.6g} Hz", None, loads, ("inputs", "outputs"))
+
+    def goes_on_without(self, error: NotSolved) -> bool:
+        """Whether a search goes on where a solve nearby failed: by a factor of its own, or with blocks at 0 Hz."""
+        return not self.multigrid or isinstance(error, NegativeCurvature)
+
+    def extend_by(self, rule: dict, make_load) -> int:
+        """Add A^-1 times a load, at the point; returns how many columns are new. `rule`: what tells the load in the key
+        of the store from others at the point; `make_load` gives a block that is destroyed here. Raises NotSolved."""
+        run = self.run
+        key = {"kind": "solution", "square": self._mass, **rule, **run.identity_of("M", "K", "inputs", "outputs")}
+        if self.is_nearby:  # whose residuals are not those of a factor
+            key["nearby"] = True
+        failed = key | {"failed": True} | self._history()  # for it is the basis that makes a solve nearby fail
+        with Owned(run.model.comm) as owned:
+            entry = run.stored(key)
+            if entry is None and self.is_nearby and run.stored(failed) is not None:
+                raise NegativeCurvature("as in an earlier run")
+            if entry is not None:
+                block = owned.owns(entry).block
+            else:
+                solver, load = self._factor(), owned.owns(make_load())
+                block = owned.owns(create_block(run.model.K, load.getActiveColumns()[1]))
+                with run.progress.stage("solve"):
+                    self._solve(solver, load, block, failed)
+                run.keep(key, Entry({}, (block.getActiveColumns()[1],), block))
+            return self.projections.extend(block)
+
+    def _solve(self, solver, load, block, failed):
+        """block = A^-1 load; a solve nearby that fails is kept in the store under `failed`."""
+        if not self.is_nearby:
+            solver.solve(load, block)
+            return
+        try:
+            solver.solve_below(self._mass, load, block, self.projections.basis.columns, self.projections.K)
+        except NotSolved as error:
+            if self.goes_on_without(error):
+                self.run.keep(failed, Entry({}))
+            raise
+
+    def extend_by_loads(self) -> int:
+        """extend_by() the inputs and outputs."""
+        return self.extend_by({}, lambda: copy_of(self.projections.loads, self.run.model.K))
+
+    def extend_by_basis(self, make_load) -> int:
+        """extend_by() a load that is made from the basis."""
+        return self.extend_by(self._history(), make_load)
+
+    def extend_by_residuals(self, f, width) -> int:
+        """extend_by() `width` directions of what the basis leaves of the loads over the band and at f (Hz)."""
+
+        def make_load():
+            with self.run.progress.stage("residuals"):
+                return residual_block(self.projections, self._settings, f, width)
+
+        return self.extend_by_basis(make_load)
+
+    def extend_by_random(self) -> int:
+        """extend_by() M times two random columns, others each time."""
+        self._random += 1
+        with Owned(self.run.model.comm) as owned:
+            x = owned.owns(random_block(self.run.model.K, 2, seed=self._random))
+            return self.extend_by({"random": self._random}, lambda: self.run.times_mass(x))
+
+    def smooth(self) -> bool:
+        """Replace the basis by A^-1 M times its pseudo-modes, which spans the same where it can hold nothing more, but
+        without the round-off that columns have on dofs without mass. Returns whether that could be done."""
+        run, projections = self.run, self.projections
+        if self.multigrid or not projections.basis.size:
+            return False
+        projections.rotate(decided(run.model.comm, projections.model).vectors)
+        with Owned(run.model.comm) as owned:
+            load = owned.owns(run.times_mass(projections.basis.columns))
+            block = owned.owns(create_block(run.model.K, projections.basis.size))
+            self._factor().solve(load, block)
+            projections.replace(block)
+        self._smooth = projections.basis.size
+        return True
+
+    def _history(self) -> dict:
+        """What a load depends on that is made from the basis."""
+        points = [[point.frequency, point.columns] for point in self._points]
+        return {"asked": asdict(self._settings), "points": points, "size": self.projections.basis.size,
+                **self.run.identity_of("D", "damping", "basis")}  # fmt: skip
+
+
+def _mass_at(f):
+    """-omega^2 of a point (Hz), without a negative zero."""
+    return 0.0 - (2 * np.pi * f) ** 2

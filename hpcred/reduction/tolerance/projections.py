@@ -1,0 +1,101 @@
+"""A basis that grows and what is known of it: blocks enter; V^T K V, V^T L and V^T D V leave, as far as it goes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...linalg.basis import Basis
+from ...linalg.blocks import copy_of, inner
+from ...parallel.failures import Owned
+from ..projection import project
+from ..run import Run
+from .pseudo_modal import Law, PseudoModal, diagonalised
+
+HELD_BACK = 3  # columns at least that an estimate sees the model from
+
+
+def places(columns) -> np.ndarray:
+    """The first so many columns of a basis, or a list of them, as their places."""
+    return np.arange(columns) if np.ndim(columns) == 0 else np.array(columns, dtype=int)
+
+
+class Projections:
+    """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
+
+    `K` (m, m) = V^T K V, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) = V^T D V, or None unless
+    `damped`: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `ports`:
+    (Lb (l, p), Lc (l, r)), inputs and outputs in terms of L; `law`: the proportional damping of the models. Raises
+    InputError (see ports).
+    """
+
+    def __init__(self, run: Run, basis: Basis, law: Law, damped: bool):
+        self.run, self.basis, self.law = run, basis, law
+        self.loads, self.ports = run.loads_and_ports
+        self._starts: list[int] = []  # first columns of the blocks
+        self.K = np.zeros((0, 0))
+        self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
+        self.D = np.zeros((0, 0)) if damped else None
+        self._project(0)
+
+    def extend(self, block, images=None) -> int:
+        """Add the span of a block to the basis; returns how many columns are new. `images`: M block where known."""
+        start = self.basis.size
+        with self.run.progress.stage("orthogonalise"):
+            self.run.massless |= self.basis.extend(block, images).massless > 0
+        self._project(start)
+        if self.basis.size > start:
+            self._starts.append(start)
+        return self.basis.size - start
+
+    def rotate(self, turn):
+        """Replace the basis by its combinations `turn` (m, m), orthonormal, and project on these."""
+        self.basis.multiply(turn)
+        self._project_all()
+
+    def replace(self, block):
+        """Replace the basis by the span of a block."""
+        self.basis.clear()
+        self.basis.extend(block)
+        self._project_all()
+
+    def _project_all(self):
+        self._starts, self.K, self.L = [0], np.zeros((0, 0)), self.L[:0]
+        self.D = None if self.D is None else np.zeros((0, 0))
+        self._project(0)
+
+    @property
+    def blocks(self) -> list[tuple[int, int]]:
+        """First column and end of each block that extended the basis; local."""
+        return list(zip(self._starts, [*self._starts[1:], self.basis.size], strict=False))
+
+    @property
+    def hold(self) -> int:
+        """Where the newest blocks begin that are held back, to see the model of the columns before them; local."""
+        return next((start for start in reversed(self._starts) if self.basis.size - start >= HELD_BACK), 0)
+
+    def _project(self, start):
+        """Take in the columns of the basis from `start` on."""
+        model, stop = self.run.model, self.basis.size
+        if stop == start:
+            return
+        with self.run.progress.stage("project"), Owned(model.comm) as owned:
+            new = owned.owns(copy_of(self.basis.columns_between(start, stop), model.K))
+            self.L = np.vstack([self.L, inner(new, self.loads)])
+            right = project(model.K, new, self.basis.columns)
+            self.K = np.block([[self.K, right[:start]], [right[:start].T, right[start:]]])
+            if self.D is not None:
+                right = project(model.D, new, self.basis.columns)
+                left = right[:start].T if model.symmetric else self._transposed(new, start)
+                self.D = np.block([[self.D, right[:start]], [left, right[start:]]])
+
+    def _transposed(self, new, start):
+        """W^T D V (new, start) of the columns before."""
+        if not start:
+            return np.zeros((new.getActiveColumns()[1], 0))
+        return project(self.run.model.D, self.basis.columns_between(0, start), new)
+
+    def model(self, columns=None) -> PseudoModal:
+        """The model of the first so many `columns` of the basis, or of listed ones, by default of all; local."""
+        k = places(self.basis.size if columns is None else columns)
+        D = None if self.D is None else self.D[np.ix_(k, k)]
+        return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self.law)

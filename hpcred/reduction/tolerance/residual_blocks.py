@@ -1,0 +1,180 @@
+"""What a basis leaves of the loads over a band enters; the block of loads that it misses most leaves.
+
+For many inputs, or a given D, whose chain at one point would be blind to the rest of the band. (Halko, Martinsson &
+Tropp, SIAM Review 53(2), 2011, for the random directions and the power step.)
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...linalg.blocks import add_product, apply, copy_of, create_block, inner, local_rows, multiply
+from ...parallel.decisions import decided
+from ...parallel.failures import Owned
+from ...parallel.petsc import PETSc
+from .error_estimate import measure_of
+from .pseudo_modal import UNDAMPED, coefficients, columns, responses, solve
+
+RESIDUALS = 40  # frequencies at which residuals are taken
+WEAKEST = 1e-14  # of the strongest direction of a block, in squares: below it is round-off
+
+
+def residual_block(projections, settings, f, width):
+    """The `width` leading directions of the residuals over the band and at f (Hz), each over the scale of its input or
+    output (see the module measure), as a block (n, width) that the caller destroys: randomised, with one power step.
+    Collective.
+
+    `projections`: of the basis that leaves the residuals; `settings` of the search, with its band and measure.
+    """
+    comm = projections.run.model.comm
+    matrices, scale = _matrices(projections), _row_scale(projections.run.model)
+    samples, S = _Samples(), np.unique([*np.linspace(*settings.band, RESIDUALS), f])
+
+    def combine(factors):
+        """Orthonormal directions of the rows of the residuals times a factor, scaled."""
+        block = _combined(projections, matrices, factors, scale)
+        _orthonormalise(block, comm)
+        return block
+
+    def products_with(block):
+        return _products_with(block, projections, matrices, scale)
+
+    first = combine(decided(comm, samples.take, projections, settings, S, 2 * width))
+    with Owned(comm) as owned:
+        owned.owns(first)
+        block = combine(decided(comm, samples.power, products_with(first)))
+    turn = decided(comm, samples.directions, products_with(block), width)
+    multiply(block, turn)
+    block.setActiveColumns(0, turn.shape[1])
+    with local_rows(block) as rows:
+        rows /= scale[:, None]
+    return block
+
+
+def largest_residual(projections, frequencies, damped=True) -> float:
+    """The largest ||R(s)|| / ||L|| of an input or output at frequencies (Hz), rows scaled by diag(K)^(-1/2).
+    Collective."""
+    model = projections.run.model
+    matrices, scale = _matrices(projections)[: None if damped else 2], _row_scale(model)
+    factors = decided(model.comm, _residual_coefficients, projections, None, np.array(frequencies), damped)
+    with Owned(model.comm) as owned:
+        whole = owned.owns(_combined(projections, [], factors[:1], scale))
+        rest = owned.owns(_combined(projections, matrices, factors, scale))
+        # real and imaginary parts are columns of their own
+        rest, whole = (np.hypot(*np.split(np.sqrt(np.diag(inner(block, block))), 2)) for block in (rest, whole))
+    return float(decided(model.comm, lambda: np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0).max()))
+
+
+class _Samples:
+    """Residuals R as the coefficients c of L c_L - M V c_M - K V c_K - ..., which the rank that decides has alone."""
+
+    def take(self, projections, settings, S, count):
+        """Coefficients of `count` random combinations of the residuals at S (Hz)."""
+        self._factors = _residual_coefficients(projections, settings, S)
+        random = np.random.default_rng(projections.basis.size)
+        return self._times(random.standard_normal((self._factors[0].shape[1], count)))
+
+    def power(self, products):
+        """Coefficients of R R^T Y from L^T Y and V^T A^T Y."""
+        return self._times(self._transposed_times(products))
+
+    def directions(self, products, width):
+        """The leading left singular vectors of Y^T R."""
+        left = np.linalg.svd(self._transposed_times(products).T, full_matrices=False)[0]
+        return left[:, :width]
+
+    def _times(self, factor):
+        return [part @ factor for part in self._factors]
+
+    def _transposed_times(self, products):
+        """R^T Y (N, k)."""
+        found = self._factors[0].T @ products[0]
+        for part, product in zip(self._factors[1:], products[1:], strict=True):
+            found = found - part.T @ product
+        return found
+
+
+def _matrices(projections):
+    model = projections.run.model
+    return [model.M, model.K, *([model.D] if projections.D is not None else [])]
+
+
+def _products_with(block, projections, matrices, scale):
+    """L^T S Y and V^T A^T S Y for M, K, D, with S the scaling of the rows."""
+    model = projections.run.model
+    with Owned(model.comm) as owned:
+        scaled = owned.owns(copy_of(block, model.K))
+        with local_rows(scaled) as rows:
+            rows *= scale[:, None]
+        found = [inner(projections.loads, scaled)]
+        for mat in matrices:
+            product = owned.owns(create_block(mat, scaled.getActiveColumns()[1]))
+            if mat is model.D and not model.symmetric:
+                _apply_transposed(mat, scaled, product)
+            else:
+                apply(mat, scaled, product)
+            found.append(inner(projections.basis.columns, product))
+        return found
+
+
+def _combined(projections, matrices, factors, scale):
+    """L c_L - M V c_M - K V c_K - ... for the factors c, equilibrated, with scaled rows, as a block for the caller."""
+    run = projections.run
+    block = create_block(run.model.K, factors[0].shape[1])
+    add_product(block, projections.loads, factors[0], beta=0.0)
+    for mat, factor in zip(matrices, factors[1:], strict=True):
+        with Owned(run.model.comm) as owned:
+            part, product = (owned.owns(create_block(mat, factor.shape[1])) for _ in range(2))
+            add_product(part, projections.basis.columns, factor, beta=0.0)
+            apply(mat, part, product)
+            add_product(block, product, np.eye(factor.shape[1]), alpha=-1.0)
+    if run.rigid is not None:
+        run.rigid.equilibrate(block)
+    with local_rows(block) as rows:
+        rows *= scale[:, None]
+    return block
+
+
+def _residual_coefficients(projections, settings, S, damped=True):
+    """Coefficients of R = L P w - M V c_M - K V c_K - D V c_D at S (Hz), Re beside Im: P w (l, N), c_M.. (m, N).
+
+    P: inputs and outputs in terms of L, w: one over their scales, 1 without settings.
+    """
+    model, law, ports = projections.model(), projections.law, projections.ports
+    if not damped:
+        model, law = model._replace(D=None), UNDAMPED
+    P, weights = (ports[0] if ports[0] is ports[1] else np.hstack(ports)), 1.0
+    if settings is not None:
+        h, g = measure_of(settings, model, law, ports).scales(*responses(model, law, S, ports))
+        scales = g if ports[0] is ports[1] else np.hstack([g, h])
+        weights = np.divide(1.0, scales, out=np.zeros_like(scales), where=scales > 0)[:, None, :]
+    states = solve(model, law, S, model.L @ P) * weights
+    a, b, s = coefficients(law, S)
+    loads = columns(np.broadcast_to(P.astype(complex), (len(S), *P.shape)) * weights)
+    factors = (b, a, s) if model.D is not None else (b, a)
+    return [loads, *(model.vectors @ columns(factor[:, None, None] * states) for factor in factors)]
+
+
+def _row_scale(model):
+    """1 / sqrt(diag K) of the rows of this rank."""
+    diagonal = model.K.getDiagonal()
+    values = np.abs(diagonal.getArray().real)
+    diagonal.destroy()
+    typical = model.mean_diagonal_of_k
+    return 1 / np.sqrt(np.where(values > 1e-12 * typical, values, typical))
+
+
+def _orthonormalise(block, comm):
+    """block <- its orthonormal directions, the weakest of them to round-off left out."""
+    for _ in range(2):
+        values, vectors = decided(comm, np.linalg.eigh, inner(block, block))
+        kept = values > WEAKEST * values.max()
+        multiply(block, vectors[:, kept] / np.sqrt(values[kept]))
+        block.setActiveColumns(0, int(kept.sum()))
+
+
+def _apply_transposed(mat, block, result):
+    transposed = PETSc.Mat()
+    mat.transpose(transposed)
+    apply(transposed, block, result)
+    transposed.destroy()

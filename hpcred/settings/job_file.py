@@ -1,0 +1,197 @@
+"""The job file: TOML enters, one checked Job of the public interface leaves; no matrix is read here."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Literal
+
+from ..linalg.factorisation import Factoring, LinearSolver
+from ..model.damping import Damping, NoDamping
+from ..model.dofs import direction_index, target_of
+from ..model.frames import Frame, NoFrame
+from ..model.interfaces import Interface
+from ..parallel.failures import InputError
+from ..parallel.ranges import COORDINATE, LABEL, require_band, within
+from ..reduction.record import AnyIngredient
+from ..reduction.settings import Reduction
+from ..reduction.tolerance.accuracy import Adaptive, Limits
+from .source import Source
+from .toml_file import CONFIG, check_file_names, parse, read_table
+
+PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`
+Targets = str | tuple[int | str | tuple[int | str, str], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One reduction: settings and files. Relative file names in a job file are relative to its folder.
+
+    `model`: model.h5, or matrix files. `inputs` and `outputs`: a matrix file, or a list of dofs as numbers from 1 or
+    [node, direction], and of names of interfaces, for all of their directions; without them those of the model
+    are taken, or all directions of all interfaces. `interface`: see model.interfaces.Interface; its name stands for a
+    node in inputs, outputs and frames. `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over
+    the band, within the limits `adaptive` (see reduction.tolerance.accuracy.Limits); `measure`, `static`: see
+    reduction.tolerance.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that
+    says so ("mark"), as `output` ("write"), or not ("refuse").
+    `write_basis`: whether V goes into the result; `report`: whether an HTML report is written beside it. `body_origin`
+    (m): the origin of the body frame; `lumped_integrals`: whether the volume integrals of multibody programs are sums
+    over the nodes, with lumped masses, instead of exact ones.
+    deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
+    out_of_core, low_rank, memory_mb, solver: see linalg.factorisation.Factoring. `store`: a folder that keeps expansion
+    points for the next run.
+    """
+
+    model: str | Source
+    basis: tuple[AnyIngredient, ...] = ()
+    output: str = "result.h5"
+    band: tuple[float, float] | None = None
+    tolerance: float | None = None
+    measure: Literal["directions", "paper"] = Adaptive.measure
+    static: Literal["tolerance", "exact"] = Adaptive.static
+    adaptive: Limits = Limits()
+    unreached: Literal["mark", "write", "refuse"] = "mark"
+    inputs: Targets | None = None
+    outputs: Targets | None = None
+    interface: tuple[Interface, ...] = ()
+    frame: Frame = NoFrame()
+    damping: Damping = NoDamping()
+    deflation_tolerance: float = Reduction.deflation_tolerance
+    drop_above: float | None = None
+    write_basis: bool = True
+    report: bool = False
+    body_origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lumped_integrals: bool = False
+    projection: str = Reduction.projection
+    allow_unstable: bool = False
+    groups: int | str = 1
+    coordinates: str = Reduction.coordinates
+    out_of_core: str | None = None
+    low_rank: float | None = None
+    memory_mb: float | None = None
+    solver: LinearSolver = LinearSolver()
+    store: str | None = None
+
+    __pydantic_config__ = CONFIG
+
+    def __post_init__(self):
+        check_file_names(
+            model=self.model, output=self.output, inputs=self.inputs, outputs=self.outputs,
+            out_of_core=self.out_of_core, store=self.store,
+            **{f"interface '{item.name}': nodes": item.nodes for item in self.interface},
+        )  # fmt: skip
+        for key in ("inputs", "outputs"):
+            _check_targets(key, getattr(self, key))
+        within("body_origin", self.body_origin, COORDINATE)
+        if not self.basis and self.tolerance is None:
+            raise InputError("basis: expected at least one [[basis]] table, or a tolerance with a band")
+        if self.tolerance is not None and self.band is None:
+            raise InputError("band: missing; a tolerance is over a band, [lower, upper] in Hz")
+        for key in ("measure", "static"):
+            if self.tolerance is None and getattr(self, key) != getattr(Adaptive, key):
+                raise InputError(f"{key}: found it without a tolerance, to which it belongs; give both or neither")
+        if self.tolerance is None and self.adaptive != Limits():
+            raise InputError(
+                "adaptive: found limits of a search, but no tolerance that it is to reach; write tolerance and band "
+                "above the first table, or leave [adaptive] out"
+            )
+        require_band("band", self.band)
+        self.settings, self.search  # noqa: B018  (refused early)
+
+    @property
+    def settings(self) -> Reduction:
+        """How to reduce."""
+        return self._part(Reduction)
+
+    @property
+    def search(self) -> Adaptive | None:
+        """What an automatic reduction is to reach, None without a tolerance."""
+        if self.tolerance is None:
+            return None
+        return Adaptive(
+            tolerance=self.tolerance, band=self.band, measure=self.measure, static=self.static, **asdict(self.adaptive)
+        )
+
+    @property
+    def factoring(self) -> Factoring:
+        """How to factor. Raises InputError where the folder for factors cannot be written."""
+        return self._part(Factoring)
+
+    def _part(self, kind):
+        return kind(**{item.name: getattr(self, item.name) for item in fields(kind)})
+
+    @property
+    def preferred_scalar(self) -> str:
+        """The PETSc build that fits: complex where an ingredient needs a complex A(s)."""
+        damped = not isinstance(self.damping, NoDamping)
+        return "complex" if any(item.complex_shift(damped) for item in self.basis) else "real"
+
+    @property
+    def files(self) -> list[str]:
+        """All files that the run reads."""
+        model = [self.model] if isinstance(self.model, str) else self.model.files
+        named = (self.inputs, self.outputs, *(item.nodes for item in self.interface))
+        return [*model, *(item for item in named if isinstance(item, str))]
+
+
+def _check_targets(key, targets):
+    if isinstance(targets, str) and (target := target_of(targets)) and isinstance(target, tuple):
+        found = f"found '{targets}', expected a list such as [{list(target)}], or the name of a matrix file"
+        raise InputError(f"{key}: {found}")
+    if targets is None or isinstance(targets, str):
+        return
+    if not targets:
+        raise InputError(f"{key}: found an empty list, expected dof numbers or [node, direction]; or leave it out")
+    for target in targets:
+        within(key, target[0] if isinstance(target, tuple) else target, LABEL)  # a name of an interface passes
+        if isinstance(target, tuple) and target[1] != "all":  # of a node, whose directions the model knows
+            direction_index(target[1], key)
+
+
+def read_job(path, overrides=()) -> Job:
+    """Read and check a job file; `overrides` are texts "key.path=value" that replace or add single keys.
+
+    Raises InputError that names the key, what was found and what was expected.
+    """
+    path, table = Path(path), read_table(path, overrides)
+    try:
+        return _with_folder(parse(Job, table), path.parent)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def job_from(table: dict, folder, output) -> Job:
+    """A checked Job from the tables of a job file in `folder`, with its result at `output`. Raises InputError."""
+    return replace(_with_folder(parse(Job, table), folder), output=str(output))
+
+
+def _with_folder(job, folder):
+    """The job with its file names relative to the current folder."""
+
+    def at(name):
+        return os.path.join(folder, name) if isinstance(name, str) else name
+
+    model = at(job.model) if isinstance(job.model, str) else Source(
+        **{key: at(name) for key, name in asdict(job.model).items()}
+    )  # fmt: skip
+    moved = {key: at(getattr(job, key)) for key in PLACES}
+    interface = tuple(replace(item, nodes=at(item.nodes)) for item in job.interface)
+    return replace(job, model=model, interface=interface, **moved)
+
+
+def plain(job: Job) -> dict:
+    """The job as plain types, with absolute names of files, which stay right wherever they are used."""
+    table = asdict(job)
+
+    def absolute(name):
+        return str(Path(name).absolute()) if isinstance(name, str) else name
+
+    for key in (*PLACES, "model"):
+        if key in table:
+            table[key] = absolute(table[key])
+    if isinstance(table["model"], dict):
+        table["model"] = {key: absolute(name) for key, name in table["model"].items()}
+    for item in table["interface"]:
+        item["nodes"] = absolute(item["nodes"])
+    return table

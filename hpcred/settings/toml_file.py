@@ -1,0 +1,212 @@
+"""A TOML file enters, checked frozen dataclasses leave; every refusal names the key, what was found and expected."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from dataclasses import is_dataclass
+from pathlib import Path
+from typing import get_args, get_origin
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from ..files.text import absent
+from ..parallel.declared import in_words, meant_by, nearest, plain_type, types_of
+from ..parallel.failures import InputError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)  # of the outermost dataclass, which hands it to those inside
+LONGEST_PATH, LONGEST_NAME = 4096, 255  # bytes, of Linux
+UNKNOWN = "unexpected_keyword_argument"
+
+
+def read_table(path, overrides=()) -> dict:
+    """The tables of a TOML file; `overrides` are texts "key.path=value". Raises InputError."""
+    path = Path(path)
+    if not os.path.isfile(path):
+        raise absent(path)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))  # some editors put a mark in front
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: found a file that is no text, expected a text in TOML, such as job.toml") from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{path}: not a TOML file: {error}") from error
+    for text in overrides:
+        _override(table, text)
+    return table
+
+
+def parse(kind, table: dict):
+    """An instance of the dataclass `kind`, which has CONFIG as __pydantic_config__, with strict types.
+
+    Tables with a key `kind` become the one of several dataclasses that it names. Raises InputError.
+    """
+    try:
+        text = json.dumps(table, default=_no_json)
+    except RecursionError as error:
+        raise InputError("tables inside tables, thousands deep; expected a table of keys") from error
+    try:
+        return TypeAdapter(kind).validate_json(text, strict=True)
+    except ValidationError as error:
+        # of several mistakes the deepest: of the kinds of value that a key takes, the one that was meant
+        meant = (UNKNOWN, "value_error")
+        details = max(error.errors(), key=lambda item: (len(item["loc"]), item["type"] in meant))
+        raise InputError(_sentence(kind, table, details)) from error
+
+
+def _no_json(value):
+    return [None]  # for a date: what no key takes
+
+
+def check_file_names(**names):
+    """Raise InputError for texts that are no names of files; others are left alone."""
+    for key, name in names.items():
+        if isinstance(name, str):
+            if not name.strip() or any(ord(sign) < 32 or 0xD800 <= ord(sign) < 0xE000 for sign in name):
+                raise InputError(f"{key}: found {name[:40]!r}, expected the name of a file")
+            try:
+                os.fsencode(name)
+            except UnicodeEncodeError as error:
+                raise InputError(
+                    f"{key}: found {ascii(name[:40])}, with letters that names of files do not have in this locale "
+                    f"({sys.getfilesystemencoding()}); set LC_ALL=C.UTF-8, or choose another name"
+                ) from error
+            if len(name.encode()) > LONGEST_PATH or max(map(len, name.encode().split(b"/"))) > LONGEST_NAME:
+                raise InputError(f"{key}: found a name of {len(name)} letters, too long for a file: '{name[:40]}...'")
+
+
+_MISSING = object()
+
+
+def _sentence(kind, table, details) -> str:
+    """What pydantic found to be wrong with a table."""
+    if details["type"] == "value_error":
+        return str(details["ctx"]["error"])
+    top = types_of(kind)
+    where, kind, found, names = _place(kind, table, details["loc"])
+    if details["type"] == UNKNOWN:
+        key = details["loc"][-1]
+        if where != key and key in top:
+            return f"{where[:40]}: '{key}' is a key of the whole file; write it above the first table"
+        return f"{where[:40]}: unknown key{nearest(key, names)}; known are {', '.join(names) or 'none'}"
+    if details["type"].startswith("union_tag"):
+        kinds = {_kind_of(item): item for item in get_args(kind)}
+        if "kind" not in found:
+            return f"{where}.kind: missing; expected one of {', '.join(kinds)}"
+        return (
+            f"{where}.kind: found {found['kind']!r}, expected one of {', '.join(kinds)}{nearest(found['kind'], kinds)}"
+        )
+    if found is _MISSING:
+        return f"{where}: missing; expected {_expected(kind)}"
+    if isinstance(found, dict) and get_origin(kind) is tuple and _dataclass_of(plain_type(get_args(kind)[0]), {}):
+        return f"{where}: found a single table, expected a list of tables; write [[{where}]] in place of [{where}]"
+    finite = " that is finite" if details["type"] == "finite_number" else ""
+    named = found in [_kind_of(item) for item in get_args(kind) if is_dataclass(item)]  # frame = "buckens"
+    such = f", such as {{kind = '{found}'}}" if named else meant_by(found, kind)
+    return f"{where}: found {_as_toml(found)}, expected {_expected(kind)}{finite}{such}"
+
+
+def _place(kind, found, steps):
+    """The key at which the steps of pydantic end, its type, its value, and the keys beside it.
+
+    Inside of a list of numbers or texts it is the key of the list; pydantic's words for kinds of values are no keys.
+    """
+    where, names = "", []
+    for step in steps:
+        kind = plain_type(kind)
+        if isinstance(found, dict):
+            table = _dataclass_of(kind, found)
+            if table is None or (step not in found and step not in types_of(table)):
+                continue
+            names = list(types_of(table))
+            names = names[:-1] if names[-1] == "kind" else names
+            where = f"{where}.{step}" if where else step
+            kind, found = types_of(table).get(step), found.get(step, _MISSING)
+        elif isinstance(found, list) and isinstance(step, int) and get_origin(kind) is tuple:
+            if _dataclass_of(plain_type(get_args(kind)[0]), {}) is None:
+                break
+            where, kind, found = f"{where}[{step}]", get_args(kind)[0], found[step]
+        else:
+            break
+    return where, plain_type(kind), found, names
+
+
+def _kind_of(table) -> str | None:
+    return getattr(table, "kind", None)
+
+
+def _dataclass_of(kind, found):
+    """The dataclass that a table is meant for, or None; the first one where its key `kind` does not tell."""
+    if is_dataclass(kind):
+        return kind
+    tables = [item for item in get_args(kind) if is_dataclass(item)]
+    fitting = [item for item in tables if "kind" in found and _kind_of(item) == found["kind"]]
+    return next(iter(fitting or tables), None)
+
+
+def _expected(kind) -> str:
+    """A type in words."""
+    return in_words(kind, table="a table")
+
+
+def _as_toml(value):
+    """A value as TOML has it, the beginning of a long one."""
+    if isinstance(value, list):
+        text = "[" + ", ".join(_as_toml(item) for item in value[:8]) + ("" if len(value) <= 8 else ", ...") + "]"
+    else:
+        text = _item(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _item(value):
+    return f"'{value}'" if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _override(table, text):
+    """Put the value of "a.b.0.c=value" (TOML, or a bare word) into the tables."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip() or "\n" in text:
+        raise InputError(f"--set: found {text!r}, expected key=value, such as basis.0.frequency=150.0")
+    try:
+        value = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = value.strip()
+    try:
+        put(table, key, value)
+    except InputError as error:
+        raise InputError(f"--set: {error}") from error
+
+
+def put(table: dict, key: str, value):
+    """Put a value at the place "a.b.0.c" of nested tables and lists, in place of what is there. Raises InputError."""
+    *path, last = key.strip().split(".")
+    try:
+        for part in path:
+            table = table[int(part)] if isinstance(table, list) else table.setdefault(part, {})
+        table[int(last) if isinstance(table, list) else last] = value
+    except (AttributeError, IndexError, TypeError, ValueError) as error:
+        raise InputError(f"the job has no place '{key}'") from error
+
+
+def as_value(value) -> str:
+    """A value as TOML in one line: texts, numbers, lists and tables, without the keys of a table that are None."""
+    if isinstance(value, dict):
+        items = (f"{_as_key(key)} = {as_value(item)}" for key, item in value.items() if item is not None)
+        return "{" + ", ".join(items) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(as_value(item) for item in value) + "]"
+    if isinstance(value, str):  # JSON leaves one character as it is that TOML does not take
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return str(value).lower() if isinstance(value, bool) else repr(value)
+
+
+def _as_key(key):
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else as_value(key)

@@ -1,0 +1,264 @@
+"""Joints between nodes and the ground: tables of a simulation enter, holonomic constraints on single nodes leave.
+
+A node with shapes phi, psi is at x = r + A (c + phi q) and has turned by R = A exp(skew(psi q)), with an exact rotation
+of the small vector psi q. Its velocities are v = x' and omega with R' = skew(omega) R. A joint holds x and R to a
+support, which stands still, or moves as the drives at the node say: it turns by G(t) about an axis through a point and
+is displaced. Every constraint is a function of x, R and t that is to be zero, and N (v, omega) = N (v, omega of the
+support) is its derivative, so that velocities that fulfil the one keep the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ..body.node_shapes import NodeShape
+from ..body.rotations import cross, of_vector, vector_of
+from ..parallel.declared import as_declared
+from ..parallel.failures import InputError
+from .checks import require_finite, require_node, unit
+from .drives import Drive
+from .loads import Vector
+
+AXES = ("x", "y", "z")
+ONE_AXIS = ("revolute", "prismatic", "cylindrical")
+PARALLEL = 1e-6  # sine of the angle below which two axes count as one
+Kind = Literal["point", "spherical", "fixed", "revolute", "universal", "prismatic", "cylindrical"]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A node held to the ground, at the point `at` (m) or where it starts, with the rotation that it starts with.
+
+    kind: "point" holds its displacements in inertial `directions`, by default in all; "spherical" in all; "fixed" also
+    its rotations; "revolute" all but the rotation about `axis`; "prismatic" all but the displacement along `axis`;
+    "cylindrical" all but both; "universal" its displacements, and the angle between the first of two `axes`, of the
+    ground, and the second, of the node. Axes are inertial ones at the start.
+    """
+
+    node: int | str
+    directions: tuple[str, ...] | None = None
+    at: Vector | None = None
+    kind: Kind = field(default="point", kw_only=True)
+    axis: Vector | None = field(default=None, kw_only=True)
+    axes: tuple[Vector, Vector] | None = field(default=None, kw_only=True)
+
+    def __post_init__(self):
+        as_declared(self, "constraint.")
+        require_node("constraint.", self.node)
+        require_finite("constraint.", at=self.at, axis=self.axis, axes=self.axes)
+        for key, kinds in (("directions", ("point",)), ("axis", ONE_AXIS), ("axes", ("universal",))):
+            value = getattr(self, key)
+            if value is not None and self.kind not in kinds:
+                raise InputError(
+                    f"constraint.{key}: found {value} at a joint of kind '{self.kind}', expected it only with "
+                    f"{', '.join(kinds)}"
+                )
+            if value is None and self.kind in kinds and key != "directions":
+                raise InputError(f"constraint.{key}: missing; a joint of kind '{self.kind}' needs it, in inertial axes")
+        names = self.held_directions
+        if not names or any(name not in AXES for name in names):
+            raise InputError(f"constraint.directions: found {list(names)}, expected some of x, y, z")
+        if len(set(names)) < len(names):
+            raise InputError(f"constraint.directions: found {list(names)}, expected each once")
+        units = self.unit_axes
+        if len(units) == 2 and np.linalg.norm(np.cross(*units)) < PARALLEL:
+            raise InputError(f"constraint.axes: found {self.axes}, which are parallel, expected two axes of a cross")
+
+    @property
+    def held_directions(self) -> tuple[str, ...]:
+        return AXES if self.directions is None else self.directions
+
+    @property
+    def unit_axes(self) -> list[np.ndarray]:
+        """Of the axis or axes that it has."""
+        if self.axes is not None:
+            return [unit("constraint.", "axes", axis) for axis in self.axes]
+        return [] if self.axis is None else [unit("constraint.", "axis", self.axis)]
+
+    @property
+    def turns_with(self) -> bool:
+        """Whether it holds rotations."""
+        return self.kind not in ("point", "spherical")
+
+    def held(self):
+        """Directions (k, 3) of displacements and (j, 3) of rotations that it holds, but for a universal joint's."""
+        every, none = np.eye(3), np.zeros((0, 3))
+        if self.kind in ONE_AXIS:
+            across = _complement(self.unit_axes[0][None])
+            translations = every if self.kind == "revolute" else across
+            return translations, every if self.kind == "prismatic" else across
+        return every[[AXES.index(name) for name in self.held_directions]], every if self.kind == "fixed" else none
+
+
+def _complement(rows):
+    """Orthonormal rows (3 - k, 3) perpendicular to the k directions that rows span."""
+    if not len(rows):
+        return np.eye(3)
+    _, values, right = np.linalg.svd(rows)
+    return right[int((values > PARALLEL).sum()) :]
+
+
+@dataclass
+class Support:
+    """What a node is held to: `shifts` and `turns` are drives, the latter about one axis through `centre` (3,)."""
+
+    shifts: tuple[Drive, ...] = ()
+    turns: tuple[Drive, ...] = ()
+    centre: np.ndarray | None = None
+
+    @property
+    def axis(self):
+        return self.turns[0].direction
+
+    def state(self, t):
+        """Displacement (3,), its rate (3,), rotation G (3, 3) and angular velocity (3,) in inertial axes."""
+        moved = np.array([np.outer(drive(t), drive.direction) for drive in self.shifts]).reshape(-1, 2, 3).sum(axis=0)
+        if not self.turns:
+            return *moved, np.eye(3), np.zeros(3)
+        angle, rate = np.sum([np.multiply(drive(t), drive.direction @ self.axis) for drive in self.turns], axis=0)
+        return *moved, of_vector(angle * self.axis), rate * self.axis
+
+
+@dataclass
+class Hold:
+    """Constraints of one joint, or of a drive, on one node: c = k + j numbers that are to be zero.
+
+    translations (k, 3) and rotations (j, 3): directions of the support at t = 0 without drives, in which the node is
+    held at `place` (3,) with rotation `turned` (3, 3). cross: the two axes of a universal joint instead of rotations.
+    """
+
+    shape: NodeShape
+    label: str
+    support: Support
+    place: np.ndarray
+    turned: np.ndarray
+    translations: np.ndarray
+    rotations: np.ndarray
+    cross: tuple[np.ndarray, np.ndarray] | None = None
+
+    def __len__(self):
+        return len(self.translations) + (len(self.rotations) if self.cross is None else 1)
+
+    def _cross(self, R, G):
+        """Axes of the cross now: of the support and of the node."""
+        return G @ self.cross[0], R @ self.turned.T @ self.cross[1]
+
+    def directions(self, t, R):
+        """N (c, 6): what it holds of the velocity and angular velocity of the node, in inertial axes."""
+        G = self.support.state(t)[2]
+        N = np.zeros((len(self), 6))
+        k = len(self.translations)
+        N[:k, :3] = self.translations @ G.T
+        if self.cross is None:
+            N[k:, 3:] = self.rotations @ G.T
+        else:
+            mine, other = self._cross(R, G)
+            N[k, 3:] = cross(other, mine) / np.linalg.norm(np.cross(*self.cross))
+        return N
+
+    def velocity(self, t, x):
+        """Velocity and angular velocity (6,) of the support where the node is, x (3,)."""
+        shift, rate, _, omega = self.support.state(t)
+        if not omega.any():
+            return np.concatenate([rate, omega])
+        return np.concatenate([rate + cross(omega, x - self.support.centre - shift), omega])
+
+    def gap(self, t, x, R):
+        """How far (c,) the node is from where it is held: m for displacements, rad for rotations."""
+        shift, _, G, _ = self.support.state(t)
+        centre = self.place if self.support.centre is None else self.support.centre
+        place = centre + shift + G @ (self.place - centre)
+        away = self.translations @ G.T @ (x - place)
+        if self.cross is not None:
+            mine, other = self._cross(R, G)
+            angle = (mine @ other - self.cross[0] @ self.cross[1]) / np.linalg.norm(np.cross(*self.cross))
+            return np.append(away, angle)
+        if len(self.rotations) == 2:
+            axis = np.cross(*self.rotations)
+            turned = cross(G @ axis, R @ self.turned.T @ axis)
+        elif len(self.rotations):
+            turned = vector_of(R @ self.turned.T @ G.T)
+        else:
+            return away
+        return np.concatenate([away, self.rotations @ G.T @ turned])
+
+    def components(self) -> np.ndarray:
+        """Which components (6,) of force and moment in inertial axes it can transmit."""
+        if self.support.turns:
+            return np.repeat([len(self.translations) > 0, len(self) > len(self.translations)], 3)
+        forces = np.abs(self.translations).sum(axis=0) > PARALLEL
+        moments = np.ones(3, dtype=bool) if self.cross else np.abs(self.rotations).sum(axis=0) > PARALLEL
+        return np.concatenate([forces, moments])
+
+
+def holds_of(joints, drives, start) -> list[Hold]:
+    """The constraints of joints and drives. `start`: for each node its shape, place (3,) and rotation (3, 3) at first.
+
+    Raises InputError for joints at nodes without rotations, and drives of rotations that no joint at the node holds.
+    """
+    holds = []
+    for node in dict.fromkeys(item.node for item in (*joints, *drives)):
+        shape, place, turned = start[node]
+        own = [item for item in joints if item.node == node]
+        moved = [item for item in drives if item.node == node]
+        support = _support(shape.label, moved, place if not own or own[0].at is None else np.array(own[0].at))
+        for item in own:
+            if item.turns_with and not shape.rotates:
+                raise InputError(
+                    f"constraint.kind: node {shape.label} has no rotations, which a joint of kind '{item.kind}' holds; "
+                    "give the model an [[interface]] there, or hold several nodes by joints of kind 'point'"
+                )
+            at = place if item.at is None else np.array(item.at)
+            cross = tuple(item.unit_axes) if item.kind == "universal" else None
+            holds.append(Hold(shape, f"{item.kind} at {shape.label}", support, at, turned, *item.held(), cross))
+        if moved:
+            translations, rotations = _driven(shape.label, own, support)
+            at = place if not own or own[0].at is None else np.array(own[0].at)
+            if len(translations) + len(rotations):
+                holds.append(Hold(shape, f"drive of {shape.label}", support, at, turned, translations, rotations))
+    return holds
+
+
+def _support(node, drives, place) -> Support:
+    turns = tuple(item for item in drives if item.about is not None)
+    centre = None
+    if turns:
+        if any(np.linalg.norm(np.cross(item.direction, turns[0].direction)) > PARALLEL for item in turns):
+            raise InputError(f"drive.about: node {node} has drives about different axes, expected one axis a node")
+        points = {item.through for item in turns}
+        if len(points) > 1:
+            raise InputError(f"drive.through: node {node} has drives through different points, expected one axis")
+        (through,) = points
+        centre = place if through is None else np.array(through)
+    return Support(tuple(item for item in drives if item.along is not None), turns, centre)
+
+
+def _driven(node, joints, support):
+    """Directions of displacements and rotations that drives hold beside the joints at their node."""
+    rows = [item.held() for item in joints]
+    held, turned = (np.concatenate([np.zeros((0, 3)), *parts]) for parts in zip(*rows, strict=True)) if rows else (
+        np.zeros((0, 3)), np.zeros((0, 3)))  # fmt: skip
+    free = _complement(held)
+    wanted = np.array([drive.direction for drive in support.shifts]).reshape(-1, 3) @ free.T @ free
+    _, values, right = np.linalg.svd(wanted)
+    translations = right[: int((values > PARALLEL).sum())]
+    if not support.turns:
+        return translations, np.zeros((0, 3))
+    axes, axis = _complement(turned), support.axis
+    if len(axes) > 1 or any(item.kind == "universal" for item in joints):
+        raise InputError(
+            f"drive.about: node {node} has no joint that holds its other rotations; add one of kind 'fixed', "
+            "'prismatic', 'revolute' or 'cylindrical' there"
+        )
+    along = float(np.abs(axes @ axis).max(initial=0.0))
+    if along < PARALLEL:
+        return translations, np.zeros((0, 3))
+    if along < 1 - PARALLEL:
+        raise InputError(
+            f"drive.about: the axis at node {node} is oblique to the one about which its joint leaves it free, "
+            "expected the same or a perpendicular one"
+        )
+    return translations, axes

@@ -1,0 +1,408 @@
+"""Time simulation of one flexible body: a Body and a Simulation enter, motion, forces and energies over time leave."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.body import Body, check_moving, has_no_inertia, remarks
+from ..body.rotations import continuous, quaternion, rotation, vector_of
+from ..parallel.declared import as_declared
+from ..parallel.failures import ComputationError, InputError
+from ..parallel.ranges import LABEL, within
+from .checks import require_finite
+from .drives import AnyDrive
+from .equations_of_motion import FlexibleBody, node_motion
+from .joints import AXES, Joint, holds_of
+from .loads import AnyForce, AnyMoment, Vector, load_of
+from .springs import ZERO, AnySpring, element_of
+
+MOST_STEPS = 1e8  # that a simulation may need; they take weeks
+STEPS_OF_A_TURN = 8
+FEW_STEPS = 5000  # by which the pace of the integrator is known
+OUTPUTS = (1, 10_000_000, "")  # output intervals, all of which are kept in memory
+SPEED = (-3e8, 3e8, "m/s")
+ENERGIES = ("kinetic", "elastic", "gravity", "springs")
+FAR = 100.0  # radii of gyration: what is m away from a part is a thousand times as far in mm
+LARGE_GRAVITY = 1e3  # m/s^2: above what is asked for in earnest, below 9810
+POWERS = ("work", "drives", "dissipated")
+MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulation:
+    """One simulation; SI units, inertial axes.
+
+    end: last time; steps: output intervals. start: "given" by position, rotation (vector, rad), velocity,
+    angular_velocity of the body frame and the elastic coordinates, or "static": the rest position under gravity, loads
+    and drives at t = 0. observe: nodes whose displacements are found beside those of the tables below. The tolerances
+    are those of the integrator. Nodes are numbers, or names of interfaces.
+    """
+
+    end: float
+    steps: int = 500
+    gravity: Vector = ZERO
+    start: str = "given"
+    position: Vector = ZERO
+    rotation: Vector = ZERO
+    velocity: Vector = ZERO
+    angular_velocity: Vector = ZERO
+    elastic: tuple[float, ...] = ()
+    elastic_velocity: tuple[float, ...] = ()
+    observe: tuple[int | str, ...] = ()
+    relative_tolerance: float = 1e-5
+    absolute_tolerance: float = 1e-8
+    force: tuple[AnyForce, ...] = ()
+    moment: tuple[AnyMoment, ...] = ()
+    constraint: tuple[Joint, ...] = ()
+    drive: tuple[AnyDrive, ...] = ()
+    spring: tuple[AnySpring, ...] = ()
+
+    def __post_init__(self):
+        as_declared(self)
+        for key in ("end", "steps", "relative_tolerance", "absolute_tolerance"):
+            if not 0 < getattr(self, key) < np.inf:
+                raise InputError(f"{key}: found {getattr(self, key):g}, expected a finite number of more than 0")
+        within("end", self.end, (1e-15, 1e9, "s"))
+        within("steps", self.steps, OUTPUTS)
+        within("velocity", self.velocity, SPEED)
+        within("relative_tolerance", self.relative_tolerance, (1e-14, 0.5, ""))
+        within("absolute_tolerance", self.absolute_tolerance, (1e-30, 1.0, ""))
+        within("observe", self.observe, LABEL)
+        moving = ("velocity", "angular_velocity", "elastic", "elastic_velocity")
+        require_finite("", **{key: getattr(self, key) for key in ("gravity", "position", "rotation", *moving)})
+        if self.start not in ("given", "static"):
+            raise InputError(f"start: found '{self.start[:40]}', expected 'given' or 'static'")
+        if self.start == "static" and any(any(getattr(self, key)) for key in moving):
+            raise InputError(f"start: 'static' is a state of rest; leave out {', '.join(moving)}")
+
+    @property
+    def doubts(self) -> list[str]:
+        """What looks like numbers in mm; in sentences."""
+        size = float(np.linalg.norm(self.gravity))
+        return [f"gravity: found {size:g} m/s^2; in SI it is 9.81"] if size > LARGE_GRAVITY else []
+
+    @property
+    def nodes(self) -> list:
+        """All nodes that are observed, loaded, held or driven: numbers, then names."""
+        tables = (*self.force, *self.moment, *self.constraint, *self.drive, *self.spring)
+        found = {*self.observe, *(item.node for item in tables)}
+        return sorted(found, key=lambda node: (isinstance(node, str), node))
+
+    def numbered(self, body: Body) -> Simulation:
+        """The same with the numbers of nodes for their names. Raises InputError for a name that the body has not."""
+        tables = {
+            key: tuple(replace(item, node=body.number(item.node)) for item in getattr(self, key))
+            for key in ("force", "moment", "constraint", "drive", "spring")
+        }
+        return replace(self, observe=tuple(map(body.number, self.observe)), **tables)
+
+
+@dataclass
+class Motion:
+    """What a simulation found at its output times t (nt,); SI units.
+
+    position (nt, 3) of the body frame and quaternion (nt, 4), scalar first; velocity (nt, 3) and angular_velocity
+    (nt, 3) in body axes; elastic, elastic_velocity (nt, m). For k nodes with node_names (texts): node_position
+    (nt, k, 3), node_displacement from the undeformed place at the start, and node_rotation from the undeformed
+    rotation there, a rotation vector that goes on beyond pi (that of the body where node_rotates is false), inertial
+    axes. constraint_force (nt, c) in N and constraint_moment (nt, d) in N m on the body with `constraint_names` and
+    `moment_names`, inertial axes. spring_force, spring_moment (nt, s, 3) on the body and spring_energy (nt, s), with
+    `spring_names`. energies: kinetic, elastic, gravity, springs, work (of forces and moments), drives (their work),
+    dissipated (nt,). drift, rotation_drift: largest distance (m) and angle (rad) of a held node from where it is held.
+    balance: largest defect of the energy relative to the largest energy. notes: what was changed or approximated.
+    factorisations: of the integrator's Newton matrices.
+    """
+
+    t: np.ndarray
+    position: np.ndarray
+    quaternion: np.ndarray
+    velocity: np.ndarray
+    angular_velocity: np.ndarray
+    elastic: np.ndarray
+    elastic_velocity: np.ndarray
+    nodes: list
+    node_names: list
+    node_rotates: list
+    node_position: np.ndarray
+    node_displacement: np.ndarray
+    node_rotation: np.ndarray
+    constraint_names: list
+    constraint_force: np.ndarray
+    moment_names: list
+    constraint_moment: np.ndarray
+    spring_names: list
+    spring_force: np.ndarray
+    spring_moment: np.ndarray
+    spring_energy: np.ndarray
+    energies: dict
+    drift: float
+    rotation_drift: float
+    balance: float
+    notes: list
+    factorisations: int
+
+
+def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
+    """Simulate a Body whose `nodes` hold those of the setup, as an index-2 system by Radau IIA of order 5.
+
+    On one rank. Raises InputError (dependent constraints, free rigid motion in a static start, structural damping, no
+    mass in a direction, rigid-body motions in the basis, an unknown node, a joint or moment at a node without
+    rotations) or ComputationError.
+    """
+    check_moving(body, "a simulation")
+    if has_no_inertia(body):
+        raise InputError(
+            "the body has no inertia about one of its axes, as where all masses lie on a line, which a simulation "
+            "needs; give the model the rotational inertia of its section"
+        )
+    setup = setup.numbered(body)
+    shapes = {shape.node: shape for shape in body.nodes}
+    for node in setup.nodes:
+        if node not in shapes:
+            known = ", ".join(map(str, shapes))
+            raise InputError(f"node {node} is none of the nodes of the body, {known}; name it when the body is made")
+    size = body.reduced.size
+    for key in ("elastic", "elastic_velocity"):
+        if len(getattr(setup, key)) not in (0, size):
+            raise InputError(f"{key}: found {len(getattr(setup, key))} numbers, expected {size}")
+    r, p = np.array(setup.position), quaternion(setup.rotation)
+    A = rotation(p)
+    q, u = (np.array(getattr(setup, key) or np.zeros(size)) for key in ("elastic", "elastic_velocity"))
+    z = np.concatenate([A.T @ setup.velocity, A.T @ setup.angular_velocity, u])
+    first, undeformed = (
+        {node: node_motion(shape, body.floating_frame.origin, r, A, state) for node, shape in shapes.items()}
+        for state in (q, np.zeros(size))
+    )
+    start = {node: (shapes[node], motion.x, motion.R) for node, motion in first.items()}
+    system = FlexibleBody(
+        body.floating_frame, body.reduced.K, body.reduced.D, setup.gravity,
+        [load_of(item, shapes[item.node]) for item in (*setup.force, *setup.moment)],
+        [element_of(item, *start[item.node]) for item in setup.spring],
+        holds_of(setup.constraint, setup.drive, start),
+    )  # fmt: skip
+    doubts = setup.doubts + doubts_of_places(body, setup, {node: motion.x for node, motion in first.items()})
+    if progress is not None:
+        for doubt in doubts:  # before a run that may take long for that reason
+            progress.tell(doubt)
+    notes = doubts + remarks(body)
+    if setup.start == "static":
+        r, p, q = system.equilibrium(r, p)
+    else:
+        r, p, q, moved = system.assemble(r, p, q)
+        if moved:
+            notes.append("the initial position did not fit the constraints and was moved there")
+    y0, yp0, change = system.start(r, p, q, z)
+    if change > 1e-10 * max(1.0, np.abs(z).max()):
+        notes.append(f"the initial velocities did not fit the constraints and were projected (change {change:.2g})")
+    with np.errstate(all="ignore"):  # a step in which numbers overflow is tried again, shorter; the motion is checked
+        t, states, rates, factorisations = _integrate(system, setup, y0, yp0, progress)
+        motion = Motion(
+            t=t, notes=notes, factorisations=factorisations, **_motion(system, t, states),
+            **_nodes(body, undeformed, t, states, system), **_reactions(body, system, t, states, rates),
+            **_springs(body, setup, system, t, states),
+        )  # fmt: skip
+    numbers = [*motion.energies.values(), *(value for value in vars(motion).values() if isinstance(value, np.ndarray))]
+    if not all(np.isfinite(value).all() for value in numbers):
+        raise ComputationError("the motion has numbers that overflow; loads or drives are too large")
+    return motion
+
+
+def doubts_of_places(body: Body, setup: Simulation, start: dict) -> list[str]:
+    """Sentences on places so far from their nodes, which start at `start` {number: (3,)}, that they look like mm."""
+    frame = body.floating_frame
+    centre = frame.mc / frame.mass
+    size = np.sqrt(max(np.trace(frame.J) / frame.mass / 2 - centre @ centre, 0.0))  # radius of gyration
+    given = [("spring.at", item.node, item.at) for item in setup.spring]
+    given += [("constraint.at", item.node, item.at) for item in setup.constraint]
+    given += [("drive.through", item.node, item.through) for item in setup.drive]
+    far = [(key, node, place, np.linalg.norm(np.subtract(place, start[node])))
+           for key, node, place in given if place is not None]  # fmt: skip
+    return [
+        f"{key}: found {list(place)} m, {distance:.3g} m from where node {_names(body)[node]} starts, while the body "
+        f"has a radius of gyration of {size:.3g} m; places are in m"
+        for key, node, place, distance in far if 0 < FAR * size < distance
+    ]  # fmt: skip
+
+
+def _integrate(system, setup, y0, yp0, progress):
+    try:
+        from scipy_dae.integrate import solve_dae
+    except ImportError as error:
+        raise InputError("a simulation needs scipy_dae: pip install 'hpcred[simulate]'") from error
+
+    shown = -1
+
+    def residual(t, y, yp):
+        nonlocal shown
+        if progress is not None and int(20 * t / setup.end) > shown:
+            shown = int(20 * t / setup.end)
+            progress.say(f"t = {t:.4g} s of {setup.end:g} s")
+        return system.residual(t, y, yp)
+
+    # impulses begin at zero, and their rates, the forces, have round-off relative to their own size
+    tolerance = np.full(len(y0), setup.absolute_tolerance)
+    forces = system.split(yp0)[4]
+    system.split(tolerance)[4][:] *= max(1.0, np.abs(forces).max(initial=0.0))
+    # a pulse must not be stepped over
+    moving = (*setup.force, *setup.moment, *setup.drive)
+    longest = min([setup.end / 20, *(item.longest_step(setup.end) for item in moving)])
+    for steps, what in ((setup.end / longest, "the fastest load or drive"), (_steps_of_turns(setup), "its turns")):
+        if steps > MOST_STEPS:
+            raise _too_many(f"end = {setup.end:g} s takes {steps:.1e} steps of {what}", "leave out what is so fast")
+    found = solve_dae(
+        residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
+        rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
+        events=[_twists(system), _pace(setup.end)],
+    )  # fmt: skip
+    if not found.success:
+        raise ComputationError(
+            f"the integrator stopped at t = {found.t[-1] if len(found.t) else 0:.4g} s: {found.message.rstrip('.')}; "
+            "look for loads, drives and velocities that are too large, loosen the tolerances, or leave out "
+            "pseudo-modes far above the band (drop_above)"
+        )
+    return found.t, found.y, found.yp, int(found.nlu)
+
+
+def _steps_of_turns(setup) -> float:
+    """About how many steps rotations take: those of the drives, and that of a body on which nothing else acts."""
+    turned = sum(drive.travel(setup.end) for drive in setup.drive if drive.about is not None)
+    if not (setup.constraint or setup.drive):
+        turned += float(np.linalg.norm(setup.angular_velocity)) * setup.end
+    return STEPS_OF_A_TURN * turned / (2 * np.pi)
+
+
+def _too_many(found: str, advice: str) -> InputError:
+    return InputError(f"{found}, expected at most {MOST_STEPS:.0e}; end earlier, or {advice}")
+
+
+def _pace(end):
+    """An event of the integrator that refuses a simulation whose steps stay so short that it takes far too many."""
+    last, count = 0.0, 0
+
+    def watch(t, y, yp):
+        nonlocal last, count
+        count += 1
+        if count % FEW_STEPS == 0:
+            steps = (end - t) * FEW_STEPS / max(t - last, 1e-300)
+            if steps > MOST_STEPS:
+                raise _too_many(
+                    f"t = {t:.4g} s was reached in {count} steps, the last of {(t - last) / FEW_STEPS:.1e} s, so that "
+                    f"end = {end:g} s takes {steps:.1e} more", "damp what vibrates so fast (drop_above leaves it out)"
+                )  # fmt: skip
+            last = t
+        return 1.0
+
+    return watch
+
+
+def _steps(system, t, states):
+    """Time, r, A, q and z, one output time after the other."""
+    r, p, q, z, _, _ = (part.T for part in system.split(states))
+    return zip(t, r, rotation(p), q, z, strict=True)
+
+
+def _names(body) -> dict:
+    """The name of each node, or its number where it has none, by number."""
+    return {shape.node: shape.label for shape in body.nodes}
+
+
+def _motion(system, t, states):
+    """What a Motion says of the body frame, elastic coordinates, energies and errors."""
+    r, p, q, z, _, powers = (part.T for part in system.split(states))
+    p = p / np.linalg.norm(p, axis=1)[:, None]
+    stored = np.array([system.energies(*state) for state in zip(r, p, q, z, strict=True)])
+    energies = {**dict(zip(ENERGIES, stored.T, strict=True)), **dict(zip(POWERS, powers.T, strict=True))}
+    defect = stored.sum(axis=1) - stored[0].sum() - powers @ [1, 1, -1]
+    from_start = stored - stored[0] * [0, 0, 1, 0]  # where gravity is zero is nobody's choice
+    scale = max(np.abs(from_start).max(), np.abs(powers).max(), np.finfo(float).tiny)
+    gaps = np.array([system.gaps(now, system.node_motions(*state)) for now, *state, _ in _steps(system, t, states)])
+    turned = np.concatenate([[False] * len(hold.translations) + [True] * (len(hold) - len(hold.translations))
+                             for hold in system.holds] or [np.zeros(0, dtype=bool)])  # fmt: skip
+    return {
+        "position": r, "quaternion": p, "velocity": z[:, :3], "angular_velocity": z[:, 3:6], "elastic": q,
+        "elastic_velocity": z[:, 6:], "energies": energies, "balance": float(np.abs(defect).max() / scale),
+        "drift": float(np.abs(gaps[:, ~turned]).max(initial=0.0)),
+        "rotation_drift": float(np.abs(gaps[:, turned]).max(initial=0.0)),
+    }  # fmt: skip
+
+
+def _nodes(body, undeformed, t, states, system):
+    """What a Motion says of nodes."""
+    origin = body.floating_frame.origin
+    steps = [state for _, *state, _ in _steps(system, t, states)]
+    moved = [[node_motion(shape, origin, *state) for shape in body.nodes] for state in steps]
+    shape = (len(t), len(body.nodes), 3)
+    places = np.array([[node.x for node in nodes] for nodes in moved]).reshape(shape)
+    first = [undeformed[item.node] for item in body.nodes]
+    turned = [node.R @ start.R.T for nodes in moved for node, start in zip(nodes, first, strict=True)]
+    rotations = vector_of(np.array(turned)).reshape(shape) if turned else np.zeros(shape)
+    return {
+        "nodes": [item.node for item in body.nodes],
+        "node_names": list(_names(body).values()),
+        "node_rotates": [item.rotates for item in body.nodes],
+        "node_position": places,
+        "node_displacement": places - np.array([start.x for start in first]).reshape(shape[1:]),
+        "node_rotation": continuous(rotations),
+    }
+
+
+def _reactions(body, system, t, states, rates):
+    """What a Motion says of the forces and moments of constraints: the components that a joint can transmit."""
+    multipliers = system.split(rates)[4].T
+    found = [
+        system.reactions(now, system.node_motions(*state), mine)
+        for (now, *state, _), mine in zip(_steps(system, t, states), multipliers, strict=True)
+    ]
+    able = {}
+    for hold in system.holds:
+        able[hold.shape.node] = able.get(hold.shape.node, False) | hold.components()
+    names_of, names, columns = _names(body), ([], []), ([], [])
+    for node, components in able.items():
+        for i in np.flatnonzero(components):
+            names[i // 3].append(f"{names_of[node]}:{'r' * (i // 3)}{AXES[i % 3]}")
+            columns[i // 3].append([reaction[node][i] for reaction in found])
+    force, moment = (np.array(part).reshape(-1, len(t)).T for part in columns)
+    return {
+        "constraint_names": names[0], "constraint_force": force, "moment_names": names[1], "constraint_moment": moment
+    }  # fmt: skip
+
+
+def _twists(system):
+    """An event of the integrator that refuses bushings which a step twists too far, also between output times.
+
+    Rotation vectors go round at pi: one that a step takes beyond comes back from the other side.
+    """
+    last = [np.zeros(3)] * len(system.springs)
+
+    def watch(t, y, yp):
+        r, p, q, *_ = system.split(y)
+        motions = system.node_motions(r, rotation(p), q)
+        for k, spring in enumerate(system.springs):
+            twist = spring.twist(motions[spring.shape.node].R)
+            if max(np.linalg.norm(twist), np.linalg.norm(twist - last[k])) > MOST_TWIST:
+                raise ComputationError(
+                    f"spring: the bushing at node {spring.shape.label} was twisted by more than {MOST_TWIST:g} rad at "
+                    f"t = {t:.4g} s, and knows no larger rotations; stiffen it, or load it less"
+                )
+            last[k] = twist
+        return 1.0
+
+    return watch
+
+
+def _springs(body, setup, system, t, states):
+    """What a Motion says of springs."""
+    names_of, count = _names(body), len(system.springs)
+    wrenches, energies = np.zeros((len(t), count, 6)), np.zeros((len(t), count))
+    for i, (_, r, A, q, z) in enumerate(_steps(system, t, states)):
+        motions = system.node_motions(r, A, q)
+        for k, spring in enumerate(system.springs):
+            node = motions[spring.shape.node]
+            wrenches[i, k] = spring.wrench(node.x, node.R, *np.split(node.B @ z, 2))
+            energies[i, k] = spring.energy(node.x, node.R)
+    return {
+        "spring_names": [f"{k + 1}:{names_of[item.node]}" for k, item in enumerate(setup.spring)],
+        "spring_force": wrenches[:, :, :3], "spring_moment": wrenches[:, :, 3:], "spring_energy": energies,
+    }  # fmt: skip

@@ -1,0 +1,100 @@
+"""A .npz file of a Body that Exudyn's ObjectFFRFreducedOrderInterface.LoadFromFile reads, with some keys of our own.
+
+Its mesh nodes are displacements only: first the interface nodes; then four points around each of them that rotates, the
+corners of a small tetrahedron fixed to it, whose mean motion is that of the node; then the surface that is drawn. The
+keys of our own are `names`, names or numbers of the interface nodes, `markerNodes`, the four mesh nodes of each for a
+MarkerSuperElementRigid, -1 where it does not rotate, and `dampingMatrixReduced`, the matrix D. Exudyn leaves them out
+of account; docs/export-exudyn.md says how to use them. Inputs and outputs but nodes have no place in the file.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..body.body import Body, check_moving, inputs_without_node, remarks
+from .body_npz import save_npz
+
+CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+RADIUS = 0.01  # of the tetrahedra, in radii of gyration of the body; what they measure does not depend on it
+
+
+def write_exudyn(path, body: Body) -> list[str]:
+    """Write a body; call it on one rank. Returns remarks: what the file does not hold, or only with a line of script.
+
+    Raises InputError for a body with structural damping, rigid-body motions, or without mass in some direction.
+    """
+    check_moving(body, "a file for Exudyn")
+    reduced, quantities, count = body.reduced, body.floating_frame, body.reduced.size
+    identity = np.eye(3)
+    trace_n = np.trace(quantities.N, axis1=1, axis2=2)
+    trace_s = quantities.S[0, 0] + quantities.S[1, 1] + quantities.S[2, 2]
+    # with Psi~ = skew(Phi_k) side by side, integrals of Psi~^T Psi, Psi~^T Psi~, ...
+    psi_psi = -quantities.Cr1.transpose(1, 2, 0).reshape(3 * count, count)
+    tilde = trace_s[:, :, None, None] * identity - quantities.S.transpose(2, 3, 1, 0)
+    psi_tilde = tilde.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count)
+    reference = trace_n[:, None, None] * identity - quantities.N.transpose(0, 2, 1)
+    centre = quantities.mc / quantities.mass
+    points, phi, triangles, markers = _mesh(body)
+    data = {
+        "fileVersion": 1,
+        "modeBasis": phi.reshape(-1, count),
+        "trigList": triangles,
+        "postProcessingModes": np.array({}, dtype=object),
+        "massMatrixReduced": reduced.M,
+        "stiffnessMatrixReduced": reduced.K,
+        "infoList": np.array([count, len(points), 3, 4, 7, 7 + count]),
+        "rigidBodyNodeType": "NodeType.RotationEulerParameters",
+        "xRef": (points - quantities.origin).ravel(),
+        "inertiaLocal": quantities.J,
+        "Mtt": quantities.mass * identity,
+        "totalMass": quantities.mass,
+        "chiU": centre,
+        "chiUtilde": np.cross(identity, centre),
+        "mPsiTildePsi": psi_psi,
+        "mPsiTildePsiTilde": psi_tilde,
+        "mPhitTPsi": quantities.Ct.T,
+        "mPhitTPsiTilde": np.concatenate([np.cross(identity, row) for row in quantities.Ct], axis=1),
+        "mXRefTildePsi": -quantities.Cr.T,
+        "mXRefTildePsiTilde": reference.transpose(1, 0, 2).reshape(3, -1),
+        "names": np.array([shape.name or str(shape.node) for shape in body.nodes]),
+        "markerNodes": markers,
+        "dampingMatrixReduced": reduced.D,
+    }
+    save_npz(path, data)
+    return [*remarks(body), *_notes(body), *inputs_without_node(body)]
+
+
+def _mesh(body):
+    """Mesh nodes (n, 3), displacements (n, 3, m), triangles (t, 3), and the four around each interface node (k, 4)."""
+    frame = body.floating_frame
+    points = [shape.position[None] for shape in body.nodes]
+    phi = [shape.phi[None] for shape in body.nodes]
+    markers = np.full((len(body.nodes), 4), -1)
+    corners = RADIUS * np.sqrt(np.trace(frame.J) / frame.mass) * CORNERS
+    for k, shape in enumerate(body.nodes):
+        if shape.rotates:
+            markers[k] = np.arange(4) + sum(map(len, points))
+            points.append(shape.position + corners)
+            phi.append(shape.phi + np.cross(shape.psi.T[None], corners[:, None]).transpose(0, 2, 1))
+    triangles = np.zeros((0, 3), dtype=int)
+    if body.surface is not None:
+        triangles = body.surface.triangles + sum(map(len, points))
+        points.append(body.surface.points)
+        phi.append(body.surface.phi)
+    return np.concatenate(points), np.concatenate(phi), triangles, markers
+
+
+def _notes(body):
+    """What Exudyn learns by a line of script, and what it cannot learn from the file."""
+    notes = []
+    rotating = ", ".join(shape.name or str(shape.node) for shape in body.nodes if shape.rotates)
+    if rotating:
+        notes.append(f"rotations of nodes {rotating}: by MarkerSuperElementRigid on the mesh nodes of markerNodes")
+    if body.reduced.D.any():
+        notes.append(
+            "LoadFromFile passes over the damping: give it to the object by mbs.SetObjectParameter(object, "
+            "'dampingMatrixReduced', exudyn.MatrixContainer(numpy.load(file)['dampingMatrixReduced']))"
+        )
+    if body.surface is None:
+        notes.append("no surface is drawn: the result has no faces, no basis, or too many dofs")
+    return [*notes, "modal stresses are left out"]

@@ -1,0 +1,231 @@
+"""An FMU (FMI 2.0, model exchange and co-simulation) of a ReducedModel: the body in its frame, which does not move.
+
+Forces of the inputs enter the FMU; displacements and velocities of the outputs leave. The equations are in C in
+fmi2/body.c, the numbers in a header beside it; the compiler of this machine makes the binary. Both are in sources/ too.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shlex
+import shutil
+import struct
+import subprocess
+import tempfile
+import uuid
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ..body.body import check_viscous, instability, maker
+from ..model.dofs import DIRECTIONS, SCALAR, target_of
+from ..parallel.failures import ComputationError, InputError, printable
+from ..reduction.reduced_model import ReducedModel, require_finite
+
+SOURCES = Path(__file__).with_name("fmi2")  # body.c, and the headers of the FMI standard
+LONGEST = 63  # letters of an identifier that every compiler of C tells apart
+SYSTEMS = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}
+FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-fvisibility=hidden")
+UNITS = {
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "N.m": {"kg": 1, "m": 2, "s": -2},
+    "m": {"m": 1},
+    "m/s": {"m": 1, "s": -1},
+    "rad": {"rad": 1},
+    "rad/s": {"rad": 1, "s": -1},
+}
+# what an input, an output and its rate are called, and their units
+TRANSLATION = (("force", "N"), ("displacement", "m"), ("velocity", "m/s"))
+ROTATION = (("moment", "N.m"), ("rotation", "rad"), ("angular_velocity", "rad/s"))
+UNKNOWN = (("input", None), ("output", None), ("output_rate", None))
+
+
+def write_fmu(path, reduced: ReducedModel, name: str | None = None) -> list[str]:
+    """Write an FMU; call it on one rank. Returns remarks.
+
+    `name`: of the body, in any letters, by default that of the model which was reduced.
+    Raises InputError for structural damping, a model without inputs or outputs, or a machine without C compiler, and
+    ComputationError when the compiler fails.
+    """
+    require_finite(reduced)
+    check_viscous(reduced, "an FMU")
+    if not reduced.input_names or not reduced.output_names:
+        raise InputError("an FMU needs inputs and outputs; reduce with `inputs` in the job, or convert with --inputs")
+    compiler, (folder, suffix) = _compiler(), _platform()
+    data = _data(reduced)
+    guid = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, data)}}}"  # of the numbers, so that the same result gives the same file
+    data = f'#define GUID "{guid}"\n{data}'
+    if name is None:
+        name = Path(reduced.record.model).stem if reduced.record is not None else "body"
+    name = printable(name).strip() or "body"  # XML has no control characters
+    identifier = _identifier(name)
+    with tempfile.TemporaryDirectory() as build:
+        binary = Path(build) / f"{identifier}{suffix}"
+        (Path(build) / "body_data.h").write_text(data)
+        _compile(compiler, build, binary)
+        contents = {
+            "modelDescription.xml": _description(reduced, name, identifier, guid),
+            f"binaries/{folder}/{binary.name}": binary.read_bytes(),
+            "sources/body.c": (SOURCES / "body.c").read_bytes(),
+            "sources/body_data.h": data.encode(),
+        }
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for key, content in contents.items():
+            item = zipfile.ZipInfo(key)  # with a time that is always the same
+            item.compress_type = zipfile.ZIP_DEFLATED
+            item.external_attr = 0o755 << 16 if key.startswith("binaries") else 0o644 << 16
+            archive.writestr(item, content)
+    return [f"the binary is for {folder}; other platforms compile sources/body.c", *instability(reduced)]
+
+
+def _compiler() -> list[str]:
+    """The command of the C compiler: that of the environment variable CC, or cc."""
+    command = shlex.split(os.environ.get("CC", "")) or ["cc"]
+    if shutil.which(command[0]) is None:
+        raise InputError(
+            f"an FMU needs a C compiler, and there is no '{command[0]}' on this machine; install one (Debian: apt "
+            "install gcc libc6-dev) or name it by the environment variable CC"
+        )
+    return command
+
+
+def _platform() -> tuple[str, str]:
+    """The folder of the binary and its suffix, as FMI 2.0 names them."""
+    system = platform.system()
+    if system not in SYSTEMS:
+        raise InputError(f"an FMU can be compiled on {' or '.join(SYSTEMS)}, found {system}; export it there")
+    prefix, suffix = SYSTEMS[system]
+    return f"{prefix}{8 * struct.calcsize('P')}", suffix
+
+
+def _compile(compiler, build, binary):
+    command = [*compiler, *FLAGS, f"-I{build}", f"-I{SOURCES}", "-o", str(binary), str(SOURCES / "body.c"), "-lm"]
+    run = subprocess.run(command, capture_output=True, text=True)
+    if run.returncode:
+        said = (run.stderr.strip() or "nothing said").splitlines()
+        told = next((line for line in said if "error" in line), said[-1])
+        raise ComputationError(f"the FMU was not compiled by {compiler[0]} (exit status {run.returncode}): {told}")
+
+
+def _identifier(name) -> str:
+    """The name of the body as an identifier in C."""
+    word = re.sub(r"\W", "_", name, flags=re.ASCII)[:LONGEST]
+    return word if re.match(r"[A-Za-z]", word) else f"body_{word}"
+
+
+def _nominal(reduced) -> tuple[float, float]:
+    """Sizes of q and q': those of unit forces at rest, and swinging with the lowest elastic pseudo-frequency.
+
+    Solvers of model exchange multiply their relative tolerance by them; with 1 they would see nothing of a stiff body.
+    """
+    q = np.abs(np.linalg.pinv(reduced.K, rcond=1e-9) @ reduced.B).max()
+    elastic = reduced.frequencies[reduced.frequencies > 1e-6 * reduced.frequencies.max()]
+    return (q, q * 2 * np.pi * elastic.min()) if q > 0 and len(elastic) else (1.0, 1.0)
+
+
+def _data(reduced) -> str:
+    """The header with the numbers, without the GUID."""
+    displacement, velocity = _nominal(reduced)
+    sizes = {"COORDINATES": reduced.size, "INPUTS": len(reduced.input_names), "OUTPUTS": len(reduced.output_names)}
+    numbers = sizes | {"NOMINAL_Q": f"{displacement:.17g}", "NOMINAL_V": f"{velocity:.17g}"}
+    arrays = {
+        "stiffness_matrix": np.linalg.solve(reduced.M, reduced.K),
+        "damping_matrix": np.linalg.solve(reduced.M, reduced.D),
+        "input_matrix": np.linalg.solve(reduced.M, reduced.B),
+        "output_matrix": reduced.C,
+    }
+    lines = [f"#define {key} {value}" for key, value in numbers.items()]
+    for key, array in arrays.items():
+        rows = ",\n".join(", ".join(f"{value:.17g}" for value in row) for row in array)
+        lines.append(f"static const double {key}[{array.size}] = {{\n{rows}\n}};")
+    return "\n".join(lines) + "\n"
+
+
+def _description(reduced, name, identifier, guid) -> bytes:
+    """modelDescription.xml."""
+    root = ElementTree.Element("fmiModelDescription", {
+        "fmiVersion": "2.0", "modelName": name, "guid": guid, "generationTool": maker(reduced),
+        "description": f"Reduced flexible body with {reduced.size} coordinates in its frame, at rest at the start",
+        "variableNamingConvention": "flat", "numberOfEventIndicators": "0",
+    })  # fmt: skip
+    able = dict.fromkeys(("canGetAndSetFMUstate", "canSerializeFMUstate", "providesDirectionalDerivative"), "true")
+    able |= {"modelIdentifier": identifier, "canNotUseMemoryManagementFunctions": "true"}
+    exchange = ElementTree.SubElement(root, "ModelExchange", {**able, "completedIntegratorStepNotNeeded": "true"})
+    together = ElementTree.SubElement(root, "CoSimulation", {
+        **able, "canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": "true"
+    })  # fmt: skip
+    for kind in (exchange, together):
+        ElementTree.SubElement(ElementTree.SubElement(kind, "SourceFiles"), "File", name="body.c")
+    units = ElementTree.SubElement(root, "UnitDefinitions")
+    for unit, base in UNITS.items():
+        exponents = {key: str(value) for key, value in base.items()}
+        ElementTree.SubElement(ElementTree.SubElement(units, "Unit", name=unit), "BaseUnit", exponents)
+    _add_variables(root, reduced)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
+
+
+def _add_variables(root, reduced):
+    """The variables, whose value references count from 0 and indices from 1, and what depends on what."""
+    size, inputs, outputs = reduced.size, len(reduced.input_names), len(reduced.output_names)
+    at_q = inputs + 2 * outputs
+    at_v, at_rates = at_q + size, at_q + 2 * size
+    nominals = [f"{value:.6g}" for value in _nominal(reduced)]
+    variables, taken = ElementTree.SubElement(root, "ModelVariables"), set()
+
+    def add(word, causality, description, **real):
+        while word in taken:  # names that differ in signs only
+            word += "_"
+        taken.add(word)
+        count = len(variables)
+        initial = {} if causality == "input" else {"initial": "exact" if "start" in real else "calculated"}
+        variable = ElementTree.SubElement(variables, "ScalarVariable", {
+            "name": word, "valueReference": str(count), "description": description, "causality": causality,
+            "variability": "continuous", **initial,
+        })  # fmt: skip
+        ElementTree.SubElement(variable, "Real", {key: value for key, value in real.items() if value is not None})
+
+    for name in reduced.input_names:
+        word, unit = _kind(name)[0]
+        add(_variable(word, name), "input", f"{word} {name}", unit=unit, start="0")
+    for rate in (0, 1):
+        for name in reduced.output_names:
+            word, unit = _kind(name)[1 + rate]
+            add(_variable(word, name), "output", f"{word.replace('_', ' ')} {name}", unit=unit)
+    for i in range(size):
+        add(f"q[{i + 1}]", "local", "reduced coordinate", start="0", nominal=nominals[0])
+    for i in range(size):
+        add(f"v[{i + 1}]", "local", "its rate", start="0", nominal=nominals[1])
+    for letter, first in (("q", at_q), ("v", at_v)):
+        for i in range(size):
+            add(f"der({letter}[{i + 1}])", "local", "rate of a state", derivative=str(first + i + 1))
+
+    structure = ElementTree.SubElement(root, "ModelStructure")
+    unknown = {"Outputs": [], "Derivatives": []}
+    for first, at in ((inputs, at_q), (inputs + outputs, at_v)):
+        for i, row in enumerate(reduced.C):
+            unknown["Outputs"].append((first + i, at + np.flatnonzero(row)))
+    unknown["Derivatives"] += [(at_rates + i, [at_v + i]) for i in range(size)]
+    unknown["Derivatives"] += [(at_rates + size + i, None) for i in range(size)]  # on everything
+    unknown["InitialUnknowns"] = unknown["Outputs"] + unknown["Derivatives"]
+    for key, entries in unknown.items():
+        group = ElementTree.SubElement(structure, key)
+        for index, known in entries:
+            depends = {} if known is None else {"dependencies": " ".join(str(at + 1) for at in known)}
+            ElementTree.SubElement(group, "Unknown", {"index": str(index + 1), **depends})
+
+
+def _kind(name):
+    """What a name such as 20:z or bearing:rx is a direction of."""
+    target = target_of(name)
+    index = DIRECTIONS.index(target[1]) if isinstance(target, tuple) else SCALAR
+    return TRANSLATION if index < 3 else ROTATION if index < SCALAR else UNKNOWN
+
+
+def _variable(word, name) -> str:
+    """force_20_z of "force" and "20:z": a name that every program takes."""
+    return re.sub(r"\W", "_", f"{word}_{name}", flags=re.ASCII)

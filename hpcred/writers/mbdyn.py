@@ -1,0 +1,80 @@
+"""The .fem file of MBDyn's modal joint: a Body enters, record groups leave ("FEM file format" of its input manual).
+
+Groups 1 to 10 are header, node labels, initial modal displacements and velocities, coordinates x, y, z, mode shapes,
+modal mass and stiffness; 12 is mass, centre of mass and inertia about it; 13 the damping; 14 to 18 are the couplings
+between large motion and modes, which MBDyn calls invariants 3, 4, 8, 5 and 9. Group 11, from which MBDyn would compute
+them by lumped masses at all nodes, is not there. Coordinates count from the origin of the body frame.
+"""
+
+from __future__ import annotations
+
+from textwrap import wrap
+
+import numpy as np
+
+from ..body.body import Body, check_moving, inputs_without_node, maker, remarks
+
+A_LINE = 6  # numbers; older versions of MBDyn skip groups that they do not know, if the lines are short
+REMARK = 100  # characters a line: MBDyn takes a line that is longer than its buffer for the end of the file
+
+
+def write_mbdyn(path, body: Body) -> list[str]:
+    """Write a body; call it on one rank. Returns remarks on what is approximated or not in the file.
+
+    Raises InputError for a body with structural damping, rigid-body motions, or without mass in some direction.
+    """
+    check_moving(body, "a .fem file for MBDyn")
+    reduced, count = body.reduced, body.reduced.size
+    lines = [
+        *wrap("; ".join([maker(reduced), *remarks(body)]), REMARK, initial_indent="** ", subsequent_indent="** "),
+        "** RECORD GROUP 1, HEADER",
+        "**   REVISION,  NODE,  NORMAL, ATTACHMENT, CONSTRAINT, REJECTED MODES.",
+        f"REV0 {len(body.nodes)} {count} 0 0 0",
+    ]
+    for number, (title, values) in _groups(body).items():
+        lines += ["**", f"** RECORD GROUP {number}, {title}"]
+        if number == 8:
+            for k in range(count):
+                lines += [f"**    NORMAL MODE SHAPE # {k + 1}", *_numbers(values[..., k])]
+        else:
+            lines += _numbers(values)
+    lines += ["**", "** END OF FILE", ""]
+    with open(path, "w", encoding="utf-8") as file:  # labels are compared byte by byte
+        file.write("\n".join(lines))
+    return [*remarks(body), *inputs_without_node(body)]
+
+
+def _groups(body) -> dict:
+    """Title and values, in the order in which MBDyn reads them, by the number of the record group."""
+    reduced, frame, nodes = body.reduced, body.floating_frame, body.nodes
+    places = np.array([shape.position - frame.origin for shape in nodes])
+    centre = frame.mc / frame.mass
+    about_centre = frame.J - frame.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    # -integral of skew(R) skew(Phi_j) dm (row, j, column); integral of skew(Phi_j) skew(Phi_k) dm (row, j, k, column)
+    linear = frame.Gr.reshape(3, reduced.size, 3) / 2
+    trace = np.einsum("aakj->jk", frame.S)
+    quadratic = frame.S.transpose(0, 3, 2, 1) - np.einsum("rc,jk->rjkc", np.eye(3), trace)
+    return {
+        2: ("FINITE ELEMENT NODE LIST", np.array([shape.name or str(shape.node) for shape in nodes])),
+        3: ("INITIAL MODAL DISPLACEMENTS", np.zeros(reduced.size)),
+        4: ("INITIAL MODAL VELOCITIES", np.zeros(reduced.size)),
+        5: ("NODAL X COORDINATES", places[:, 0]),
+        6: ("NODAL Y COORDINATES", places[:, 1]),
+        7: ("NODAL Z COORDINATES", places[:, 2]),
+        8: ("MODE SHAPES", np.array([np.concatenate([shape.phi, shape.psi]) for shape in nodes])),
+        9: ("MODAL MASS MATRIX", reduced.M),
+        10: ("MODAL STIFFNESS MATRIX", reduced.K),
+        12: ("RIGID BODY INERTIA", np.concatenate([[frame.mass], centre, about_centre.ravel()])),
+        13: ("MODAL DAMPING MATRIX", reduced.D),
+        14: ("INVARIANT 3", frame.Ct.T),
+        15: ("INVARIANT 4", frame.Cr.T),
+        16: ("INVARIANT 8", linear),
+        17: ("INVARIANT 5", frame.Cr1.transpose(2, 1, 0)),
+        18: ("INVARIANT 9", quadratic),
+    }
+
+
+def _numbers(values) -> list[str]:
+    """Numbers or labels in their order, a few a line."""
+    words = [value if values.dtype.kind == "U" else f"{value: .16e}" for value in values.ravel()]
+    return [" ".join(words[low : low + A_LINE]) for low in range(0, len(words), A_LINE)]

@@ -1,0 +1,289 @@
+"""The SID file, "standard input data" of a flexible body (O. Wallrapp, 1993; read by SIMPACK, NEWEUL and others).
+
+Text, one item a line, `key = value`, numbers as Fortran doubles with 11 decimals. An object has an order (0: constant,
+1: also linear in q), a shape and a structure (0 zero, 1 diagonal, 2 symmetric, 3 full, 4 identity); m0(i, j) is its
+constant part, m1(i, k, j) the coefficient of q_k in row i, column j.
+
+A Body becomes a file with mass, inertia and couplings (mdCM, J, Ct, Cr, Me, Gr, Ge, Oe), K (Ke), D (De) and its nodes.
+The file has no inputs and outputs but nodes, and no loss factor.
+"""
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..body.body import Body, check_moving, inputs_without_node, maker, remarks
+from ..body.rotations import skew
+from ..files.system_errors import open_input
+from ..files.text import shown
+from ..model.dofs import DIRECTIONS
+from ..parallel.failures import InputError
+
+OBJECTS = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "ksigma", "Ke", "De")
+OF_NODE = ("origin", "phi", "psi", "AP")
+HEADER = ("order", "nrow", "ncol", "nq", "nqn", "structure")
+# rows and columns of the objects, n the number of elastic coordinates
+SHAPES = {
+    "mdCM": "3 1", "J": "6 1", "Ct": "n 3", "Cr": "n 3", "Me": "n n", "Gr": "3 3n", "Ge": "n 3n", "Oe": "n 6",
+    "ksigma": "n 1", "Ke": "n n", "De": "n n", "origin": "3 1", "phi": "3 n", "psi": "3 n", "AP": "3 3",
+}  # fmt: skip
+ENTRY = re.compile(r"(m[01])\(([ ]*\d+[ ]*(?:,[ ]*\d+[ ]*){1,2})\)")
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?")
+BLANKS = " \t\r"  # str.strip takes more away, which stands in letters of UTF-8
+CONTROL = re.compile(r"[^\t\r\n\x20-\x7e\x80-\xff]")
+
+
+@dataclass
+class SidObject:
+    """One matrix: m0 (nrow, ncol), and m1 (nrow, nq, ncol) if order is 1, else None."""
+
+    m0: np.ndarray
+    m1: np.ndarray | None = None
+    nq: int = 0
+    nqn: int = 0
+    structure: int = 3
+
+    @property
+    def order(self) -> int:
+        return 0 if self.m1 is None else 1
+
+
+@dataclass
+class SidNode:
+    """A node where other bodies and forces may act: its number and objects (origin, phi, psi, AP)."""
+
+    node: int
+    objects: dict[str, SidObject] = field(default_factory=dict)
+    rframe: str = "body ref"
+
+
+@dataclass
+class Sid:
+    """A whole file. `coordinates`: a name for each elastic coordinate; `objects`: mdCM, J, ..., De by name."""
+
+    mass: float
+    coordinates: list[str]
+    nodes: list[SidNode]
+    objects: dict[str, SidObject]
+    comment: str = ""
+
+
+def write_sid(path, body: Body | Sid) -> list[str]:
+    """Write a Body, or a Sid as it is; call it on one rank. Returns remarks on what is not in the file.
+
+    Raises InputError for a body with structural damping, rigid-body motions, or without mass in some direction.
+    """
+    sid, notes = (body, []) if isinstance(body, Sid) else build_sid(body)
+    lines = [f"{len(sid.nodes):5d}{len(sid.coordinates):4d}    :{sid.comment}", " part", _line(6, "new modal", "")]
+    lines += [" " * 11 + "refmod", _line(16, "mass", _number(sid.mass))]
+    lines.append(_line(16, "nelastq", f"{len(sid.coordinates):6d}"))
+    for i, name in enumerate(sid.coordinates, 1):
+        lines.append(_line(16, f"ielastq ({i:4d})", f" {name}"))
+    lines += [" " * 11 + "end refmod", " " * 11 + "frame"]
+    for node in sid.nodes:
+        lines += [_line(16, "new node", f"    {node.node}"), _line(21, "rframe", f"    {node.rframe}")]
+        for name in OF_NODE:
+            lines += _object_lines(name, node.objects[name], 21)
+        lines.append(" " * 16 + "end node")
+    lines.append(" " * 11 + "end frame")
+    for name in OBJECTS:
+        lines += _object_lines(name, sid.objects[name], 11)
+    lines += ["      end modal", " end part", ""]
+    with open(path, "w", encoding="ascii", errors="replace") as file:
+        file.write("\n".join(lines))
+    return notes
+
+
+def _line(indent, key, value):
+    return f"{' ' * indent}{key}".ljust(48) + f"={value}"
+
+
+def _number(value):
+    return f"{value: .11E}".replace("E", "D")
+
+
+def _object_lines(name, item, indent):
+    rows, columns = item.m0.shape
+    values = (item.order, rows, columns, item.nq, item.nqn, item.structure)
+    lines = [" " * indent + name] + [_line(26, key, f"{value:5d}") for key, value in zip(HEADER, values, strict=True)]
+    if item.structure not in (0, 4):
+        for i, j in np.argwhere(item.m0 != 0):
+            lines.append(_line(26, f"m0( {i + 1}, {j + 1})" + 13 * " ", _number(item.m0[i, j])))
+    if item.m1 is not None:
+        # column by column, as the reference files have it
+        for j, i, k in np.argwhere(item.m1.transpose(2, 0, 1) != 0):
+            lines.append(_line(26, f"m1( {i + 1}, {k + 1}, {j + 1})" + 10 * " ", _number(item.m1[i, k, j])))
+    return [*lines, f"{' ' * indent}end {name}"]
+
+
+def read_sid(path) -> Sid:
+    """Read a file back. Raises InputError that names the line."""
+    with open_input(path, "r", encoding="latin-1", newline="\n") as file:
+        text = file.read()
+    if CONTROL.search(text):
+        raise InputError(f"{path}: found a character that is no text; the file is damaged")
+    reader = _Lines(path, text.split("\n"))
+    head, _, comment = reader.next().partition(":")
+    if not re.fullmatch(r"\s*\d{1,9}\s+\d{1,9}\s*", head):
+        raise reader.unexpected("the numbers of nodes and of modes")
+    nodes, modes = map(int, head.split())
+    reader.expect("part")
+    reader.expect("new modal")
+    reader.expect("refmod")
+    mass = reader.value("mass")
+    if reader.count("nelastq") != modes:
+        raise reader.unexpected(f"nelastq = {modes} as in the first line")
+    coordinates = [reader.text(f"ielastq ({k})") for k in range(1, modes + 1)]
+    reader.expect("end refmod")
+    reader.expect("frame")
+    found = []
+    while reader.peek().startswith("new node"):
+        node = SidNode(reader.count("new node"), rframe=reader.text("rframe"))
+        node.objects = {name: _read_object(reader, name, modes) for name in OF_NODE}
+        reader.expect("end node")
+        found.append(node)
+    if len(found) != nodes:
+        raise reader.unexpected(f"{nodes} nodes as in the first line")
+    reader.expect("end frame")
+    objects = {name: _read_object(reader, name, modes) for name in OBJECTS}
+    reader.expect("end modal")
+    reader.expect("end part")
+    if reader.peek():
+        reader.next()
+        raise reader.unexpected("nothing behind 'end part'")
+    return Sid(mass, coordinates, found, objects, comment)
+
+
+def _read_object(reader, name, modes):
+    reader.expect(name)
+    order, rows, columns, nq, nqn, structure = (reader.count(key) for key in HEADER)
+    shape = tuple(int(word.replace("n", "") or 1) * (modes if "n" in word else 1) for word in SHAPES[name].split())
+    if (rows, columns, nq) != (*shape, modes) or order > 1 or structure > 4:
+        raise reader.unexpected(
+            f"{name} of order 0 or 1, {shape[0]} rows, {shape[1]} columns, {modes} coordinates, structure 0 to 4"
+        )
+    m0 = np.eye(rows, columns) if structure == 4 else np.zeros((rows, columns))
+    m1 = np.zeros((rows, nq, columns)) if order else None
+    seen = set()
+    while not reader.peek().startswith("end"):
+        found = ENTRY.fullmatch(reader.key())
+        value = reader.value(reader.key())
+        index = tuple(int(number) - 1 for number in found[2].split(",")) if found else ()
+        target = {"m0": m0 if structure not in (0, 4) else None, "m1": m1}.get(found[1]) if found else None
+        if (target is None or len(index) != target.ndim or index in seen
+                or any(not 0 <= i < n for i, n in zip(index, target.shape, strict=True))):  # fmt: skip
+            raise reader.unexpected(f"an entry of {name} with {rows} rows and {columns} columns, each once")
+        target[index] = value
+        seen.add(index)
+        if structure == 2 and target is m0:
+            target[index[::-1]] = value
+            seen.add(index[::-1])
+    reader.expect(f"end {name}")
+    return SidObject(m0, m1, nq, nqn, structure)
+
+
+class _Lines:
+    """The lines of a file one after the other."""
+
+    def __init__(self, path, lines):
+        self._path, self._lines, self._at = path, lines, 0
+
+    def peek(self):
+        while self._at < len(self._lines) and not self._lines[self._at].strip(BLANKS):
+            self._at += 1
+        return self._lines[self._at].strip(BLANKS) if self._at < len(self._lines) else ""
+
+    def next(self):
+        line = self.peek()
+        self._at += 1
+        return line
+
+    def expect(self, words):
+        found = self.next().rstrip("=" + BLANKS).strip(BLANKS)
+        if found != words:
+            raise self.unexpected(f"'{words}'")
+
+    def text(self, key):
+        head, equals, value = self.next().partition("=")
+        if not equals or re.sub(r"\( *", "(", head.strip(BLANKS)) != re.sub(r"\( *", "(", key):
+            raise self.unexpected(f"'{key} = ...'")
+        return value.strip(BLANKS)
+
+    def value(self, key):
+        text = self.text(key)
+        value = float(text.upper().replace("D", "E")) if NUMBER.fullmatch(text) else np.inf
+        if not np.isfinite(value):
+            raise self.unexpected(f"a number behind '{key} ='")
+        return value
+
+    def count(self, key):
+        text = self.text(key)
+        if not (text.isdigit() and text.isascii() and len(text) < 10):
+            raise self.unexpected(f"a whole number behind '{key} ='")
+        return int(text)
+
+    def key(self):
+        return self.peek().partition("=")[0].strip(BLANKS)
+
+    def unexpected(self, expected):
+        line = self._lines[self._at - 1] if 0 < self._at <= len(self._lines) else "the end"
+        found = shown(line.encode("latin-1"), 60)
+        return InputError(f"{self._path}, line {self._at}: found '{found}', expected {expected}")
+
+
+def build_sid(body: Body) -> tuple[Sid, list[str]]:
+    """The file of a body, and remarks on what is not in it. Raises InputError as write_sid does."""
+    check_moving(body, "a SID file")
+    reduced, quantities = body.reduced, body.floating_frame
+    notes = [*remarks(body), *inputs_without_node(body)]
+    count = reduced.size
+    generators = np.array([skew(axis) for axis in np.eye(3)])
+    nodes = []
+    for shape in body.nodes:
+        slopes = np.einsum("cij,ck->ikj", generators, shape.psi)  # m1(:, k, :) = skew(psi_k)
+        objects = {
+            "origin": SidObject((shape.position - quantities.origin)[:, None], shape.phi[:, :, None], count),
+            "phi": _object(shape.phi, count),
+            "psi": _object(shape.psi, count),
+            "AP": SidObject(np.eye(3), slopes, count) if shape.psi.any() else SidObject(np.eye(3), None, count, 0, 4),
+        }
+        nodes.append(SidNode(int(shape.node), objects))
+    pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    inertia = np.array([[quantities.J[a, b]] for a, b in pairs])
+    slopes = np.array([quantities.dJ[:, a, b] for a, b in pairs])[:, :, None]
+    objects = {
+        "mdCM": SidObject(quantities.mc[:, None], quantities.Ct.T[:, :, None], count),
+        "J": SidObject(inertia, slopes, count),
+        "Ct": _object(quantities.Ct, count),
+        "Cr": SidObject(quantities.Cr, quantities.Cr1, count),
+        "Me": _object(quantities.Me, count),
+        "Gr": _object(quantities.Gr, count),
+        "Ge": _object(quantities.Ge, count),
+        "Oe": SidObject(quantities.Oe, quantities.Oe1, count),
+        "ksigma": SidObject(np.zeros((count, 1)), None, count, 0, 0),
+        "Ke": _object(reduced.K, count),
+        "De": _object(reduced.D, count),
+    }
+    names = [f"Eigen Mode {i:4d} : {f:12.3f} Hz" for i, f in enumerate(reduced.frequencies, 1)]
+    if reduced.interfaces:
+        own = [f"Node {item.node} : {name}" for item in reduced.interfaces for name in DIRECTIONS[:6]]
+        names = own + [f"Modal coordinate {i:4d}" for i in range(1, count - len(own) + 1)]
+    comment = "; ".join([f"No. nodes, No. modes: {maker(body.reduced)}", *notes])
+    return Sid(quantities.mass, names, nodes, objects, comment), notes
+
+
+def _object(matrix, count):
+    """A constant object with the structure that the matrix has; round-off beside a diagonal is left out."""
+    square = matrix.shape[0] == matrix.shape[1]
+    size = np.abs(matrix).max(initial=0.0)
+    if size == 0:
+        return SidObject(matrix, None, count, 0, 0)
+    if square:
+        diagonal = np.diag(np.diag(matrix))
+        sizes = np.sqrt(np.abs(np.diag(matrix)))  # of each coordinate: displacements, angles and modes differ much
+        if (np.abs(matrix - diagonal) <= 1e-12 * np.outer(sizes, sizes)).all():
+            if np.abs(np.diag(matrix) - 1).max() <= 1e-11:
+                return SidObject(np.eye(len(matrix)), None, count, 0, 4)
+            return SidObject(diagonal, None, count, 0, 1)
+    return SidObject(matrix, None, count, 0, 3)

@@ -1,0 +1,60 @@
+"""State-space matrices of a ReducedModel by name, and the .mat and .npz files that hold them; SI units, rad/s.
+
+With x = [q; q'], u the forces of the inputs and y the displacements of the outputs:
+
+    x' = A x + B u,  y = C x + D u                A (2m, 2m), B (2m, p), C (r, 2m), D (r, p), which is zero
+    y' = C_velocity x                             C_velocity (r, 2m): the velocities of the outputs
+    E x' = EA x + EB u                            the descriptor form, without the inverse of M: E = diag(I, M)
+    mass q'' + damping q' + stiffness q = input_matrix u,  y = output_matrix q
+
+input_names, output_names; velocity_names of the rows of C_velocity; comment. There is no place for structural damping.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..body.body import check_viscous, instability, maker
+from ..reduction.reduced_model import ReducedModel, require_finite
+from .body_npz import save_npz
+from .matlab import save_mat
+
+
+def state_space(reduced: ReducedModel) -> dict:
+    """The matrices by name. Raises InputError for structural damping."""
+    require_finite(reduced)
+    check_viscous(reduced, "a state space")
+    M, D, K, B, C, size = reduced.M, reduced.D, reduced.K, reduced.B, reduced.C, reduced.size
+    zero, one = np.zeros((size, size)), np.eye(size)
+    still, silent = np.zeros((size, B.shape[1])), np.zeros_like(C)
+    return {
+        "A": np.block([[zero, one], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]]),
+        "B": np.concatenate([still, np.linalg.solve(M, B)]),
+        "C": np.concatenate([C, silent], axis=1),
+        "D": np.zeros((len(C), B.shape[1])),
+        "C_velocity": np.concatenate([silent, C], axis=1),
+        "E": np.block([[one, zero], [zero, M]]),
+        "EA": np.block([[zero, one], [-K, -D]]),
+        "EB": np.concatenate([still, B]),
+        "mass": M,
+        "damping": D,
+        "stiffness": K,
+        "input_matrix": B,
+        "output_matrix": C,
+        "input_names": np.array(reduced.input_names, dtype=str),
+        "output_names": np.array(reduced.output_names, dtype=str),
+        "velocity_names": np.array([f"velocity of {name}" for name in reduced.output_names], dtype=str),
+        "comment": np.array("; ".join([maker(reduced), *instability(reduced)])),
+    }
+
+
+def write_state_space_mat(path, reduced: ReducedModel) -> list[str]:
+    """Write a .mat file; call it on one rank. Returns remarks. Raises InputError for structural damping."""
+    save_mat(path, state_space(reduced))
+    return instability(reduced)
+
+
+def write_state_space_npz(path, reduced: ReducedModel) -> list[str]:
+    """Write an .npz file; call it on one rank. Returns remarks. Raises InputError for structural damping."""
+    save_npz(path, state_space(reduced))
+    return instability(reduced)

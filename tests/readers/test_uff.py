@@ -1,0 +1,220 @@
+"""Universal files: what is written is read back by fixed columns and by the reader; real nodes and elements."""
+
+import numpy as np
+import pytest
+from conftest import DATA
+from foreign import gathered, write
+
+import hpcred
+from hpcred import InputError, Modes
+from hpcred.files import text as text_module
+from hpcred.files.result_file import read_result
+from hpcred.model.elements import NODES
+from hpcred.parallel.petsc import MPI
+from hpcred.readers.nodes import uff
+from hpcred.workflows.export import export_result
+from hpcred.writers.uff import write_uff
+
+pytestmark = pytest.mark.mpi(ranks=(1, 3))
+
+FILE = DATA / "uff" / "heat_engine_housing.uff"
+
+
+def test_nodes_and_elements_of_a_real_file(comm, monkeypatch):
+    monkeypatch.setattr(text_module, "PIECE", 150)
+    nodes, elements = uff.read(FILE, comm)
+    label, place, position = gathered(comm, nodes.label, nodes.place, nodes.position)
+    assert label.tolist() == list(range(1, 11)) and place.tolist() == list(range(10))
+    assert position[0].tolist() == [-1.711755676269531e2, 1.036403427124023e2, 1.384829101562500e2]
+    found = {kind: np.concatenate(comm.allgather(part)).tolist() for kind, part in elements.items()}
+    assert found == {
+        "tetra": [[1, 3, 6, 7], [2, 3, 4, 8], [6, 7, 9, 10], [1, 3, 9, 10]],
+        "triangle": [[1, 2, 4], [8, 9, 10], [6, 8, 9], [2, 3, 8]],
+    }
+
+
+def test_shapes_of_a_result(comm, folder):
+    with hpcred.solid((2, 2, 2), inputs=2, comm=comm) as model, hpcred.reduce(model, [Modes(count=3)]) as rom:
+        hpcred.write_result(folder / "r.h5", rom, model)
+    report = export_result(folder / "r.h5", "uff", comm=comm)
+    assert report["output"] == str(folder / "r.uff") and len(report["shapes"]) == 3
+    lines = (folder / "r.uff").read_text().split("\n")
+    assert lines[1] == "   164"  # (I10, 20A1, I10): code of the units, their name, kind of temperatures
+    assert [lines[2][:10], lines[2][10:30], lines[2][30:]] == [f"{1:10d}", "  SI: Meter (newton)", f"{2:10d}"]
+    with read_result(folder / "r.h5", MPI.COMM_SELF).shapes() as shapes:
+        starts = [k for k, line in enumerate(lines) if line == "    55"]
+        assert len(starts) == 3
+        for k, at in enumerate(starts):
+            assert lines[at + 1] == shapes.names[k]
+            assert [int(lines[at + 6][10 * c : 10 * c + 10]) for c in range(6)] == [1, 2, 2, 8, 2, 3]
+            assert float(lines[at + 8][:13]) == pytest.approx(shapes.frequencies[k], rel=1e-5)
+            count = len(shapes.nodes)
+            rows = lines[at + 9 : at + 9 + 2 * count]
+            assert [int(row) for row in rows[::2]] == shapes.nodes.tolist() and lines[at + 9 + 2 * count] == "    -1"
+            found = [[float(row[13 * c : 13 * c + 13]) for c in range(3)] for row in rows[1::2]]
+            moved = shapes.displacement(k)
+            assert np.abs(found - moved).max() < 1e-5 * np.abs(moved).max()
+        nodes, elements = uff.read(folder / "r.uff", comm)
+        label, position = gathered(comm, nodes.label, nodes.position)
+        assert np.array_equal(label, shapes.nodes) and np.array_equal(position, shapes.points)
+        cells = np.concatenate(comm.allgather(elements["hexahedron"]))
+        assert np.array_equal(cells, shapes.nodes[shapes.cells["hexahedron"]])
+
+
+@pytest.mark.mpi(ranks=(1,), build="real")
+def test_shapes_in_pyuff(comm, folder):
+    pyuff = pytest.importorskip("pyuff")
+    with hpcred.solid((2, 2, 2), inputs=2, comm=comm) as model, hpcred.reduce(model, [Modes(count=3)]) as rom:
+        hpcred.write_result(folder / "r.h5", rom, model)
+    export_result(folder / "r.h5", "uff", comm=comm)
+    units, nodes, *others = pyuff.UFF(str(folder / "r.uff")).read_sets()
+    assert units["length"] == units["force"] == 1 and [item["type"] for item in others] == [2412, 55, 55, 55]
+    with read_result(folder / "r.h5", MPI.COMM_SELF).shapes() as shapes:
+        assert np.array_equal(nodes["node_nums"], shapes.nodes)
+        assert np.array_equal(np.transpose([nodes[key] for key in "xyz"]), shapes.points)
+        for k, shape in enumerate(others[1:]):
+            assert shape["freq"] == pytest.approx(shapes.frequencies[k], rel=1e-5)
+            assert np.array_equal(shape["node_nums"], shapes.nodes)
+            moved = shapes.displacement(k)
+            found = np.transpose([shape[key] for key in ("r1", "r2", "r3")])
+            assert np.abs(found - moved).max() < 1e-5 * np.abs(moved).max()
+
+
+class Cells:
+    """One element of each kind that a file can hold."""
+
+    nodes = np.arange(1, 21) * 3
+    points = np.random.default_rng(1).standard_normal((20, 3))
+    cells = {kind: np.random.default_rng(2).permutation(20)[: NODES[kind]][None] for kind in uff.CODES}
+    names, frequencies = [], []
+
+
+def test_every_kind_of_element_comes_back(comm, folder):
+    if comm.rank == 0:
+        assert write_uff(folder / "a.unv", Cells) == []
+    comm.Barrier()
+    _, elements = uff.read(folder / "a.unv", comm)
+    assert sorted(elements) == sorted(uff.CODES)
+    for kind, nodes in Cells.cells.items():
+        assert np.array_equal(np.concatenate(comm.allgather(elements[kind])), Cells.nodes[nodes])
+
+
+def test_middles_lie_between_their_corners():
+    """In the file the nodes of edges go corner, middle, corner."""
+    edges = {"triangle6": [(0, 1), (1, 2), (2, 0)], "quad8": [(0, 1), (1, 2), (2, 3), (3, 0)], "line3": [(0, 1)],
+             "tetra10": [(0, 1), (1, 2), (2, 0)], "hexahedron20": [(0, 1), (1, 2), (2, 3), (3, 0)],
+             "wedge15": [(0, 1), (1, 2), (2, 0)]}  # fmt: skip
+    for kind, pairs in edges.items():
+        corners = max(map(max, edges[kind])) + 1
+        first = {"tetra10": 4, "hexahedron20": 8, "wedge15": 6}.get(kind, corners)
+        for k, (a, _) in enumerate(pairs):
+            assert uff.ORDER[kind][2 * k : 2 * k + 2] == [a, first + k]
+
+
+NODES_15 = """    -1
+    15
+         1         0         0         8  1.00000E+00  2.00000E+00 -3.00000E+00
+         5         0         0         8  1.50000D+00  2.00000E+00  3.00000E+00
+    -1
+"""
+
+
+def test_nodes_of_dataset_15(comm, folder):
+    nodes, elements = uff.read(write(folder / "a.unv", NODES_15, comm), comm)
+    label, position = gathered(comm, nodes.label, nodes.position)
+    assert label.tolist() == [1, 5] and position.tolist() == [[1, 2, -3], [1.5, 2, 3]] and not elements
+
+
+def system_18(number, origin, along, plane):
+    values = [f"{value:13.5E}" for value in (*origin, *along, *plane)]
+    return f"{number:10d}{0:10d}{0:10d}{8:10d}{1:10d}\nCS{number}\n{''.join(values[:6])}\n{''.join(values[6:])}\n"
+
+
+def system_2420(number, turned):
+    axes = [(0, 1, 0), (-1, 0, 0), (0, 0, 1)] if turned else np.eye(3)
+    rows = "".join("".join(f"{value:25.16E}" for value in row) + "\n" for row in (*axes, (0, 0, 0)))
+    return f"    -1\n  2420\n{1:10d}\npart\n{number:10d}{0:10d}{0:10d}\nCS{number}\n{rows}    -1\n"
+
+
+@pytest.mark.parametrize(
+    "systems, node, says",
+    [
+        (system_18(1, (0, 0, 0), (1, 0, 0), (0, 0, 1)), (1, 1), None),
+        (system_18(4, (0, 0, 0), (1, 0, 0), (1, 0, 2)), (4, 0), None),
+        (system_18(1, (0, 0, 1), (1, 0, 1), (0, 0, 2)), (1, 0), "coordinates in the global system"),
+        (system_18(1, (0, 0, 0), (0, 1, 0), (0, 0, 1)), (1, 0), "coordinates in the global system"),
+        (system_18(1, (0, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 1), "displacements in the global system"),
+        (system_18(1, (0, 0, 0), (0, 1, 0), (0, 0, 1)).replace("0E+00", "x"), (1, 0), "coordinates in the global"),
+        (system_18(2, (0, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 1), None),
+    ],
+)
+def test_coordinate_systems_of_dataset_18(comm, folder, systems, node, says):
+    nodes = NODES_15.replace("5         0         0", "5{:10d}{:10d}".format(*node))
+    path = write(folder / "a.unv", f"    -1\n    18\n{systems}    -1\n{nodes}", comm)
+    if says is None:
+        assert sum(gathered(comm, uff.read(path, comm)[0].position)[0].tolist(), []) == [1, 2, -3, 1.5, 2, 3]
+    else:
+        with pytest.raises(InputError, match=says):
+            uff.read(path, comm)
+
+
+@pytest.mark.parametrize("number, turned", [(1, False), (3, False), (1, True), (3, True)])
+def test_displacements_in_systems_of_dataset_2420(comm, folder, number, turned):
+    nodes = f"    -1\n  2411\n{8:10d}{1 if turned else number:10d}{number:10d}{11:10d}\n 1.0 2.0 3.0\n    -1\n"
+    path = write(folder / "a.unv", system_2420(number, turned) + nodes, comm)
+    if turned:
+        with pytest.raises(InputError, match="displacements in the global system"):
+            uff.read(path, comm)
+    else:
+        assert gathered(comm, uff.read(path, comm)[0].position)[0].tolist() == [[1, 2, 3]]
+
+
+@pytest.mark.parametrize(
+    "old, new, says",
+    [
+        ("-3.00000E+00\n", "\n", "line 3: "),
+        ("         5 ", "         1 ", "found the node 1 more than once"),
+        ("         5         0", "         5         7", "coordinates in the global system"),
+        ("3.00000E+00\n    -1", "3.00000E+00\n", "found 1 lines of -1, expected two a dataset"),
+        ("    15\n", "    55\n", "found 0 datasets of nodes"),
+        (" 2.00000E+00 -3", " nan -3", "expected finite node coordinates"),
+        ("1.50000D+00", "1.5_000D+00", "expected numbers a line"),
+        ("         8  1.5", "       8.5  1.5", "expected two systems and a colour as a whole number"),
+        ("3.00000E+00\n    -1\n", "3.00000E+00\n    -1\nmore\n", "found 'more' outside of a dataset"),
+        ("    15\n", "    15 7\n", "expected the number of a dataset"),
+    ],
+)
+def test_damaged_files_are_refused(comm, folder, old, new, says):
+    assert old in NODES_15
+    path = write(folder / "a.unv", NODES_15.replace(old, new, 1), comm)
+    with pytest.raises(InputError) as error:
+        uff.read(path, comm)
+    assert says in str(error.value) and str(path) in str(error.value)
+
+
+@pytest.mark.parametrize("behind", [b"", b"\r\n"])
+def test_nodes_beside_binary_functions(comm, folder, behind):
+    """What looks like the end of a dataset among the bytes of functions is none."""
+    rubbish = b"\n    -1\n    15\n\xff\x00\n    -1"
+    head = f"    -1\n    58b     1     2{2:12d}{len(rubbish):12d}     0     0           0           0\na\nb\n"
+    text = head.encode() + rubbish + behind + b"    -1\n"
+    for content in (text + NODES_15.encode(), NODES_15.encode() + text):
+        nodes, _ = uff.read(write(folder / "a.uff", content, comm), comm)
+        assert gathered(comm, nodes.label)[0].tolist() == [1, 5]
+        comm.Barrier()
+    unknown = text.replace(f"{2:12d}".encode(), b"           x")
+    for cut, says in ((text[:-8], "found no line of -1 behind the binary"), (unknown, "number of lines and bytes")):
+        assert cut != text
+        with pytest.raises(InputError, match=says):
+            uff.read(write(folder / "b.uff", NODES_15.encode() + cut, comm), comm)
+        comm.Barrier()
+
+
+def test_damaged_elements_are_refused(comm, folder):
+    content = FILE.read_text()
+    for old, new in (("         1         3         6         7\n", "         1         3         6\n"),
+                     ("         1       111         5", "         1       111      1e99"),
+                     ("         1         1         4\n", "         1         1         9\n")):  # fmt: skip
+        assert old in content
+        with pytest.raises(InputError, match="expected (number, kind|as many nodes|the numbers)"):
+            uff.read(write(folder / "a.uff", content.replace(old, new, 1), comm), comm)

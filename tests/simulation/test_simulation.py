@@ -1,0 +1,181 @@
+"""Simulations against closed forms, conservation laws and the frequency response."""
+
+import numpy as np
+import pytest
+import scipy.integrate
+from helpers import bar
+
+import hpcred
+from hpcred import (
+    Buckens,
+    Chord,
+    ConstantForce,
+    Joint,
+    Krylov,
+    Modes,
+    RampDrive,
+    Rayleigh,
+    Simulation,
+    SineDrive,
+    SineForce,
+    TableDrive,
+    TableForce,
+)
+from hpcred.body.body import body_of
+from hpcred.parallel.failures import InputError
+from hpcred.simulation.equations_of_motion import FlexibleBody, rotation
+from hpcred.simulation.simulation import simulate
+
+
+def reduced_body(model, basis, nodes, damping=None):
+    with hpcred.reduce(model, basis, Buckens(), damping) as rom:
+        return body_of(model, rom, nodes)
+
+
+@pytest.fixture(scope="module")
+def linkage_body():
+    with hpcred.linkage() as model:
+        return reduced_body(model, [Modes(index=tuple(range(7, 13)))], [1, 7, 14, 20])
+
+
+def momenta(body, motion):
+    """Linear and angular momentum about the inertial origin at all times."""
+    system = FlexibleBody(body.floating_frame, body.reduced.K, body.reduced.D)
+    result = []
+    for r, p, q, *velocities in zip(
+        motion.position, motion.quaternion, motion.elastic, motion.velocity, motion.angular_velocity,
+        motion.elastic_velocity, strict=True,
+    ):  # fmt: skip
+        P = system.floating_frame.mass_matrix(q) @ np.concatenate(velocities)
+        A = rotation(p)
+        result.append(np.concatenate([A @ P[:3], A @ P[3:6] + np.cross(r, A @ P[:3])]))
+    return np.array(result)
+
+
+def test_a_free_spinning_body_keeps_energy_and_momentum(linkage_body):
+    setup = Simulation(
+        end=0.2, velocity=(1.0, -0.5, 0.2), angular_velocity=(3.0, 8.0, -5.0), rotation=(0.2, 0.1, 0.5),
+        elastic=(1e-3, -2e-3, 1e-3, 0.0, 0.0, 0.0), steps=50, relative_tolerance=1e-8, absolute_tolerance=1e-11,
+    )  # fmt: skip
+    motion = simulate(linkage_body, setup)
+    assert motion.balance < 1e-8
+    kept = momenta(linkage_body, motion)
+    assert np.abs(kept - kept[0]).max() < 1e-7 * np.abs(kept).max()
+    assert np.ptp(motion.elastic[:, 0]) > 3e-4 and np.ptp(motion.angular_velocity, axis=0).max() > 1
+    assert motion.drift == 0.0 and motion.constraint_force.shape == (51, 0)
+
+
+TURNING = [
+    {"angular_velocity": (0.0, 0.0, 1e6)},
+    {"constraint": (Joint(1, kind="revolute", axis=(0.0, 0.0, 1.0)),),
+     "drive": (RampDrive(node=1, about=(0.0, 0.0, 1.0), rate=1e6),)},
+    {"constraint": (Joint(1, kind="revolute", axis=(0.0, 0.0, 1.0)),),
+     "drive": (TableDrive(node=1, about=(0.0, 0.0, 1.0), times=(0.0, 1e6), values=(0.0, 1e12)),)},
+    {"constraint": (Joint(1, kind="revolute", axis=(0.0, 0.0, 1.0)),),
+     "drive": (SineDrive(node=1, about=(0.0, 0.0, 1.0), amplitude=1e9, frequency=1e-3),)},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("setup", TURNING)
+def test_turns_without_end_are_refused_before_they_begin(linkage_body, setup, monkeypatch):
+    """1e12 rad and more, of drives and of a body by itself, in steps that see each turn."""
+    monkeypatch.setattr("scipy_dae.integrate.solve_dae", lambda *_, **__: pytest.fail("was begun"))
+    with pytest.raises(InputError, match=r"takes [\d.]+e\+1\d steps of its turns, expected at most 1e\+08; end earl"):
+        simulate(linkage_body, Simulation(end=1e6, **setup))
+
+
+def test_vibrations_without_end_are_refused_after_some_steps(linkage_body, monkeypatch):
+    """An undamped body rings at some 100 Hz for as long as it is asked to."""
+    monkeypatch.setattr("hpcred.simulation.simulation.FEW_STEPS", 100)
+    elastic = (1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)
+    with pytest.raises(InputError, match=r"in 100 steps, .* takes [\d.]+e\+\d+ more, expected at most 1e\+08"):
+        simulate(linkage_body, Simulation(end=1e8, elastic=elastic))
+    assert simulate(linkage_body, Simulation(end=0.5, elastic=elastic, steps=5)).balance < 1e-2
+
+
+def test_a_stiff_pendulum_is_a_rigid_one(comm):
+    """A beam of 1 m on a spherical joint at its end, falling from the horizontal in a plane."""
+    with bar(comm, 1.0, 4, young=2.1e13) as model:
+        body = reduced_body(model, [Modes(index=(7, 8))], [1, 5], Rayleigh(0.0, 1e-3))
+    setup = Simulation(end=1.5, gravity=(0.0, 0.0, -9.81), constraint=(Joint(1),), observe=(5,), steps=100,
+                       relative_tolerance=1e-6, absolute_tolerance=1e-9)  # fmt: skip
+    motion = simulate(body, setup)
+    # angle below the horizontal of a slender rod: 1/3 m L^2 phi'' = m g L/2 cos phi
+    rigid = scipy.integrate.solve_ivp(
+        lambda _, y: [y[1], 1.5 * 9.81 * np.cos(y[0])], (0, 1.5), [0.0, 0.0], t_eval=motion.t, rtol=1e-10, atol=1e-12
+    ).y[0]
+    tip = motion.node_position[:, 1]
+    assert tip == pytest.approx(np.array([np.cos(rigid), 0 * rigid, -np.sin(rigid)]).T, abs=2e-5)
+    assert motion.drift < 1e-8 and motion.balance < 1e-5
+    weight = body.floating_frame.mass * 9.81  # at the lowest point the joint carries 2.5 m g
+    assert np.linalg.norm(motion.constraint_force, axis=1).max() == pytest.approx(2.5 * weight, rel=2e-2)
+
+
+def test_small_vibrations_agree_with_the_frequency_response():
+    """The constrained free body against the full model held by the same six supports, at 10 Hz."""
+    frequency, force, damping = 10.0, 1e-3, Rayleigh(0.0, 2e-2)  # stiffness damping leaves rigid motion alone
+    held = [(1, "x"), (1, "y"), (1, "z"), (7, "x"), (7, "z"), (14, "z")]
+    with hpcred.linkage() as model:
+        expected = hpcred.frequency_response(model, [frequency], Chord(nodes=(1, 7, 14), axes="yxz"), damping)[0, 0, 0]
+        model = model.with_inputs([*held, (20, "z")])
+        body = reduced_body(model, [Krylov(frequency=10.0, order=1)], [1, 7, 14, 20], damping)
+    setup = Simulation(
+        end=1.0, force=(SineForce(20, (0.0, 0.0, force), frequency),), steps=1000,
+        constraint=(Joint(1), Joint(7, ("x", "z")), Joint(14, ("z",))), relative_tolerance=1e-6,
+        absolute_tolerance=1e-11,
+    )  # fmt: skip
+    motion = simulate(body, setup)
+    last = motion.t > 0.8
+    wave = np.exp(-2j * np.pi * frequency * motion.t[last])
+    found = 2j * np.mean(motion.node_displacement[last, -1, 2] * wave) / force
+    assert found == pytest.approx(expected, rel=1e-3)
+
+
+def test_static_start_is_at_rest_and_carries_the_weight(linkage_body):
+    setup = Simulation(
+        end=0.05, start="static", gravity=(0.0, 0.0, -9.81), force=(ConstantForce(20, (0.0, 0.0, 50.0)),), steps=5,
+        constraint=(Joint(1), Joint(7, ("x", "z")), Joint(14, ("z",))),
+    )  # fmt: skip
+    motion = simulate(linkage_body, setup)
+    assert np.abs(motion.node_displacement - motion.node_displacement[0]).max() < 1e-8
+    assert np.abs(motion.node_displacement[0, -1, 2]) > 1e-4
+    vertical = [name.endswith("z") for name in motion.constraint_names]
+    weight = 9.81 * linkage_body.floating_frame.mass
+    assert motion.constraint_force[:, vertical].sum(axis=1) == pytest.approx(weight - 50.0, rel=1e-6)
+
+
+def test_what_does_not_fit_is_moved_and_said(linkage_body):
+    at = tuple(linkage_body.nodes[0].position + [0.0, 0.0, 0.01])
+    setup = Simulation(end=0.01, steps=2, constraint=(Joint(1, at=at),), velocity=(0.0, 0.0, 1.0))
+    motion = simulate(linkage_body, setup)
+    assert motion.node_position[0, 0] == pytest.approx(at, abs=1e-12)
+    assert motion.drift < 1e-8
+    assert any("velocities did not fit" in note for note in motion.notes)
+    assert any("position did not fit" in note for note in motion.notes)
+
+
+def test_forces_over_time():
+    table = TableForce(1, (0.0, 1.0, 3.0), ((0.0, 0.0, 0.0), (2.0, 0.0, -2.0), (2.0, 4.0, 0.0)))
+    assert table(0.5) == pytest.approx([1, 0, -1]) and table(2.0) == pytest.approx([2, 2, -1])
+    assert table(-1.0) == pytest.approx([0, 0, 0]) and table(9.0) == pytest.approx([2, 4, 0])
+    assert SineForce(1, (3.0, 0.0, 0.0), 2.0, np.pi / 2)(0.25) == pytest.approx([-3, 0, 0])
+    late = TableForce(1, (-1.0, -0.9, 0.0, 1.0, 3.0, 3.1), ((0.0, 0.0, 0.0),) * 6)
+    assert late.longest_step(2.0) == 1.0 and late.longest_step(0.5) == 1.0 and late.longest_step(4.0) < 0.11
+    assert table.longest_step() == 1.0 and SineForce(1, (1.0, 0.0, 0.0), 2.0).longest_step() < 0.1
+
+
+@pytest.mark.parametrize(
+    "change, says",
+    [
+        ({"start": "static", "constraint": (Joint(1),)}, "leave 3 rigid motions free"),
+        ({"constraint": (Joint(1), Joint(1, ("z",)))}, "depend on each other"),
+        ({"constraint": (Joint(1, at=(9.0, 0.0, 0.0)), Joint(20))}, "away from the given places"),
+        ({"elastic": (1.0,)}, "elastic: found 1 numbers, expected 6"),
+        ({"observe": (5,)}, "node 5 is none of the nodes of the body, 1, 7, 14, 20"),
+        ({"gravity": (0.0, 0.0, np.nan)}, "gravity: found nan"),
+        ({"end": np.inf}, "end: found inf, expected a finite number"),
+    ],
+)
+def test_simulations_that_make_no_sense(linkage_body, change, says):
+    with pytest.raises(InputError, match=says):
+        simulate(linkage_body, Simulation(**{"end": 0.1, **change}))

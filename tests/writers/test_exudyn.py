@@ -1,0 +1,260 @@
+"""The file for Exudyn: Exudyn itself moves the body, and what its file does not hold is said."""
+
+import numpy as np
+import pytest
+from helpers import bar
+
+import hpcred
+from hpcred import Buckens, Joint, Krylov, ModalDamping, Modes, Rayleigh, Simulation
+from hpcred.body.body import body_of
+from hpcred.body.node_shapes import interface_nodes
+from hpcred.body.rotations import rotation
+from hpcred.examples.beam import Rod
+from hpcred.model.damping import Structural
+from hpcred.model.elements import surface_triangles
+from hpcred.model.interfaces import Interface, Nodes
+from hpcred.parallel.failures import InputError
+from hpcred.parallel.petsc import MPI
+from hpcred.simulation.simulation import simulate
+from hpcred.workflows.export import export_result
+from hpcred.writers.exudyn import write_exudyn
+
+
+def body_with(damping):
+    with (
+        hpcred.linkage() as model,
+        hpcred.reduce(model, [Modes(index=tuple(range(7, 13)))], Buckens(), damping) as rom,
+    ):
+        return body_of(model, rom, [1, 7, 14, 20])
+
+
+@pytest.mark.slow
+def test_exudyn_moves_the_body_as_we_do(tmp_path):
+    """The linkage spinning freely with damped vibrations: Exudyn's reduced-order object against our simulation."""
+    exudyn = pytest.importorskip("exudyn")
+    from exudyn.FEM import ObjectFFRFreducedOrderInterface
+
+    body = body_with(ModalDamping(ratio=0.02))
+    notes = write_exudyn(tmp_path / "body.npz", body)
+    assert any("SetObjectParameter(object, 'dampingMatrixReduced'" in note for note in notes)
+    spin, push, size, end = (4.0, 20.0, 12.0), (0.1, 0.0, 0.3), body.reduced.size, 0.1
+    interface = ObjectFFRFreducedOrderInterface()
+    interface.LoadFromFile(str(tmp_path / "body.npz"))
+    mbs = exudyn.SystemContainer().AddSystem()
+    own = interface.AddObjectFFRFreducedOrder(
+        mbs, positionRef=[0, 0, 0], initialVelocity=list(push), initialAngularVelocity=list(spin),
+        gravity=[0, 0, -9.81],
+    )  # fmt: skip
+    damping = exudyn.MatrixContainer(np.load(tmp_path / "body.npz")["dampingMatrixReduced"])
+    mbs.SetObjectParameter(own["oFFRFreducedOrder"], "dampingMatrixReduced", damping)
+    mbs.Assemble()
+    settings = exudyn.SimulationSettings()
+    settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = 4000, end
+    settings.solution.file.write = False
+    settings.timeIntegration.verboseMode = 0
+    mbs.SolveDynamic(settings)
+    theirs = np.array(mbs.GetNodeOutput(own["nGenericODE2"], exudyn.OutputVariableType.Coordinates))
+    place = np.array(mbs.GetNodeOutput(own["nRigidBody"], exudyn.OutputVariableType.Position))
+    axes = np.array(mbs.GetNodeOutput(own["nRigidBody"], exudyn.OutputVariableType.RotationMatrix)).reshape(3, 3)
+    setup = Simulation(end=end, gravity=(0.0, 0.0, -9.81), velocity=push, angular_velocity=spin, steps=10,
+                       relative_tolerance=1e-8, absolute_tolerance=1e-12)  # fmt: skip
+    ours = simulate(body, setup)
+    assert theirs.shape == (size,)
+    assert ours.elastic[-1] == pytest.approx(theirs, abs=2e-3 * np.abs(ours.elastic).max())
+    assert ours.position[-1] == pytest.approx(place, abs=5e-6)
+    assert rotation(ours.quaternion[-1]) == pytest.approx(axes, abs=1e-4)
+    assert np.abs(ours.elastic[-1]).max() > 5e-5
+
+
+def pendulum(kind):
+    """A body and its node to hang it on; how long it swings (s), least elastic rotation (rad), tolerance (m).
+
+    The mean of directions, by which the integrals of beams are taken, is used in other places by Exudyn than by us.
+    """
+    if kind == "linkage":
+        with (
+            hpcred.linkage() as model,
+            hpcred.reduce(model, [Modes(index=tuple(range(7, 13)))], Buckens(), Rayleigh(2.0, 1e-4)) as rom,
+        ):
+            return body_of(model, rom, [1, 14]), 1, 0.2, 1e-3, 3e-5
+    face = Nodes(box=((-1e-6, -1, -1), (1e-6, 1, 1)))
+    with (
+        hpcred.solid((6, 1, 1), [1.0, 0.1, 0.1], 3, False, young=2e7) as block,
+        block.with_interfaces([Interface(name="hinge", nodes=face)]) as plain,
+        plain.with_inputs([("hinge", "all")]) as model,
+        hpcred.reduce(model, [Modes(index=(7, 8, 9)), Krylov(frequency=0.0)], Buckens(), Rayleigh(0.0, 1e-3)) as rom,
+    ):
+        return body_of(model, rom, [28, *interface_nodes(model)]), "hinge", 0.6, 0.03, 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["linkage", "interface of a solid"])
+def test_exudyn_swings_a_pendulum_as_we_do(tmp_path, kind):
+    """Falling from rest on a revolute joint; rotations of markers by the exponential map, as ours."""
+    exudyn = pytest.importorskip("exudyn")
+    from exudyn import itemInterface as items
+    from exudyn.FEM import ObjectFFRFreducedOrderInterface
+
+    body, hinge, end, bending, tolerance = pendulum(kind)
+    write_exudyn(tmp_path / "body.npz", body)
+    file = np.load(tmp_path / "body.npz")
+    place = file["names"].tolist().index(str(hinge))
+    interface = ObjectFFRFreducedOrderInterface()
+    interface.LoadFromFile(str(tmp_path / "body.npz"))
+    mbs = exudyn.SystemContainer().AddSystem()
+    own = interface.AddObjectFFRFreducedOrder(mbs, positionRef=[0, 0, 0], gravity=[0, 0, -9.81])["oFFRFreducedOrder"]
+    mbs.SetObjectParameter(own, "dampingMatrixReduced", exudyn.MatrixContainer(file["dampingMatrixReduced"]))
+    ground = mbs.AddMarker(items.MarkerBodyRigid(
+        bodyNumber=mbs.AddObject(items.ObjectGround()), localPosition=body.nodes[place].position.tolist()
+    ))  # fmt: skip
+    marker = mbs.AddMarker(items.MarkerSuperElementRigid(
+        bodyNumber=own, meshNodeNumbers=file["markerNodes"][place].tolist(), weightingFactors=[0.25] * 4,
+        useAlternativeApproach=True, rotationsExponentialMap=2,
+    ))  # fmt: skip
+    mbs.AddObject(items.GenericJoint(markerNumbers=[ground, marker], constrainedAxes=[1, 1, 1, 1, 0, 1]))
+    mbs.Assemble()
+    settings = exudyn.SimulationSettings()
+    settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = 1000, end
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
+    settings.solution.file.write = False
+    settings.timeIntegration.verboseMode = 0
+    mbs.SolveDynamic(settings)
+    theirs = [mbs.GetObjectOutputSuperElement(own, exudyn.OutputVariableType.Position, node) for node in (0, 1)]
+    joint = Joint(hinge, kind="revolute", axis=(0.0, 1.0, 0.0))
+    setup = Simulation(end=end, gravity=(0.0, 0.0, -9.81), constraint=(joint,), steps=20, relative_tolerance=1e-6,
+                       absolute_tolerance=1e-9)  # fmt: skip
+    ours = simulate(body, setup)
+    assert ours.node_position[-1] == pytest.approx(np.array(theirs), abs=tolerance)
+    assert np.linalg.norm(ours.node_displacement[-1], axis=1).max() > 0.1
+    assert np.abs(ours.elastic @ body.nodes[place].psi.T).max() > bending  # rad
+    assert ours.balance < 1e-4 and ours.rotation_drift < 1e-6
+
+
+def bent(path, held, loaded, moment):
+    """Rotation and displacement (3,) of a node by Exudyn under a moment (3,), with another node held."""
+    exudyn = pytest.importorskip("exudyn")
+    from exudyn import itemInterface as items
+    from exudyn.FEM import ObjectFFRFreducedOrderInterface
+
+    file = np.load(path)
+    names = file["names"].tolist()
+    interface = ObjectFFRFreducedOrderInterface()
+    interface.LoadFromFile(str(path))
+    mbs = exudyn.SystemContainer().AddSystem()
+    own = interface.AddObjectFFRFreducedOrder(mbs, positionRef=[0, 0, 0])["oFFRFreducedOrder"]
+    places = [file["xRef"].reshape(-1, 3)[names.index(name)] for name in (held, loaded)]
+    markers = [
+        mbs.AddMarker(items.MarkerSuperElementRigid(
+            bodyNumber=own, meshNodeNumbers=file["markerNodes"][names.index(name)].tolist(), weightingFactors=[0.25] * 4
+        ))
+        for name in (held, loaded)
+    ]  # fmt: skip
+    body = mbs.AddObject(items.ObjectGround())
+    ground = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=places[0].tolist()))
+    mbs.AddObject(items.GenericJoint(markerNumbers=[ground, markers[0]]))
+    mbs.AddLoad(items.LoadTorqueVector(markerNumber=markers[1], loadVector=moment.tolist()))
+    mbs.Assemble()
+    settings = exudyn.SimulationSettings()
+    settings.solution.file.write = False
+    settings.staticSolver.verboseMode = 0
+    mbs.SolveStatic(settings)
+    turned = np.array(mbs.GetMarkerOutput(markers[1], exudyn.OutputVariableType.RotationMatrix)).reshape(3, 3)
+    angles = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
+    return angles, np.array(mbs.GetMarkerOutput(markers[1], exudyn.OutputVariableType.Position)) - places[1]
+
+
+def test_a_moment_turns_a_node_and_a_joint_holds_one(tmp_path):
+    """A beam held at one end, with a moment at the other: M L / EI, by markers on the four points around each node."""
+    length, rod, moment = 0.5, Rod(), np.array([1.0, 2.0, 3.0])
+    inputs = [(node, d) for node in (1, 9) for d in ("x", "y", "z", "rx", "ry", "rz")]
+    basis = [Modes(index=tuple(range(7, 13))), Krylov(frequency=0.0)]
+    with (
+        bar(MPI.COMM_WORLD, length, 8).with_inputs(inputs) as model,
+        hpcred.reduce(model, basis, Buckens()) as rom,
+    ):
+        body = body_of(model, rom, [9, 4, 1])
+    body.nodes[1].rotates = False
+    notes = write_exudyn(tmp_path / "body.npz", body)
+    assert any(note.startswith("rotations of nodes 9, 1: by MarkerSuperElementRigid") for note in notes)
+    assert np.load(tmp_path / "body.npz")["markerNodes"][1].tolist() == [-1] * 4
+    turned, moved = bent(tmp_path / "body.npz", "1", "9", moment)
+    bending = rod.young * rod.second_moment
+    torsion = rod.young / (1 + rod.poisson) * rod.second_moment
+    angles = moment * length / np.array([torsion, bending, bending])
+    assert turned == pytest.approx(angles, rel=1e-3)
+    assert moved[1:] == pytest.approx([angles[2] * length / 2, -angles[1] * length / 2], rel=1e-3)
+
+
+def test_interfaces_of_a_solid_take_moments(tmp_path):
+    """Both ends of a bar of bricks as averaging interfaces: Exudyn's static solution is that of the reduced model."""
+    faces = {"left": 0.0, "right": 0.06}
+    interfaces = [Interface(name=name, nodes=Nodes(box=((x - 1e-6, -1, -1), (x + 1e-6, 1, 1))))
+                  for name, x in faces.items()]  # fmt: skip
+    with (
+        hpcred.solid((6, 2, 2), clamped=False, inputs=3).with_interfaces(interfaces) as plain,
+        plain.with_inputs([("left", "all"), ("right", "all")]) as model,
+        hpcred.reduce(model, [Krylov(frequency=0.0)], Buckens()) as rom,
+    ):
+        body = body_of(model, rom)
+    write_exudyn(tmp_path / "body.npz", body)
+    moment = np.array([1.0, -2.0, 3.0])
+    turned, moved = bent(tmp_path / "body.npz", "left", "right", moment)
+    # of the reduced model: K q = (psi_R - psi_L)^T M, seen from the left end
+    left, right = body.nodes
+    twist = right.psi - left.psi
+    q = np.linalg.solve(body.reduced.K, twist.T @ moment)
+    assert turned == pytest.approx(twist @ q, rel=1e-4)
+    arm = right.position - left.position
+    assert moved == pytest.approx((right.phi - left.phi) @ q - np.cross(left.psi @ q, arm), abs=1e-4 * abs(moved).max())
+    assert abs(turned).min() > 1e-7
+
+
+def test_the_surface_that_is_drawn(tmp_path):
+    """Of a block of bricks: closed, of the right size, and it moves as its nodes do."""
+    with (
+        hpcred.solid((4, 2, 2), inputs=3) as model,  # of which the layer of cells at the clamped end is left out
+        hpcred.reduce(model, [Krylov(frequency=0.0)]) as rom,
+    ):
+        hpcred.write_result(tmp_path / "result.h5", rom, model)
+        lengths = np.ptp(model.dofs.position, axis=0)
+    report = export_result(tmp_path / "result.h5", "exudyn")
+    assert not any("no surface" in note for note in report["remarks"])
+    file = np.load(report["output"])
+    points, triangles = file["xRef"].reshape(-1, 3), file["trigList"]
+    assert len(triangles) == 4 * (3 * 2 + 2 * 2 + 3 * 2)
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a) / 2
+    areas = lengths[[1, 2, 0]] * lengths[[2, 0, 1]]
+    assert np.linalg.norm(normals, axis=1).sum() == pytest.approx(2 * areas.sum())
+    assert normals.sum(axis=0) == pytest.approx(np.zeros(3), abs=1e-12 * areas.sum())
+    assert np.einsum("ti,ti->", a, normals) / 3 == pytest.approx(np.prod(lengths))  # normals look outward
+    shapes = dict(zip(map(tuple, points.round(9)), file["modeBasis"].reshape(len(points), 3, -1), strict=True))
+    corner = hpcred.read_result(tmp_path / "result.h5").body([36]).nodes[0]
+    assert np.array_equal(shapes[tuple(corner.position.round(9))], corner.phi) and corner.phi.any()
+    pytest.importorskip("exudyn")
+    from exudyn.FEM import ObjectFFRFreducedOrderInterface
+
+    interface = ObjectFFRFreducedOrderInterface()
+    interface.LoadFromFile(str(report["output"]))
+    assert interface.nNodes == len(points) and interface.trigList == triangles.tolist()
+
+
+@pytest.mark.parametrize("kind, cells, count", [
+    ("tetra10", [[0, 1, 2, 3, *range(10, 16)], [1, 2, 3, 4, *range(16, 22)]], 6),
+    ("wedge", [[0, 1, 2, 3, 4, 5]], 2 + 3 * 2),
+    ("pyramid", [[0, 1, 2, 3, 4]], 4 + 2),
+    ("hexahedron", [[0, 1, 2, 2, 4, 5, 6, 6]], 2 + 3 * 2),  # a wedge by corners put together
+    ("quad8", [[0, 1, 2, 3, 4, 5, 6, 7]], 2),
+    ("line", [[0, 1]], 0),
+])  # fmt: skip
+def test_faces_of_other_elements(kind, cells, count):
+    assert len(surface_triangles({kind: np.array(cells)})) == count
+
+
+def test_what_the_file_has_no_place_for_is_said(tmp_path):
+    notes = write_exudyn(tmp_path / "body.npz", body_with(None))
+    assert not [line for line in notes if "damping" in line]
+    assert notes[-2:] == ["no surface is drawn: the result has no faces, no basis, or too many dofs",
+                          "modal stresses are left out"]  # fmt: skip
+    with pytest.raises(InputError, match=r"loss factor 0.02\) has no .* place in a file for Exudyn"):
+        write_exudyn(tmp_path / "body.npz", body_with(Structural(0.02)))

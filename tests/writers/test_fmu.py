@@ -1,0 +1,225 @@
+"""FMUs: FMPy validates and runs them, and they move as the exact solution of the reduced equations of motion does."""
+
+import shutil
+import subprocess
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+import scipy.linalg
+from fmpy.fmi2 import FMU2Slave
+from fmpy.validation import validate_fmu
+
+import hpcred
+from hpcred import Buckens, Modes, Rayleigh
+from hpcred.parallel.failures import ComputationError, InputError
+from hpcred.writers.fmu import write_fmu
+from hpcred.writers.state_space import state_space
+
+STEP, COUNT = 1e-3, 60
+
+
+@pytest.fixture(scope="module")
+def body():
+    """Of the linkage: a force and a moment in, a displacement, a rotation and a row number out; M is not I."""
+    with hpcred.linkage() as model:
+        model = model.with_inputs([(20, "z"), (1, "rx")]).with_outputs([(7, "z"), (20, "rx"), 117])
+        modes = [Modes(index=tuple(range(7, 17)))]
+        with hpcred.reduce(model, modes, Buckens(), Rayleigh(2.0, 1e-5)) as rom:
+            reduced = rom
+    T = np.eye(reduced.size) + 0.3 * np.random.default_rng(1).standard_normal((reduced.size,) * 2)
+    M, D, K = (T.T @ matrix @ T for matrix in (reduced.M, reduced.D, reduced.K))
+    return replace(reduced, M=M, D=D, K=K, B=T.T @ reduced.B, C=reduced.C @ T)
+
+
+@pytest.fixture(scope="module")
+def fmu(body, tmp_path_factory):
+    path = tmp_path_factory.mktemp("fmu") / "body.fmu"
+    write_fmu(path, body)
+    return path
+
+
+def exact(reduced, steps, u, slope, x=None):
+    """Displacements and velocities after steps of given lengths with inputs u (k, p) + slope (k, p) t, by expm."""
+    s = state_space(reduced)
+    A, B, C = s["A"], s["B"], np.concatenate([s["C"], s["C_velocity"]])
+    n, p = B.shape
+    x = np.zeros(n) if x is None else x
+    # x' = A x + B u, u' = slope, slope' = 0
+    system = np.block([[A, B, np.zeros((n, p))], [np.zeros((p, n + p)), np.eye(p)], [np.zeros((p, n + 2 * p))]])
+    flow, found = {}, [C @ x]
+    for h, load, rate in zip(steps, u, slope, strict=True):
+        if h not in flow:
+            flow[h] = scipy.linalg.expm(h * system)
+        x = (flow[h] @ np.concatenate([x, load, rate]))[:n]
+        found.append(C @ x)
+    return np.array(found)
+
+
+def numbers(result):
+    """The columns of a result of FMPy behind the time."""
+    return np.array([result[name] for name in result.dtype.names[1:]]).T
+
+
+@contextmanager
+def slave(path):
+    """An instance for co-simulation in its first step mode."""
+    description, folder = fmpy.read_model_description(path), fmpy.extract(path)
+    instance = FMU2Slave(guid=description.guid, unzipDirectory=folder, instanceName="body",
+                         modelIdentifier=description.coSimulation.modelIdentifier)  # fmt: skip
+    instance.instantiate()
+    instance.setupExperiment(startTime=0.0)
+    instance.enterInitializationMode()
+    instance.exitInitializationMode()
+    try:
+        yield instance
+    finally:
+        instance.terminate()
+        instance.freeInstance()
+        shutil.rmtree(folder)
+
+
+def test_fmpy_finds_no_fault(body, fmu):
+    assert validate_fmu(str(fmu)) == []
+    description = fmpy.read_model_description(fmu)
+    names = {v.name: v.unit for v in description.modelVariables if v.causality in ("input", "output")}
+    assert names == {
+        "force_20_z": "N", "moment_1_rx": "N.m",
+        "displacement_7_z": "m", "rotation_20_rx": "rad", "output_dof_117": None,
+        "velocity_7_z": "m/s", "angular_velocity_20_rx": "rad/s", "output_rate_dof_117": None,
+    }  # fmt: skip
+    assert description.modelName == "linkage"
+    assert len(description.derivatives) == 2 * body.size
+    # no output depends on an input at once, so that a loop through the body is no algebraic one
+    known = {v.name for unknown in description.outputs for v in unknown.dependencies}
+    assert known == {f"{letter}[{i + 1}]" for letter in "qv" for i in range(body.size)}
+
+
+def test_the_step_response_is_exact_in_co_simulation(body, fmu):
+    """10 N, which do not change between communication points."""
+    names = [v.name for v in fmpy.read_model_description(fmu).modelVariables if v.causality == "output"]
+    result = fmpy.simulate_fmu(fmu, fmi_type="CoSimulation", stop_time=COUNT * STEP, output_interval=STEP,
+                               start_values={"force_20_z": 10.0}, output=names)  # fmt: skip
+    expected = exact(body, [STEP] * COUNT, [[10.0, 0.0]] * COUNT, np.zeros((COUNT, 2)))
+    scale = np.abs(expected).max(axis=0)
+    assert (np.abs(numbers(result) - expected).max(axis=0) < 1e-11 * scale).all() and (scale > 0).all()
+
+
+def test_the_step_response_in_model_exchange(body, fmu):
+    """CVode of FMPy, to its tolerance."""
+    names = [v.name for v in fmpy.read_model_description(fmu).modelVariables if v.causality == "output"]
+    result = fmpy.simulate_fmu(fmu, fmi_type="ModelExchange", stop_time=COUNT * STEP, output_interval=STEP,
+                               start_values={"force_20_z": 10.0}, output=names, relative_tolerance=1e-8)  # fmt: skip
+    expected = exact(body, [STEP] * COUNT, [[10.0, 0.0]] * COUNT, np.zeros((COUNT, 2)))
+    assert (np.abs(numbers(result) - expected).max(axis=0) < 1e-5 * np.abs(expected).max(axis=0)).all()
+
+
+def test_linear_inputs_steps_of_many_sizes_and_saved_states(body, fmu):
+    """Inputs with derivatives are followed exactly over steps of any size; a state that was saved comes back."""
+    rng = np.random.default_rng(2)
+    steps = [1e-3, 1e-3 * (1 + 3e-13), 1e-3 * (1 - 8e-10), 2e-2, 1e-6, 3e-4, 3e-4, 0.0, 0.1]
+    u, slope = rng.standard_normal((2, len(steps), 2)) * np.array([[[10.0]], [[1e3]]])
+    expected = exact(body, steps, u, slope)
+    with slave(fmu) as instance:
+        time = 0.0
+        for k, h in enumerate(steps):
+            instance.setReal([0, 1], u[k])
+            instance.setRealInputDerivatives([0, 1], [1, 1], slope[k])
+            if k == 4:
+                saved = instance.getFMUstate()
+                written = instance.serializeFMUstate(saved)
+                instance.doStep(time, 0.7)
+                instance.setFMUstate(saved)
+                instance.freeFMUstate(saved)
+                instance.doStep(time, 0.2)
+                saved = instance.deSerializeFMUstate(written)
+                instance.setFMUstate(saved)
+                instance.freeFMUstate(saved)
+            instance.doStep(time, h)
+            time += h
+            found = np.array(instance.getReal(list(range(2, 8))))
+            assert (np.abs(found - expected[k + 1]) < 1e-11 * np.abs(expected).max(axis=0)).all()
+        instance.reset()
+        assert not np.any(instance.getReal(list(range(8 + 4 * body.size))))
+
+
+def test_directional_derivatives_are_the_matrices(body, fmu):
+    s = state_space(body)
+    with slave(fmu) as instance:
+        first, last = 8, 8 + 2 * body.size
+        states, rates = list(range(first, last)), list(range(last, last + 2 * body.size))
+        for unknown, known, matrix in ((rates, states, s["A"]), (rates, [0, 1], s["B"]), ([2, 3, 4], states, s["C"]),
+                                       ([5, 6, 7], states, s["C_velocity"]), ([2, 5], [0, 1], np.zeros((2, 2)))):
+            columns = [instance.getDirectionalDerivative(unknown, [reference], [1.0]) for reference in known]
+            found = np.array(columns).T
+            assert found == pytest.approx(matrix, rel=1e-12)
+
+
+def test_what_cannot_be_is_refused_by_the_fmu(fmu):
+    with slave(fmu) as instance:
+        for refused in (
+            lambda: instance.setReal([2], [1.0]),
+            lambda: instance.getReal([10**6]),
+            lambda: instance.doStep(0.0, -1.0),
+            lambda: instance.doStep(0.0, np.nan),
+            lambda: instance.setRealInputDerivatives([0], [2], [1.0]),
+            lambda: instance.getInteger([0]),
+        ):
+            with pytest.raises(Exception, match="failed with status"):
+                refused()
+        instance.doStep(0.0, STEP)
+    description, folder = fmpy.read_model_description(fmu), fmpy.extract(fmu)
+    other = FMU2Slave(guid="{another}", unzipDirectory=folder, modelIdentifier=description.coSimulation.modelIdentifier)
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        other.instantiate()
+    shutil.rmtree(folder)
+
+
+def test_the_sources_are_whole_and_the_file_is_always_the_same(body, fmu, tmp_path):
+    """With the headers of FMPy, which are those of the standard, and all warnings."""
+    folder = Path(fmpy.extract(fmu, unzipdir=str(tmp_path / "extracted")))
+    headers = Path(fmpy.__file__).with_name("c-code")
+    said = subprocess.run(
+        ["cc", "-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsyntax-only", f"-I{headers}",
+         str(folder / "sources/body.c")], capture_output=True, text=True,
+    )  # fmt: skip
+    assert said.returncode == 0, said.stderr
+    write_fmu(tmp_path / "again.fmu", body)
+    assert (tmp_path / "again.fmu").read_bytes() == fmu.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "name, shown, identifier",
+    [
+        ("Rod <2> & \"Größe\"", "Rod <2> & \"Größe\"", "Rod__2_____Gr__e_"),
+        ("\x01\ufffe\udc80", "body", "body"),
+        ("7" * 250, "7" * 250, "body_" + "7" * 63),
+    ],
+)
+def test_a_body_of_any_name(body, tmp_path, name, shown, identifier):
+    path = tmp_path / "body.fmu"
+    write_fmu(path, body, name)
+    description = fmpy.read_model_description(path)  # validated
+    assert description.modelName == shown
+    assert description.coSimulation.modelIdentifier == identifier
+    with slave(path) as instance:
+        instance.doStep(0.0, STEP)
+
+
+def test_a_machine_that_cannot_compile_says_so(body, tmp_path, monkeypatch):
+    for compiler, error, says in (
+        ("no-such-cc -m64", InputError, "needs a C compiler, and there is no 'no-such-cc' on this machine; install"),
+        ("false", ComputationError, r"not compiled by false \(exit status 1\): nothing said"),
+        ("cc -include none.h", ComputationError, "not compiled by cc .*none.h"),
+    ):
+        monkeypatch.setenv("CC", compiler)
+        with pytest.raises(error, match=says):
+            write_fmu(tmp_path / "body.fmu", body)
+    with pytest.raises(InputError, match="an FMU needs inputs and outputs"):
+        write_fmu(tmp_path / "body.fmu", replace(body, input_names=()))
+    with pytest.raises(InputError, match="no place in an FMU"):
+        write_fmu(tmp_path / "body.fmu", replace(body, loss_factor=0.02))
+    assert not list(tmp_path.iterdir())
