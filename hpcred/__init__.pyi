@@ -103,6 +103,7 @@ from .workflows.evaluate import estimate_of_result as estimate_of_result
 from .workflows.evaluate import evaluate_result as evaluate_result
 from .workflows.example import write_example as write_example
 from .workflows.export import export_result as export_result
+from .workflows.export_reduced import export_reduced as export_reduced
 from .workflows.info import describe_file as describe_file
 from .workflows.info import inspect_file as inspect_file
 from .workflows.modes import mass_in_words as mass_in_words

@@ -10,7 +10,7 @@ from ..linalg.factorisation import Factoring, SingularMatrix
 from ..linalg.free_motions import check_free_motions
 from ..linalg.refinement import REFINE_ABOVE
 from ..linalg.solvers import ComplexSolver, ShiftedSolver
-from ..model.damping import Damping, ModalDamping, caughey_terms, loss_factor_of
+from ..model.damping import Damping, ModalDamping, caughey_terms, damping_or_given, loss_factor_of
 from ..model.definiteness import check_definite
 from ..model.frames import Frame, apply_frame
 from ..model.port_counts import require_room
@@ -39,7 +39,8 @@ def frequency_response(
     damping: Damping | None = None, *, factoring: Factoring | None = None, progress: Progress | None = None,
     groups: int | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """H (frequencies, r, p) of a ReducedModel, or of a SecondOrderModel in a frame with a damping law.
+    """H (frequencies, r, p) of a ReducedModel, or of a SecondOrderModel in a frame with a damping law, by default that
+    of its damping matrix, if it has one.
 
     `frequencies` in Hz. In the Buckens frame the response is that of the elastic part: of the body whose
     displacements are M-orthogonal to its rigid-body modes. `factoring`: how to factor, as for reduce. `groups`: number
@@ -55,6 +56,7 @@ def frequency_response(
         return _reduced(model, frequencies)
     require_model(model)
     declared("factoring", factoring, Factoring | None)
+    damping = damping_or_given(model, damping)
     if isinstance(damping, ModalDamping):
         raise InputError("damping: modal ratios belong to a reduced model; the full model has no such response")
     inputs, outputs = scales_of(model)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..linalg.basis import Basis
 from ..linalg.factorisation import Factoring, FactorRecord
-from ..model.damping import Caughey, Damping, ModalDamping, NoDamping, Rayleigh, Structural, caughey_terms
+from ..model.damping import Caughey, Damping, ModalDamping, Rayleigh, Structural, caughey_terms, damping_or_given
 from ..model.digits import doubts_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.port_counts import FREQUENCIES, require_room
@@ -125,7 +125,7 @@ def full_response(
     if declared("check", check, int) < 0:
         raise InputError(f"check: found {check}, expected 0 or more fresh frequencies")
     adaptive = _asked_accuracy(frequencies, tolerance, band, adaptive)
-    frame, damping = frame or NoFrame(), damping or NoDamping()
+    frame, damping = frame or NoFrame(), damping_or_given(model, damping)
     progress = progress or Progress(model.comm, show=False)
     factoring = factoring or Factoring()
     found, models = _by_search(model, frequencies, frame, damping, adaptive, factoring, progress)

@@ -194,3 +194,10 @@ def is_proportional(model) -> bool:
 Damping = Annotated[
     NoDamping | GivenDamping | Rayleigh | Caughey | ModalDamping | Structural, Field(discriminator="kind")
 ]
+
+
+def damping_or_given(model, damping) -> Damping:
+    """A damping law that a user gave, or None for that of the damping matrix of the model, if it has one."""
+    if declared("damping", damping, Damping | None) is not None:
+        return damping
+    return NoDamping() if model.D is None else GivenDamping()

@@ -42,7 +42,7 @@ def with_interfaces(model, interfaces):
     interfaces = declared("interfaces", interfaces, tuple[Interface, ...])
     names = [item.name for item in interfaces]
     if not names:
-        return model._with(Gt=None, interfaces=())
+        return model.with_fields(Gt=None, interfaces=())
     if len(set(names)) < len(names):
         raise InputError(f"interface: found the names {', '.join(names)}, expected each once")
     dofs = require_dofs(model, "an interface")
@@ -69,7 +69,7 @@ def with_interfaces(model, interfaces):
         entries.append((rows, weights))
         coupled.append(rows)
     _check_overlaps(model, interfaces, coupled)
-    return model._with(Gt=_sparse_columns(model, entries), interfaces=tuple(found))
+    return model.with_fields(Gt=_sparse_columns(model, entries), interfaces=tuple(found))
 
 
 def members(model, item) -> np.ndarray:

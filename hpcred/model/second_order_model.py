@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from ..linalg.csr import compress
 from ..linalg.definiteness import extreme_quotients
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned, agreed, settle, watched
-from ..parallel.petsc import MPI, PETSc
+from ..parallel.petsc import MPI, PETSc, free_dropped
 from ..parallel.shares import row_range
 from .checked_arrays import (
     check_columns,
@@ -52,11 +52,39 @@ def sizes_of_sets(sets: dict, comm) -> dict[str, int]:
     return {name: sum(part.get(name, 0) for part in parts) for name in sorted(set().union(*parts))}
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class SecondOrderModel:
     """M q'' + D q' + K q = B u, y = C q with n unknowns, p inputs, r outputs, distributed by rows.
 
-    M, D (or None), K: PETSc AIJ matrices (n, n) on one nonzero pattern. B (n, p) and C^T (n, r): dense PETSc
+    Parameters
+    ----------
+    M, D, K : SciPy sparse matrix, ndarray or PETSc.Mat, shape (n, n)
+        Mass, damping (or None) and stiffness. Every rank gives all of a SciPy matrix; PETSc matrices lie on the ranks
+        as they are.
+    B : ndarray or SciPy sparse matrix, shape (n, p), optional
+        Columns of the inputs; beside PETSc matrices the rows of this rank. `with_inputs` makes them from dofs.
+    C : ndarray or SciPy sparse matrix, shape (r, n), optional
+        Rows of the outputs, by default B^T; beside PETSc matrices the columns of this rank's rows.
+    dofs : Dofs, optional
+        Node, direction and position of the rows, which frames, interfaces and exports need.
+    input_names, output_names : sequence of str, optional
+        By default "input 1", "output 1" and so on.
+    name : str, default "model"
+        For messages.
+    comm : MPI.Comm, optional
+        Of the ranks that share SciPy matrices, by default all.
+
+    Raises
+    ------
+    InputError
+        For NaN, Inf, empty rows, a negative diagonal of M, rows that have nothing beside the diagonal in PETSc
+        matrices, or shapes that do not fit.
+
+    Notes
+    -----
+    Collective. `from_scipy`, `from_petsc` and `from_csr` take more, such as elements, node sets and held dofs.
+
+    Attributes: M, D (or None), K: PETSc AIJ matrices (n, n) on one pattern. B (n, p) and C^T (n, r): dense PETSc
     matrices; `Ct` is None when C = B^T. `dofs`: labels of the rows of this rank, or None. `elements`: node numbers
     (elements of this rank, nodes) by kind of element, where known, for pictures. `held`: dofs that the program which
     wrote the matrices holds at zero, and which have no row; `sets`: node numbers by the name of the set; of both, this
@@ -85,8 +113,21 @@ class SecondOrderModel:
     interfaces: tuple[InterfaceNode, ...] = ()
     converted_from: str = ""
 
-    def __post_init__(self):
-        watched(self.comm)
+    def __init__(self, M, D, K, B=None, C=None, *, dofs=None, input_names=(), output_names=(), name="model", comm=None):
+        made = _from_petsc if isinstance(K, PETSc.Mat) else _from_arrays
+        labels = {"dofs": dofs, "input_names": input_names, "output_names": output_names, "name": name}
+        vars(self).update(vars(made(M, D, K, B, C, comm, **labels)))
+
+    @classmethod
+    def assembled(cls, M, K, D=None, **known) -> SecondOrderModel:
+        """A model with these fields, which fit and belong to it from now on. Collective."""
+        model = object.__new__(cls)
+        for item in fields(cls):
+            if item.default_factory is not MISSING:
+                vars(model)[item.name] = item.default_factory()
+        vars(model).update(M=M, K=K, D=D, **known)
+        watched(model.comm)
+        return model
 
     def __enter__(self) -> SecondOrderModel:
         return self
@@ -127,13 +168,13 @@ class SecondOrderModel:
 
     def shared(self) -> SecondOrderModel:
         """The same model with references of its own: either is closed without the other."""
-        return self._with()
+        return self.with_fields()
 
-    def _with(self, **changed):
-        """Another model with some fields changed, and references of its own to the other PETSc objects."""
+    def with_fields(self, **changed):
+        """The model with other fields, and references of its own to the PETSc objects that stay. Collective."""
         kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
-        other = replace(self, **kept, **changed)
+        other = self.assembled(**{item.name: getattr(self, item.name) for item in fields(self)} | kept | changed)
         for name in ("_digests", "_defects", "_signs"):
             known, shared = getattr(self, name), getattr(other, name)
             shared.update({key: value for key, value in known.items() if key not in changed})
@@ -249,7 +290,7 @@ class SecondOrderModel:
             return marked
         with marked:
             if not marked.interfaces:
-                return marked._with(B=None, input_names=())
+                return marked.with_fields(B=None, input_names=())
             return marked.with_inputs([item.name for item in marked.interfaces])
 
     def with_inputs(self, targets: Targets) -> SecondOrderModel:
@@ -268,7 +309,7 @@ class SecondOrderModel:
     def with_input_columns(self, local: ArrayLike | None, names: Iterable[str]) -> SecondOrderModel:
         """The model with B from the rows of this rank (rows, p), and p names. Collective. Raises InputError."""
         local, names = named_columns(self.comm, self.local_rows, local, names, f"{self.name}: inputs")
-        return self._with(B=None if local is None else dense_matrix(self.K, local), input_names=names)
+        return self.with_fields(B=None if local is None else dense_matrix(self.K, local), input_names=names)
 
     def with_output_columns(self, local: ArrayLike | None, names: Iterable[str]) -> SecondOrderModel:
         """The model with C^T from the rows of this rank (rows, r) and r names, or with C = B^T for None. Collective.
@@ -276,7 +317,7 @@ class SecondOrderModel:
         Raises InputError.
         """
         local, names = named_columns(self.comm, self.local_rows, local, names, f"{self.name}: outputs")
-        return self._with(Ct=None if local is None else dense_matrix(self.K, local), own_output_names=names)
+        return self.with_fields(Ct=None if local is None else dense_matrix(self.K, local), own_output_names=names)
 
     def with_damping_matrix(self, D: PETSc.Mat | None) -> SecondOrderModel:
         """The model with the damping matrix D on the pattern of K, or None; it takes D over. Collective.
@@ -287,7 +328,7 @@ class SecondOrderModel:
             with agreed(self.comm):
                 indptr, _, values = D.getValuesCSR()
                 check_finite(indptr, {"D": values}, D.getOwnershipRange()[0], self.name, self.dofs)
-        return self._with(D=D)
+        return self.with_fields(D=D)
 
     def as_dual(self) -> SecondOrderModel:
         """The model of the transposed transfer function: D^T for D (M and K are symmetric), C^T for B. Collective."""
@@ -295,16 +336,22 @@ class SecondOrderModel:
         if self.D is not None and not self.symmetric:
             changed["D"] = PETSc.Mat()
             self.D.transpose(changed["D"])
-        return self._with(**changed)
+        return self.with_fields(**changed)
 
     def in_coordinates(self, matrices, T, dofs):
         """The model in coordinates q^ with q = T q^: of its `matrices` T^T A T by name, which it takes over, and labels
         `dofs` of the rows. Collective."""
         B, Ct, Gt = (None if mat is None else T.transposeMatMult(mat) for mat in (self.B, self.Ct, self.Gt))
-        return SecondOrderModel(
-            matrices["M"], matrices["K"], matrices.get("D"), B, Ct, dofs, self.input_names, self.own_output_names,
-            self.name, Gt=Gt, interfaces=self.interfaces,
+        return self.assembled(
+            matrices["M"], matrices["K"], matrices.get("D"), B=B, Ct=Ct, dofs=dofs, input_names=self.input_names,
+            own_output_names=self.own_output_names, name=self.name, Gt=Gt, interfaces=self.interfaces,
         )  # fmt: skip
+
+    def frequency_response(self, frequencies, *, frame=None, damping=None, **more) -> np.ndarray:
+        """H(i omega) = C A(i omega)^-1 B at `frequencies` in Hz, (F, r, p): see frequency_response. Collective."""
+        import hpcred  # the public functions, which stand above
+
+        return hpcred.frequency_response(self, frequencies, frame, damping, **more)
 
     def plot_modes(self, count: int = 6, *, frame=None, factoring=None):
         """Draw the lowest elastic modes of a model with nodes: see plot_modes.
@@ -375,6 +422,7 @@ class SecondOrderModel:
         `converted_from` as of the model. Raises InputError for NaN, Inf, a negative diagonal of M, rows that are
         empty, columns or labels that stand twice, or shapes that do not fit.
         """  # fmt: skip
+        free_dropped(comm)
         rows = len(indptr) - 1
         first = comm.exscan(rows) or 0
         with agreed(comm):
@@ -397,9 +445,10 @@ class SecondOrderModel:
         for key, data in values.items():
             mats[key] = PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=(indptr, indices, data), comm=comm)
         B, Ct = (None if local is None else dense_matrix(mats["K"], local) for local in (inputs, outputs))
-        return cls(
-            mats["M"], mats["K"], mats.get("D"), B, Ct, dofs, input_names, output_names, name,
-            elements or {}, held, sets or {}, tuple(remarks), converted_from=converted_from,
+        return cls.assembled(
+            mats["M"], mats["K"], mats.get("D"), B=B, Ct=Ct, dofs=dofs, input_names=input_names,
+            own_output_names=output_names, name=name, elements=elements or {}, held=held, sets=sets or {},
+            remarks=tuple(remarks), converted_from=converted_from,
         )  # fmt: skip
 
     @classmethod
@@ -508,10 +557,30 @@ class SecondOrderModel:
                         f"{row_name(alone[0], first, dofs)}, as boundary conditions leave them; name such rows by "
                         "`held`, or give held=[] to keep them"
                     )
-            return cls(
-                copy(mats["M"]), copy(mats["K"]), copy(mats["D"]) if "D" in mats else None, None, None, dofs,
-                name=name, elements=elements or {}, held=away, sets=sets or {},
+            return cls.assembled(
+                copy(mats["M"]), copy(mats["K"]), copy(mats["D"]) if "D" in mats else None, dofs=dofs, name=name,
+                elements=elements or {}, held=away, sets=sets or {},
             )  # fmt: skip
+
+
+def _from_arrays(M, D, K, B, C, comm, **labels):
+    """The model of matrices that all ranks hold."""
+    outputs = None if _is_transposed(B, C) else C.T
+    return SecondOrderModel.from_scipy(K, M, D, comm or MPI.COMM_WORLD, inputs=B, outputs=outputs, **labels)
+
+
+def _from_petsc(M, D, K, B, C, comm, input_names, output_names, **labels):
+    """The model of PETSc matrices, with the rows of B and the columns of C that belong to this rank."""
+    if comm is not None:
+        raise InputError("comm: found it beside PETSc matrices, which have one; leave it out")
+    with SecondOrderModel.from_petsc(K, M, D, **labels) as bare, bare.with_input_columns(B, input_names) as loaded:
+        outputs = None if all(bare.comm.allgather(_is_transposed(B, C))) else C.T
+        return loaded.with_output_columns(outputs, output_names)
+
+
+def _is_transposed(B, C):
+    """Whether C is B^T, given or not: then all that follows from it holds."""
+    return C is None or (B is not None and np.shape(B) == np.shape(C.T) and not (B != C.T).sum())
 
 
 def require_model(model):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -130,8 +130,8 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
              for mat in (model.B, model.Ct)]  # fmt: skip
     dofs, held = (part and Dofs(part.node, part.direction, part.position * units.length)
                   for part in (model.dofs, model.held))  # fmt: skip
-    return replace(
-        model, M=mats["M"], K=mats["K"], D=mats.get("D"), B=dense[0], Ct=dense[1], dofs=dofs, held=held,
+    return model.with_fields(
+        M=mats["M"], K=mats["K"], D=mats.get("D"), B=dense[0], Ct=dense[1], dofs=dofs, held=held,
         converted_from=units.name,
     )  # fmt: skip
 

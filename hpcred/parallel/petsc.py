@@ -38,6 +38,11 @@ def is_complex() -> bool:
     return startup.start() == "complex"
 
 
+def free_dropped(comm):
+    """Free the distributed objects that Python has dropped on all ranks, which petsc4py only puts aside. Collective."""
+    PETSc.garbage_cleanup(comm)
+
+
 @contextmanager
 def petsc_errors():
     """Raise PETSc.Error for what newer petsc4py calls a SystemError, where PETSc had called Python in between."""
@@ -49,4 +54,4 @@ def petsc_errors():
         raise
 
 
-__all__ = ["MPI", "PETSc", "SAME", "SLEPc", "is_complex", "petsc_errors"]
+__all__ = ["MPI", "PETSc", "SAME", "SLEPc", "free_dropped", "is_complex", "petsc_errors"]

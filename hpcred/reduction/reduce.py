@@ -11,7 +11,7 @@ import numpy as np
 from ..linalg.basis import Basis
 from ..linalg.blocks import apply, copy_of, create_block
 from ..linalg.factorisation import DoesNotFit, Factoring
-from ..model.damping import Damping, ModalDamping, NoDamping, doubts_of_damping, loss_factor_of
+from ..model.damping import Damping, ModalDamping, NoDamping, damping_or_given, doubts_of_damping, loss_factor_of
 from ..model.definiteness import check_definite, doubts_of_definiteness, growing
 from ..model.digits import doubts_of_digits
 from ..model.frames import Buckens, Frame, NoFrame, apply_frame, inputs_without_effect
@@ -23,7 +23,7 @@ from ..model.second_order_model import SYMMETRIC_TO, SecondOrderModel, require_i
 from ..parallel.decisions import decided
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import ComputationError, InputError, Owned
-from ..parallel.petsc import MPI
+from ..parallel.petsc import MPI, free_dropped
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
 from .components.component import Ingredient, PointIngredient
@@ -80,13 +80,15 @@ def reduce(
     of Modes, Krylov, SecondOrderKrylov, StaticCorrection; each extends what the ones before it gave. With a tolerance
     they come first, and may be left out. `store`: where the blocks of points and sets of modes are kept from one
     reduction to the next, so that no point is factored twice (PointStore is one in a folder).
-    `frame`: Tangent, Chord, Buckens or None; `damping`: Rayleigh, Caughey, GivenDamping, ModalDamping, Structural
-    or None. The keywords from `deflation_tolerance` on are those of Reduction, and replace those of `settings`.
+    `frame`: Tangent, Chord, Buckens or None; `damping`: Rayleigh, Caughey, GivenDamping, ModalDamping, Structural or
+    NoDamping, by default the damping matrix of the model if it has one. The keywords from `deflation_tolerance` on are
+    those of Reduction, and replace those of `settings`.
 
     The reduced model has V^T M V = I and diagonal V^T K V (but for a two-sided projection, W^T M V = I).
     Raises InputError or ComputationError, the same on all ranks; `model` is not changed.
     """
     require_model(model)
+    free_dropped(model.comm)
     given = {
         "deflation_tolerance": deflation_tolerance, "drop_above": drop_above, "projection": projection,
         "allow_unstable": allow_unstable, "groups": groups, "coordinates": coordinates,
@@ -104,15 +106,18 @@ def reduce(
         declared("adaptive", adaptive, Adaptive | None), tolerance, band, measure=measure, static=static
     )
     frame = declared("frame", frame, Frame | None) or NoFrame()
-    damping = declared("damping", damping, Damping | None) or NoDamping()
+    damping = damping_or_given(model, damping)
     given = {"basis": basis, "frame": frame, "damping": damping, "adaptive": adaptive,
              "settings": settings, "factoring": factoring or Factoring(), "store": store,
              "progress": progress or Progress(model.comm, show=False)}  # fmt: skip
     inputs, outputs = scales_of(model)
     if (inputs, outputs) == (1.0, 1.0):
-        return _reduce(model, **given)
+        reduced = _reduce(model, **given)
+        reduced.model = model.shared()
+        return reduced
     with scaled(model, inputs, outputs) as usual:
         reduced = _reduce(usual, **given)
+    reduced.model = model.shared()
     reduced.B, reduced.C = reduced.B * inputs, reduced.C * outputs
     accuracy = reduced.record.accuracy
     reduced.record = replace(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..model.interfaces import InterfaceNode
-from ..model.second_order_model import listed
+from ..model.second_order_model import SecondOrderModel, listed
 from ..parallel.failures import InputError, settle
 from .record import Record
 from .tolerance.accuracy import Accuracy
@@ -25,7 +25,8 @@ class ReducedModel:
     `interfaces`: in interface coordinates, the nodes whose displacements x, y, z, rx, ry, rz are the first coordinates,
     six a node, in this order; empty in pseudo-modal ones.
     `columns`: the basis V as a distributed block (n, m), zero at the dofs that the frame holds, when the reduction
-    was run here, and `left_columns` W of a two-sided projection; None after reading a file. close() frees them.
+    was run here, and `left_columns` W of a two-sided projection; `model`: the SecondOrderModel that was reduced. None
+    after reading a file. close() frees them.
     """
 
     M: np.ndarray
@@ -41,6 +42,7 @@ class ReducedModel:
     record: Record | None = None
     columns: object = None
     left_columns: object = None
+    model: SecondOrderModel | None = None
 
     @property
     def size(self) -> int:
@@ -59,7 +61,7 @@ class ReducedModel:
         return f"{self.size} coordinates" + (f" ({rigid} rigid-body, {self.size - rigid} elastic)" if rigid else "")
 
     def __str__(self):
-        """Three lines on what the model is."""
+        """What the model is in a few lines, and how accurate where it was reduced to a tolerance."""
         record = self.record
         origin = f" for the {record.size} dofs of {record.model}" if record is not None else ""
         frame = f", frame {record.frame.kind}, damping {record.damping.kind}" if record is not None else ""
@@ -67,6 +69,7 @@ class ReducedModel:
             f"reduced model: {self.size_in_words}{origin}\n"
             f"  pseudo-frequencies {self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g} Hz{frame}\n"
             f"  inputs {listed(self.input_names)}; outputs {listed(self.output_names)}"
+            + (f"\n  {record.accuracy.sentence}" if record is not None and record.accuracy is not None else "")
         )
 
     __repr__ = __str__
@@ -81,6 +84,72 @@ class ReducedModel:
         dynamic = s * s * self.M + s * self.D + (1 + 1j * self.loss_factor) * self.K
         loads = np.broadcast_to(self.B.astype(complex), (*dynamic.shape[:-2], *self.B.shape))
         return np.linalg.solve(dynamic, loads)
+
+    def frequency_response(self, frequencies) -> np.ndarray:
+        """H(i omega) at `frequencies` in Hz, (F, r, p)."""
+        import hpcred  # the public functions, which stand above
+
+        return hpcred.frequency_response(self, frequencies)
+
+    def save(self, path, **more) -> None:
+        """Write the result file `path` with all that multibody programs need: see write_result. Collective."""
+        import hpcred
+
+        hpcred.write_result(path, self, self.model, **more)
+
+    def export(self, path, format: str | None = None, **more) -> dict:
+        """Write a file for another program, by default for the one that its name ends for: see export_result.
+
+        Collective.
+
+        Parameters
+        ----------
+        path : str or PathLike
+            Such as "rod.SID_FEM".
+        format : str, optional
+            One of those of `hpcred export --format`.
+        **more
+            `nodes`, `units`, `modes` of export_result.
+
+        Returns
+        -------
+        dict
+            What was written.
+        """
+        import hpcred
+
+        return hpcred.export_reduced(self, path, format, **more)
+
+    def to_state_space(self):
+        """Return the model as scipy.signal.StateSpace with states (q, q'), SI units.
+
+        Raises
+        ------
+        InputError
+            For structural damping, which has no meaning in time.
+        """
+        from scipy.signal import StateSpace
+
+        import hpcred
+
+        found = hpcred.state_space(self)
+        return StateSpace(*(found[key] for key in "ABCD"))
+
+    def to_pymor(self):
+        """Return the model as pymor.models.iosys.SecondOrderModel.
+
+        Raises
+        ------
+        InputError
+            If pyMOR is not installed, or for structural damping.
+        """
+        try:
+            from pymor.models.iosys import SecondOrderModel as PymorModel
+        except ImportError as error:
+            raise InputError(f"to_pymor: pyMOR is missing ({error}); install it by `pip install pymor`") from error
+        if self.loss_factor:
+            raise InputError("to_pymor: pyMOR has no structural damping; reduce with modal damping instead")
+        return PymorModel.from_matrices(self.M, self.D, self.K, self.B, self.C)
 
     def plot(self, pairs=None, *, band=None):
         """Draw the frequency response, and its estimated error where that is known: see plot_response.
@@ -120,11 +189,13 @@ class ReducedModel:
         return roots[(roots.real > 1e-9 * size) & (np.abs(roots) > rigid)]
 
     def close(self) -> None:
-        """Free the basis. Collective."""
+        """Free the basis, and let go of the model. Collective."""
         for block in (self.columns, self.left_columns):
             if block is not None:
                 block.destroy()
-        self.columns = self.left_columns = None
+        if self.model is not None:
+            self.model.close()
+        self.columns = self.left_columns = self.model = None
 
     def __enter__(self) -> ReducedModel:
         return self
@@ -138,9 +209,9 @@ class ReducedModel:
 def as_measured(reduced: ReducedModel, accuracy: Accuracy) -> ReducedModel:
     """The reduced model with the damping that its accuracy was measured with; without its basis."""
     if not accuracy.loss_factor:
-        return replace(reduced, columns=None, left_columns=None)
+        return replace(reduced, columns=None, left_columns=None, model=None)
     D = reduced.D if accuracy.beside_damping else np.zeros_like(reduced.K)
-    return replace(reduced, D=D, loss_factor=accuracy.loss_factor, columns=None, left_columns=None)
+    return replace(reduced, D=D, loss_factor=accuracy.loss_factor, columns=None, left_columns=None, model=None)
 
 
 def _semidefinite(matrix):

@@ -56,7 +56,7 @@ class Job:
     outputs: Targets | None = None
     interface: tuple[Interface, ...] = ()
     frame: Frame = NoFrame()
-    damping: Damping = NoDamping()
+    damping: Damping | None = None
     deflation_tolerance: float = Reduction.deflation_tolerance
     drop_above: float | None = None
     write_basis: bool = True
@@ -124,7 +124,7 @@ class Job:
     @property
     def preferred_scalar(self) -> str:
         """The PETSc build that fits: complex where an ingredient needs a complex A(s)."""
-        damped = not isinstance(self.damping, NoDamping)
+        damped = not isinstance(self.damping, NoDamping | None)
         return "complex" if any(item.complex_shift(damped) for item in self.basis) else "real"
 
     @property

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import time
-from pathlib import Path
 
 import numpy as np
 
 from ..examples.solid import solid
 from ..files.model_file import read_model, write_model
+from ..files.temporary import folder_of_all
 from ..linalg.basis import Basis
 from ..linalg.blocks import apply, create_block, local_rows, random_block
 from ..linalg.factorisation import ORDERINGS, SOLVE_WIDTH
@@ -40,13 +39,9 @@ def bench(cells=(40, 16, 16), *, folder=None, comm=None, progress: Progress | No
     with agreed(comm):
         if folder is not None and not os.path.isdir(folder):
             raise InputError(f"--folder: found '{folder}', expected a folder that exists")
-    place = tempfile.TemporaryDirectory(prefix="hpcred-", dir=folder) if comm.rank == 0 else None
-    try:
-        report = comm.bcast(_measure(cells, Path(comm.bcast(place.name if place else None)), comm, progress))
-        return report | {"hints": [*processor.hints(comm), *_hints(report)]}
-    finally:
-        if place is not None:
-            place.cleanup()
+    with folder_of_all(comm, folder) as place:
+        report = comm.bcast(_measure(cells, place, comm, progress))
+    return report | {"hints": [*processor.hints(comm), *_hints(report)]}
 
 
 def _measure(cells, folder, comm, progress):

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import tempfile
-from contextlib import closing, contextmanager, nullcontext
-from pathlib import Path
+from contextlib import closing
 
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
 from ..analysis.natural_modes import natural_modes
+from ..files.temporary import folder_of_all
 from ..model.second_order_model import require_model
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, agreed
-from ..parallel.petsc import MPI
 from ..parallel.ranges import require_band
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.reduced_model import ReducedModel, as_measured
@@ -117,20 +115,7 @@ def plot_modes(model, count: int = 6, *, frame=None, factoring=None):
     figure = None
     with closing(natural_modes(model, wanted, frame, factoring=factoring)) as found:
         elastic = len(found.frequencies) - found.rigid
-        with _folder_of_all(model.comm) as folder, shapes_of_modes(folder / "shapes.h5", model, found) as shapes:
+        with folder_of_all(model.comm) as folder, shapes_of_modes(folder / "shapes.h5", model, found) as shapes:
             if shapes is not None:
                 figure = figure_of_shapes(shapes, range(1, min(count, elastic) + 1))
     return figure
-
-
-@contextmanager
-def _folder_of_all(comm):
-    """A temporary folder that all ranks see: in the working folder, where they are on several nodes. Collective."""
-    node = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    place = None if node.size == comm.size else "."
-    node.Free()
-    with agreed(comm):
-        made = tempfile.TemporaryDirectory(dir=place, prefix=".hpcred-") if comm.rank == 0 else nullcontext()
-    with made as folder:
-        yield Path(comm.bcast(folder))
-        comm.Barrier()

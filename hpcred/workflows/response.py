@@ -68,7 +68,7 @@ def response_file(
             factoring=factoring, progress=progress,
         )  # fmt: skip
         warnings = list(found.warnings)
-        if loaded.D is not None and isinstance(damping or NoDamping(), NoDamping):
+        if loaded.D is not None and isinstance(damping, NoDamping):
             warnings.append(f"the damping matrix of {loaded.name} is not used; --damping given takes it")
         size = loaded.size
     report = _report(found, size) | {"model": str(model), "warnings": warnings, "output": output and str(output)}

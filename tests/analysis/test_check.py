@@ -1,6 +1,5 @@
 """What is said of matrices from another program."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,7 +84,7 @@ def test_other_units_are_noticed_both_ways(comm, name):
         assert not doubts(model)
         (line,) = doubts(said_to_be_mm)
         assert "look like m, kg, s" in line and "not mm,t,s; convert with --units SI" in line
-        with hpcred.in_si(model, Units("", 1e3, 1e-3, 1.0)) as made, replace(made.shared(), converted_from="") as bare:
+        with hpcred.in_si(model, Units("", 1e3, 1e-3, 1.0)) as made, made.with_fields(converted_from="") as bare:
             (line,) = doubts(bare)
             assert "not SI; convert with --units mm,t,s" in line
             with hpcred.in_si(bare, millimetres) as right:

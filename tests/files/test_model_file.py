@@ -1,6 +1,5 @@
 """Model files keep what they are given."""
 
-from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -146,7 +145,7 @@ def test_names_of_node_sets_choose_the_nodes_of_a_body(comm, folder, linkage):
     sets = {"tip": np.array([20, 3, 70])[comm.rank :: comm.size], "eye": np.full(int(comm.rank == 0), 4),
             "mesh only": np.full(int(comm.rank == 0), 70)}  # fmt: skip
     with (
-        replace(linkage.shared(), sets=sets) as bare,
+        linkage.with_fields(sets=sets) as bare,
         bare.with_interfaces([hpcred.Interface(name="eye", nodes=(1, 7, 14), node=99)]) as model,
         model.with_inputs([("eye", "x"), (20, "z")]) as loaded,
         hpcred.reduce(loaded, [hpcred.Modes(count=3)], hpcred.Buckens()) as rom,

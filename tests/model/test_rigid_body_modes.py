@@ -22,7 +22,7 @@ def free(comm):
 
 def relabelled(model, **labels):
     """The model with other labels on the rows of this rank."""
-    return replace(model.shared(), dofs=replace(model.dofs, **labels))
+    return model.with_fields(dofs=replace(model.dofs, **labels))
 
 
 def test_nodes_in_the_order_of_the_rows_fit(free, solid, linkage):

@@ -157,7 +157,7 @@ def test_an_export_in_other_units_is_that_of_a_model_in_them(folder, capsys, com
     arrays, sids = [], []
     for text in ("SI", "mm,t,s"):
         with steel(comm, text) as model:
-            bare = SecondOrderModel(model.M.copy(), model.K.copy(), dofs=model.dofs, name=model.name)
+            bare = SecondOrderModel.assembled(model.M.copy(), model.K.copy(), dofs=model.dofs, name=model.name)
             with bare:
                 hpcred.write_model("model.h5", bare)
         Path("job.toml").write_text(JOB.format(2.0, 1e-5))

@@ -124,7 +124,7 @@ def test_a_free_body_without_nodes(comm):
     with (
         hpcred.solid((6, 3, 2), clamped=False, comm=comm) as model,
         model.with_inputs([1]) as loaded,
-        replace(loaded.shared(), dofs=None) as bare,
+        loaded.with_fields(dofs=None) as bare,
     ):
         with pytest.raises(InputError, match="infinite, for the body is free; take frame 'buckens', which needs nodes"):
             hpcred.reduce(bare, adaptive=few)

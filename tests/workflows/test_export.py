@@ -1,6 +1,5 @@
 """A result file in every other format, on any number of ranks, and what each says of what it cannot hold."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -141,7 +140,7 @@ def test_interface_nodes_by_name(folder, capsys):
 
 
 def test_a_body_without_coordinates_is_no_body(reduced_linkage, folder):
-    with package.linkage() as labelled, replace(labelled.shared(), dofs=None) as model:
+    with package.linkage() as labelled, labelled.with_fields(dofs=None) as model:
         package.write_model(folder / "plain.h5", model)
     result = reduced_linkage(
         MODES_JOB.replace("model.h5", "plain.h5").replace('[frame]\nkind = "buckens"\n', "")

@@ -1,7 +1,6 @@
 """What `info` says of node sets, and of everything that hpcred writes."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +34,7 @@ def test_many_node_sets_are_cut_off_with_a_word(tmp_path, monkeypatch, capsys):
     with package.crank(500) as model:
         for count in (20, 23):
             sets = {f"S{k:02d}": np.arange(1, k + 2) for k in range(count)}
-            with replace(model.shared(), sets=sets) as marked:
+            with model.with_fields(sets=sets) as marked:
                 package.write_model("model.h5", marked)
             text = said(capsys, "info", "model.h5", "--json", "i.json")
             assert "S00 1 S01 2" in text and "S19 20" in text and "S20" not in text

@@ -282,7 +282,7 @@ def test_a_job_may_ask_for_a_report(linkage_report):
 
 
 def test_a_model_without_nodes_has_a_report(folder):
-    with package.solid((3, 2, 2), inputs=1) as labelled, replace(labelled.shared(), dofs=None) as model:
+    with package.solid((3, 2, 2), inputs=1) as labelled, labelled.with_fields(dofs=None) as model:
         package.write_model(folder / "plain.h5", model)
     (folder / "job.toml").write_text(
         'model = "plain.h5"\ninputs = [1]\nband = [0.0, 500.0]\n[[basis]]\nkind = "static_correction"'

@@ -75,9 +75,10 @@ def _copy(model, group, number, groups):
     dofs = None
     if model.dofs is not None:
         dofs = Dofs(received[0], received[1], np.array(received[2:]).T.reshape(-1, 3))
-    return SecondOrderModel(
-        mats["M"], mats["K"], mats.get("D"), blocks[0] if model.B is not None else None,
-        blocks[-1] if model.Ct is not None else None, dofs, model.input_names, model.own_output_names, model.name,
+    return SecondOrderModel.assembled(
+        mats["M"], mats["K"], mats.get("D"), B=blocks[0] if model.B is not None else None,
+        Ct=blocks[-1] if model.Ct is not None else None, dofs=dofs, input_names=model.input_names,
+        own_output_names=model.own_output_names, name=model.name,
     )  # fmt: skip
 
 

@@ -1,0 +1,133 @@
+"""What a scientist writes first: a model of matrices, its reduction, responses, files and other libraries."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import scipy.sparse
+from launch import mpi_environment
+
+import hpcred
+from hpcred.parallel.failures import InputError
+from hpcred.parallel.petsc import PETSc
+
+N = 60
+K = scipy.sparse.diags([-np.ones(N - 1), 2 * np.ones(N), -np.ones(N - 1)], [-1, 0, 1], format="csr") * 1e6
+M = scipy.sparse.eye(N, format="csr") * 0.1
+D = 1e-5 * K + 2 * M
+B = np.eye(N)[:, [10, 40]]
+F = np.linspace(1, 300, 15)
+
+
+def dense(D, C=B.T):
+    """H by dense NumPy."""
+    H = []
+    for s in 2j * np.pi * F:
+        H.append(C @ np.linalg.solve((s * s * M + s * D + K).toarray(), B))
+    return np.array(H)
+
+
+@pytest.mark.mpi(ranks=(1, 3))
+def test_from_matrices_to_a_file_and_back(comm, folder):
+    fom = hpcred.SecondOrderModel(M, D, K, B, B.T)
+    assert fom.Ct is None and fom.input_names == ("input 1", "input 2")
+    rom = hpcred.reduce(fom, tolerance=1e-4, band=(0, 300))
+    full = fom.frequency_response(F)
+    assert np.abs(full - dense(D)).max() < 1e-9 * np.abs(full).max()
+    assert np.abs(rom.frequency_response(F) - full).max() < 1e-4 * np.abs(full).max()
+    assert rom.record.damping == hpcred.GivenDamping() and "eps <= 0.0001 over 0 to 300 Hz" in str(rom)
+    rom.save(folder / "rod.h5")
+    again = hpcred.read_result(folder / "rod.h5", comm).reduced
+    assert np.array_equal(again.K, rom.K) and again.record.damping == hpcred.GivenDamping()
+    with pytest.raises(InputError, match="found a reduced model without its full model"):
+        again.export(folder / "rod.SID_FEM")
+
+
+@pytest.mark.mpi(ranks=(1, 3))
+def test_a_given_damping_matrix_counts_unless_told_otherwise(comm):
+    fom = hpcred.SecondOrderModel(M, D, K, B)
+    found = fom.frequency_response(F, damping=hpcred.NoDamping())
+    assert np.abs(found - dense(0 * D)).max() < 1e-9 * np.abs(found).max()
+    rom = hpcred.reduce(fom, hpcred.Modes(count=N - 2), damping=hpcred.NoDamping())
+    assert not rom.D.any() and any("kind = 'given' takes" in item for item in rom.record.warnings)
+    bare = hpcred.SecondOrderModel(M, None, K, B)
+    assert bare.D is None and hpcred.reduce(bare, hpcred.Modes(count=3)).record.damping == hpcred.NoDamping()
+
+
+@pytest.mark.mpi(ranks=(1, 3))
+def test_outputs_of_its_own_and_petsc_matrices(comm):
+    C = np.eye(N)[[30, 40, 50]]
+    rows = slice(*hpcred.SecondOrderModel(M, D, K, B).K.getOwnershipRange())
+    mats = []
+    for matrix in (M, D, K):
+        mine = matrix.tocsr()[rows]
+        mats.append(PETSc.Mat().createAIJ(((mine.shape[0], N), (mine.shape[0], N)), comm=comm,
+                                          csr=(mine.indptr, mine.indices, mine.data)))  # fmt: skip
+    for fom in (
+        hpcred.SecondOrderModel(M, D, K, B, C, output_names=("a", "b", "c")),
+        hpcred.SecondOrderModel(*mats, B[rows], C[:, rows], output_names=("a", "b", "c")),
+    ):
+        assert fom.output_names == ("a", "b", "c")
+        found = fom.frequency_response(F)
+        assert np.abs(found - dense(D, C)).max() < 1e-9 * np.abs(found).max()
+    assert hpcred.SecondOrderModel(*mats, B[rows], B.T[:, rows]).Ct is None
+    with pytest.raises(InputError, match="comm: found it beside PETSc matrices"):
+        hpcred.SecondOrderModel(*mats, comm=comm)
+
+
+@pytest.mark.mpi(ranks=(1, 3), build="real")
+def test_an_export_without_a_file_of_ones_own(comm, folder):
+    fom = hpcred.linkage(comm)
+    rom = hpcred.reduce(fom, tolerance=1e-3, band=(0, 300), frame=hpcred.Buckens())
+    fom.close()
+    report = rom.export(folder / "arm.SID_FEM")
+    assert report["format"] == "sid" and report["output"] == str(folder / "arm.SID_FEM")
+    comm.Barrier()
+    assert [item.name for item in folder.iterdir()] == ["arm.SID_FEM"]
+    assert len(hpcred.read_sid(folder / "arm.SID_FEM").coordinates) == rom.size
+    with pytest.raises(InputError, match="^linkage: "):
+        rom.export(folder / "arm.pch", "nastran")
+
+
+def test_a_state_space_of_scipy():
+    rom = hpcred.reduce(hpcred.SecondOrderModel(M, D, K, B), tolerance=1e-4, band=(0, 300))
+    ss = rom.to_state_space()
+    for k, f in enumerate(F):
+        s = 2j * np.pi * f
+        H = ss.C @ np.linalg.solve(s * np.eye(len(ss.A)) - ss.A, ss.B) + ss.D
+        assert np.abs(H - rom.frequency_response(F)[k]).max() < 1e-9 * np.abs(H).max()
+
+
+def test_a_model_of_pymor(monkeypatch):
+    rom = hpcred.reduce(hpcred.SecondOrderModel(M, D, K, B), tolerance=1e-4, band=(0, 300))
+    pytest.importorskip("pymor")
+    found = rom.to_pymor()
+    H = np.array([found.transfer_function.eval_tf(2j * np.pi * f) for f in F])
+    assert np.abs(H - rom.frequency_response(F)).max() < 1e-9 * np.abs(H).max()
+
+
+def test_pymor_may_be_missing(monkeypatch):
+    rom = hpcred.reduce(hpcred.SecondOrderModel(M, D, K, B), hpcred.Modes(count=3))
+    monkeypatch.setitem(sys.modules, "pymor", None)
+    monkeypatch.setitem(sys.modules, "pymor.models.iosys", None)
+    with pytest.raises(InputError, match="pyMOR is missing .*; install it by `pip install pymor`"):
+        rom.to_pymor()
+
+
+@pytest.mark.slow
+def test_nothing_leaks_without_a_with_block():
+    """The most memory of 400 reductions, none of them closed, over that of 40."""
+    program = """
+import resource, sys, hpcred
+for _ in range(int(sys.argv[1])):
+    fom = hpcred.solid((6, 6, 6), inputs=2)
+    rom = hpcred.reduce(fom, hpcred.Modes(count=4))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+    few, many = (
+        int(subprocess.run([sys.executable, "-c", program, str(count)], env=mpi_environment(), capture_output=True,
+                           text=True, check=True).stdout)
+        for count in (40, 400)
+    )  # fmt: skip
+    assert many < 1.2 * few
