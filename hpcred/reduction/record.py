@@ -6,10 +6,9 @@ import platform
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from ..linalg.blocks import apply, create_block, from_dense, inner, random_block
 from ..linalg.factorisation import FactorRecord
@@ -20,18 +19,9 @@ from ..parallel import processor
 from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ..parallel.progress import Timing, counted
-from .components.craig_bampton import ConstraintModes, CraigBampton, FixedInterfaceModes, Guyan, ResidualAttachment
-from .components.krylov import Krylov, StaticCorrection
-from .components.modes import Modes
-from .components.second_order_krylov import SecondOrderKrylov
+from .components.component import AnyKind
 from .run import IngredientRecord
 from .tolerance.accuracy import Accuracy
-
-AnyIngredient = Annotated[
-    Modes | Krylov | SecondOrderKrylov | StaticCorrection | ConstraintModes | FixedInterfaceModes | CraigBampton | Guyan
-    | ResidualAttachment,
-    Field(discriminator="kind"),
-]  # fmt: skip
 
 SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
 
@@ -64,7 +54,7 @@ class Record:
     outputs: tuple[str, ...]
     frame: Frame
     damping: Damping
-    basis: tuple[AnyIngredient, ...]
+    basis: tuple[AnyKind, ...]
     projection: str
     deflation_tolerance: float
     drop_above: float | None

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from ..linalg.factorisation import Factoring, LinearSolver
 from ..model.damping import Damping, NoDamping
@@ -14,7 +16,16 @@ from ..model.frames import Frame, NoFrame
 from ..model.interfaces import Interface
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, LABEL, require_band, within
-from ..reduction.record import AnyIngredient
+from ..reduction.components.craig_bampton import (
+    ConstraintModes,
+    CraigBampton,
+    FixedInterfaceModes,
+    Guyan,
+    ResidualAttachment,
+)
+from ..reduction.components.krylov import Krylov, StaticCorrection
+from ..reduction.components.modes import Modes
+from ..reduction.components.second_order_krylov import SecondOrderKrylov
 from ..reduction.settings import Reduction
 from ..reduction.tolerance.accuracy import Adaptive, Limits
 from .source import Source
@@ -22,6 +33,13 @@ from .toml_file import CONFIG, check_file_names, parse, read_table
 
 PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`
 Targets = str | tuple[int | str | tuple[int | str, str], ...]
+
+
+AnyIngredient = Annotated[
+    Modes | Krylov | SecondOrderKrylov | StaticCorrection | ConstraintModes | FixedInterfaceModes | CraigBampton | Guyan
+    | ResidualAttachment,
+    Field(discriminator="kind"),
+]  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

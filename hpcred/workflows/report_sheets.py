@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ..files.result_file import Result, read_result
 from ..model.damping import Damping
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
+from ..reduction.components.component import table_of
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.reduced_model import ReducedModel, as_measured
 from ..report.tables import in_words
@@ -167,6 +168,6 @@ def _same_question(one, other):
 
 def kind_in_words(value) -> str:
     """A frame, a damping law or an ingredient in words."""
-    given = {key: list(item) if isinstance(item, tuple) else item for key, item in asdict(value).items()
+    given = {key: list(item) if isinstance(item, tuple) else item for key, item in table_of(value).items()
              if key != "kind" and item is not None}  # fmt: skip
     return value.kind.replace("_", " ") + (f" ({in_words(given)})" if given else "")

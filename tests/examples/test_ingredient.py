@@ -1,11 +1,14 @@
 """The example of a new ingredient: what it promises, against a dense solution; and its program."""
 
+import subprocess
+import sys
 from contextlib import closing
 
 import numpy as np
 import pytest
 from docs_pages import ROOT, load
 from helpers import to_dense
+from launch import mpi_environment
 
 import hpcred
 from hpcred.model.frames import apply_frame
@@ -43,3 +46,27 @@ def test_its_program_runs(capsys):
 def test_no_loads_are_refused():
     with pytest.raises(hpcred.InputError, match="further_loads.loads: expected at least one"):
         example.FurtherLoads(loads=())
+
+
+BASIS = (hpcred.Modes(count=4), example.FurtherLoads(loads=((10, "z"), (4, "x"))))
+
+
+@pytest.mark.mpi
+def test_its_results_are_read_again(comm, folder, linkage):
+    hpcred.reduce(linkage, BASIS, hpcred.Buckens()).save(folder / "a.h5")
+    assert hpcred.read_result(folder / "a.h5", comm).reduced.record.basis == BASIS
+
+
+def test_programs_that_do_not_know_it_use_its_results(tmp_path):
+    """Shown, evaluated, exported and reported."""
+    with hpcred.linkage() as model:
+        hpcred.write_model(tmp_path / "model.h5", model)
+        hpcred.reduce(model, BASIS, hpcred.Buckens()).save(tmp_path / "a.h5")
+    for command in (
+        "info a.h5", "evaluate a.h5 --frequencies 10,20 --full model.h5", "export a.h5 --format sid",
+        "report a.h5 -o a.html",
+    ):  # fmt: skip
+        done = subprocess.run([sys.executable, "-m", "hpcred", *command.split()], cwd=tmp_path, capture_output=True,
+                              text=True, env=mpi_environment())  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    assert "further loads (" in (tmp_path / "a.html").read_text()

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import asdict, dataclass, is_dataclass
+from typing import Annotated, Any, ClassVar
+
+from pydantic import PlainSerializer, PlainValidator, TypeAdapter
 
 from ...linalg.basis import Basis
 from ..run import Run
@@ -16,6 +19,7 @@ class Ingredient:
     ingredient that needs no interfaces.
     """
 
+    kind: str
     per_direction: ClassVar[int | None] = None
 
     def columns(self, inputs: int, rigid: int) -> int:
@@ -32,6 +36,40 @@ class Ingredient:
     def extend(self, basis: Basis, run: Run):
         """Add its vectors to the basis. Collective. Raises InputError or ComputationError."""
         raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class UnknownKind(Ingredient):
+    """A part of a basis whose class is not known here, as of a result that another program made: its `kind` and the
+    settings that it was made with."""
+
+    kind: str
+    settings: dict[str, Any]
+
+
+def table_of(item: Ingredient) -> dict[str, Any]:
+    """The kind and the settings of a part of a basis as plain data."""
+    return item.settings | {"kind": item.kind} if isinstance(item, UnknownKind) else asdict(item)
+
+
+def from_table(table) -> Ingredient:
+    """The part of a basis that `table_of` made a table of, of a class that has been defined, or an UnknownKind."""
+    if isinstance(table, Ingredient):
+        return table
+    settings = dict(table)
+    for kind in _subclasses(Ingredient):
+        if is_dataclass(kind) and kind is not UnknownKind and getattr(kind, "kind", None) == settings["kind"]:
+            return TypeAdapter(kind).validate_python(settings)
+    return UnknownKind(settings.pop("kind"), settings)
+
+
+def _subclasses(parent):
+    for kind in parent.__subclasses__():
+        yield kind
+        yield from _subclasses(kind)
+
+
+AnyKind = Annotated[Ingredient, PlainValidator(from_table), PlainSerializer(table_of)]  # in records
 
 
 class PointIngredient(Ingredient):
