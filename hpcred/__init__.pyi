@@ -64,9 +64,11 @@ from .reduction.components.krylov import Krylov as Krylov
 from .reduction.components.krylov import StaticCorrection as StaticCorrection
 from .reduction.components.modes import Modes as Modes
 from .reduction.components.second_order_krylov import SecondOrderKrylov as SecondOrderKrylov
+from .reduction.irka import IRKA as IRKA
 from .reduction.record import Record as Record
 from .reduction.reduce import reduce as reduce
 from .reduction.reduced_model import ReducedModel as ReducedModel
+from .reduction.reductor import Reductor as Reductor
 from .reduction.settings import Reduction as Reduction
 from .reduction.tolerance.accuracy import Accuracy as Accuracy
 from .reduction.tolerance.accuracy import Adaptive as Adaptive

@@ -75,6 +75,7 @@ class Run:
     remarks: list[str] = field(default_factory=list)
     massless: bool = False
     solvers: RunSolvers | None = None  # those of another run, shared with it
+    is_dual: bool = False  # of the output Krylov subspaces of a two-sided projection
     _loads: object = None
     _loads_and_ports: tuple | None = None
     _own_model: object = None
@@ -266,7 +267,8 @@ class Run:
         identity = self.identity | {"inputs": self.identity.get("outputs"), "transposed": not shares}
         other = Run(framed, self.progress, self.tolerance, self.factoring, self.ingredients, columns=self.columns,
                     store=self.store, remarks=self.remarks, identity=identity,
-                    solvers=self.solvers if shares else None, needed=self.needed if shares else [])  # fmt: skip
+                    solvers=self.solvers if shares else None, needed=self.needed if shares else [],
+                    is_dual=True)  # fmt: skip
         other._own_model = model
         return other
 

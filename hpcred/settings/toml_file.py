@@ -8,6 +8,7 @@ import re
 import sys
 from dataclasses import is_dataclass
 from pathlib import Path
+from types import NoneType
 from typing import get_args, get_origin
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -121,7 +122,7 @@ def _place(kind, found, steps):
     """
     where, names = "", []
     for step in steps:
-        kind = plain_type(kind)
+        kind = _of_values(kind)
         if isinstance(found, dict):
             table = _dataclass_of(kind, found)
             if table is None or (step not in found and step not in types_of(table)):
@@ -136,7 +137,14 @@ def _place(kind, found, steps):
             where, kind, found = f"{where}[{step}]", get_args(kind)[0], found[step]
         else:
             break
-    return where, plain_type(kind), found, names
+    return where, _of_values(kind), found, names
+
+
+def _of_values(kind):
+    """A type without what Annotated says of it, and without None."""
+    kind = plain_type(kind)
+    others = [item for item in get_args(kind) if item is not NoneType]
+    return plain_type(others[0]) if NoneType in get_args(kind) and len(others) == 1 else kind
 
 
 def _kind_of(table) -> str | None:

@@ -24,6 +24,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from ..readers.abaqus import input_file as abaqus_input
+from ..readers.abaqus import matrices as abaqus_matrices
 from ..readers.calculix import matrix_storage as calculix
 from ..readers.entries import LabelledEntries
 from ..readers.matrix_formats import format_of, read_entries
@@ -233,7 +234,7 @@ def _mesh(comm, nodes, elements, sets):
 def _matrix(path, single, comm):
     with agreed(comm):
         numbers = first_line(first_bytes(path)).replace(b",", b" ").split()
-    if single.module.__name__.endswith("abaqus_matrices") and len(numbers) in (2, 4):
+    if single.module is abaqus_matrices and len(numbers) in (2, 4):
         if len(numbers) == 4:
             return {"format": "lines of node, x, y, z"} | _mesh(comm, node_table.read(path, comm), {}, {}) | {
                 "warnings": []}  # fmt: skip

@@ -58,7 +58,7 @@ def test_an_unsymmetric_damping_matrix_that_is_left_out_does_no_harm(solid):
     expected = C @ np.linalg.solve(s * s * M + K, B + 0j)
     with model, with_columns(model, "output", C.T) as both:
         settings = {"projection": "two_sided", "allow_unstable": True}
-        with hpcred.reduce(both, [Krylov(700.0, 1)], None, None, **settings) as rom:
+        with hpcred.reduce(both, [Krylov(700.0, 1)], None, hpcred.NoDamping(), **settings) as rom:
             assert close(expected, rom.transfer_function(s)) < 1e-9
             assert all(record.kind == "LDL^T" for record in rom.record.factorisations)
 

@@ -1,0 +1,137 @@
+"""Reduce by the iterative rational Krylov algorithm for second-order models (IRKA).
+
+Each turn interpolates H at mirrored poles of the last reduced model, in the directions of their residues; where the
+points stay as they are, the first-order conditions of the H2 norm hold as far as the second-order form lets them:
+S. Wyatt, Issues in interpolatory model reduction, Virginia Tech (2012), chapter 4; S. Gugercin, A. Antoulas and
+C. Beattie, SIAM J. Matrix Anal. Appl. 30(2) (2008). It needs damping: without it the mirrored poles are poles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from ..linalg.blocks import add_product, create_block, from_dense
+from ..model.damping import Damping
+from ..model.frames import Frame
+from ..parallel.decisions import decided
+from ..parallel.declared import as_declared
+from ..parallel.failures import InputError, Owned
+from ..parallel.ranges import require_band
+from .components.component import Ingredient
+from .reduce import reduce
+from .reduced_model import ReducedModel
+from .reductor import Reductor
+
+DAMPED = 1e-9  # least damping ratio of a pole whose mirror image can be a point
+
+
+@dataclass(frozen=True, kw_only=True)
+class TangentialPoints(Ingredient):
+    """A(s)^-1 B b for each point s (1/s, as real and imaginary part) and its direction b (p numbers, likewise).
+
+    `outputs`: the directions of C^T in the place of B, for a two-sided projection. Real and imaginary parts both enter,
+    so that the conjugate point is matched too (50).
+    """
+
+    kind: Literal["tangential_points"] = field(default="tangential_points", repr=False)
+    points: tuple[tuple[float, float], ...]
+    inputs: tuple[tuple[tuple[float, float], ...], ...]
+    outputs: tuple[tuple[tuple[float, float], ...], ...]
+
+    def columns(self, inputs, rigid):
+        return 2 * len(self.points)
+
+    def complex_shift(self, damped):
+        return True
+
+    def extend(self, basis, run):
+        solver, found = run.complex_solver, 0
+        for s, parts in zip(self.points, self.outputs if run.is_dual else self.inputs, strict=True):
+            with Owned(run.model.comm) as owned, run.progress.stage("solve"):
+                loads = owned.owns(from_dense(run.model.B))
+                load, solution = (owned.owns(create_block(run.model.K, 2)) for _ in range(2))
+                add_product(load, loads, np.array(parts), beta=0.0)
+                solver.factor(complex(*s))
+                solver.solve(load, solution)
+                found += basis.extend(solution).kept
+        run.note("tangential points", 2 * len(self.points), found)
+
+
+@dataclass(frozen=True, kw_only=True)
+class IRKA(Reductor):
+    """Iterative rational Krylov algorithm.
+
+    `size`: coordinates, an even number; `band` (Hz): where the first points lie. `frame`, `damping`: as for reduce. It
+    ends where no point moves by more than `change` of itself, or after so many `turns`, which the record warns of.
+    """
+
+    size: int
+    band: tuple[float, float]
+    frame: Frame | None = None
+    damping: Damping | None = None
+    change: float = 1e-6
+    turns: int = 50
+
+    def __post_init__(self):
+        as_declared(self, "irka.")
+        require_band("irka.band", self.band)
+        if self.size < 2 or self.size % 2:
+            raise InputError(f"irka.size: found {self.size}, expected an even number of at least 2")
+        if not (self.change > 0 and self.turns >= 1):
+            raise InputError(f"irka: found change = {self.change}, turns = {self.turns}, expected more than 0")
+
+    def reduce(self, model) -> ReducedModel:
+        """Reduce a SecondOrderModel. Collective. Raises InputError for a model without damping."""
+        two_sided = {"projection": "two_sided", "allow_unstable": True} if model.Ct is not None else {}
+        points, inputs, outputs, moved = *self._first(model), np.inf
+        for _turn in range(self.turns):
+            before, basis = points, TangentialPoints(points=pairs(points), inputs=pairs(inputs), outputs=pairs(outputs))
+            reduced = reduce(model, basis, self.frame, self.damping, **two_sided)
+            points, inputs, outputs = decided(model.comm, mirrored, reduced, self.size // 2)
+            if len(points) == len(before):
+                moved = np.abs(points - before).max() / np.abs(before).max()
+                if moved <= self.change:
+                    return reduced
+        said = f"irka: after {self.turns} turns points still move by {moved:.1e} of themselves"
+        reduced.record = replace(reduced.record, warnings=(*reduced.record.warnings, said))
+        return reduced
+
+    def _first(self, model):
+        """Points over the band with a damping ratio of 2 %, and one input and output after the other."""
+        count = self.size // 2
+        omega = 2 * np.pi * np.linspace(self.band[0], self.band[1], count + 2)[1:-1]
+        turn = np.arange(count)
+        inputs, outputs = len(model.input_names), len(model.output_names)
+        return omega * (0.02 + 1j), np.eye(inputs)[turn % inputs], np.eye(outputs)[turn % outputs]
+
+
+def mirrored(reduced: ReducedModel, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """-conj(pole) of the `count` most dominant poles with Im >= 0, by frequency, and the directions (count, p) and
+    (count, r) of their residues. Raises InputError where one has no damping."""
+    m, inverse = reduced.size, np.linalg.inv(reduced.M)
+    A = np.block([[np.zeros((m, m)), np.eye(m)], [-inverse @ reduced.K, -inverse @ reduced.D]])
+    poles, right = np.linalg.eig(A)
+    left = np.linalg.inv(right)
+    b, c = left[:, m:] @ inverse @ reduced.B, (reduced.C @ right[:m]).T  # the residues are c_i b_i
+    upper = np.flatnonzero(poles.imag >= 0)
+    sharp = np.abs(poles.real[upper]) < DAMPED * np.abs(poles[upper])
+    if sharp.any():
+        raise InputError(
+            f"irka: the model has a pole without damping at {np.abs(poles[upper][sharp][0]) / 2 / np.pi:.4g} Hz, whose "
+            "mirror image is itself; give damping, or reduce to a tolerance"
+        )
+    strength = np.linalg.norm(b[upper], axis=1) * np.linalg.norm(c[upper], axis=1) / np.abs(poles.real[upper])
+    chosen = upper[np.argsort(-strength)[:count]]
+    chosen = chosen[np.argsort(poles[chosen].imag)]
+    b, c = (item[chosen] / np.linalg.norm(item[chosen], axis=1, keepdims=True) for item in (b, c))
+    return np.abs(poles[chosen].real) + 1j * poles[chosen].imag, b.conj(), c.conj()
+
+
+def pairs(values) -> tuple:
+    """Complex numbers as pairs of real and imaginary part, in nested tuples."""
+    if np.ndim(values):
+        return tuple(map(pairs, values))
+    return float(np.real(values)), float(np.imag(values))

@@ -1,0 +1,81 @@
+"""IRKA: its points are the mirrored poles of what it gives, and its error in the H2 norm is small for its size."""
+
+import numpy as np
+import pytest
+from helpers import to_dense
+
+import hpcred
+from hpcred.parallel.failures import InputError
+from hpcred.reduction.irka import IRKA, mirrored
+
+FRAME, DAMPING = hpcred.Chord(nodes=(1, 7, 14), axes="yxz"), hpcred.Rayleigh(alpha=20.0, beta=1e-5)
+F = np.linspace(0.5, 400, 4000)
+
+
+def h2(H):
+    """The H2 norm over the frequencies F but for a factor."""
+    return np.sqrt((np.abs(H) ** 2).sum(axis=(1, 2)).sum())
+
+
+def complex_of(table):
+    return np.array(table) @ [1, 1j]
+
+
+@pytest.mark.mpi(ranks=(1, 3))
+def test_the_points_are_fixed_and_matched(linkage):
+    reductor = IRKA(size=8, band=(0, 300), frame=FRAME, damping=DAMPING)
+    rom = reductor.reduce(linkage)
+    assert rom.size == 8 and not [text for text in rom.record.warnings if "irka" in text]
+    used = rom.record.basis[0]
+    points, inputs, _ = mirrored(rom, 4)
+    assert np.abs(points - complex_of(used.points)).max() < 1e-5 * np.abs(points).max()
+    for s, b in zip(complex_of(used.points), complex_of(used.inputs), strict=True):
+        full, reduced = exact(linkage, s) @ b, rom.transfer_function(s) @ b
+        assert np.abs(full - reduced).max() < 1e-9 * np.abs(full).max()
+
+
+def exact(model, s):
+    """H(s) by dense NumPy in the frame, for C = B^T or not."""
+    from hpcred.model.frames import apply_frame
+
+    framed = apply_frame(model, FRAME, DAMPING)
+    K, M, D, B = (to_dense(mat) for mat in (framed.model.K, framed.model.M, framed.model.D, framed.model.B))
+    C = B.T if framed.model.Ct is None else to_dense(framed.model.Ct).T
+    framed.close()
+    return C @ np.linalg.solve(s * s * M + s * D + K, B.astype(complex))
+
+
+def test_its_error_is_less_than_that_of_modes_and_points(linkage):
+    full = hpcred.frequency_response(linkage, F, FRAME, DAMPING)
+    irka = IRKA(size=8, band=(0, 300), frame=FRAME, damping=DAMPING).reduce(linkage)
+    modes = hpcred.reduce(linkage, hpcred.Modes(count=8), FRAME, DAMPING)
+    points = hpcred.reduce(linkage, [hpcred.Krylov(f) for f in (50.0, 150.0, 250.0)], FRAME, DAMPING)
+    ours, *others = (h2(rom.frequency_response(F) - full) for rom in (irka, modes, points))
+    assert ours < 0.5 * min(others)
+
+
+@pytest.mark.mpi(ranks=(1, 3), build="real")
+def test_two_sided_points_are_matched_on_both_sides(linkage):
+    with linkage.with_outputs([(4, "x"), (10, "z")]) as model:
+        rom = IRKA(size=8, band=(0, 300), frame=FRAME, damping=DAMPING).reduce(model)
+        assert rom.record.projection == "two_sided" and rom.size == 8
+        used = rom.record.basis[0]
+        for s, b, c in zip(*map(complex_of, (used.points, used.inputs, used.outputs)), strict=True):
+            full, reduced = exact(model, s), rom.transfer_function(s)
+            assert np.abs((full - reduced) @ b).max() < 1e-7 * np.abs(full @ b).max()
+            assert np.abs(c @ (full - reduced)).max() < 1e-7 * np.abs(c @ full).max()
+
+
+@pytest.mark.mpi(ranks=(1, 3), build="real")
+def test_its_results_are_written_and_read(comm, folder, linkage):
+    rom = IRKA(size=6, band=(0, 300), frame=FRAME, damping=DAMPING, turns=2, change=1e-12).reduce(linkage)
+    assert any("irka: after 2 turns points still move" in text for text in rom.record.warnings)
+    rom.save(folder / "a.h5")
+    assert hpcred.read_result(folder / "a.h5", comm).reduced.record == rom.record
+
+
+def test_what_it_refuses(linkage):
+    with pytest.raises(InputError, match="irka: the model has a pole without damping at .* Hz, whose mirror image"):
+        IRKA(size=4, band=(0, 300), frame=FRAME).reduce(linkage)
+    with pytest.raises(InputError, match="irka.size: found 5, expected an even number"):
+        IRKA(size=5, band=(0, 300))
