@@ -1,4 +1,4 @@
-"""Any file that hpcred reads or writes enters; what it is, and of a model what it needs to be reduced, leaves."""
+"""Say what any file is that hpcred reads or writes, and of a model what it needs to be reduced."""
 
 from __future__ import annotations
 
@@ -21,14 +21,17 @@ from ..model.interfaces import doubts_of_interfaces
 from ..parallel import startup
 from ..parallel.declared import nearest, spelled
 from ..parallel.failures import InputError, agreed
+from ..parallel.plugins import OWN, blamed
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from ..readers.abaqus import input_file as abaqus_input
+from ..readers.abaqus.matrices import Triplets
 from ..readers.calculix import matrix_storage as calculix
 from ..readers.entries import LabelledEntries
-from ..readers.matrix_formats import format_of, read_entries
-from ..readers.model_source import export_of, read_export
+from ..readers.matrix_formats import read_entries
+from ..readers.model_source import read_export
 from ..readers.nodes import table as node_table
+from ..readers.registry import reader_of
 from ..readers.unread import refuse_unread
 from ..settings.job_file import read_job
 from ..settings.toml_file import read_table
@@ -87,13 +90,16 @@ def describe_file(
     if job:
         return _job(path, job, figure, comm, progress)
     with agreed(comm):
-        kind, export = _kind_of(path), export_of(path)
+        kind = _kind_of(path)
+    export = None if kind else reader_of(path, comm, "model")
+    with agreed(comm):
         of_sid = kind_of(path) == SID
         written = None if kind or of_sid else description_of(path)
-        if export and written is table:  # an input file of Nastran may begin with words between commas
+        if export and (written is table or export.package != OWN):  # Nastran's may begin with words between commas
             written = None
-        single = None if export or of_sid else format_of(path)
-        if not (kind or export or of_sid or written):
+    single = None if kind or export or of_sid or written else reader_of(path, comm, "matrix")
+    with agreed(comm):
+        if not (kind or export or of_sid or written or (single and single.package != OWN)):
             refuse_unread(path)
         if kind != MODEL and (frequencies or band_top or modes):
             raise InputError(f"{path}: modes can be found in a model file only; convert it first")
@@ -201,9 +207,10 @@ def _kind_of(path) -> str | None:
 
 def _export(path, export, comm, variables):
     report = {"format": export.name}
-    if export.contents is not None:
-        with agreed(comm):
-            return report | {"matrices": export.contents(path), "warnings": []}
+    with agreed(comm), blamed(export):
+        contents = export.contents(path)
+    if contents is not None:
+        return report | {"matrices": contents, "warnings": []}
     try:
         parts = read_export(path, comm, variables)
     except InputError as error:
@@ -233,7 +240,7 @@ def _mesh(comm, nodes, elements, sets):
 def _matrix(path, single, comm):
     with agreed(comm):
         numbers = first_line(first_bytes(path)).replace(b",", b" ").split()
-    if single.module.__name__.endswith("abaqus_matrices") and len(numbers) in (2, 4):
+    if isinstance(single, Triplets) and len(numbers) in (2, 4):
         if len(numbers) == 4:
             return {"format": "lines of node, x, y, z"} | _mesh(comm, node_table.read(path, comm), {}, {}) | {
                 "warnings": []}  # fmt: skip

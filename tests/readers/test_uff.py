@@ -13,7 +13,7 @@ from hpcred.model.elements import NODES
 from hpcred.parallel.petsc import MPI
 from hpcred.readers.nodes import uff
 from hpcred.workflows.export import export_result
-from hpcred.writers.uff import write_uff
+from hpcred.writers.uff import CODES, write_uff
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
@@ -85,7 +85,7 @@ class Cells:
 
     nodes = np.arange(1, 21) * 3
     points = np.random.default_rng(1).standard_normal((20, 3))
-    cells = {kind: np.random.default_rng(2).permutation(20)[: NODES[kind]][None] for kind in uff.CODES}
+    cells = {kind: np.random.default_rng(2).permutation(20)[: NODES[kind]][None] for kind in CODES}
     names, frequencies = [], []
 
 
@@ -94,7 +94,7 @@ def test_every_kind_of_element_comes_back(comm, folder):
         assert write_uff(folder / "a.unv", Cells) == []
     comm.Barrier()
     _, elements = uff.read(folder / "a.unv", comm)
-    assert sorted(elements) == sorted(uff.CODES)
+    assert sorted(elements) == sorted(CODES)
     for kind, nodes in Cells.cells.items():
         assert np.array_equal(np.concatenate(comm.allgather(elements[kind])), Cells.nodes[nodes])
 
