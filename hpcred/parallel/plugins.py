@@ -28,13 +28,13 @@ class Entry:
 
 
 class Registry:
-    """The classes that derive from `base`: `own` addresses by name, and those of a `group` of entry points.
+    """The classes that derive from that at `base`: `own` addresses by name, and those of a `group` of entry points.
 
     Instances get the `package` of their entry, and its name where the class has none. Use it on one rank, and send the
     entry that was chosen to the others.
     """
 
-    def __init__(self, base: type, group: str, own: dict[str, str]):
+    def __init__(self, base: str, group: str, own: dict[str, str]):
         self._base, self._group, self._loaded, self._failed = base, group, {}, {}
         self.own = tuple(Entry(name, f"{OWN}.{address}") for name, address in own.items())
 
@@ -59,15 +59,15 @@ class Registry:
         """Return the instance of an entry. Raises InputError where another package has no such class."""
         if entry not in self._loaded:
             try:
-                found = EntryPoint(entry.name, entry.address, self._group).load()
-                if not (isinstance(found, type) and issubclass(found, self._base)):
-                    raise TypeError(f"found {found!r}, expected a class derived from hpcred.{self._base.__name__}")
+                found, base = (EntryPoint("", address, "").load() for address in (entry.address, f"{OWN}.{self._base}"))
+                if not (isinstance(found, type) and issubclass(found, base)):
+                    raise TypeError(f"found {found!r}, expected a class derived from hpcred.{base.__name__}")
                 item = found()
             except (Exception, SystemExit) as error:  # whatever the import of a module raises
                 if entry.package == OWN:
                     raise
                 self._failed[entry] = (
-                    f"the package {entry.package} has a {self._base.__name__.lower()} '{entry.name}' that cannot be "
+                    f"the package {entry.package} has a {self._group[7:-1]} '{entry.name}' that cannot be "
                     f"used ({type(error).__name__}: {error}); update or remove the package"
                 )
                 raise InputError(self._failed[entry]) from error
@@ -84,7 +84,8 @@ class Registry:
             except Exception as error:
                 if entry.package == OWN:
                     raise
-                self._failed.setdefault(entry, str(_blame(self.load(entry), error)))
+                if entry not in self._failed:
+                    self._failed[entry] = str(_blame(self._loaded[entry], error))
         return None
 
     def all(self) -> list:

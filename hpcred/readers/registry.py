@@ -1,6 +1,6 @@
 """List the readers, hpcred's own in the order in which they are asked, and find the one of a file.
 
-To add a format, write a Reader (see base) beside the code of its program, and put its address below; a vague one last.
+To add a format, write a Reader (see base) beside the code of its program, and put its address into OURS.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.plugins import OWN, Registry, blamed
 from .base import Reader
 
-READERS = Registry(Reader, "hpcred.readers", {address.partition(":")[2]: f"readers.{address}" for address in (
+OURS = (
     "abaqus.export:AbaqusInput",
     "calculix.matrix_storage:MatrixStorage",
     "matrices.matrix_market:MatrixMarket",
@@ -28,7 +28,8 @@ READERS = Registry(Reader, "hpcred.readers", {address.partition(":")[2]: f"reade
     "matrices.harwell_boeing:HarwellBoeing",
     "calculix.matrices:CalculixMatrix",
     "abaqus.matrices:Triplets",
-)})  # fmt: skip
+)
+READERS = Registry("readers.base:Reader", "hpcred.readers", {address: f"readers.{address}" for address in OURS})
 
 
 def readers_of(holds: str) -> list[Reader]:
@@ -39,18 +40,23 @@ def readers_of(holds: str) -> list[Reader]:
 def reader_of(path, comm, holds: str, check: Callable[[Reader | None], None] | None = None) -> Reader | None:
     """Return the first reader that takes the first bytes of a file, as rank 0 finds it, or None. Collective.
 
-    `check` raises InputError, on rank 0, where there is no reader or the file is not to be read by it.
+    Vague ones come behind those of other packages. `check` raises InputError, on rank 0, where there is no reader or
+    the file is not to be read by it.
     """
     entry = None
     with agreed(comm):
         start = first_bytes(path)
         if comm.rank == 0:
-            entry = READERS.first(lambda reader: holds in reader.holds and reader.begins(start))
+            entry = _first(start, holds, vague=False) or _first(start, holds, vague=True)
             if check is not None:
                 check(entry and READERS.load(entry))
     entry = comm.bcast(entry)
     with agreed(comm):
         return entry and READERS.load(entry)
+
+
+def _first(start, holds, vague):
+    return READERS.first(lambda item: holds in item.holds and item.vague == vague and item.begins(start))
 
 
 def read_by(reader: Reader, holds: str, path, comm, *named):

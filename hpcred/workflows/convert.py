@@ -67,7 +67,7 @@ def convert(
 def list_formats() -> list[dict]:
     """The formats that `convert` reads, a row each: name, what it holds, what tells it, and the files beside it.
 
-    Those of other installed packages name their package; one that cannot be used says why.
+    Those of other installed packages name their package.
     """
     rows = []
     for holds, what in (("model", "a whole model"), ("matrix", "a matrix")):
@@ -75,4 +75,4 @@ def list_formats() -> list[dict]:
             beside = item.companions if holds == "model" else "-K, -M, --nodes, --dofs"
             brought = "" if item.package == OWN else f" (of the package {item.package})"
             rows.append({"format": item.name + brought, "holds": what, "told by": item.told_by, "with it": beside})
-    return rows + [{"format": sentence, "holds": "", "told by": "", "with it": ""} for sentence in READERS.broken]
+    return rows

@@ -20,7 +20,7 @@ from ..model.interface_motion import members
 from ..model.interfaces import doubts_of_interfaces
 from ..parallel import startup
 from ..parallel.declared import nearest, spelled
-from ..parallel.failures import InputError, agreed
+from ..parallel.failures import HpcredError, InputError, agreed
 from ..parallel.plugins import OWN, blamed
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
@@ -35,7 +35,7 @@ from ..readers.registry import reader_of
 from ..readers.unread import refuse_unread
 from ..settings.job_file import read_job
 from ..settings.toml_file import read_table
-from .info_of_export import description_of, table
+from .info_of_export import description_of, of_other_package, table
 from .info_of_output import OUTPUTS, damaged, read_whole, sid
 from .model_of_job import with_interfaces_of_job
 from .set_figure import MOST, check_figure, draw_sets_of
@@ -126,6 +126,8 @@ def describe_file(
             return {"format": hdf5_kind(kind), "warnings": []}
         if export:
             return _export(path, export, comm, variables)
+        if (single is None or single.vague) and (found := _on_one_rank(of_other_package, path, comm)):
+            return found
         if single:
             return _matrix(path, single, comm)
     if not first_bytes(path):
@@ -186,11 +188,12 @@ def _on_one_rank(describe, path, comm):
             try:
                 with reading_from(path):
                     report = describe(path)
-            except InputError:
+            except HpcredError:
                 raise
             except Exception as error:  # whatever a damaged file makes its reader raise
                 raise damaged(path, error) from error
-    return {**comm.bcast(report), "warnings": []}
+    report = comm.bcast(report)
+    return report and {**report, "warnings": []}
 
 
 def _kind_of(path) -> str | None:
