@@ -50,10 +50,13 @@ from .model.units import in_si as in_si
 from .model.units import units_of as units_of
 from .parallel.failures import ComputationError as ComputationError
 from .parallel.failures import InputError as InputError
+from .parallel.failures import agreed as agreed
 from .parallel.progress import Progress as Progress
 from .parallel.startup import start as start
+from .readers.base import Reader as Reader
 from .readers.model_source import load_export as load_export
 from .readers.model_source import load_source as load_source
+from .readers.parts import Parts as Parts
 from .reduction.components.component import Ingredient as Ingredient
 from .reduction.components.craig_bampton import ConstraintModes as ConstraintModes
 from .reduction.components.craig_bampton import CraigBampton as CraigBampton
@@ -122,6 +125,8 @@ from .workflows.store import list_store as list_store
 from .workflows.store import prune_store as prune_store
 from .workflows.sweep import run_sweep as run_sweep
 from .workflows.verify import verify_file as verify_file
+from .writers.base import ExportSource as ExportSource
+from .writers.base import Writer as Writer
 from .writers.fmu import write_fmu as write_fmu
 from .writers.sid import read_sid as read_sid
 from .writers.sid import write_sid as write_sid

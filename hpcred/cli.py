@@ -15,6 +15,7 @@ from .parallel.failures import InputError
 from .parallel.progress import counted
 from .report.tables import in_words, show_table, show_timing, told_apart
 from .settings.toml_file import check_file_names
+from .writers.registry import WRITERS
 
 HELP = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(
@@ -50,10 +51,7 @@ Inputs = Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1
 Outputs = Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
-FORMATS = (
-    "sid, matlab, npz, exudyn, mbdyn; statespace-mat, statespace-npz, fmu; vtk, uff; png, svg, pdf, gif, webp; "
-    "nastran, nastran-op4, ansys, abaqus or simscape of a model in interface coordinates."
-)
+FORMATS = f"{', '.join(entry.name for entry in WRITERS.own)}; the last five of a model in interface coordinates."
 DIRECTIONS = "Directions by themselves, the least accurate first (|H| in SI units: m/N, rad/(N m))"
 INTERFACES = "Interfaces, and where their reference nodes are (m)"
 NEXT = """next: hpcred report demo_result.h5   draws responses, error and shapes: report.html
@@ -130,7 +128,10 @@ def convert(
     it, or single matrices given by -K and -M. See --list-formats.
     """
     if list_formats:
+        from .readers.registry import READERS
+
         show_table("Formats, each told by what the file begins with", hpcred.list_formats())
+        session.warn(READERS.broken)
         return
     files = list(files or [])
     if output is None:
@@ -608,7 +609,16 @@ def response(
     return 0 if report["reached"] else 1
 
 
-@app.command(context_settings={"allow_extra_args": True})
+class ExportCommand(typer.core.TyperCommand):
+    """A command whose help ends with the formats of other packages."""
+
+    def format_epilog(self, ctx, formatter):
+        if others := ", ".join(f"{entry.name} ({entry.package})" for entry in WRITERS.others):
+            formatter.write_paragraph()
+            formatter.write_text(f"Formats of other packages: {others}")
+
+
+@app.command(cls=ExportCommand, context_settings={"allow_extra_args": True})
 def export(
     context: typer.Context,
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],

@@ -26,7 +26,7 @@ from launch import mpi_environment
 
 import hpcred as package
 from hpcred.files.checked import CHECKSUM
-from hpcred.workflows.export import EXPORTS
+from hpcred.writers.registry import WRITERS
 
 SOURCE = Path(__file__).with_name("system_faults.c")
 SUPERELEMENT_JOB = """
@@ -49,7 +49,7 @@ band = [1.0, 50.0]
 [launch]
 launcher = ""
 """
-SUPERELEMENTS = [name for name, export in EXPORTS.items() if export.takes == "superelement"]
+SUPERELEMENTS = [export.name for export in WRITERS.all() if export.needs == "superelement"]
 COMMANDS = {
     "convert": "convert -K K.mtx -M M.mtx --nodes nodes.txt --dofs dofs.txt --inputs 20:z -o c.h5 --json c.json",
     "reduce": "reduce job.toml --json r.json",
@@ -66,7 +66,7 @@ COMMANDS = {
     "collect-h5": "collect sweep.toml -o table.h5",
     "info": "info model.h5 --json i.json",
     **{f"export-{name}": f"export {'bearings' if name in SUPERELEMENTS else 'result'}.h5 --format {name}"
-       for name in EXPORTS},
+       for name in (entry.name for entry in WRITERS.own)},
 }  # fmt: skip
 ALONE = ("sweep", "collect", "collect-h5")  # without mpiexec
 ERRORS = {

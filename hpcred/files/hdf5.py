@@ -194,11 +194,11 @@ def created(path):
 
 
 @contextmanager
-def atomic_output(path, comm):
+def atomic_output(path, comm, kind=None):
     """A temporary name beside `path` that becomes `path` when the block ends well; links are followed. Collective.
 
     Raises InputError before the block where the file cannot be written, and after it where what is there is of another
-    kind than what was written.
+    kind than what was written, or than a `kind` of outputs.Told.
     """
     check_writable(path, comm)
     name, path = path, Path(os.path.realpath(path))
@@ -218,7 +218,7 @@ def atomic_output(path, comm):
         with agreed(comm), writing_to(name, temporary):
             if comm.rank == 0:
                 if path.exists():
-                    check_kind(path, kind_of(temporary))
+                    check_kind(path, kind or kind_of(temporary))
                 with open(temporary, "r+b") as file:
                     os.ftruncate(file.fileno(), os.path.getsize(temporary))  # gives back room that was not needed
                     os.fsync(file.fileno())

@@ -10,6 +10,8 @@ import os
 import re
 import stat
 import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -47,6 +49,14 @@ TITLES = re.compile(rb"[A-Za-z][^\n,;]*(,[^-+.\d\s,;][^\n,;]*)+\n")  # the first
 EMPTY = "empty file"
 
 _keep = False
+
+
+@dataclass(frozen=True)
+class Told:
+    """A kind of files that is not known here: its `name`, and whether a file is of it, by its first bytes."""
+
+    name: str
+    begins: Callable[[bytes], bool]
 
 
 def keep_files(keep: bool):
@@ -178,13 +188,16 @@ def _check_writable(path):
         ) from error
 
 
-def check_kind(path, kind: str):
+def check_kind(path, kind: str | Told | None):
     """Raise InputError where an existing file is of another kind; an empty one may become anything. On one rank.
 
     Archives without names, as they are known before they are written, are compared again when they are there; None is
     any kind that hpcred writes.
     """
     found = kind_of(path)
+    if isinstance(kind, Told):
+        with open_input(path) as file:
+            found, kind = kind.name if kind.begins(file.read(4096)) else found, kind.name
     alike = kind is not None and (found == kind or (kind in (ZIP, MATLAB) and found.startswith(kind)))
     if found == OTHER or not (alike or found == EMPTY or kind is None):
         article = "an" if found[0] in "aeiouH" else "a"

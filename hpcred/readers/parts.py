@@ -1,12 +1,18 @@
-"""What the files of a model say, before they are a model: matrices, names of the rows, nodes and elements."""
+"""Hold what the files of a model say, before they are a model: matrices, names of the rows, nodes and elements."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import sparse
 
-from ..parallel.failures import InputError
+from ..files.text import LARGEST_LABEL
+from ..parallel.failures import InputError, agreed
 from .entries import Entries, LabelledEntries, label_of
 from .nodes.table import Nodes
+
+WHOLE = {"number": LARGEST_LABEL, "node": LARGEST_LABEL, "direction": 6}  # the largest of columns of whole numbers
 
 
 @dataclass
@@ -35,6 +41,85 @@ class Parts:
     loose: bool = False
     all_massive: bool = False
     as_written: bool = False
+
+    @classmethod
+    def from_arrays(
+        cls, path, comm, K, M, D=None, *, nodes=None, dofs=None, elements=None, held=None, sets=None
+    ) -> Parts:
+        """Return the parts of a model from arrays, of which each rank gives a share. Collective.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file, for messages.
+        K, M, D : sparse matrix, shape (n, n)
+            Entries of this rank, which are added to those of the others: any share, with both triangles. None on a rank
+            without entries; D is None on all ranks of a model without damping matrix.
+        nodes : array_like, shape (k, 4), optional
+            Number, x, y, z of some nodes, those of one rank behind those of the ranks before it. Without `dofs` all
+            nodes have the same number of rows (1 to 3, or 6), and rows follow in the order of the nodes.
+        dofs : array_like, shape (r, 2), optional
+            Node and direction (1 to 6) of some rows, those of one rank behind those of the ranks before it.
+        elements : dict of str to array_like, optional
+            Node numbers of elements (e, nodes) of some kinds, see SecondOrderModel.
+        held : array_like, shape (h, 2), optional
+            Node and direction of dofs that are held at zero and have no row.
+        sets : dict of str to array_like, optional
+            Node numbers by the name of the set; the same names on all ranks.
+
+        Returns
+        -------
+        Parts
+            What a Reader gives.
+
+        Raises
+        ------
+        InputError
+            If an array has another shape, or numbers that are no nodes or directions.
+        """
+        with agreed(comm):
+            given = {"K": K, "M": M, "D": D}
+            given = {key: item if item is None else sparse.coo_matrix(item) for key, item in given.items()}
+            nodes = _table(path, "nodes", nodes, ("number", "x", "y", "z"))
+            dofs = _table(path, "dofs", dofs, ("node", "direction"))
+            held = _table(path, "held", held, ("node", "direction"))
+        shapes = {key: max(filter(None, comm.allgather(item is not None and item.shape)), default=None)
+                  for key, item in given.items()}  # fmt: skip
+        if lacking := [key for key in "KM" if shapes[key] is None]:
+            raise InputError(f"{path}: found no {lacking[0]}, expected K and M")
+        matrices = {}
+        for key, shape in shapes.items():
+            if shape is not None:
+                item = sparse.coo_matrix(shape) if given[key] is None else given[key]
+                rows, columns = (ends.astype(np.int64) for ends in (item.row, item.col))
+                matrices[key] = Entries(shape, rows, columns, item.data.astype(float))
+        first = [sum(comm.allgather(len(item))[: comm.rank]) for item in (nodes, dofs)]
+        parts = cls(matrices, dict.fromkeys(matrices, str(path)), removed=_labels(held))
+        if comm.allreduce(len(nodes)):
+            parts.nodes = Nodes(nodes[:, 0].astype(np.int64), nodes[:, 1:], first[0] + np.arange(len(nodes)))
+        if comm.allreduce(len(dofs)):
+            parts.row_labels = _labels(dofs), first[1] + np.arange(len(dofs))
+        for name, found in (("elements", elements), ("sets", sets)):
+            setattr(parts, name, {key: np.array(item, np.int64) for key, item in (found or {}).items()})
+        return parts
+
+
+def _table(path, name, rows, columns) -> np.ndarray:
+    """Rows of numbers in so many columns, those of nodes and directions in their ranges. Raises InputError."""
+    table = np.array([] if rows is None else rows, float)
+    table = table if table.size else table.reshape(0, len(columns))
+    expected = f"{path}: {name}: expected rows of {', '.join(columns)}"
+    if table.ndim != 2 or table.shape[1] != len(columns):
+        raise InputError(f"{expected}, found an array of {' x '.join(map(str, table.shape))}")
+    for column, values in zip(columns, table.T, strict=True):
+        fits = (values >= 1) & (values <= WHOLE[column]) & (values % 1 == 0) if column in WHOLE else np.isfinite(values)
+        if not fits.all():
+            raise InputError(f"{expected}, found the {column} {values[~fits][0]:g}")
+    return table
+
+
+def _labels(table):
+    return label_of(table[:, 0].astype(np.int64), table[:, 1].astype(np.int8) - 1)
 
 
 def common_size(parts: Parts) -> int:

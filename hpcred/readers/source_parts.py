@@ -1,4 +1,4 @@
-"""The files of a Source enter: single matrices, and lists of nodes and dofs; the parts of a model leave."""
+"""Read the files of a Source, single matrices and lists of nodes and dofs, into the parts of a model."""
 
 import numpy as np
 
@@ -7,41 +7,32 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, repeated_key, sort_over_ranks
 from ..settings.source import Source
 from .abaqus import input_file as abaqus_input
-from .abaqus import matrices as abaqus_matrices
-from .abaqus.matrices import files_beside
 from .ansys import lists as ansys_lists
 from .ansys import nodes as ansys_nodes
 from .calculix import frd as calculix_frd
 from .calculix import matrix_storage as calculix
 from .entries import LARGEST_VALUE, Entries, LabelledEntries, label_name, label_of, node_and_direction, require_sane
-from .matrices import matrix_market
-from .matrix_formats import format_of, read_entries
-from .nastran import dmig as nastran_dmig
+from .matrix_formats import matrix_reader, read_entries
 from .nastran import exports as nastran
 from .nodes import table as node_table
 from .nodes import uff
 from .parts import Parts, common_size, labels_in_order
 from .unread import refuse_unread
 
-OPEN_ENDED = (abaqus_matrices, nastran_dmig)  # formats without a mark of their end
-OF_LINES = (matrix_market, abaqus_matrices)  # formats whose numbers end where their lines do
 HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports, and what counts as that
-
-
-def abaqus_source(path) -> Source:
-    """The matrices that Abaqus wrote beside an input file: block.inp with block_STIF1.mtx and block_MASS1.mtx."""
-    return Source(**files_beside(path), nodes=str(path))
 
 
 def read_source(source: Source, comm) -> Parts:
     """The parts that the files of a Source hold, but for B and C. Collective. Raises InputError."""
     files = {key: getattr(source, key) for key in ("K", "M", "D") if getattr(source, key)}
-    parts = Parts({key: read_entries(path, comm, key, source.variables) for key, path in files.items()}, files)
+    readers = {path: matrix_reader(path, comm) for path in dict.fromkeys(files.values())}
+    parts = Parts({key: read_entries(path, comm, key, source.variables, readers[path]) for key, path in files.items()},
+                  files)  # fmt: skip
     with agreed(comm):
-        for path in dict.fromkeys(files.values()):
-            parts.warnings += doubts_of_end(path) if format_of(path).module in OF_LINES else []
-        parts.open_ended = {key for key, path in files.items() if format_of(path).module in OPEN_ENDED}
-        parts.loose = format_of(files["K"]).module is nastran_dmig  # perhaps of the G-set
+        for path, reader in readers.items():
+            parts.warnings += doubts_of_end(path) if reader.line_ended else []
+        parts.open_ended = {key for key, path in files.items() if readers[path].open_ended}
+        parts.loose = readers[files["K"]].loose
     if _name_rows_of_calculix(comm, parts, source):
         return parts
     is_input_file, turned, points = False, None, None

@@ -10,7 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..files.outputs import PICTURES
 from ..parallel.failures import InputError
+from ..writers.base import Writer
 from .figures import COLOURS, INK, new_figure, pyplot
 from .rasteriser import Canvas
 from .surface import Surface, surface_of
@@ -32,12 +34,17 @@ OUTLINE, UNDEFORMED, EDGE = (0.13, 0.13, 0.13), (0.62, 0.62, 0.62), (0.25, 0.25,
 MARK = tuple(int(COLOURS[1][k : k + 2], 16) / 255 for k in (1, 3, 5))
 
 
-def picture_of(kind):
-    """A writer (path, shapes, modes) -> names of pictures of a kind: png, svg, pdf, or moving ones: gif, webp."""
-    def write(path, shapes, modes=None):
-        return (animate_shapes if kind in ("gif", "webp") else draw_shapes)(path, shapes, modes, kind)
+class Picture(Writer):
+    """Pictures of chosen shapes of the kind that is their name: png, svg, pdf, or moving ones: gif, webp."""
 
-    return write
+    needs, picture = "shapes", True
+    suffix = property(lambda self: f".{self.name}")
+    kind = property(lambda self: PICTURES[self.suffix])
+
+    def write(self, target, source):
+        draw = animate_shapes if self.name in ("gif", "webp") else draw_shapes
+        with source.shapes() as shapes:
+            return draw(target, shapes, source.modes, self.name)
 
 
 def draw_shapes(path, shapes, modes=None, kind="png") -> list[str]:

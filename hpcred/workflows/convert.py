@@ -1,4 +1,4 @@
-"""Files of other programs enter; model.h5 leaves, and what to look at of it."""
+"""Convert files of other programs into a model.h5, and say what to look at of it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from ..files.room import rescued
 from ..model.units import SI, in_si, units_of
 from ..parallel import startup
 from ..parallel.declared import spelled
+from ..parallel.plugins import OWN
 from ..parallel.progress import Progress
-from ..readers.matrix_formats import FORMATS
-from ..readers.model_source import EXPORTS, load_export, load_source
+from ..readers.model_source import load_export, load_source
+from ..readers.registry import READERS, readers_of
 from ..settings.source import Source
 
 
@@ -54,6 +55,7 @@ def convert(
     with model:
         with progress.stage("check"):
             report = check(model)
+            report["warnings"] = [*report["warnings"], *comm.bcast(READERS.broken)]
         with progress.stage("write", str(output)):
             rescued(lambda place: write_model(place, model), output, comm)
         ports = {"inputs": list(model.input_names)}
@@ -63,13 +65,14 @@ def convert(
 
 
 def list_formats() -> list[dict]:
-    """The formats that `convert` reads, a row each: name, what it holds, what tells it, and the files beside it."""
-    exports = [
-        {"format": item.name, "holds": "a whole model", "told by": item.told_by, "with it": item.companions}
-        for item in EXPORTS
-    ]
-    single = [
-        {"format": item.name, "holds": "a matrix", "told by": item.told_by, "with it": "-K, -M, --nodes, --dofs"}
-        for item in FORMATS
-    ]
-    return exports + single
+    """The formats that `convert` reads, a row each: name, what it holds, what tells it, and the files beside it.
+
+    Those of other installed packages name their package.
+    """
+    rows = []
+    for holds, what in (("model", "a whole model"), ("matrix", "a matrix")):
+        for item in readers_of(holds):
+            beside = item.companions if holds == "model" else "-K, -M, --nodes, --dofs"
+            brought = "" if item.package == OWN else f" (of the package {item.package})"
+            rows.append({"format": item.name + brought, "holds": what, "told by": item.told_by, "with it": beside})
+    return rows

@@ -1,4 +1,4 @@
-"""Any file that hpcred reads or writes enters; what it is, and of a model what it needs to be reduced, leaves."""
+"""Say what any file is that hpcred reads or writes, and of a model what it needs to be reduced."""
 
 from __future__ import annotations
 
@@ -20,20 +20,22 @@ from ..model.interface_motion import members
 from ..model.interfaces import doubts_of_interfaces
 from ..parallel import startup
 from ..parallel.declared import nearest, spelled
-from ..parallel.failures import InputError, agreed
+from ..parallel.failures import HpcredError, InputError, agreed
+from ..parallel.plugins import OWN, blamed
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from ..readers.abaqus import input_file as abaqus_input
-from ..readers.abaqus import matrices as abaqus_matrices
+from ..readers.abaqus.matrices import Triplets
 from ..readers.calculix import matrix_storage as calculix
 from ..readers.entries import LabelledEntries
-from ..readers.matrix_formats import format_of, read_entries
-from ..readers.model_source import export_of, read_export
+from ..readers.matrix_formats import read_entries
+from ..readers.model_source import read_export
 from ..readers.nodes import table as node_table
+from ..readers.registry import reader_of
 from ..readers.unread import refuse_unread
 from ..settings.job_file import read_job
 from ..settings.toml_file import read_table
-from .info_of_export import description_of, table
+from .info_of_export import description_of, of_other_package, table
 from .info_of_output import OUTPUTS, damaged, read_whole, sid
 from .model_of_job import with_interfaces_of_job
 from .set_figure import MOST, check_figure, draw_sets_of
@@ -88,13 +90,16 @@ def describe_file(
     if job:
         return _job(path, job, figure, comm, progress)
     with agreed(comm):
-        kind, export = _kind_of(path), export_of(path)
+        kind = _kind_of(path)
+    export = None if kind else reader_of(path, comm, "model")
+    with agreed(comm):
         of_sid = kind_of(path) == SID
         written = None if kind or of_sid else description_of(path)
-        if export and written is table:  # an input file of Nastran may begin with words between commas
+        if export and (written is table or export.package != OWN):  # Nastran's may begin with words between commas
             written = None
-        single = None if export or of_sid else format_of(path)
-        if not (kind or export or of_sid or written):
+    single = None if kind or export or of_sid or written else reader_of(path, comm, "matrix")
+    with agreed(comm):
+        if not (kind or export or of_sid or written or (single and single.package != OWN)):
             refuse_unread(path)
         if kind != MODEL and (frequencies or band_top or modes):
             raise InputError(f"{path}: modes can be found in a model file only; convert it first")
@@ -121,6 +126,8 @@ def describe_file(
             return {"format": hdf5_kind(kind), "warnings": []}
         if export:
             return _export(path, export, comm, variables)
+        if (single is None or single.vague) and (found := _on_one_rank(of_other_package, path, comm)):
+            return found
         if single:
             return _matrix(path, single, comm)
     if not first_bytes(path):
@@ -181,11 +188,12 @@ def _on_one_rank(describe, path, comm):
             try:
                 with reading_from(path):
                     report = describe(path)
-            except InputError:
+            except HpcredError:
                 raise
             except Exception as error:  # whatever a damaged file makes its reader raise
                 raise damaged(path, error) from error
-    return {**comm.bcast(report), "warnings": []}
+    report = comm.bcast(report)
+    return report and {**report, "warnings": []}
 
 
 def _kind_of(path) -> str | None:
@@ -202,9 +210,10 @@ def _kind_of(path) -> str | None:
 
 def _export(path, export, comm, variables):
     report = {"format": export.name}
-    if export.contents is not None:
-        with agreed(comm):
-            return report | {"matrices": export.contents(path), "warnings": []}
+    with agreed(comm), blamed(export):
+        contents = export.contents(path)
+    if contents is not None:
+        return report | {"matrices": contents, "warnings": []}
     try:
         parts = read_export(path, comm, variables)
     except InputError as error:
@@ -234,7 +243,7 @@ def _mesh(comm, nodes, elements, sets):
 def _matrix(path, single, comm):
     with agreed(comm):
         numbers = first_line(first_bytes(path)).replace(b",", b" ").split()
-    if single.module is abaqus_matrices and len(numbers) in (2, 4):
+    if isinstance(single, Triplets) and len(numbers) in (2, 4):
         if len(numbers) == 4:
             return {"format": "lines of node, x, y, z"} | _mesh(comm, node_table.read(path, comm), {}, {}) | {
                 "warnings": []}  # fmt: skip

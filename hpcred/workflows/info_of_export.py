@@ -1,4 +1,4 @@
-"""Files that hpcred wrote for other programs and for people enter; what they contain leaves as plain numbers and texts.
+"""Describe files that hpcred wrote for other programs and for people, by plain numbers and texts.
 
 Each function takes the name of a file, on one rank.
 """
@@ -17,8 +17,10 @@ from numpy.lib import format as npy
 
 from ..files import outputs
 from ..parallel.petsc import MPI
+from ..parallel.plugins import blamed
 from ..readers.nodes import uff
 from ..writers import vtk as vtk_file
+from ..writers.registry import WRITERS
 
 LARGEST_XML = 2**26  # bytes
 SHAPE = re.compile(rb"(?m)^ {4}-1\r?\n {4}55\r?\n(.*?)\r?$")  # the name of a dataset 55
@@ -143,6 +145,18 @@ KINDS = {
     outputs.CSV_OF_RESPONSES: table, outputs.CSV_OF_MOTION: table,
     **dict.fromkeys((outputs.PNG, outputs.GIF, outputs.WEBP), picture),
 }  # fmt: skip
+
+
+def of_other_package(path) -> dict | None:
+    """What the package says of a file that its writer takes for its own, or None."""
+    with open(path, "rb") as file:
+        start = file.read(4096)
+    entry = WRITERS.first(lambda writer: writer.begins(start), WRITERS.others) if start else None
+    if entry is None:
+        return None
+    writer = WRITERS.load(entry)
+    with blamed(writer):
+        return {"format": f"{writer.name} (of the package {writer.package})", **writer.describe(path)}
 
 
 def description_of(path):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .base import SuperelementWriter
 from .superelement import Superelement, fitted
 
 ON_A_LINE, NODES_ON_A_LINE, WIDTH = 4, 15, 20
@@ -83,3 +84,9 @@ def _entries(matrix, labels):
     """Node, direction, node, direction, value of the upper half."""
     for i, j in zip(*np.nonzero(np.triu(matrix)), strict=True):
         yield f"{labels[i, 0]}, {labels[i, 1]}, {labels[j, 0]}, {labels[j, 1]}, {_number(matrix[i, j])}"
+
+
+class UserElement(SuperelementWriter):
+    """User elements of Abaqus."""
+
+    suffix, make = "_abaqus.inp", staticmethod(abaqus_superelement)

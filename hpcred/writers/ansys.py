@@ -13,6 +13,7 @@ import numpy as np
 
 from ..body.body import check_viscous
 from ..parallel.failures import InputError
+from .base import SuperelementWriter
 from .superelement import Superelement
 
 LONGEST = 32  # characters of a file name in *EXPORT
@@ -67,3 +68,9 @@ def _matrix_market(matrix):
     """A dense matrix, column by column."""
     head = f"%%MatrixMarket matrix array real general\n{len(matrix)} {len(matrix)}\n"
     return head + "".join(f"{value:.16e}\n" for value in matrix.ravel(order="F"))
+
+
+class Matrix50(SuperelementWriter):
+    """Superelements of ANSYS."""
+
+    suffix, make = "_ansys.inp", staticmethod(ansys_superelement)

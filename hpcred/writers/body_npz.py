@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from ..body.body import Body, maker, remarks
+from ..files.outputs import ZIP
 from ..reduction.reduced_model import require_finite
+from .base import Writer
 
 
 def arrays_of(body: Body) -> dict:
@@ -43,3 +45,12 @@ def save_npz(path, arrays: dict):
     content = io.BytesIO()
     np.savez(content, **arrays)
     Path(path).write_bytes(content.getbuffer())
+
+
+class BodyNpz(Writer):
+    """Arrays of a body for NumPy."""
+
+    suffix, needs, kind = ".npz", "body", ZIP
+
+    def write(self, target, source):
+        return write_npz(target, source.body)

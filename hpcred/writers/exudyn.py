@@ -12,6 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..body.body import Body, check_moving, inputs_without_node, remarks
+from ..files.outputs import ZIP
+from .base import Writer
 from .body_npz import save_npz
 
 CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -98,3 +100,12 @@ def _notes(body):
     if body.surface is None:
         notes.append("no surface is drawn: the result has no faces, no basis, or too many dofs")
     return [*notes, "modal stresses are left out"]
+
+
+class Exudyn(Writer):
+    """Bodies of Exudyn."""
+
+    suffix, needs, kind, surface = "_exudyn.npz", "body", ZIP, True
+
+    def write(self, target, source):
+        return write_exudyn(target, source.body)

@@ -22,9 +22,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..body.body import check_viscous, instability, maker
+from ..files.outputs import ZIP
 from ..model.dofs import DIRECTIONS, SCALAR, target_of
 from ..parallel.failures import ComputationError, InputError, printable
 from ..reduction.reduced_model import ReducedModel, require_finite
+from .base import Writer
 
 SOURCES = Path(__file__).with_name("fmi2")  # body.c, and the headers of the FMI standard
 LONGEST = 63  # letters of an identifier that every compiler of C tells apart
@@ -229,3 +231,12 @@ def _kind(name):
 def _variable(word, name) -> str:
     """force_20_z of "force" and "20:z": a name that every program takes."""
     return re.sub(r"\W", "_", f"{word}_{name}", flags=re.ASCII)
+
+
+class Fmu(Writer):
+    """FMUs, which have the name of the result."""
+
+    suffix, needs, kind = ".fmu", "reduced", ZIP
+
+    def write(self, target, source):
+        return write_fmu(target, source.reduced, source.name)

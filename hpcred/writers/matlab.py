@@ -8,6 +8,8 @@ from __future__ import annotations
 from scipy.io import savemat
 
 from ..body.body import Body, remarks
+from ..files.outputs import MATLAB
+from .base import Writer
 from .body_npz import arrays_of
 
 
@@ -23,3 +25,12 @@ def save_mat(path, arrays: dict):
              for key, value in arrays.items()}  # fmt: skip
     with open(path, "wb") as file:
         savemat(file, cells, oned_as="column")
+
+
+class MatFile(Writer):
+    """Arrays of a body for MATLAB."""
+
+    suffix, needs, kind = ".mat", "body", MATLAB
+
+    def write(self, target, source):
+        return write_matlab(target, source.body)

@@ -13,6 +13,8 @@ from textwrap import wrap
 import numpy as np
 
 from ..body.body import Body, check_moving, inputs_without_node, maker, remarks
+from ..files.outputs import MBDYN
+from .base import Writer
 
 A_LINE = 6  # numbers; older versions of MBDyn skip groups that they do not know, if the lines are short
 REMARK = 100  # characters a line: MBDyn takes a line that is longer than its buffer for the end of the file
@@ -78,3 +80,12 @@ def _numbers(values) -> list[str]:
     """Numbers or labels in their order, a few a line."""
     words = [value if values.dtype.kind == "U" else f"{value: .16e}" for value in values.ravel()]
     return [" ".join(words[low : low + A_LINE]) for low in range(0, len(words), A_LINE)]
+
+
+class MbdynFile(Writer):
+    """Modal joints of MBDyn."""
+
+    suffix, needs, kind = ".fem", "body", MBDYN
+
+    def write(self, target, source):
+        return write_mbdyn(target, source.body)

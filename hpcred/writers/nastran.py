@@ -11,6 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..files.outputs import OP4
+from .base import SuperelementWriter
 from .superelement import Superelement, fitted
 
 WIDTH = 16
@@ -133,3 +135,15 @@ def _op4(name, matrix):
             parts.append(record(struct.pack("<3i", j + 1, rows[0] + 1, 2 * len(values)) + values.tobytes()))
     parts.append(record(struct.pack("<3id", size + 1, 1, 2, 1.0)))
     return b"".join(parts)
+
+
+class Dmig(SuperelementWriter):
+    """DMIG cards."""
+
+    suffix, make = ".pch", staticmethod(nastran_dmig)
+
+
+class Op4(SuperelementWriter):
+    """Matrices in OP4 with cards beside them."""
+
+    suffix, make, kind = "_external.op4", staticmethod(nastran_op4), OP4

@@ -15,10 +15,12 @@ import numpy as np
 
 from ..body.body import Body, check_moving, inputs_without_node, maker, remarks
 from ..body.rotations import skew
+from ..files.outputs import SID
 from ..files.system_errors import open_input
 from ..files.text import shown
 from ..model.dofs import DIRECTIONS
 from ..parallel.failures import InputError
+from .base import Writer
 
 OBJECTS = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "ksigma", "Ke", "De")
 OF_NODE = ("origin", "phi", "psi", "AP")
@@ -287,3 +289,12 @@ def _object(matrix, count):
                 return SidObject(np.eye(len(matrix)), None, count, 0, 4)
             return SidObject(diagonal, None, count, 0, 1)
     return SidObject(matrix, None, count, 0, 3)
+
+
+class SidFile(Writer):
+    """SID files."""
+
+    suffix, needs, kind = ".SID_FEM", "body", SID
+
+    def write(self, target, source):
+        return write_sid(target, source.body)

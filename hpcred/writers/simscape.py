@@ -12,7 +12,9 @@ import numpy as np
 from scipy.io import savemat
 
 from ..body.body import check_viscous
+from ..files.outputs import MATLAB
 from ..parallel.failures import InputError
+from .base import SuperelementWriter
 from .superelement import Superelement
 
 
@@ -35,3 +37,9 @@ def simscape_solid(element: Superelement, stem: str) -> tuple[bytes, dict, list[
         "frames": np.array([item.name for item in element.interfaces], dtype=object),
     }, oned_as="column")  # fmt: skip
     return content.getvalue(), {}, list(element.remarks)
+
+
+class FlexibleSolid(SuperelementWriter):
+    """Solids of Simscape Multibody."""
+
+    suffix, make, kind, si = "_simscape.mat", staticmethod(simscape_solid), MATLAB, True

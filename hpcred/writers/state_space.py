@@ -15,7 +15,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..body.body import check_viscous, instability, maker
+from ..files.outputs import MATLAB, ZIP
 from ..reduction.reduced_model import ReducedModel, require_finite
+from .base import Writer
 from .body_npz import save_npz
 from .matlab import save_mat
 
@@ -58,3 +60,21 @@ def write_state_space_npz(path, reduced: ReducedModel) -> list[str]:
     """Write an .npz file; call it on one rank. Returns remarks. Raises InputError for structural damping."""
     save_npz(path, state_space(reduced))
     return instability(reduced)
+
+
+class StateSpaceMat(Writer):
+    """State spaces for MATLAB."""
+
+    suffix, needs, kind = "_statespace.mat", "reduced", MATLAB
+
+    def write(self, target, source):
+        return write_state_space_mat(target, source.reduced)
+
+
+class StateSpaceNpz(Writer):
+    """State spaces for NumPy."""
+
+    suffix, needs, kind = "_statespace.npz", "reduced", ZIP
+
+    def write(self, target, source):
+        return write_state_space_npz(target, source.reduced)

@@ -3,7 +3,9 @@
 It has units (164), nodes (2411), elements (2412) and the shapes (55, displacements of normal modes).
 """
 
+from ..files.outputs import UFF
 from ..readers.nodes.uff import ORDER
+from .base import Writer
 
 CODES = {"line": 21, "line3": 24, "triangle": 91, "triangle6": 92, "quad": 94, "quad8": 95, "tetra": 111,
          "tetra10": 118, "wedge": 112, "wedge15": 113, "hexahedron": 115, "hexahedron20": 116}  # fmt: skip
@@ -63,3 +65,13 @@ def _write_elements(file, shapes):
             for low in range(0, len(cell), 8):
                 file.write("".join(f"{node:10d}" for node in cell[low : low + 8]) + "\n")
     file.write("    -1\n")
+
+
+class UffFile(Writer):
+    """Shapes for programs of modal analysis."""
+
+    suffix, needs, kind = ".uff", "shapes", UFF
+
+    def write(self, target, source):
+        with source.shapes() as shapes:
+            return write_uff(target, shapes)

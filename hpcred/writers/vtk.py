@@ -16,7 +16,9 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..files.outputs import VTK
 from ..parallel.failures import InputError
+from .base import Writer
 
 AT_ONCE = 2**25  # numbers of displacements that are held at a time
 TYPES = {  # of cells in VTK, whose nodes have the order of model.elements
@@ -161,3 +163,13 @@ def _types(item, root):
         return None
     letters, bits = re.fullmatch(r"(U?Int)(\d+)", item.get("type")).groups()
     return np.frombuffer(content[head.size :], f"{order}{letters[0].lower()}{int(bits) // 8}").tolist()
+
+
+class VtkFile(Writer):
+    """Shapes for ParaView."""
+
+    suffix, needs, kind = ".vtu", "shapes", VTK
+
+    def write(self, target, source):
+        with source.shapes() as shapes:
+            return write_vtk(target, shapes)

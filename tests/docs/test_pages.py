@@ -14,7 +14,7 @@ from pydantic import Field
 
 import hpcred.cli
 import hpcred.session
-from hpcred.workflows.export import EXPORTS
+from hpcred.writers.registry import WRITERS
 
 GENERATED = reference.pages()
 COMMANDS = dict(reference.commands(typer.main.get_command(hpcred.cli.app)))
@@ -122,7 +122,7 @@ def test_messages_are_those_of_the_program():
 
 
 def test_all_exports_are_on_their_page():
-    assert set(EXPORTS) <= set(re.findall(r"`([\w-]+)`", (DOCS / "exports.md").read_text()))
+    assert {entry.name for entry in WRITERS.own} <= set(re.findall(r"`([\w-]+)`", (DOCS / "exports.md").read_text()))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -375,10 +375,9 @@ def test_damaged_copies_are_refused(comm, folder, held):
 def load_parts(path, comm):
     """As load_export reads them: a file that is not known is refused as well."""
     from hpcred.files.text import first_bytes
-    from hpcred.readers.model_source import EXPORTS
+    from hpcred.readers.ansys.full import begins
 
-    start = first_bytes(path)
-    if not EXPORTS[1].begins(start):
+    if not begins(first_bytes(path)):
         raise InputError(f"{path}: not known")
     return read_parts(path, comm)
 

@@ -11,7 +11,8 @@ from helpers import to_dense
 
 from hpcred import InputError
 from hpcred.parallel.petsc import PETSc, is_complex
-from hpcred.readers.matrix_formats import FORMATS, read_entries
+from hpcred.readers.matrix_formats import read_entries
+from hpcred.readers.registry import readers_of
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
@@ -75,7 +76,7 @@ def test_the_first_bytes_tell_the_format_never_the_suffix(matrix, folder, comm):
     names = {"symmetric.mtx": "Matrix", "petsc.bin": "PETSc", "csr.npz": "SciPy", "coordinates.mtx": "text"}
     for name, word in names.items():
         start = (folder / name).read_bytes()[:4096]
-        assert next(item.name for item in FORMATS if item.module.begins(start)).split()[0] == word
+        assert next(item.name for item in readers_of("matrix") if item.begins(start)).split()[0] == word
         other = write(folder / "any.gz", (folder / name).read_bytes(), comm)
         assert np.array_equal(assembled(other, comm), matrix)
         comm.Barrier()

@@ -12,8 +12,8 @@ from helpers import columns_of
 
 import hpcred
 from hpcred import Buckens, Modes
+from hpcred.readers.abaqus.export import abaqus_source
 from hpcred.readers.model_source import load_export, load_source
-from hpcred.readers.source_parts import abaqus_source
 from hpcred.settings.source import Source
 
 pytestmark = pytest.mark.mpi

@@ -13,8 +13,7 @@ from helpers import refused, write_matrices
 
 import hpcred as package
 from hpcred.cli import run
-from hpcred.readers.matrix_formats import FORMATS
-from hpcred.readers.model_source import EXPORTS
+from hpcred.readers.registry import readers_of
 
 
 @pytest.fixture(autouse=True)
@@ -32,7 +31,7 @@ def said(capsys, *arguments):
 def test_every_format_is_in_the_table_with_what_tells_it(capsys):
     table = said(capsys, "convert", "--list-formats")
     rows = package.list_formats()
-    assert len(rows) == len(EXPORTS) + len(FORMATS)
+    assert len(rows) == len(readers_of("model")) + len(readers_of("matrix")) == 18
     assert all(row["format"] and row["told by"] for row in rows)
     assert "MATLAB .mat" in table and "CalculiX" in table and "%%MatrixMarket" in table
 

@@ -14,7 +14,8 @@ from hpcred.cli import run
 from hpcred.files.outputs import kind_of
 from hpcred.parallel.failures import InputError
 from hpcred.report import mode_pictures
-from hpcred.workflows.export import EXPORTS, export_result
+from hpcred.workflows.export import export_result
+from hpcred.writers.registry import WRITERS
 
 STRUCTURAL = """kind = "structural"
 loss_factor = 0.02
@@ -25,16 +26,17 @@ loss_factor = 0.02
 def test_all_formats_without_more(reduced_linkage, comm, monkeypatch):
     monkeypatch.setattr(mode_pictures, "MOVING_DOTS", 40)
     result = reduced_linkage()
-    for kind, export in EXPORTS.items():
-        if export.takes == "superelement":
+    for export in WRITERS.all():
+        kind = export.name
+        if export.needs == "superelement":
             continue
         report = export_result(result, kind)
         path = result.with_name("result" + export.suffix)
         assert report["output"] == str(path) and path.stat().st_size > 1000
-        if export.takes == "body":
+        if export.needs == "body":
             assert report["nodes"] == [1, 20] and report["coordinates"] == 6
             assert "an approximation" in report["remarks"][0]
-        if export.takes == "reduced":
+        if export.needs == "reduced":
             assert report["inputs"] == report["outputs"] == ["20:z", "1:x"] and report["coordinates"] == 6
             assert "unstable" not in str(report["remarks"])
     assert result.with_suffix(".png").read_bytes()[:4] == b"\x89PNG"
@@ -61,7 +63,7 @@ def test_structural_damping_is_carried_or_refused(reduced_linkage, comm):
 def test_the_help_names_all_formats(capsys):
     assert run(["export", "--help"]) == 0
     words = capsys.readouterr().out.replace(",", " ").replace(".", " ").replace(";", " ").split()
-    assert set(EXPORTS) <= set(words)
+    assert {entry.name for entry in WRITERS.own} <= set(words)
 
 
 @pytest.mark.mpi
@@ -91,7 +93,7 @@ def test_exports_are_refused_on_all_ranks(reduced_linkage, comm):
 def test_superelements_are_written_with_the_files_beside_them(folder, comm):
     package.write_result(folder / "arm.h5", interface_model(damping=10.0))
     beside = {"nastran-op4": ["arm_external.pch"], "ansys": ["arm_ansys_K.mtx", "arm_ansys_M.mtx", "arm_ansys_D.mtx"]}
-    for kind in (kind for kind, export in EXPORTS.items() if export.takes == "superelement"):
+    for kind in (export.name for export in WRITERS.all() if export.needs == "superelement"):
         report = export_result(folder / "arm.h5", kind)
         assert report["coordinates"] == 17 and report["nodes"] == [101, 205]
         assert report["files"] == [str(folder / name) for name in beside.get(kind, [])]

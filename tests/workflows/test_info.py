@@ -12,7 +12,8 @@ import hpcred as package
 from hpcred.cli import run
 from hpcred.model.rigid_body_modes import rigid_motions
 from hpcred.report import mode_pictures
-from hpcred.workflows.export import EXPORTS, export_result
+from hpcred.workflows.export import export_result
+from hpcred.writers.registry import WRITERS
 
 
 def said(capsys, *arguments):
@@ -54,8 +55,8 @@ def written(tmp_path_factory):
             with package.reduce(model, [package.CraigBampton(count=3)], package.Buckens(),
                                 coordinates=coordinates) as rom:  # fmt: skip
                 package.write_result(folder / f"{name}.h5", rom, model)
-        for kind, export in EXPORTS.items():
-            export_result(folder / ("arm.h5" if export.takes == "superelement" else "body.h5"), kind)
+        for export in WRITERS.all():
+            export_result(folder / ("arm.h5" if export.needs == "superelement" else "body.h5"), export.name)
         package.report_file([folder / "body.h5"], output=folder / "page.html", csv=folder / "tables")
         package.evaluate_result(folder / "body.h5", frequencies=(10.0, 20.0, 30.0), output=folder / "h.csv")
     return folder
@@ -84,7 +85,7 @@ WORDS = {
 def test_info_of_all_that_is_written_for_others(written, monkeypatch, capsys):
     monkeypatch.chdir(written)
     known = {name.removeprefix("body").removeprefix("arm") for name in WORDS}
-    assert {export.suffix for export in EXPORTS.values()} <= known
+    assert {export.suffix for export in WRITERS.all()} <= known
     for name, expected in WORDS.items():
         text = said(capsys, "info", name)
         assert all(part in text for part in expected), text

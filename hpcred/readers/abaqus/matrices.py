@@ -12,6 +12,7 @@ import numpy as np
 from ...files.text import LARGEST_LABEL, first_bytes, first_line, numbers, pieces, shown, triples, whole
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, agreed
+from ..base import Reader
 from ..entries import Collected, Entries, LabelledEntries, both_triangles, joined, label_of
 
 ENDINGS = {"K": "STIF", "M": "MASS", "D": "DMPV"}
@@ -154,3 +155,12 @@ def files_beside(path) -> dict[str, str]:
             "other files by -K, -M and -D, and a loss factor in the job"
         )
     return {key: files[ending] for key, ending in ENDINGS.items() if ending in files}
+
+
+class Triplets(Reader):
+    """Lines of numbers, as of Abaqus."""
+
+    name = "text lines of row, column, value or node, dof, node, dof, value"
+    told_by = "a first line of numbers"
+    packed = vague = open_ended = line_ended = True
+    begins, read_matrix = staticmethod(begins), staticmethod(read)

@@ -13,6 +13,7 @@ import numpy as np
 from ...files.text import LARGEST_LABEL
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, number_over_ranks, repeated_key
+from ..base import Reader
 from ..entries import Entries, joined, label_name, label_of, node_and_direction, require_sane
 from ..matrices.petsc_binary import row_share
 from ..parts import Parts
@@ -424,3 +425,11 @@ def _diagonal(comm, file, header, key, place, removed):
         row = row[kept] - np.searchsorted(removed, row[kept])
     size = header.equations - len(removed)
     return Entries((size, size), row, row.copy(), values[kept])
+
+
+class Full(Reader):
+    """ANSYS' .full files."""
+
+    name, told_by = "ANSYS' .full file", "the header of its first record"
+    companions = ".cdb, .rst or a list with nodes"
+    begins, read_model = staticmethod(begins), staticmethod(read_parts)

@@ -11,6 +11,7 @@ from pathlib import Path
 from ...files.system_errors import reading_from
 from ...files.text import first_bytes
 from ...parallel.failures import InputError, agreed
+from ..base import Reader
 from ..matrices import harwell_boeing, matrix_market
 from ..parts import Parts
 from . import lists as ansys_lists
@@ -134,3 +135,12 @@ def _key(path, start):
 
 def _listed(files):
     return ", ".join(f"{key} {Path(file).name}" for key, file in files.items())
+
+
+class Texts(Reader):
+    """Matrices of ANSYS as texts."""
+
+    name = "matrices of ANSYS' HBMAT or *EXPORT,...,MMF"
+    told_by = "its title, or a Matrix Market header with a mapping beside it"
+    companions = "the other matrices, mapping, nodes"
+    begins, read_model = staticmethod(begins), staticmethod(read_parts)

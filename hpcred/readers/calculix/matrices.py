@@ -12,6 +12,7 @@ import numpy as np
 
 from ...files.text import first_bytes, is_cut_line, pieces, triples
 from ...parallel.failures import InputError, agreed
+from ..base import Reader
 from ..entries import Collected, Entries, both_triangles
 
 LINE = re.compile(rb"[1-9]\d* [1-9]\d* [ -]\d\.\d{13}e[+-]\d\d\d?")
@@ -89,3 +90,10 @@ def require_last_line(path):
         raise InputError(f"{path}: found an empty file")
     if is_cut_line(path):
         raise InputError(f"{path}: found no line break at its end; the file is cut")
+
+
+class CalculixMatrix(Reader):
+    """One matrix of CalculiX."""
+
+    name, told_by, packed = "CalculiX .sti or .mas", "lines of an upper triangle, 14 digits each", True
+    begins, read_matrix = staticmethod(begins), staticmethod(read)

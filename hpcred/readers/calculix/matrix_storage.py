@@ -17,6 +17,7 @@ from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, repeated_key, sort_over_ranks
 from ...parallel.petsc import MPI
 from ..abaqus import input_file as abaqus_input
+from ..base import Reader
 from ..entries import joined, label_name, label_of, node_and_direction
 from ..nodes.table import Nodes
 from ..parts import Parts
@@ -377,3 +378,12 @@ def _labels(node, first, last):
     """Labels of the directions (1 to 6) from first to last of each node."""
     inside = [(direction, (first <= direction) & (direction <= last)) for direction in range(1, 7)]
     return [label_of(node[mask], np.full(np.count_nonzero(mask), direction - 1)) for direction, mask in inside]
+
+
+class MatrixStorage(Reader):
+    """What SOLVER=MATRIXSTORAGE writes."""
+
+    name = "CalculiX .sti, .mas or .dof"
+    told_by = "lines of an upper triangle, or of node.direction"
+    companions = "x.sti, x.mas, x.dof (.gz), x.inp"
+    begins, read_model = staticmethod(begins), staticmethod(read_parts)

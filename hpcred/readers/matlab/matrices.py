@@ -14,6 +14,7 @@ import numpy as np
 from ...files.text import LARGEST_LABEL, first_bytes
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import repeated_key
+from ..base import Reader
 from ..entries import Entries, label_name, label_of
 from ..nodes.table import LARGEST_COORDINATE, Nodes
 from ..parts import Parts
@@ -274,3 +275,12 @@ def _whole(path, variable, values, high):
     if not ((values >= 1) & (values <= high) & (values == np.floor(values))).all():
         raise InputError(f"{path}: found numbers in '{variable.name}' that are not whole and from 1 to {high}")
     return values.astype(np.int64)
+
+
+class MatFile(Reader):
+    """Files of MATLAB and Octave."""
+
+    name, told_by, named = "MATLAB .mat (version 4 to 7.3)", "its header, or HDF5 with one", True
+    companions = "none: K, M, D, nodes, dofs in one file"
+    begins, contents = staticmethod(begins), staticmethod(contents)
+    read_matrix, read_model = staticmethod(read), staticmethod(read_parts)

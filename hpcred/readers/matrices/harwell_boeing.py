@@ -12,6 +12,7 @@ import numpy as np
 from ...files.text import Piece, open_unpacked, pieces, ragged, whole
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, agreed
+from ..base import Reader
 from ..entries import Entries, both_triangles, require_sane
 from ..fixed_width import Field, fields_of_format, separated
 from .petsc_binary import row_share
@@ -249,3 +250,9 @@ def _repeated(rows, columns, height):
     return (int(twice[0] % height), int(twice[0] // height)) if twice.size else None
 
 
+class HarwellBoeing(Reader):
+    """Harwell-Boeing and Rutherford-Boeing files."""
+
+    name, packed = "Harwell-Boeing or Rutherford-Boeing", True
+    told_by = "the four or five lines of its header"
+    begins, read_matrix = staticmethod(begins), staticmethod(read)

@@ -4,6 +4,7 @@ import numpy as np
 
 from ...files.text import BYTE_ORDER_MARK, Piece, numbers, open_unpacked, pieces, places, shown, triples
 from ...parallel.failures import InputError, agreed
+from ..base import Reader
 from ..entries import Collected, Entries, both_triangles
 
 SYMMETRIES = ("general", "symmetric", "skew-symmetric")
@@ -109,3 +110,10 @@ def _header(path):
                 f"{path}, line {number}: found a {words[4]} matrix of {sizes[0]} x {sizes[1]}, expected a square one"
             )
         return words[2], words[4], (sizes[0], sizes[1]), sizes[-1], file.tell()
+
+
+class MatrixMarket(Reader):
+    """Matrix Market files."""
+
+    name, told_by, packed, line_ended = "Matrix Market", "%%MatrixMarket", True, True
+    begins, read_matrix = staticmethod(begins), staticmethod(read)

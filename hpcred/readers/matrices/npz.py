@@ -12,6 +12,7 @@ import numpy as np
 from ...files.system_errors import reading_from
 from ...parallel.failures import InputError, agreed
 from ...parallel.memory import MB, node_mb
+from ..base import Reader
 from ..entries import Entries
 from .petsc_binary import row_share
 
@@ -152,3 +153,10 @@ def _exactly(path, name, file, count):
     if len(data) != count:
         raise InputError(f"{path}: the array '{name}' is shorter than it says; the file is damaged")
     return data
+
+
+class Npz(Reader):
+    """Archives of SciPy."""
+
+    name, told_by, vague = "SciPy .npz", "a zip archive", True
+    begins, read_matrix = staticmethod(begins), staticmethod(read)

@@ -7,6 +7,7 @@ import numpy as np
 from ...files.system_errors import read_numbers
 from ...files.text import first_bytes
 from ...parallel.failures import InputError, agreed
+from ..base import Reader
 from ..entries import Entries
 
 CLASS_ID = 1211216  # of a matrix
@@ -75,3 +76,10 @@ def _header(path, whole, width):
             f"{count} entries; this looks like {hint}"
         )
     return rows, columns, count
+
+
+class PetscBinary(Reader):
+    """Matrices of PETSc's MatView."""
+
+    name, told_by = "PETSc binary", "the number 1211216"
+    begins, read_matrix = staticmethod(begins), staticmethod(read)

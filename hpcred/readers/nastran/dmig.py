@@ -17,6 +17,7 @@ from ...model.dofs import SCALAR
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, number_over_ranks, repeated_key
 from ..abaqus.matrices import is_one_triangle
+from ..base import Reader
 from ..entries import LabelledEntries, both_triangles, joined, label_name, label_of
 from .cards import CARD, lines_of, reals, wholes
 from .names import single
@@ -271,3 +272,11 @@ def _digits(fields):
     sign = (codes == ord("+")) | (codes == ord("-")) | (codes == ord("E")) | (codes == ord("D"))
     ended = np.maximum.accumulate(sign & begun, axis=1)
     return int((digit & ~ended).sum(axis=1).max())
+
+
+class Dmig(Reader):
+    """Single matrices on DMIG cards, perhaps of the G-set."""
+
+    name, told_by = "Nastran DMIG", "a DMIG card"
+    named = open_ended = loose = True
+    begins, read_matrix = staticmethod(begins), staticmethod(read)

@@ -14,6 +14,7 @@ from ...files.text import first_bytes
 from ...model.dofs import OWN, SCALAR
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, number_over_ranks
+from ..base import Reader
 from ..entries import STRIDE, Entries, LabelledEntries, asymmetry, chunks, label_name, label_of
 from ..nodes.table import Nodes
 from ..parts import Parts, common_size, labels_in_order
@@ -526,3 +527,29 @@ def _name_scalars(comm, parts, points):
             node, direction = np.divmod(label, STRIDE)
             found, _ = look_up(comm, mine, [mine], node)
             setattr(item, end, np.where(found & (direction == 0), label_of(node, np.full(len(node), SCALAR)), label))
+
+
+class Op4(Reader):
+    """Matrices of OUTPUT4."""
+
+    name, told_by, named = "Nastran OP4", "the header of its first matrix", True
+    companions = "other .op4 files, .op2, .bdf or .dat with nodes"
+    begins = staticmethod(nastran_op4.begins)
+    read_matrix, read_model = staticmethod(nastran_op4.read), staticmethod(read_op4)
+
+
+class Op2(Reader):
+    """Matrices in OUTPUT2."""
+
+    name, told_by, named = "Nastran OP2 with matrices", "its records of one number", True
+    companions = ".bdf or .dat with nodes"
+    begins = staticmethod(nastran_op2.begins)
+    read_matrix, read_model = staticmethod(nastran_op2_matrices.read), staticmethod(read_op4)
+
+
+class Bulk(Reader):
+    """DMIG cards, or an input file."""
+
+    name, told_by, named = "Nastran DMIG, or an input file with the matrices beside it", "DMIG or other cards", True
+    companions = ".pch or .op4 with the matrices, .bdf or .dat with nodes"
+    begins, read_model = staticmethod(begins_bulk), staticmethod(read_bulk)

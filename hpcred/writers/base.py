@@ -1,0 +1,131 @@
+"""Define what an export is, one class registered by its address or by an entry point, and what it takes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+from ..body.body import Body
+from ..body.units import fields_in, in_units
+from ..files.outputs import SUPERELEMENT
+from ..files.result_file import Result, Shapes
+from ..model.units import SI, Units
+from ..reduction.reduced_model import ReducedModel
+from .superelement import Superelement, superelement
+
+
+@dataclass
+class ExportSource:
+    """What a Writer takes of a result; each part is made when it is first asked for. On one rank.
+
+    `name`: of the result, without suffix; `stem`: of the file that is written. `units`: those of the file, in which
+    `body` and `superelement` are; everything else is in SI. `modes`: numbers from 1 of the chosen shapes, or None.
+    `beside`: contents (str or bytes) of further files to write, by what follows `stem` in their names.
+    """
+
+    result: Result
+    stem: str
+    nodes: list[int | str] | None = None
+    units: Units = SI
+    modes: list[int] | None = None
+    surface: bool = False
+    beside: dict[str, str | bytes] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return Path(self.result.path).stem
+
+    @property
+    def reduced(self) -> ReducedModel:
+        """The reduced model, for programs that know inputs and outputs and no nodes."""
+        return self.result.reduced
+
+    @cached_property
+    def body(self) -> Body:
+        """The body with its interface nodes, and its surface where the writer wants it. Raises InputError."""
+        body = self.result.body(self.nodes)
+        body.surface = self.result.surface() if self.surface and body.nodes else None
+        return body if self.units == SI else in_units(body, self.units)
+
+    @cached_property
+    def superelement(self) -> Superelement:
+        """The superelement of a result in interface coordinates. Raises InputError for others."""
+        item = superelement(self.reduced)
+        if self.units == SI:
+            return item
+        return replace(item, **fields_in(item, self.units), remarks=(*item.remarks, f"in {self.units.name}"))
+
+    def shapes(self) -> AbstractContextManager[Shapes]:
+        """A context with the shapes of all nodes (see files.result_file.Shapes)."""
+        return self.result.shapes()
+
+
+class Writer(ABC):
+    """An export: derive, set `suffix` and `needs`, and write `write` and `begins`.
+
+    Attributes
+    ----------
+    name : str
+        The word for --format; by default the name of the entry point.
+    suffix : str
+        What follows the name of the result in that of the file, such as ".fem".
+    needs : str
+        What it takes: "body"; "reduced", for programs that know inputs and outputs and no nodes; "shapes"; or
+        "superelement". Options that do not go with it are refused before anything is read.
+    si : bool
+        Whether the program that reads a body or a superelement wants SI. By default False.
+    surface : bool
+        Whether the body has the surface that is drawn. By default False.
+    picture : bool
+        Whether it shows chosen shapes (--modes). By default False.
+    kind : str
+        The kind of its files where files.outputs knows it, by default none: `begins` tells them.
+
+    Notes
+    -----
+    Register the class of another package by an entry point of the group "hpcred.writers", whose name is that of the
+    format.
+    """
+
+    name = suffix = needs = kind = ""
+    si = surface = picture = False
+    package = ""  # that brings it
+
+    def __init__(self):
+        if not self.suffix or self.needs not in ("body", "reduced", "shapes", "superelement"):
+            raise TypeError(f"{type(self).__name__} has no suffix, or needs '{self.needs}'")
+
+    @property
+    def any_units(self) -> bool:
+        """Whether it can be written in other units than SI."""
+        return self.needs in ("body", "superelement") and not self.si
+
+    @abstractmethod
+    def write(self, target: Path, source: ExportSource) -> list[str]:
+        """Write the file `target`; called on one rank.
+
+        Return remarks on what the file does not hold, or, of a writer of shapes, the names of those that it wrote.
+        Raise InputError for a result that the format cannot hold.
+        """
+
+    def begins(self, start: bytes) -> bool:
+        """Return whether a file that starts so (4096 bytes) is of this format, and may be replaced by a new one."""
+        return False
+
+    def describe(self, path) -> dict:
+        """Return what `hpcred info` says of a file of this format, besides its name; called on one rank."""
+        return {}
+
+
+class SuperelementWriter(Writer):
+    """An export of a superelement: `make` (element, stem) -> content, those beside it by suffix, remarks."""
+
+    needs, kind = "superelement", SUPERELEMENT
+
+    def write(self, target, source):
+        content, source.beside, remarks = self.make(source.superelement, source.stem)
+        target.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return list(remarks)

@@ -1,0 +1,29 @@
+"""List the exports by the words for --format; a suffix that several have means the first.
+
+To add a format, write a Writer (see base), and put its address below.
+"""
+
+from ..parallel.plugins import Registry
+
+WRITERS = Registry("writers.base:Writer", "hpcred.writers", {
+    "sid": "writers.sid:SidFile",
+    "matlab": "writers.matlab:MatFile",
+    "npz": "writers.body_npz:BodyNpz",
+    "exudyn": "writers.exudyn:Exudyn",
+    "mbdyn": "writers.mbdyn:MbdynFile",
+    "statespace-mat": "writers.state_space:StateSpaceMat",
+    "statespace-npz": "writers.state_space:StateSpaceNpz",
+    "fmu": "writers.fmu:Fmu",
+    "vtk": "writers.vtk:VtkFile",
+    "uff": "writers.uff:UffFile",
+    "png": "report.mode_pictures:Picture",
+    "svg": "report.mode_pictures:Picture",
+    "pdf": "report.mode_pictures:Picture",
+    "gif": "report.mode_pictures:Picture",
+    "webp": "report.mode_pictures:Picture",
+    "nastran": "writers.nastran:Dmig",
+    "nastran-op4": "writers.nastran:Op4",
+    "ansys": "writers.ansys:Matrix50",
+    "abaqus": "writers.abaqus:UserElement",
+    "simscape": "writers.simscape:FlexibleSolid",
+})  # fmt: skip
