@@ -396,3 +396,16 @@ def test_sets_of_nodes_and_elements(comm, folder, monkeypatch):
 def test_sets_that_cannot_be_are_refused(comm, folder, lines, says):
     with pytest.raises(InputError, match=says):
         read(write(folder / "a.inp", "*Node\n1, 0., 0., 0.\n" + lines, comm), comm)
+
+
+@pytest.mark.mpi(ranks=(1, 3), build="real")
+@pytest.mark.parametrize("line, good", [("1, 5, 10", True), ("1, Part-1.5, 10,", True), ("1, , 10", True),
+                                        ("1, 1;5, 10", False), ("1, x", False)])  # fmt: skip
+def test_lines_of_elements_that_are_not_drawn_are_read_too(comm, folder, line, good):
+    text = f"*Node\n5, 0., 0., 0.\n10, 1., 0., 0.\n*Element, type=D3D2\n2, 5, 10\n{line}\n"
+    path = write(folder / "a.inp", text, comm)
+    if good:
+        assert read(path, comm).elements == {}
+    else:
+        with pytest.raises(InputError, match=f"line 6: found '{line}', expected numbers of an element and its nodes"):
+            read(path, comm)

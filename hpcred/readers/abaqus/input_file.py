@@ -37,6 +37,8 @@ from .sets import GROUP, read_sets
 
 KEYWORD = re.compile(rb"(?m)^[ \t]*\*(?!\*)")
 GOES_ON = re.compile(rb",[ \t\r]*(\n|$)")
+LABEL_FIELD = rb"[ \t]*(?:\d*|[^,\n]+\.\d+)[ \t]*"  # 7, Part-1.5 or nothing
+NO_LABELS = re.compile(rb"(?m)^(?!(?:%b,)*%b\r?$)[^\n]+$" % (LABEL_FIELD, LABEL_FIELD))
 EMPTY_FIELD = re.compile(rb",(?=[ \t]*,)")
 REDIRECTED = re.compile(rb"(?m)^[ \t]*>[ \t]*\*\*.*$")
 TYPE = re.compile(r"\w+")  # of elements
@@ -441,6 +443,7 @@ def _elements(comm, blocks, groups, named, calculix):
                 raise block.section.refusal(f"found type={name}, expected the type of elements")
             kind = abaqus_kind(name)
             if kind is None:
+                _require_labels(block, comm)
                 continue
             width = NODES[kind] + 1
             middle = name.upper() == "S8R5"  # which may name the node that it has in its middle
@@ -459,6 +462,14 @@ def _elements(comm, blocks, groups, named, calculix):
         {kind: np.concatenate([np.zeros(0, np.int64), *keys.get(kind, [])]) for kind in kinds},
         dict(sum(comm.allgather(counts), Counter())),
     )  # fmt: skip
+
+
+def _require_labels(block, comm):
+    """Refuse lines of elements that are not drawn which are no numbers, or names of instances with numbers."""
+    for piece in pieces(block.path, comm, block.start, block.stop):
+        text = without_comments(piece.text)
+        if match := NO_LABELS.search(text):
+            raise piece.refusal(text.count(b"\n", 0, match.start()), "numbers of an element and its nodes")
 
 
 def _require_nodes(path, comm, nodes, elements):
