@@ -9,7 +9,7 @@ import numpy as np
 
 from ..analysis.frequency_response import response_and_drive
 from ..files.model_file import read_model
-from ..linalg.factorisation import Factoring
+from ..linalg.solvers.settings import Factoring
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import target_of
 from ..model.second_order_model import SecondOrderModel
