@@ -78,7 +78,7 @@ def inspect(
                 report["held_dofs"] = count
         warnings = with_doubts(warnings, model, body, first)
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
-    if factoring.package.counts() and (limits or rigid_count is None):
+    if model.symmetric and factoring.package.counts() and (limits or rigid_count is None):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:
             if not doubts and (negative := _count_below(solver, -zero_of(model))):
                 warnings.append(growing_in_words(model, negative))
