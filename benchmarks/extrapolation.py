@@ -20,14 +20,13 @@ QUANTITIES = ("entries", "flops", "mb", "mb_max_rank")
 def analyse(edge):
     """Entries, operations and memory of the factor of a cube, estimated; in a job of its own."""
     import hpcred
-    from hpcred.linalg.solvers import ShiftedSolver
-    from hpcred.parallel import startup
+    from hpcred.linalg.solvers.mumps import Mumps, orderings
 
     hpcred.start()
     with hpcred.solid((edge,) * 3) as model:
-        solver = ShiftedSolver(model)
-        found = solver.expected(startup.orderings()[:1])
-        solver.close()
+        factors = Mumps(model.K, True, "shift_")
+        found = factors.expected(orderings()[:1])
+        factors.close()
         if model.comm.rank == 0:
             print(json.dumps({"dofs": model.size, **next(iter(found.values()))}))
 

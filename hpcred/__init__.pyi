@@ -28,8 +28,8 @@ from .files.response_file import write_responses as write_responses
 from .files.result_file import Result as Result
 from .files.result_file import read_result as read_result
 from .files.result_file import write_result as write_result
-from .linalg.factorisation import Factoring as Factoring
-from .linalg.factorisation import LinearSolver as LinearSolver
+from .linalg.solvers.settings import Factoring as Factoring
+from .linalg.solvers.settings import LinearSolver as LinearSolver
 from .model.damping import Caughey as Caughey
 from .model.damping import GivenDamping as GivenDamping
 from .model.damping import ModalDamping as ModalDamping

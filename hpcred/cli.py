@@ -51,6 +51,7 @@ Inputs = Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1
 Outputs = Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
+Package = Annotated[str | None, typer.Option(help="What factors: mumps, superlu_dist or petsc.")]
 FORMATS = f"{', '.join(entry.name for entry in WRITERS.own)}; the last five of a model in interface coordinates."
 DIRECTIONS = "Directions by themselves, the least accurate first (|H| in SI units: m/N, rad/(N m))"
 INTERFACES = "Interfaces, and where their reference nodes are (m)"
@@ -230,6 +231,7 @@ def modes(
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png of the first six elastic modes.")] = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
+    package: Package = None,
     json: JsonFile = None,
 ):
     """Lowest natural frequencies, effective masses and participation factors of a model.
@@ -238,7 +240,7 @@ def modes(
     """
     report = hpcred.modes_of_file(
         model, count, frame=None if frame == "auto" else words.frame(frame), figure=figure,
-        factoring=words.factoring(out_of_core, low_rank), progress=session.progress(),
+        factoring=words.factoring(out_of_core, low_rank, package), progress=session.progress(),
     )  # fmt: skip
     f = report["frequencies_hz"]
     if "masses" in report:
@@ -443,6 +445,7 @@ def evaluate(
     groups: Groups = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
+    package: Package = None,
     json: JsonFile = None,
 ):
     """Frequency response of a reduced model; with --full its error eps(f) and Q (57).
@@ -472,7 +475,7 @@ def evaluate(
     if measure is not None and (full is None or check is not None):
         raise InputError("--measure: belongs to --full without --check")
     limits = words.band(band)
-    factoring = words.factoring(out_of_core, low_rank)
+    factoring = words.factoring(out_of_core, low_rank, package)
     chosen = {"frequencies": words.numbers(frequencies, "--frequencies")}
     if estimate:
         session.write_json(json, _show_estimate(result, parts=points, **chosen))
@@ -547,12 +550,14 @@ def report(
     groups: Groups = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
+    package: Package = None,
     json: JsonFile = None,
 ):
     """Write a report on results beside each other, one HTML file to look at in a browser, without a network."""
     told = hpcred.report_file(
         results, full, output=output, band=words.band(band), exact=exact, pairs=pairs.split(",") if pairs else (),
-        modes=modes, png=png, svg=svg, csv=csv, groups=groups, factoring=words.factoring(out_of_core, low_rank),
+        modes=modes, png=png, svg=svg, csv=csv, groups=groups,
+        factoring=words.factoring(out_of_core, low_rank, package),
         progress=session.progress(),
     )  # fmt: skip
     session.list_all("note", told["notes"])
@@ -581,6 +586,7 @@ def response(
     groups: Annotated[int | None, typer.Option(help="Groups of ranks that share those of --check.")] = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
+    package: Package = None,
     json: JsonFile = None,
 ):
     """Frequency response of the full model at many frequencies, to a tolerance, from a handful of factorisations."""
@@ -589,8 +595,8 @@ def response(
         model, frequencies=words.numbers(frequencies, "--frequencies"), band=words.band(band), points=points,
         tolerance=tolerance, frame=words.frame(frame), damping=words.damping(damping),
         inputs=words.targets(inputs, "--inputs"), outputs=words.targets(outputs, "--outputs"), check=check, seed=seed,
-        groups=groups, factoring=words.factoring(out_of_core, low_rank), output=output, polar=polar, figure=figure,
-        progress=progress,
+        groups=groups, factoring=words.factoring(out_of_core, low_rank, package), output=output, polar=polar,
+        figure=figure, progress=progress,
     )  # fmt: skip
     told = [*([] if report["reached"] else ["NOT REACHED everywhere:"]), *report["sentences"]]
     session.verdict("\n".join(told), report["reached"])

@@ -48,11 +48,12 @@ def band(text):
     return tuple(limits) or None
 
 
-def factoring(out_of_core, low_rank):
+def factoring(out_of_core, low_rank, package):
     """How to factor, None where nothing is said."""
-    if out_of_core is None and low_rank is None:
+    if out_of_core is None and low_rank is None and package is None:
         return None
-    return hpcred.Factoring(out_of_core=out_of_core, low_rank=low_rank)
+    solver = hpcred.LinearSolver(package=package or hpcred.LinearSolver.package)
+    return hpcred.Factoring(out_of_core=out_of_core, low_rank=low_rank, solver=solver)
 
 
 def frame(text):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linalg.factorisation import Factoring
+from ..linalg.solvers.settings import Factoring
 from ..model.damping import GivenDamping, Structural
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared

@@ -6,10 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..linalg.blocks import apply, as_pairs, create_block, from_dense, inner, multiply, unfold
-from ..linalg.factorisation import Factoring, SingularMatrix
 from ..linalg.free_motions import check_free_motions
 from ..linalg.refinement import REFINE_ABOVE
-from ..linalg.solvers import ComplexSolver, ShiftedSolver
+from ..linalg.solvers.base import SingularMatrix
+from ..linalg.solvers.complex import ComplexSolver
+from ..linalg.solvers.settings import Factoring
+from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.damping import Damping, ModalDamping, caughey_terms, damping_or_given, loss_factor_of
 from ..model.definiteness import check_definite
 from ..model.frames import Frame, apply_frame
@@ -255,7 +257,8 @@ class _Solvers:
             right = owned.owns(as_pairs(loads, self.model.K))
             solution = owned.owns(create_block(self.model.K, right.getSizes()[1]))
             if self.terms is None:
-                self._complex.factor(1j * omega, self.loss)
+                s = 1j * omega
+                self._complex.factor(s * s, s, 1 + 1j * self.loss)
                 self._complex.solve(right, solution)
             else:
                 solve_caughey(self._complex, 1j * omega, self.terms, right, solution)
@@ -275,7 +278,7 @@ def solve_caughey(solver, s, terms, right, solution):
     polynomial = np.trim_zeros(polynomial, "b")
     load = right
     for root in np.roots(polynomial[::-1]):
-        solver.factor_sum(-root)
+        solver.factor(-root)
         solver.solve(load, solution)
         if load is not right:
             load.destroy()

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..linalg.basis import Basis
-from ..linalg.factorisation import Factoring, FactorRecord
+from ..linalg.solvers.base import FactorRecord
+from ..linalg.solvers.settings import Factoring
 from ..model.damping import Caughey, Damping, ModalDamping, Rayleigh, Structural, caughey_terms, damping_or_given
 from ..model.digits import doubts_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect

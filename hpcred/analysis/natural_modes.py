@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..linalg.blocks import apply, create_block, inner
-from ..linalg.factorisation import Factoring, SingularMatrix
 from ..linalg.free_motions import ZERO
 from ..linalg.refinement import IllConditioned
+from ..linalg.solvers.base import SingularMatrix
+from ..linalg.solvers.settings import Factoring
 from ..model.definiteness import check_definite, doubts_of_definiteness, growing
 from ..model.digits import doubts_of_digits
 from ..model.frames import Buckens, Frame, NoFrame, apply_frame

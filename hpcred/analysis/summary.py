@@ -4,9 +4,10 @@ from contextlib import closing
 
 import numpy as np
 
-from ..linalg.factorisation import Factoring, Factorisation, SingularMatrix
 from ..linalg.free_motions import ZERO
-from ..linalg.solvers import ShiftedSolver
+from ..linalg.solvers.base import SingularMatrix
+from ..linalg.solvers.settings import Factoring
+from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.definiteness import check_definite, doubts_of_definiteness, growing_in_words, zero_of
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
 from ..model.second_order_model import require_model
@@ -28,10 +29,11 @@ def inspect(
 
     `modes`: how many of the lowest frequencies to find.
     `band_top` (Hz): upper end of the band of interest, for the size hint: modes below twice that plus inputs.
-    Counts by inertia need a real build; in a complex one they are None. `sets`: number of nodes by name of the node
-    set, where there is one. `warnings` lists what is doubtful.
+    Counts by inertia need a real build and a package that tells it; else they are None. `sets`: number of nodes by
+    name of the node set, where there is one. `warnings` lists what is doubtful.
     """
     require_model(model)
+    factoring = factoring or Factoring()
     frequencies = checked_frequencies(frequencies).tolist()
     within("band_top", declared("band_top", band_top, float | None), FREQUENCY)
     report = {
@@ -76,7 +78,7 @@ def inspect(
                 report["held_dofs"] = count
         warnings = with_doubts(warnings, model, body, first)
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
-    if not is_complex() and (limits or rigid_count is None):
+    if model.symmetric and factoring.package.counts() and (limits or rigid_count is None):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:
             if not doubts and (negative := _count_below(solver, -zero_of(model))):
                 warnings.append(growing_in_words(model, negative))
@@ -100,8 +102,8 @@ def inspect(
 def _definiteness(mass, factoring):
     """ "positive definite", "singular" or "indefinite", by the inertia of M; what the digits of files and round-off can
     have made negative, as where dofs have no mass or were condensed, counts as zero."""
-    if is_complex():
-        return "not known (complex PETSc)"
+    if not factoring.package.counts():
+        return f"not known ({'complex PETSc' if is_complex() else factoring.solver.package})"
     found = _inertia_of(mass, factoring)
     if found != "indefinite":
         return found
@@ -121,12 +123,12 @@ def _definiteness(mass, factoring):
 
 
 def _inertia_of(mass, factoring):
-    with closing(Factorisation(mass, "cholesky", "inertia_", {"icntl_13": 1, "icntl_24": 1}, factoring)) as factors:
+    with closing(factoring.package(mass, True, "inertia_", factoring, inertia=True, null_pivots=True)) as factors:
         try:
             factors.factor(mass="1", damping="0", inertia_relief=False)
         except SingularMatrix:
             return "singular"
-        if factors.negative_pivots:
+        if factors.inertia:
             return "indefinite"
         return "singular" if factors.records[-1].null_pivots else "positive definite"
 
@@ -136,7 +138,7 @@ def _count_below(solver, square) -> int:
     for nudge in (1.0, 1 + 2e-9, 1 - 2e-9):
         try:
             solver.factor(-square * nudge)
-            return solver.negative_pivots
+            return solver.inertia
         except SingularMatrix:
             continue
     raise ComputationError(

@@ -40,7 +40,7 @@ def dense(block: SLEPc.BV):
 def packed(mat: PETSc.Mat):
     """A dense matrix whose columns follow each other without a gap: `mat`, or a copy that is copied back at the end.
 
-    PETSc's solves by MUMPS ignore the leading dimension of right-hand sides and solutions.
+    PETSc's solves by packages ignore the leading dimension of right-hand sides and solutions.
     """
     gap = mat.getDenseLDA() > max(mat.getLocalSize()[0], 1)
     if not mat.comm.tompi4py().allreduce(gap, MPI.LOR):

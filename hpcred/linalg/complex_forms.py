@@ -71,7 +71,7 @@ class RealForm:
         values = stiffness * model.K.getValuesCSR()[2].real
         values = values + mass * model.M.getValuesCSR()[2].real
         if model.D is not None:
-            values += damping * model.D.getValuesCSR()[2].real
+            values = values + damping * model.D.getValuesCSR()[2].real
         upper = np.concatenate([values.real, -values.imag])[self._order]
         lower = np.concatenate([-values.imag, -values.real])[self._order]
         self.matrix.setValuesCSR(self._indptr, self._indices, np.concatenate([upper, lower]))

@@ -4,7 +4,6 @@ from contextlib import suppress
 
 import numpy as np
 
-from ..parallel import startup
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc, SLEPc, is_complex, petsc_errors
@@ -15,10 +14,10 @@ TOLERANCE = 1e-10
 GUARD = 6  # more modes that are found than are asked for
 
 
-def modes_in_interval(K, M, low, high, settings):
+def modes_in_interval(K, M, low, high, package, options):
     """All eigenpairs of (K, M) with low < eigenvalue < high, by spectrum slicing; a real build only. Collective.
 
-    `settings`: controls of MUMPS.
+    `package`: PETSc's name of what factors; `options`: for its factors, see Factorisation.slicing.
     Returns eigenvalues (m,) ascending and eigenvectors as a block (n, m), or None for m = 0. The number found is
     compared with the inertias of K - low M and K - high M; raises ComputationError when they disagree.
     """
@@ -34,11 +33,9 @@ def modes_in_interval(K, M, low, high, settings):
         ksp = eps.getKrylovSchurKSP()
         ksp.setType("preonly")
         ksp.getPC().setType("cholesky")
-        ksp.getPC().setFactorSolverType("mumps")
-        mumps = {"icntl_13": 1, "icntl_24": 1, "cntl_3": 1e-12, "icntl_7": startup.ordering, "icntl_14": 60}
-        mumps |= settings
+        ksp.getPC().setFactorSolverType(package)
         try:
-            with temporary_options("modes_st_mat_mumps_", mumps), petsc_errors():
+            with temporary_options("modes_st_", options), petsc_errors():
                 eps.setFromOptions()
                 eps.solve()
             break

@@ -7,8 +7,8 @@ import numpy as np
 from ..parallel.failures import InputError, Owned
 from .basis import Basis
 from .blocks import apply, create_block, inner, random_block
-from .factorisation import SingularMatrix
-from .solvers import ShiftedSolver
+from .solvers.base import SingularMatrix
+from .solvers.shifted import ShiftedSolver
 
 MOST = 24  # motions that are counted
 ZERO = 1e-12  # eigenvalue relative to their mean, trace(K) / trace(M), that counts as zero

@@ -17,7 +17,7 @@ from ..parallel import INSTALL
 from . import failures
 from .failures import InputError
 
-ordering = 5  # of MUMPS (icntl_7): METIS, or what it takes instead where it was built without
+with_scotch = False  # whether Debian's MUMPS with Scotch was loaded in place of the one without
 
 ranks_on_node = 1  # once MPI is started
 
@@ -158,40 +158,6 @@ def unused_options() -> list[str]:
     return found
 
 
-def check_low_rank():
-    """Raise InputError where block low rank factors of the MUMPS that is loaded would end in a crash.
-
-    The rows of a front are grouped by METIS, or by Scotch where MUMPS was built without METIS; MUMPS before 5.6 hands
-    Scotch a graph that was not initialised.
-    """
-    if _mumps("mumps_scotch_") is None or _mumps("mumps_metis_kway_") is not None:
-        return
-    version = ctypes.create_string_buffer(32)
-    _mumps("mumps_set_version_")(version, ctypes.c_size_t(len(version)))
-    version = version.raw.decode().strip(" \0")
-    if [int(number) for number in re.findall(r"\d+", version)] < [5, 6]:
-        plain = "set HPCRED_SCOTCH=0 in the environment, or " if ordering == 3 else ""
-        raise InputError(
-            f"low_rank: MUMPS {version} with Scotch crashes there; {plain}take MUMPS 5.6 or later, or one with METIS"
-        )
-
-
-def orderings() -> tuple[int, ...]:
-    """The nested dissections (icntl_7) that the MUMPS that is loaded was built with."""
-    found = {3: "mumps_scotch_", 5: "mumps_metis_kway_"}
-    return tuple(number for number, name in found.items() if _mumps(name) is not None)
-
-
-def _mumps(name):
-    """A function of the MUMPS that is loaded, or None; looked up where the loader does, global libraries first."""
-    from petsc4py import PETSc
-
-    for library in (ctypes.CDLL(None), ctypes.CDLL(PETSc.__file__)):
-        if hasattr(library, name):
-            return getattr(library, name)
-    return None
-
-
 def _load_scotch():
     """Put Debian's MUMPS with Scotch, where installed, in place of the one without that Debian's PETSc is linked to.
 
@@ -199,18 +165,18 @@ def _load_scotch():
     version and interface, and symbols that are loaded globally before PETSc are the ones that PETSc finds.
     HPCRED_SCOTCH=0 leaves the linked one.
     """
-    global ordering
+    global with_scotch
     if os.environ.get("HPCRED_SCOTCH") == "0":
         return
     for plain in glob.glob("/usr/lib/*/libdmumps-*.so"):
-        with_scotch = [plain.replace("/libdmumps-", f"/lib{kind}mumps_ptscotch-") for kind in "dz"]
-        if all(map(os.path.exists, with_scotch)):
+        libraries = [plain.replace("/libdmumps-", f"/lib{kind}mumps_ptscotch-") for kind in "dz"]
+        if all(map(os.path.exists, libraries)):
             try:
-                for name in with_scotch:
+                for name in libraries:
                     ctypes.CDLL(name, mode=ctypes.RTLD_GLOBAL)
             except OSError:
                 return
-            ordering = 3
+            with_scotch = True
 
 
 def start_mpi():

@@ -54,7 +54,7 @@ class TangentialPoints(Ingredient):
                 loads = owned.owns(from_dense(run.model.B))
                 load, solution = (owned.owns(create_block(run.model.K, 2)) for _ in range(2))
                 add_product(load, loads, np.array(parts), beta=0.0)
-                solver.factor(complex(*s))
+                solver.factor(complex(*s) ** 2, complex(*s))
                 solver.solve(load, solution)
                 found += basis.extend(solution).kept
         run.note("tangential points", 2 * len(self.points), found)

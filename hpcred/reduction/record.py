@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..linalg.blocks import apply, create_block, from_dense, inner, random_block
-from ..linalg.factorisation import FactorRecord
+from ..linalg.solvers.base import FactorRecord
 from ..model.damping import Damping
 from ..model.frames import Frame
 from ..model.interfaces import Interface, InterfaceNode
@@ -77,7 +77,7 @@ class Record:
 
     @property
     def ordering(self) -> str:
-        """The fill-reducing ordering of MUMPS."""
+        """The fill-reducing ordering of the last factor."""
         return self.factorisations[-1].ordering if self.factorisations else "none"
 
     @property

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..linalg.basis import Basis
 from ..linalg.blocks import apply, copy_of, create_block
-from ..linalg.factorisation import DoesNotFit, Factoring
+from ..linalg.solvers.base import DoesNotFit
+from ..linalg.solvers.settings import Factoring
 from ..model.damping import Damping, ModalDamping, NoDamping, damping_or_given, doubts_of_damping, loss_factor_of
 from ..model.definiteness import check_definite, doubts_of_definiteness, growing
 from ..model.digits import doubts_of_digits

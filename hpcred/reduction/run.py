@@ -11,10 +11,10 @@ import numpy as np
 from ..linalg.basis import Extension
 from ..linalg.blocks import apply, create_block, from_dense, independent, inner, multiply
 from ..linalg.csr import without_zeros
-from ..linalg.factorisation import DoesNotFit, Factoring, FactorRecord
 from ..linalg.free_motions import check_free_motions
-from ..linalg.multigrid_solver import MultigridSolver
-from ..linalg.solvers import ComplexSolver, ShiftedSolver
+from ..linalg.solvers.base import DoesNotFit, FactorRecord, Solver
+from ..linalg.solvers.complex import ComplexSolver
+from ..linalg.solvers.settings import Factoring
 from ..model.damping import GivenDamping
 from ..model.frames import FramedModel, NoFrame
 from ..parallel.decisions import decided
@@ -106,9 +106,7 @@ class Run:
         """Memory for the columns of the basis and those of a point."""
         return (4 if self.keeps_images else 2) * self._columns_mb
 
-    def factored(
-        self, mass: float, name: str, damping: float = 0.0, may_give_up: bool = True
-    ) -> ShiftedSolver | MultigridSolver:
+    def factored(self, mass: float, name: str, damping: float = 0.0, may_give_up: bool = True) -> Solver:
         """See RunSolvers."""
         return self.solvers.factored(mass, name, damping, may_give_up)
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ..linalg.factorisation import DoesNotFit, FactorRecord
-from ..linalg.multigrid_solver import MultigridSolver, not_definite
-from ..linalg.solvers import ComplexSolver, ShiftedSolver
+from ..linalg.solvers.base import DoesNotFit, FactorRecord, Solver
+from ..linalg.solvers.complex import ComplexSolver
+from ..linalg.solvers.multigrid import MultigridSolver, not_definite
+from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.node_blocks import NodeBlocks
 from ..parallel.failures import InputError
 
@@ -22,13 +21,13 @@ class RunSolvers:
         self.model, self.rigid = framed.model, framed.rigid
         self._progress, self._factoring, self._inertia = progress, factoring, inertia
         self._reserved_mb, self._remark = reserved_mb, remark
-        self._real: ShiftedSolver | MultigridSolver | None = None
+        self._real: Solver | None = None
         self._complex: ComplexSolver | None = None
         self._records_before: list[FactorRecord] = []  # of factors that were given up
         self._analyses_before = 0
 
     @property
-    def real(self) -> ShiftedSolver | MultigridSolver:
+    def real(self) -> Solver:
         """The one for real matrices."""
         if self._real is None and self._factoring.solver.kind == "multigrid":
             self._take_multigrid()
@@ -52,7 +51,7 @@ class RunSolvers:
     def _memory(self):
         return {"factoring": self._factoring, "reserved_mb": self._reserved_mb()}
 
-    def factored(self, mass: float, name: str, damping: float, may_give_up: bool) -> ShiftedSolver | MultigridSolver:
+    def factored(self, mass: float, name: str, damping: float, may_give_up: bool) -> Solver:
         """The solver with the factor of K + damping D + mass M, or of M (mass = inf), made unless it is there.
 
         Raises SingularMatrix. Where the factor does not fit, solver.kind is "auto" and the matrix is positive definite,
@@ -61,18 +60,12 @@ class RunSolvers:
         if self.real.factored != (mass, damping):
             with self._progress.stage("factor", name):
                 try:
-                    self._factor(mass, damping)
+                    self.real.factor(mass, damping)
                 except DoesNotFit as error:
                     if mass < 0 or not may_give_up or not self.give_up_factors(error):
                         raise
-                    self._factor(mass, damping)
+                    self.real.factor(mass, damping)
         return self.real
-
-    def _factor(self, mass, damping):
-        if mass == np.inf:
-            self.real.factor_mass()
-        else:
-            self.real.factor(mass, damping)
 
     def give_up_factors(self, error: DoesNotFit) -> bool:
         """Go on by multigrid, where that may be; whether it is so. Collective."""
@@ -91,6 +84,11 @@ class RunSolvers:
     def multigrid(self) -> bool:
         """Whether solves are by multigrid, which serves real points alone."""
         return self._factoring.solver.kind == "multigrid" or isinstance(self._real, MultigridSolver)
+
+    @property
+    def counts(self) -> bool:
+        """Whether factors at real points tell how many modes lie below: an LU of an unsymmetric model does not."""
+        return self.model.symmetric and not self.multigrid and self._factoring.package.counts()
 
     def _take_multigrid(self):
         blocks = NodeBlocks(self.model)

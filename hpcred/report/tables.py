@@ -13,6 +13,8 @@ from ..parallel.failures import agreed, printable
 from ..parallel.petsc import MPI
 from ..parallel.progress import Timing
 
+NAMES = {"mumps": "MUMPS", "superlu_dist": "SuperLU_DIST", "petsc": "PETSc"}  # of packages
+
 
 def show_table(title, rows: list[dict]):
     """Print rows, dicts with the same keys, as a table on rank 0; numbers are right-aligned.
@@ -132,7 +134,7 @@ def _finite(data):
 
 
 def show_timing(timing: Timing, factorisations=()):
-    """Where the time of a run went, the share of MUMPS in it, and its memory."""
+    """Where the time of a run went, the share of factors in it, and their memory."""
     if MPI.COMM_WORLD.rank:
         return
     parts = sorted(timing.seconds.items(), key=lambda item: -item[1])
@@ -151,9 +153,11 @@ def show_timing(timing: Timing, factorisations=()):
     factorisations = [item for item in factorisations if item.direct]
     if factorisations:
         keys = ("analysis_seconds", "factor_seconds", "solve_seconds")
-        mumps = [sum(getattr(item, key) for item in factorisations) for key in keys]
+        parts = [sum(getattr(item, key) for item in factorisations) for key in keys]
         used = max(item.memory_mb_used_max_rank for item in factorisations)
+        memory = f"; {used} MB a rank" if used else ""
         print(
-            f"MUMPS {sum(mumps):.2f} s of it ({100 * sum(mumps) / total:.0f} %): analysis {mumps[0]:.2f} s, "
-            f"factorisations {mumps[1]:.2f} s, solves {mumps[2]:.2f} s; {used} MB a rank"
+            f"{NAMES.get(factorisations[0].package, factorisations[0].package)} {sum(parts):.2f} s of it "
+            f"({100 * sum(parts) / total:.0f} %): analysis {parts[0]:.2f} s, factorisations {parts[1]:.2f} s, solves "
+            f"{parts[2]:.2f} s{memory}"
         )

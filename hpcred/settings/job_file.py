@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from ..linalg.factorisation import Factoring, LinearSolver
+from ..linalg.solvers.settings import Factoring, LinearSolver
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import direction_index, target_of
 from ..model.frames import Frame, NoFrame
@@ -57,8 +57,8 @@ class Job:
     (m): the origin of the body frame; `lumped_integrals`: whether the volume integrals of multibody programs are sums
     over the nodes, with lumped masses, instead of exact ones.
     deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
-    out_of_core, low_rank, memory_mb, solver: see linalg.factorisation.Factoring. `store`: a folder that keeps expansion
-    points for the next run.
+    out_of_core, low_rank, memory_mb, solver: see linalg.solvers.settings.Factoring. `store`: a folder that keeps
+    expansion points for the next run.
     """
 
     model: str | Source

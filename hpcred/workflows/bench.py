@@ -12,8 +12,8 @@ from ..files.model_file import read_model, write_model
 from ..files.temporary import folder_of_all
 from ..linalg.basis import Basis
 from ..linalg.blocks import apply, create_block, local_rows, random_block
-from ..linalg.factorisation import ORDERINGS, SOLVE_WIDTH
-from ..linalg.solvers import ShiftedSolver
+from ..linalg.solvers.mumps import ORDERINGS, PORD, SOLVE_WIDTH, WIDTH_OPTION, orderings
+from ..linalg.solvers.shifted import ShiftedSolver
 from ..parallel import processor, startup
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError, Owned, agreed
@@ -25,7 +25,6 @@ COLUMNS = 32
 WIDTHS = (16, 32, 64, 96, 128)  # columns that MUMPS may solve for at a time, of MANY
 MANY = 128
 WORTH = 0.9  # of the time, below which another width is worth a hint
-PORD = 4  # icntl_7, in every MUMPS
 
 
 @spelled
@@ -77,7 +76,7 @@ def _measure(cells, folder, comm, progress):
             }
         solver.release()
         with progress.stage("orderings"):
-            expected = solver.expected((*startup.orderings(), PORD))
+            expected = solver.factors.expected((*orderings(), PORD))
         report["gflop_by_ordering"] = {ORDERINGS[number]: item["flops"] / 1e9 for number, item in expected.items()}
         solver.release()
         return report | _products(model, comm, progress) | _files(model, folder, comm, progress)
@@ -85,7 +84,7 @@ def _measure(cells, folder, comm, progress):
 
 def _solve_seconds(solver, load, solution, width):
     """The better of two solves with so many columns at a time."""
-    solver.set_solve_width(width)
+    solver.factors.set_solve_width(width)
     record, found = solver.records[-1], []
     for _ in range(2):
         before = record.solve_seconds
@@ -107,7 +106,7 @@ def _hints(report) -> list[str]:
     if widths[best] < WORTH * widths[SOLVE_WIDTH]:
         found.append(
             f"many columns are solved for fastest {best} at a time here, {widths[best]:.3g} ms each instead of "
-            f"{widths[SOLVE_WIDTH]:.3g}: PETSC_OPTIONS='-shift_mat_mumps_icntl_27 {best}'"
+            f"{widths[SOLVE_WIDTH]:.3g}: PETSC_OPTIONS='-shift_{WIDTH_OPTION} {best}'"
         )
     if report["ranks"] < (os.cpu_count() or 1):
         found.append(

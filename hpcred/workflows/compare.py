@@ -14,7 +14,7 @@ from ..files.locks import locks_given_back
 from ..files.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
 from ..files.result_file import read_basis, read_result
 from ..linalg.blocks import apply, create_block, inner
-from ..linalg.factorisation import Factoring
+from ..linalg.solvers.settings import Factoring
 from ..parallel import startup
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError, Owned, agreed

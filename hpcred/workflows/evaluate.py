@@ -15,7 +15,7 @@ from ..files.outputs import check_outputs
 from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
 from ..files.result_file import read_result
 from ..files.room import rescued
-from ..linalg.factorisation import Factoring
+from ..linalg.solvers.settings import Factoring
 from ..model.damping import NoDamping
 from ..parallel import startup
 from ..parallel.declared import declared, spelled

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..analysis.frequency_response import response_and_drive
 from ..files.model_file import read_model
-from ..linalg.factorisation import Factoring
+from ..linalg.solvers.settings import PACKAGES, Factoring, LinearSolver
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import target_of
 from ..model.second_order_model import SecondOrderModel
@@ -68,7 +68,9 @@ def start_for(laws, factoring):
 def factoring_of(record) -> Factoring:
     """How the reduction factored."""
     job = record.job or {}
-    return Factoring(**{key: job.get(key) for key in ("out_of_core", "low_rank", "memory_mb")})
+    package = job.get("solver", {}).get("package", LinearSolver.package)
+    solver = LinearSolver(package=package if package in PACKAGES else LinearSolver.package)
+    return Factoring(solver=solver, **{key: job.get(key) for key in ("out_of_core", "low_rank", "memory_mb")})
 
 
 def _model_of_record(path, record, result, comm):

@@ -15,7 +15,7 @@ from ..files.model_file import read_model, write_nodes
 from ..files.outputs import PICTURES, PNG, check_outputs
 from ..files.result_file import Shapes
 from ..linalg.blocks import local_rows
-from ..linalg.factorisation import Factoring
+from ..linalg.solvers.settings import Factoring
 from ..model.rigid_body_modes import exchange_of_matrices
 from ..parallel import startup
 from ..parallel.declared import spelled

@@ -55,6 +55,8 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
             job = read_job(job, overrides)
         job.factoring  # noqa: B018  (refused early)
     startup.start(preferred=job.preferred_scalar, low_rank=job.low_rank is not None)
+    if job.solver.kind != "multigrid":
+        job.factoring.package.check_build(comm)
     progress = progress or Progress(comm, show=False)
     store = PointStore(job.store, comm) if job.store is not None else None
     check_outputs({job.output: hdf5_kind(FORMAT)}, comm, [*reads, *job.files], progress=progress)

@@ -7,7 +7,7 @@ from pathlib import Path
 from ..files.hdf5 import atomic_output
 from ..files.locks import locks_given_back
 from ..files.outputs import HTML, check_outputs
-from ..linalg.factorisation import Factoring
+from ..linalg.solvers.settings import Factoring
 from ..parallel import startup
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed

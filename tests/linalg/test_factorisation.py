@@ -11,11 +11,10 @@ from launch import TWO_BUILDS
 import hpcred
 import hpcred as package
 from hpcred import Krylov, Modes
-from hpcred.linalg import factorisation
 from hpcred.linalg.blocks import apply, create_block, from_dense, local_rows, random_block
-from hpcred.linalg.factorisation import Factoring, Factorisation
-from hpcred.linalg.solvers import ShiftedSolver
-from hpcred.parallel import startup
+from hpcred.linalg.solvers import mumps
+from hpcred.linalg.solvers.settings import Factoring
+from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.parallel.failures import ComputationError, InputError
 from hpcred.parallel.petsc import PETSc, SLEPc
 
@@ -74,7 +73,7 @@ def test_columns_with_an_odd_number_of_rows_on_each_rank(comm, create, columns, 
     mat.assemble()
     expected, load, solution = random_block(mat, columns), create(mat, columns), create(mat, columns)
     apply(mat, expected, load)
-    factorisation = Factorisation(mat, "lu", "odd_")
+    factorisation = mumps.Mumps(mat, False, "odd_")
     factorisation.factor(mass="0", damping="0", inertia_relief=False)
     factorisation.back_substitute(load, solution)
     with local_rows(expected) as x, local_rows(solution) as y:
@@ -159,20 +158,20 @@ def test_low_rank_is_refused_where_mumps_crashes(monkeypatch, version, libraries
         text.value = version.ljust(length.value - 1).encode()
 
     functions = {f"mumps_{name}_": print for name in libraries.split()} | {"mumps_set_version_": set_version}
-    monkeypatch.setattr(startup, "_mumps", functions.get)
+    monkeypatch.setattr(mumps, "_function", functions.get)
     if refused:
         with pytest.raises(InputError, match="low_rank: MUMPS 5.5 with Scotch crashes"):
-            Factoring(low_rank=1e-8).mumps()
+            mumps.controls(Factoring(low_rank=1e-8))
     else:
-        assert Factoring(low_rank=1e-8).mumps() == {"icntl_35": 2, "cntl_7": 1e-8}
+        assert mumps.controls(Factoring(low_rank=1e-8)) == {"icntl_35": 2, "cntl_7": 1e-8}
 
 
 def test_what_mumps_was_built_with_is_seen():
     """By the ordering that it takes when it is asked for Scotch."""
     with package.solid((3, 2, 2), inputs=1) as model:
-        factors = Factorisation(model.K, "cholesky", "scotch_", settings={"icntl_7": 3})
+        factors = mumps.Mumps(model.K, True, "scotch_", settings={"icntl_7": 3})
         factors.factor(mass=0.0, damping=0.0, inertia_relief=False)
-        assert (factors.records[-1].ordering == "SCOTCH") == (startup._mumps("mumps_scotch_") is not None)
+        assert (factors.records[-1].ordering == "SCOTCH") == (mumps._function("mumps_scotch_") is not None)
         factors.close()
 
 
@@ -181,17 +180,17 @@ def test_of_several_orderings_that_of_the_fewest_operations_is_taken_once(comm, 
     """AMD and PORD here, which every MUMPS has, in place of METIS and Scotch."""
     with package.solid((10, 8, 8), inputs=1, comm=comm) as model:
         solver = ShiftedSolver(model)
-        flops = {key: item["flops"] for key, item in solver.expected((0, 4)).items()}
+        flops = {key: item["flops"] for key, item in solver.factors.expected((0, 4)).items()}
         solver.close()
         best = min(flops, key=flops.get)
         assert flops[0] != flops[4]
         for order in ((0, 4), (4, 0)):
-            monkeypatch.setattr(startup, "orderings", lambda order=order: order)
-            monkeypatch.setattr(factorisation, "CHOOSE_ABOVE", 1)
+            monkeypatch.setattr(mumps, "orderings", lambda order=order: order)
+            monkeypatch.setattr(mumps, "CHOOSE_ABOVE", 1)
             solver = ShiftedSolver(model)
             for mass in (-1e4, -2e4):
                 solver.factor(mass)
-            assert {record.ordering for record in solver.records} == {factorisation.ORDERINGS[best]}
+            assert {record.ordering for record in solver.records} == {mumps.ORDERINGS[best]}
             assert solver.analyses == 3
             solver.close()
 

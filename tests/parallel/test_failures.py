@@ -102,7 +102,7 @@ import hpcred
 from hpcred.files.hdf5 import writing
 from hpcred.linalg.basis import Basis
 from hpcred.linalg.blocks import from_dense
-from hpcred.linalg.solvers import ShiftedSolver
+from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.parallel.failures import Owned, agreed
 from hpcred.parallel.petsc import MPI
 comm = MPI.COMM_WORLD

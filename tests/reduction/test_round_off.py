@@ -8,7 +8,7 @@ import pytest
 import hpcred
 from hpcred import SecondOrderModel
 from hpcred.analysis.error_check import as_measured
-from hpcred.linalg.factorisation import SingularMatrix
+from hpcred.linalg.solvers.base import SingularMatrix
 from hpcred.parallel.petsc import is_complex
 from hpcred.reduction import reduce, run
 from hpcred.reduction.tolerance.point_solver import PointSolver

@@ -16,7 +16,7 @@ def test_one_factor_at_a_time(comm):
         solver = context.factored(-1e4, "a point")
         assert solver.factored is not None
         other = context.complex_solver
-        other.factor(100j)
+        other.factor(-1e4, 100j)
         assert solver.factored is None and other.factored is not None
         assert context.factored(-1e4, "a point") is solver and other.factored is None
         context.close()

@@ -31,8 +31,8 @@ from hpcred import (
 )
 from hpcred.files import point_store
 from hpcred.linalg.conjugate_gradients import NegativeCurvature
-from hpcred.linalg.multigrid_solver import MultigridSolver
-from hpcred.linalg.solvers import ShiftedSolver
+from hpcred.linalg.solvers.multigrid import MultigridSolver
+from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.parallel.failures import ComputationError
 from hpcred.parallel.petsc import MPI, is_complex
 

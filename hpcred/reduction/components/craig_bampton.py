@@ -18,7 +18,7 @@ import numpy as np
 
 from ...linalg.basis import Basis
 from ...linalg.blocks import add_product, create_block, dense, from_dense, inner
-from ...linalg.factorisation import SingularMatrix
+from ...linalg.solvers.base import SingularMatrix
 from ...model.dofs import DIRECTIONS
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared

@@ -93,8 +93,12 @@ def number_of_groups(wanted, run, points: int) -> int:
     if most < 2 or run.multigrid:
         return 1
     with run.progress.stage("estimate"):
-        need, have = run.solvers.real.estimate()
+        estimate = run.solvers.real.estimate()
         run.release()
+    if estimate is None:
+        run.progress.say("1 group of ranks: what a factor needs is not known")
+        return 1
+    need, have = estimate
     found = max(1, min(most, int(have / (1.2 * max(need, 1)))))
     run.progress.say(f"{found} groups of ranks: a factor needs about {need:.0f} MB, there are {have:.0f} MB")
     return found

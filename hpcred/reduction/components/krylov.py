@@ -11,8 +11,8 @@ import numpy as np
 
 from ...linalg.basis import ComplexBasis
 from ...linalg.blocks import apply, as_pairs, copy_of, create_block
-from ...linalg.factorisation import SingularMatrix
 from ...linalg.free_motions import free_motions_refused
+from ...linalg.solvers.base import SingularMatrix
 from ...model.damping import is_proportional
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
@@ -63,7 +63,7 @@ class ComplexPencilChain(PencilChain):
     def _factor(self):
         with self.run.progress.stage("factor", self._name):
             solver = self.run.complex_solver
-            solver.factor_sum(self._square)
+            solver.factor(self._square)
             return solver
 
     def _next_load(self):

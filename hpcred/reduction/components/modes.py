@@ -8,8 +8,8 @@ import numpy as np
 from ...linalg.basis import Basis, Extension
 from ...linalg.blocks import add_product, apply, column_norms, copy_of, create_block, inner, local_rows
 from ...linalg.eigensolver import lowest_modes, modes_in_interval
-from ...linalg.factorisation import DoesNotFit, Factoring, SingularMatrix
 from ...linalg.free_motions import free_motions_refused
+from ...linalg.solvers.base import DoesNotFit, SingularMatrix
 from ...model.damping import ModalDamping
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
@@ -112,11 +112,12 @@ class Modes(Ingredient):
         low, high = ((2 * np.pi * f) ** 2 for f in self.band)
         if low == 0:
             low = -0.01 * high  # below the rigid-body modes, where K - low M is definite
-        if not is_complex() and _slices(run):
-            settings = Factoring(out_of_core=run.factoring.out_of_core).mumps()
-            values, block = modes_in_interval(run.model.K, run.model.M, low, high, settings=settings)
+        package = run.factoring.package
+        options = None if is_complex() else package.slicing(run.factoring)
+        if options is not None and _slices(run):
+            values, block = modes_in_interval(run.model.K, run.model.M, low, high, package.name, options)
             return _without_rigid(run, values, block)
-        # no inertia in complex builds, or by multigrid
+        # no inertia in complex builds, of some packages, or by multigrid
         most = run.model.size - run.framed.rigid_size
         return all_between(run, low, high, most, lambda count: _lowest(run, count))
 

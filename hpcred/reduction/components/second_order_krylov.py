@@ -13,7 +13,7 @@ import numpy as np
 
 from ...linalg.basis import ComplexBasis
 from ...linalg.blocks import add_product, apply, as_pairs, create_block, inner, unfold
-from ...linalg.factorisation import SingularMatrix
+from ...linalg.solvers.base import SingularMatrix
 from ...model.damping import caughey_terms
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
@@ -109,7 +109,7 @@ class SecondOrderChain(Chain):
         if self._is_real():
             return run.factored(s.real**2, point_name(s), s.real)
         with run.progress.stage("factor", point_name(s)):
-            run.complex_solver.factor(s)
+            run.complex_solver.factor(s * s, s)
             return run.complex_solver
 
     def _next_load(self):

@@ -1,7 +1,7 @@
 """The solves of a search: a point (Hz) enters; what A^-1 makes of loads there joins the basis.
 
 A = K - omega^2 M is factored at the point. Where it may be, the factor of another point serves instead, or the
-multigrid of K, by conjugate gradients beside the basis (see linalg.iterative_solver). What the store knows takes no
+multigrid of K, by conjugate gradients beside the basis (see linalg.solvers.iterative). What the store knows takes no
 factor.
 """
 
@@ -13,10 +13,9 @@ import numpy as np
 
 from ...linalg.blocks import copy_of, create_block, random_block
 from ...linalg.conjugate_gradients import NegativeCurvature, NotSolved
-from ...linalg.factorisation import SingularMatrix
+from ...linalg.solvers.base import SingularMatrix
 from ...parallel.decisions import decided
 from ...parallel.failures import ComputationError, InputError, Owned
-from ...parallel.petsc import is_complex
 from ..components.krylov import PencilChain
 from ..components.krylov_sequence import Entry
 from .accuracy import Adaptive, Point
@@ -51,8 +50,7 @@ class PointSolver:
         self.projections, self.run = projections, projections.run
         self._settings, self._points = settings, points
         self.multigrid = self.run.multigrid  # solves at 0 Hz, and elsewhere beside a basis that has the modes below
-        # an LU of an unsymmetric model and a complex one have no signs of pivots
-        self.counts = not is_complex() and self.run.model.symmetric and not self.multigrid
+        self.counts = self.run.solvers.counts
         self.nearby: float | None = 0.0 if self.multigrid else None
         self._mass = 0.0  # -omega^2 of the point
         self._random, self._smooth = 0, -1  # pairs of random columns; size of the basis that was smoothed
@@ -112,7 +110,7 @@ class PointSolver:
         pivots = None if known is None else known.facts["negative_pivots"]
         if known is None or (self.counts and pivots is None):
             solver = self._factor()
-            pivots = solver.negative_pivots if self.counts else None
+            pivots = solver.inertia
             run.keep(key, Entry({"negative_pivots": pivots}))
         return pivots
 

@@ -8,10 +8,10 @@ from math import inf
 
 import numpy as np
 
-from ..parallel.decisions import decided
-from ..parallel.failures import Owned
-from .blocks import column_norms, copy_of, create_dense, local_rows
-from .conjugate_gradients import NotSolved, conjugate_gradients
+from ...parallel.decisions import decided
+from ...parallel.failures import Owned
+from ..blocks import column_norms, copy_of, create_dense, local_rows
+from ..conjugate_gradients import NotSolved, conjugate_gradients
 
 WIDTH = 16  # columns solved for at once
 RESTARTS = 3  # from the true residual
@@ -19,10 +19,10 @@ BACKWARD = 1e-14  # backward error that a solution may end with, as of refined o
 ROUND_OFF = 1e-16  # backward error below which no residual can be asked for
 
 
-class IterativeSolver:
+class IterativeSolves:
     """Solves with sums of K, M and D that are positive definite, or are so beside a basis.
 
-    `model`, `rigid`: as of a ShiftedSolver. `goal`: the relative residual that solutions are refined to, as far as
+    `model`, `rigid`: as of a Solver. `goal`: the relative residual that solutions are refined to, as far as
     round-off lets them; it may end with the residual `accepted`, or with the backward error ||r|| / (||A|| ||x|| +
     ||b||) that is BACKWARD. `most`: iterations, from each restart. A subclass has `_norm`, an estimate of ||A||, and
     what it says where solutions stay bad. All methods are collective.

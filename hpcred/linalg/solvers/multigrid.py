@@ -7,26 +7,24 @@ from math import inf
 
 import numpy as np
 
-from ..parallel.failures import InputError
-from ..parallel.petsc import SAME, PETSc
-from .blocks import create_dense, local_rows
-from .factorisation import FactorRecord, LinearSolver, SingularMatrix
-from .iterative_solver import IterativeSolver
-from .multigrid import Multigrid
+from ...parallel.failures import InputError
+from ...parallel.petsc import SAME, PETSc
+from ..blocks import create_dense, local_rows
+from ..multigrid import Multigrid
+from .base import FactorRecord, SingularMatrix, Solver
+from .iterative import IterativeSolves
+from .settings import LinearSolver
 
 ACCEPTED = 1e-10  # relative residual of a solution
 
 
-class MultigridSolver(IterativeSolver):
-    """Solves with A = K + damping D + mass M for real, non-negative coefficients, or with M, in place of a
-    ShiftedSolver, whose methods it has.
+class MultigridSolver(IterativeSolves, Solver):
+    """Solves with A for real, non-negative coefficients, or with M, in place of a ShiftedSolver.
 
-    `blocks`: a model.NodeBlocks, closed here. A is positive definite; for a free body A = K is solved in the space of
-    self-equilibrated loads and of solutions that are M-orthogonal to the rigid-body modes `rigid`. `records` has one
-    FactorRecord for each hierarchy of levels. Collective. Call close(). Raises InputError for an unsymmetric model.
+    `blocks`: a model.NodeBlocks, closed here. A is positive definite. `records` has one FactorRecord for each hierarchy
+    of levels. Raises InputError for an unsymmetric model.
     """
 
-    analyses = 0
     advice = (
         ": the matrix is too ill-conditioned, or singular, for solver.kind 'multigrid'; take another solver.threshold, "
         "more solver.sweeps, or kind 'direct'"
@@ -44,7 +42,6 @@ class MultigridSolver(IterativeSolver):
             )
 
     def release(self):
-        """Free the levels."""
         self.factored = None
         if self._levels is not None:
             self._levels.close()
@@ -57,13 +54,13 @@ class MultigridSolver(IterativeSolver):
         self._blocks.close()
 
     def factor(self, mass, damping=0.0):
-        """Make the levels for A = K + damping D + mass M, unless they are there.
-
-        Raises SingularMatrix, InputError for A that is not definite, or ComputationError.
-        """
+        """See Solver. Raises InputError for A that is not definite."""
         if self.factored == (mass, damping):
             return
         self.release()
+        if mass == inf:
+            self._take_mass()
+            return
         if mass < 0 or damping < 0:
             raise InputError(not_definite(f"{(-mass) ** 0.5 / (2 * np.pi):.6g} Hz"))
         model = self.model
@@ -85,12 +82,9 @@ class MultigridSolver(IterativeSolver):
         self._began(str(mass), str(damping), "multigrid", start, self._levels.levels, self._levels.entries)
         self.factored = mass, damping
 
-    def factor_mass(self):
+    def _take_mass(self):
         """Have solves with A = M, by conjugate gradients with its diagonal: consistent masses are well conditioned
         (Wathen, IMA J. Numer. Anal. 7(4), 1987). Raises SingularMatrix."""
-        if self.factored == (inf, 0.0):
-            return
-        self.release()
         start = time.perf_counter()
         diagonal = self.model.M.getDiagonal()
         values = diagonal.getArray(readonly=True).real.copy()
@@ -106,17 +100,13 @@ class MultigridSolver(IterativeSolver):
         stored = int(12 * entries / 2**20)  # a number and its column
         self.records.append(FactorRecord(
             mass=mass, damping=damping, inertia_relief=self.rigid is not None and mass == "0.0", kind=kind,
-            analysis_seconds=0.0, factor_seconds=round(time.perf_counter() - start, 4), ordering="none",
-            factor_entries=entries, flops=0.0, memory_mb_estimated_total=stored, memory_mb_estimated_max_rank=0,
-            memory_mb_used_max_rank=stored // self.model.comm.size, memory_mb_used_total=stored, negative_pivots=0,
-            null_pivots=0, workspace_retries=0, levels=levels,
+            package="none", factor_seconds=round(time.perf_counter() - start, 4), factor_entries=entries,
+            memory_mb_estimated_total=stored, memory_mb_used_max_rank=stored // self.model.comm.size,
+            memory_mb_used_total=stored, levels=levels,
         ))  # fmt: skip
 
     def solve(self, right, solution, steps=0):
-        """solution = A^-1 right for all active columns, to the residual that is asked for, or to round-off.
-
-        Raises ComputationError when the residual stays large, or A proves not to be definite.
-        """
+        """See Solver; to the residual that is asked for, or to round-off. Raises NotSolved."""
         self._solve(right, solution, self._terms)
 
     def _note(self, columns, seconds, iterations, residual):

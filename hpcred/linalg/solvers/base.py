@@ -1,0 +1,220 @@
+"""Say what a solver of hpcred has: Solver for matrices of a model, Factorisation for the package below that factors.
+
+A direct solver is added by a class that derives from Factorisation, and a line in PACKAGES of settings.py.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from ...parallel.failures import ComputationError, InputError
+from ...parallel.petsc import PETSc, SLEPc, is_complex
+from ..blocks import dense, packed
+from ..conjugate_gradients import NotSolved
+from .settings import Factoring
+
+
+class SingularMatrix(ComputationError):
+    """The matrix is singular to working precision; `distance` to singularity is relative."""
+
+    def __init__(self, distance=0.0):
+        super().__init__(distance)
+        self.distance = distance
+
+    def __str__(self):
+        return f"the matrix is singular to working precision (relative distance {self.distance:.1e})"
+
+
+class DoesNotFit(ComputationError):
+    """A factor needs more memory than there is."""
+
+
+@dataclass(kw_only=True)
+class FactorRecord:
+    """One factorisation: of K + damping D + mass M (texts of the two numbers), what it took, and what it was used for.
+
+    Seconds, MB, counts of the `package`, 0 or None where it does not tell; `residual`: the largest relative residual of
+    the solves, `nearby_residual` of those at other points, by conjugate gradients with this factor. Of kind "multigrid"
+    (or "diagonal", for M) there is no factor: `levels` of the hierarchy, `factor_entries` in all of them, and
+    `iterations` of conjugate gradients, the most that a column took.
+    """
+
+    mass: str
+    damping: str
+    inertia_relief: bool
+    kind: str
+    package: str = "mumps"
+    analysis_seconds: float = 0.0
+    factor_seconds: float = 0.0
+    ordering: str = "none"
+    factor_entries: int = 0
+    flops: float = 0.0
+    memory_mb_estimated_total: int = 0
+    memory_mb_estimated_max_rank: int = 0
+    memory_mb_used_max_rank: int = 0
+    memory_mb_used_total: int = 0
+    negative_pivots: int | None = None
+    null_pivots: int | None = None
+    workspace_retries: int = 0
+    columns_solved: int = 0
+    solve_seconds: float = 0.0
+    residual: float = 0.0
+    nearby_residual: float = 0.0
+    levels: int = 0
+    iterations: int = 0
+
+    @property
+    def direct(self) -> bool:
+        """Whether there was a factor."""
+        return self.kind in ("LDL^T", "LU")
+
+
+class Solver(ABC):
+    """Solves blocks with one matrix A = K + damping D + mass M of a model at a time.
+
+    `factored`: the coefficients of the A that solve() is with, or None. `rigid`: the rigid-body modes
+    (model.RigidBodyModes) of a free body, or None; its loads are made self-equilibrated, and solutions M-orthogonal to
+    the modes. `records`: a FactorRecord for each A, in which its solves are counted; `analyses`: symbolic ones so far.
+    Invariant: a solution has a small true residual, or solve() raises. All methods are collective. Owns PETSc objects:
+    call close().
+    """
+
+    records: list[FactorRecord]
+    factored: tuple | None = None
+    analyses = 0
+
+    @abstractmethod
+    def factor(self, mass, damping=0.0):
+        """Have solves be with A = K + damping D + mass M, or with M if the mass is infinite, unless they are.
+
+        Raises SingularMatrix, DoesNotFit, another ComputationError, or InputError where the solver is not for A.
+        """
+
+    @abstractmethod
+    def solve(self, right: SLEPc.BV, solution: SLEPc.BV, steps: int = 0):
+        """solution = A^-1 right, another block, for all active columns at once, after `steps` of refinement or more.
+
+        Raises ComputationError when the residual stays large.
+        """
+
+    @property
+    def inertia(self) -> int | None:
+        """Number of negative eigenvalues of A, or None where it is not known."""
+        return None
+
+    def solve_below(self, mass, right, solution, basis, squares):
+        """Solve with K + mass M, mass < 0, by what was made for another mass, beside a basis; see IterativeSolves.
+
+        Raises NotSolved, as here, where the solver cannot.
+        """
+        raise NotSolved("this solver solves where it factors")
+
+    def estimate(self) -> tuple[float, float] | None:
+        """MB that a factor of A needs in all, and MB that the ranks have; None where it is not known. Raises
+        DoesNotFit."""
+        return None
+
+    @abstractmethod
+    def release(self):
+        """Free what was made for A, for another solver to have the memory."""
+
+    @abstractmethod
+    def close(self):
+        """Free everything."""
+
+
+class Factorisation(ABC):
+    """The factors of `matrix`, whose values may change but not its pattern, by a package: LDL^T if it is `symmetric`
+    and the package uses that, else LU.
+
+    `prefix`: of the PETSc options; `reserved_mb`: what of the memory of a rank is for other things to come; `inertia`
+    and `null_pivots`: whether these will be asked for. `records` has one FactorRecord a factorisation. A package has
+    `_factor`, `_solve` and release(), and what it does otherwise of the rest. All methods are collective but check().
+    Owns the factors, not the matrix: call close().
+    """
+
+    name = ""  # in PACKAGES
+    uses_symmetry = True
+    tells_inertia = False  # of real symmetric matrices
+    analyses = 0  # symbolic ones so far
+
+    def __init__(self, matrix: PETSc.Mat, symmetric: bool, prefix: str, factoring: Factoring | None = None,
+                 reserved_mb: float = 0.0, inertia: bool = False, null_pivots: bool = False):  # fmt: skip
+        self.check_build(matrix.comm.tompi4py())
+        self.matrix, self.factoring, self.prefix = matrix, factoring or Factoring(), prefix
+        self.kind = "LDL^T" if symmetric and self.uses_symmetry else "LU"
+        self.records: list[FactorRecord] = []
+
+    @classmethod
+    def check(cls, factoring: Factoring):
+        """Refuse settings that the package has nothing for. Raises InputError."""
+        for key in ("out_of_core", "low_rank", "memory_mb"):
+            if getattr(factoring, key) is not None:
+                raise InputError(f"{key}: solver.package '{cls.name}' does not have it; leave it out, or take 'mumps'")
+
+    @classmethod
+    def check_build(cls, comm):
+        """Refuse a PETSc, or a number of ranks, that the package is not for. Raises InputError. Collective."""
+        return
+
+    @classmethod
+    def counts(cls) -> bool:
+        """Whether negative eigenvalues of symmetric matrices are counted."""
+        return cls.tells_inertia and not is_complex()
+
+    @classmethod
+    def slicing(cls, factoring: Factoring) -> dict | None:
+        """Options, without prefix, of factors for SLEPc's spectrum slicing; None where the package is not for that."""
+        return None
+
+    @abstractmethod
+    def _factor(self) -> dict:
+        """Factor the values that the matrix has now; what FactorRecord shall have of it. Raises SingularMatrix,
+        DoesNotFit or ComputationError, after which the next call begins anew."""
+
+    @abstractmethod
+    def _solve(self, right: PETSc.Mat, solution: PETSc.Mat):
+        """solution = A^-1 right for dense matrices in the rows of A, without gaps between columns."""
+
+    def estimate(self) -> tuple[float, float] | None:
+        """See Solver."""
+        return None
+
+    @abstractmethod
+    def release(self):
+        """Free the factor; the next one needs a new analysis."""
+
+    def close(self):
+        """Free everything."""
+        self.release()
+
+    @property
+    def inertia(self) -> int | None:
+        """Number of negative eigenvalues by Sylvester's law, or None; on several ranks if it was to be asked for."""
+        return self.records[-1].negative_pivots if self.counts() and self.kind == "LDL^T" else None
+
+    def factor(self, **labels):
+        """Factor the values that the matrix has now; `labels` (mass, damping, inertia_relief) go to the record.
+
+        Raises SingularMatrix, DoesNotFit or ComputationError.
+        """
+        # the state of a parallel matrix does not follow MatAXPY, and setUp looks at new values only when told
+        self.matrix.stateIncrease()
+        start = time.perf_counter()
+        found = {"analysis_seconds": 0.0, **self._factor()}
+        seconds = round(time.perf_counter() - start - found["analysis_seconds"], 4)
+        self.records.append(
+            FactorRecord(**labels, kind=self.kind, package=self.name, factor_seconds=seconds, **found)
+        )
+
+    def back_substitute(self, load: SLEPc.BV, solution: SLEPc.BV):
+        """solution = A^-1 load, all active columns at once, unchecked."""
+        start = time.perf_counter()
+        with dense(load) as b, dense(solution) as x, packed(b) as right, packed(x) as result:
+            self._solve(right, result)
+            columns = x.getSize()[1]
+        record = self.records[-1]
+        record.columns_solved += columns
+        record.solve_seconds = round(record.solve_seconds + time.perf_counter() - start, 4)

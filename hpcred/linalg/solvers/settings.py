@@ -1,0 +1,92 @@
+"""Choose how matrices are factored and blocks are solved for: what job files, Python and results share."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Literal
+
+from ...parallel.declared import as_declared
+from ...parallel.failures import InputError
+from ...parallel.memory import available_mb
+from ...parallel.ranges import within
+
+# Direct solvers by name: a class that derives from base.Factorisation, or where it is; a program may add its own
+PACKAGES: dict[str, str | type] = {
+    "mumps": "hpcred.linalg.solvers.mumps:Mumps",
+    "superlu_dist": "hpcred.linalg.solvers.petsc:SuperluDist",
+    "petsc": "hpcred.linalg.solvers.petsc:PetscOwn",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearSolver:
+    """How blocks are solved for at the points of a reduction.
+
+    `kind`: "direct", by factors; "multigrid", by conjugate gradients with algebraic multigrid, which takes a tenth of
+    the memory and real points only (0 Hz, decays); "auto": by factors, and by multigrid from the first real point on
+    whose factor does not fit. `package`: what makes factors, "mumps", "superlu_dist" or "petsc" (one rank). Of
+    multigrid: `residual`, the relative one that solutions are refined to, as far as
+    round-off lets them; at most so many `iterations`; `threshold`, the share of the diagonal below which entries do
+    not count in coarsening; `sweeps` of the smoother.
+    """
+
+    kind: Literal["auto", "direct", "multigrid"] = "auto"
+    package: str = "mumps"
+    residual: float = 1e-12
+    iterations: int = 500
+    threshold: float = 0.02
+    sweeps: int = 2
+
+    def __post_init__(self):
+        as_declared(self, "solver.")
+        if self.kind not in ("auto", "direct", "multigrid"):
+            raise InputError(f"solver.kind: found '{self.kind[:40]}', expected 'auto', 'direct' or 'multigrid'")
+        if self.package not in PACKAGES:
+            *names, last = map(repr, PACKAGES)
+            raise InputError(f"solver.package: found '{self.package[:40]}', expected {', '.join(names)} or {last}")
+        within("solver.residual", self.residual, (1e-16, 1e-10, ""))
+        within("solver.iterations", self.iterations, (1, 1e6, ""))
+        within("solver.threshold", self.threshold, (-1.0, 0.5, ""))
+        within("solver.sweeps", self.sweeps, (1, 20, ""))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Factoring:
+    """How matrices are factored, wherever it is done.
+
+    `out_of_core`: a folder for the factors, on a fast local disk, instead of memory. `low_rank`: relative accuracy of
+    block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined to the residual
+    of full factors, and the run fails if that is not reached. `memory_mb`: what a rank may take for a factor, by
+    default what the machine and the batch system leave. These three need MUMPS. `solver`: the package that makes
+    factors, and what a reduction does where there shall be no factor, or where it does not fit.
+    """
+
+    out_of_core: str | None = None
+    low_rank: float | None = None
+    memory_mb: float | None = None
+    solver: LinearSolver = LinearSolver()
+
+    def __post_init__(self):
+        as_declared(self)
+        if self.low_rank is not None and not 1e-16 <= self.low_rank < 1e-2:
+            raise InputError(f"low_rank: found {self.low_rank:g}, expected a number from 0 to 0.01, such as 1e-8")
+        if self.memory_mb is not None and not 1 <= self.memory_mb < 1e12:
+            raise InputError(f"memory_mb: found {self.memory_mb:g}, expected MB of a rank, more than 0")
+        if self.out_of_core is not None and not os.access(self.out_of_core, os.W_OK | os.X_OK):
+            raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be written; create it or name another")
+        self.package.check(self)
+
+    @property
+    def package(self) -> type:
+        """The class of the direct solver, which derives from base.Factorisation."""
+        found = PACKAGES[self.solver.package]
+        if isinstance(found, str):
+            module, _, name = found.partition(":")
+            found = getattr(import_module(module), name)
+        return found
+
+    def limit_mb(self, comm) -> int:
+        """MB that a rank may take for factors. Collective."""
+        return max(int(self.memory_mb or available_mb(comm)), 1)
