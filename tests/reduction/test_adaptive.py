@@ -257,6 +257,8 @@ def test_damping_that_is_measured_with():
     assert law_of(ModalDamping(table=((0.0, 0.03), (50.0, 0.01))), 1e-3, band)[0].eta == pytest.approx(0.02)
     assert law_of(Caughey((2.0, 1e-5, 1e-12)), 1e-3, band)[0] == Law(2.0, 1e-5, higher=(1e-12,))
     assert law_of(Rayleigh(0.0, 1e-13), 1e-3, band)[0] == Law(eta=2e-3)  # no damping to speak of
+    assert law_of(Rayleigh(1e-10, 1e-13), 1e-3, band)[0] == Law(eta=2e-3)  # a ratio of 3e-12 at least
+    assert law_of(Rayleigh(1e-3, 1e-8), 1e-3, band)[0] == Law(1e-3, 1e-8)  # of 3e-6
 
 
 def test_the_curve_its_mean_and_its_largest_value_belong_together(solid):

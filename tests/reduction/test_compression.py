@@ -1,11 +1,14 @@
 """The compression reaches its goal with few columns, against dense responses."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from adaptive_models import chain, unit
 
 import hpcred
-from hpcred.reduction.tolerance.compression import compressed, snapshots
+from hpcred.reduction.tolerance import compression
+from hpcred.reduction.tolerance.compression import TRIALS, compressed, snapshots
 from hpcred.reduction.tolerance.error_estimate import Comparison, grid, measure_of
 from hpcred.reduction.tolerance.pseudo_modal import Law, columns, diagonalised, response, responses, restricted
 
@@ -70,3 +73,15 @@ def test_no_goal_keeps_everything_and_a_zero_response_harms_nothing():
     S = grid([apart], law, BAND, 30)
     for measured in ("directions", "paper"):
         assert np.isfinite(compressed(whole(apart, law, silent, measured), S, 1e-3)).all()
+
+
+def test_the_big_model_is_kept_where_no_compression_reaches_the_goal(monkeypatch):
+    """After TRIALS of them, each with more frequencies than the one before."""
+    law, tried = Law(eta=2e-3), []
+    model, ports = model_and_ports("plain", law)
+    pair = whole(model, law, ports, "directions")
+    monkeypatch.setattr(compression, "compressed", lambda _, S, *__: (tried.append(len(S)), np.eye(60)[:, :1])[1])
+    judge = SimpleNamespace(settings=hpcred.Adaptive(tolerance=1e-2, band=BAND), noise=1e-12)
+    found, _, curve, limited = compression._reach(judge, pair, 1e-3, np.zeros((60, 0)), 0)
+    assert found.embedding.shape == (60, 60) and curve.max() < 1e-9 and not limited
+    assert len(tried) == TRIALS == 8 and tried[1] > tried[0]

@@ -1,12 +1,15 @@
 """What tells the model of a result from another one."""
 
+from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import hpcred
 from hpcred import GivenDamping, NoDamping
 from hpcred.reduction.record import SAME, difference_of
+from hpcred.reduction.tolerance.accuracy import Point
 
 
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
@@ -26,3 +29,12 @@ def test_damping_counts_where_it_was_used():
     for damping, found in ((NoDamping(), None), (GivenDamping(), "D")):
         record = SimpleNamespace(signature=expected, damping=damping)
         assert difference_of({"M": (1.0,), "D": (np.pi,)}, record) == found
+
+
+def test_what_a_search_may_take_and_what_older_records_leave_out():
+    """The defaults of Limits, and those of fields that results of earlier versions do not have."""
+    limits = hpcred.Limits()
+    assert (limits.factorisations, limits.columns, limits.zeta0) == (14, 600, 1e-3)
+    known = {item.name: item.default for kind in (hpcred.Accuracy, Point) for item in fields(kind)}
+    assert known["loss_factor"] == 0.0 and known["unproven"] == ""
+    assert not (known["beside_damping"] or known["multigrid"] or known["from_store"])

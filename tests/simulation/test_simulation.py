@@ -1,5 +1,8 @@
 """Simulations against closed forms, conservation laws and the frequency response."""
 
+import re
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy.integrate
@@ -24,7 +27,7 @@ from hpcred import (
 from hpcred.body.body import body_of
 from hpcred.parallel.failures import InputError
 from hpcred.simulation.equations_of_motion import FlexibleBody, rotation
-from hpcred.simulation.simulation import simulate
+from hpcred.simulation.simulation import FEW_STEPS, _pace, simulate
 
 
 def reduced_body(model, basis, nodes, damping=None):
@@ -91,6 +94,32 @@ def test_vibrations_without_end_are_refused_after_some_steps(linkage_body, monke
     with pytest.raises(InputError, match=r"in 100 steps, .* takes [\d.]+e\+\d+ more, expected at most 1e\+08"):
         simulate(linkage_body, Simulation(end=1e8, elastic=elastic))
     assert simulate(linkage_body, Simulation(end=0.5, elastic=elastic, steps=5)).balance < 1e-2
+
+
+def test_progress_and_doubts_are_told(linkage_body):
+    """At twentieths of the time, each once, and before the integration."""
+    said, told = [], []
+    progress = SimpleNamespace(say=said.append, tell=told.append)
+    elastic = (1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)
+    simulate(linkage_body, Simulation(end=0.5, elastic=elastic, steps=5), progress)
+    times = [int(20 * float(re.match(r"t = ([\d.e+-]+) s of 0.5 s", text)[1]) / 0.5) for text in said]
+    assert times == sorted(set(times)) and times[0] == 0 and len(times) > 15
+    found = simulate(linkage_body, Simulation(end=1e-4, gravity=(0.0, 0.0, -9810.0), steps=2), progress)
+    assert told == ["gravity: found 9810 m/s^2; in SI it is 9.81"] and found.notes[0] == told[0]
+
+
+@pytest.mark.parametrize("t, refused", [(1e-7, True), (1.0, False)])
+def test_the_pace_is_looked_at_after_a_number_of_steps(t, refused):
+    """Of FEW_STEPS steps: what is left takes too many where they came to 1e-7 s of 1,000 s, and few where to 1 s."""
+    watch = _pace(1000.0)
+    for k in range(1, FEW_STEPS):
+        watch(t * k / FEW_STEPS, None, None)
+    if refused:
+        steps = 1000.0 * FEW_STEPS / t
+        with pytest.raises(InputError, match=re.escape(f"takes {steps:.1e} more")):
+            watch(t, None, None)
+    else:
+        assert watch(t, None, None) == 1.0
 
 
 def test_a_stiff_pendulum_is_a_rigid_one(comm):
