@@ -57,7 +57,7 @@ from .readers.base import Reader as Reader
 from .readers.model_source import load_export as load_export
 from .readers.model_source import load_source as load_source
 from .readers.parts import Parts as Parts
-from .reduction.components.component import Ingredient as Ingredient
+from .reduction.components.component import Component as Component
 from .reduction.components.craig_bampton import ConstraintModes as ConstraintModes
 from .reduction.components.craig_bampton import CraigBampton as CraigBampton
 from .reduction.components.craig_bampton import FixedInterfaceModes as FixedInterfaceModes

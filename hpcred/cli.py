@@ -278,7 +278,7 @@ def reduce(
     overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
     found = hpcred.reduce_job(job, overrides=overrides, progress=session.progress())
     record, accuracy = found.record, found.record.accuracy
-    stored = any(item.from_store for item in record.ingredients)
+    stored = any(item.from_store for item in record.components)
     if accuracy is not None:
         made = counted(accuracy.factorisations, "factorisation")
         session.verdict(f"{accuracy.sentence}, {made}, {found.size_in_words}", accuracy.reached)
@@ -286,7 +286,7 @@ def reduce(
     show_table(
         f"{found.output}: {found.size_in_words} for {record.size} dofs",
         [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
-          **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.ingredients],
+          **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.components],
     )  # fmt: skip
     show_table(INTERFACES, record.interface_rows)
     if accuracy is not None:

@@ -20,7 +20,7 @@ from ..parallel.decisions import decided
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError, Owned
 from ..parallel.ranges import require_band
-from .components.component import Ingredient
+from .components.component import Component
 from .reduce import reduce
 from .reduced_model import ReducedModel
 from .reductor import Reductor
@@ -29,7 +29,7 @@ DAMPED = 1e-9  # least damping ratio of a pole whose mirror image can be a point
 
 
 @dataclass(frozen=True, kw_only=True)
-class TangentialPoints(Ingredient):
+class TangentialPoints(Component):
     """A(s)^-1 B b for each point s (1/s, as real and imaginary part) and its direction b (p numbers, likewise).
 
     `outputs`: the directions of C^T in the place of B, for a two-sided projection. Real and imaginary parts both enter,

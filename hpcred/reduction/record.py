@@ -6,9 +6,10 @@ import platform
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AliasChoices, Field
 
 from ..linalg.blocks import apply, create_block, from_dense, inner, random_block
 from ..linalg.solvers.base import FactorRecord
@@ -20,7 +21,7 @@ from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ..parallel.progress import Timing, counted
 from .components.component import AnyKind
-from .run import IngredientRecord
+from .run import ComponentRecord
 from .tolerance.accuracy import Accuracy
 
 SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
@@ -32,7 +33,7 @@ class Record:
 
     Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs
     by name, interfaces and their nodes, and `signature` (see signature_of), by which it is known again. Of the
-    reduction: frame, damping, basis and settings; what each ingredient brought; every factorisation, and how many more
+    reduction: frame, damping, basis and settings; what each component brought; every factorisation, and how many more
     a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings; where the time went, and hints at what
     would take less; of an automatic one its accuracy. `job`: the job file with its overrides, file names absolute, and
     `contents` of the files that it names, by name.
@@ -59,7 +60,9 @@ class Record:
     deflation_tolerance: float
     drop_above: float | None
     groups: int
-    ingredients: tuple[IngredientRecord, ...]
+    components: Annotated[  # "ingredients" in results of earlier versions
+        tuple[ComponentRecord, ...], Field(validation_alias=AliasChoices("components", "ingredients"))
+    ]
     factorisations: tuple[FactorRecord, ...]
     symbolic_analyses: int
     orthonormality_defect: float
@@ -174,7 +177,7 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         outputs=model.output_names,
         interfaces=tuple(item.definition for item in model.interfaces),
         interface_nodes=tuple(replace(item, definition=None) for item in model.interfaces),
-        ingredients=tuple(runs[0].ingredients),
+        components=tuple(runs[0].components),
         factorisations=tuple(factorisations),
         factorisations_saved=sum(run.factorisations_saved for run in runs),
         symbolic_analyses=sum(run.analyses for run in runs),

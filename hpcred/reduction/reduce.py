@@ -1,4 +1,4 @@
-"""The main step: a model, a frame, a damping law and a list of basis ingredients enter, a reduced model leaves."""
+"""The main step: a model, a frame, a damping law and a list of basis components enter, a reduced model leaves."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import MPI, free_dropped
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
-from .components.component import Ingredient, PointIngredient
+from .components.component import Component, PointComponent
 from .components.craig_bampton import ConstraintModes
 from .components.groups import blocks_in_groups, number_of_groups
 from .components.krylov import StaticCorrection
@@ -53,7 +53,7 @@ BEYOND = 10.0  # times the highest frequency of a single node: a mesh has modes 
 @spelled
 def reduce(
     model: SecondOrderModel,
-    basis: Ingredient | Iterable[Ingredient] = (),
+    basis: Component | Iterable[Component] = (),
     frame: Frame | None = None,
     damping: Damping | None = None,
     *,
@@ -73,7 +73,7 @@ def reduce(
     groups: int | Literal["auto"] | None = None,
     coordinates: Literal["modal", "interface"] | None = None,
 ) -> ReducedModel:
-    """Reduce a SecondOrderModel by projection onto the span of the ingredients. Collective.
+    """Reduce a SecondOrderModel by projection onto the span of the components. Collective.
 
     `tolerance` and `band` (Hz), or an Adaptive with more to say: expansion points, orders and size are chosen so that
     eps(f) <= tolerance over the band, and the record says how large the error is and how that is known; `measure` and
@@ -102,7 +102,7 @@ def reduce(
     declared("progress", progress, Progress | None)
     if store is not None and not isinstance(store, Store):
         raise InputError(f"store: found {store!r}, expected a Store, such as PointStore(folder)")
-    basis = declared("basis", (basis,) if isinstance(basis, Ingredient) else basis or (), tuple[Ingredient, ...])
+    basis = declared("basis", (basis,) if isinstance(basis, Component) else basis or (), tuple[Component, ...])
     adaptive = _asked_accuracy(
         declared("adaptive", adaptive, Adaptive | None), tolerance, band, measure=measure, static=static
     )
@@ -149,7 +149,7 @@ def _reduce(model, basis, frame, damping, adaptive, settings, factoring, store, 
         if _is_two_sided(model, settings):
             runs.append(owned.owns(run.dual()))
         bases = [owned.owns(Basis(run.mass, framed.rigid_columns, deflation, columns, run.keeps_images)) for _ in runs]
-        points = sum(isinstance(item, PointIngredient) for item in basis) if adaptive is None else model.comm.size
+        points = sum(isinstance(item, PointComponent) for item in basis) if adaptive is None else model.comm.size
         groups = number_of_groups(settings.groups, run, points)
         kept = range(0)
         if adaptive is not None and (settings.coordinates == "interface" or adaptive.static == "exact"):
@@ -230,23 +230,23 @@ def _check_two_sided(settings, damping, adaptive):
 
 
 def _extend_by_all(basis, bases, runs, groups, last):
-    """Extend each of the bases, with its run, by all ingredients; `last`: whether nothing comes after them."""
+    """Extend each of the bases, with its run, by all components; `last`: whether nothing comes after them."""
     ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}
-    for i, ingredient in enumerate(basis):
+    for i, component in enumerate(basis):
         runs[0].progress.step("points and modes", i, len(basis), always=True)
         for r, (vectors, run) in enumerate(zip(bases, runs, strict=True)):
             if (i, r) in ready:
                 ready[i, r].join(vectors, run)
             else:
-                ingredient.extend(vectors, run)
+                component.extend(vectors, run)
         if i + 1 < len(basis) or not last:
             stop_if_asked(runs[0].model.comm, f"part {i + 1} of the basis")
 
 
 def _highest(basis, run) -> float:
     """The highest point or mode (Hz) that a basis was made for."""
-    points = [abs(getattr(item, "point", 0.0)) for item in basis if isinstance(item, PointIngredient)]
-    modes = [max(item.frequencies_hz) for item in run.ingredients if item.frequencies_hz]
+    points = [abs(getattr(item, "point", 0.0)) for item in basis if isinstance(item, PointComponent)]
+    modes = [max(item.frequencies_hz) for item in run.components if item.frequencies_hz]
     return max([*(point / 2 / np.pi for point in points if np.isfinite(point)), *modes], default=0.0) or np.inf
 
 
@@ -350,7 +350,7 @@ def _search(vectors, run, adaptive, groups, settings, kept):
 def _check_size(framed, basis, adaptive) -> int:
     """Refuse a basis that cannot fit before anything is factored; returns how many vectors are asked for."""
     if not basis and adaptive is None:
-        raise InputError("basis: the list of ingredients is empty, and no tolerance is asked for")
+        raise InputError("basis: the list of components is empty, and no tolerance is asked for")
     model, rigid = framed.model, framed.rigid_size
     for item in basis:
         item.check(model.size, rigid)

@@ -1,4 +1,4 @@
-"""One reduction under way: the framed model, solvers, loads and settings that an ingredient may use, and its notes."""
+"""One reduction under way: the framed model, solvers, loads and settings that a component may use, and its notes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ WITHOUT_MASS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class IngredientRecord:
+class ComponentRecord:
     """What a part of the basis brought: columns offered and kept, and how clear the decision was.
 
     `smallest_kept` and `largest_dropped`: weights (see linalg.basis.Extension) of the directions on both sides of the
@@ -55,7 +55,7 @@ class IngredientRecord:
 
 @dataclass
 class Run:
-    """Given to `extend(basis, run)` of every ingredient. Call close(); collective.
+    """Given to `extend(basis, run)` of every component. Call close(); collective.
 
     `columns`: how many the basis is expected to have; `store`: a Store (see chain), or None; `identity`: what of the
     model and of the job decides about columns (see identity_of_model). `needed`: the factors (mass and damping, as in
@@ -66,7 +66,7 @@ class Run:
     progress: Progress
     tolerance: float
     factoring: Factoring = Factoring()
-    ingredients: list[IngredientRecord] = field(default_factory=list)
+    components: list[ComponentRecord] = field(default_factory=list)
     inertia: bool = False  # whether the solver counts negative pivots on any number of ranks
     columns: int = 16
     store: object = None
@@ -193,7 +193,7 @@ class Run:
                 weights["largest_dropped"] = found.largest_dropped
             self.massless |= found.massless > 0
             found = found.kept
-        self.ingredients.append(IngredientRecord(where=where, columns=columns, kept=found, **weights, **more))
+        self.components.append(ComponentRecord(where=where, columns=columns, kept=found, **weights, **more))
         dropped = f", {columns - found} dependent dropped" if columns > found else ""
         self.progress.say(f"{where}: {found} new vectors{dropped}")
 
@@ -244,13 +244,13 @@ class Run:
 
     def told(self):
         """What add() of another run takes over."""
-        return self.factorisations, self.analyses, self.ingredients, self.needed, self.remarks, self.massless
+        return self.factorisations, self.analyses, self.components, self.needed, self.remarks, self.massless
 
-    def add(self, factorisations, analyses, ingredients, needed, remarks, massless):
+    def add(self, factorisations, analyses, components, needed, remarks, massless):
         """Take over what was recorded on a group of ranks."""
         self._added += factorisations
         self._added_analyses += analyses
-        self.ingredients += ingredients
+        self.components += components
         self.needed += needed
         self.remarks += remarks
         self.massless |= massless
@@ -263,7 +263,7 @@ class Run:
         model, shares = self.model.as_dual(), self.model.symmetric
         framed = FramedModel(model, rigid=self.rigid, damping=self.framed.damping)
         identity = self.identity | {"inputs": self.identity.get("outputs"), "transposed": not shares}
-        other = Run(framed, self.progress, self.tolerance, self.factoring, self.ingredients, columns=self.columns,
+        other = Run(framed, self.progress, self.tolerance, self.factoring, self.components, columns=self.columns,
                     store=self.store, remarks=self.remarks, identity=identity,
                     solvers=self.solvers if shares else None, needed=self.needed if shares else [],
                     is_dual=True)  # fmt: skip

@@ -35,7 +35,7 @@ PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that ma
 Targets = str | tuple[int | str | tuple[int | str, str], ...]
 
 
-AnyIngredient = Annotated[
+AnyComponent = Annotated[
     Modes | Krylov | SecondOrderKrylov | StaticCorrection | ConstraintModes | FixedInterfaceModes | CraigBampton | Guyan
     | ResidualAttachment,
     Field(discriminator="kind"),
@@ -62,7 +62,7 @@ class Job:
     """
 
     model: str | Source
-    basis: tuple[AnyIngredient, ...] = ()
+    basis: tuple[AnyComponent, ...] = ()
     output: str = "result.h5"
     band: tuple[float, float] | None = None
     tolerance: float | None = None
@@ -141,7 +141,7 @@ class Job:
 
     @property
     def preferred_scalar(self) -> str:
-        """The PETSc build that fits: complex where an ingredient needs a complex A(s)."""
+        """The PETSc build that fits: complex where a component needs a complex A(s)."""
         damped = not isinstance(self.damping, NoDamping | None)
         return "complex" if any(item.complex_shift(damped) for item in self.basis) else "real"
 

@@ -167,7 +167,7 @@ def _same_question(one, other):
 
 
 def kind_in_words(value) -> str:
-    """A frame, a damping law or an ingredient in words."""
+    """A frame, a damping law or a component in words."""
     given = {key: list(item) if isinstance(item, tuple) else item for key, item in table_of(value).items()
              if key != "kind" and item is not None}  # fmt: skip
     return value.kind.replace("_", " ") + (f" ({in_words(given)})" if given else "")

@@ -79,7 +79,7 @@ def test_other_types_are_refused_with_the_key(make, message):
         (([Krylov(9.0)], "buckens"), {}, "^frame: found 'buckens', expected"),
         (([Krylov(9.0)], Rayleigh(2.0)), {}, r"^frame: found Rayleigh\(alpha=2.0, beta=0.0\), expected NoFrame"),
         (([Krylov(9.0)], None, 0.02), {}, "^damping: found 0.02, expected NoDamping or GivenDamping"),
-        ((["krylov"],), {}, r"^basis: found \['krylov'\], expected a list of Ingredient"),
+        ((["krylov"],), {}, r"^basis: found \['krylov'\], expected a list of Component"),
         (([Krylov(9.0)],), {"band": (0, 9)}, "^band: found it without a tolerance"),
         ((), {"band": (0, 9), "tolerance": 0.1, "adaptive": Adaptive(tolerance=0.1, band=(0, 1))}, "^adaptive: found "),
         (([Krylov(9.0)],), {"store": "/tmp"}, "^store: found '/tmp', expected a Store"),
@@ -93,7 +93,7 @@ def test_arguments_of_reduce_that_would_be_left_aside_are_refused(solid, argumen
 
 
 @pytest.mark.mpi
-def test_a_basis_may_be_one_ingredient_or_anything_that_gives_some(solid):
+def test_a_basis_may_be_one_component_or_anything_that_gives_some(solid):
     two = (Krylov(100.0), StaticCorrection())
     for basis, found in ((two[0], two[:1]), (list(two), two), ((item for item in two), two)):
         with hpcred.reduce(solid, basis) as rom:

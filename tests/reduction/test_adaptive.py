@@ -274,10 +274,10 @@ def test_the_curve_its_mean_and_its_largest_value_belong_together(solid):
         assert "eps <= 0.0001 over 0 to 30000 Hz" in accuracy.sentence
 
 
-def test_ingredients_of_the_user_come_first(solid):
+def test_components_of_the_user_come_first(solid):
     with reduced(solid, basis=[Modes(count=4), Krylov(1000.0, 1)]) as rom, reduced(solid) as alone:
         accuracy = rom.record.accuracy
-        assert "lowest modes" in rom.record.ingredients[0].where
+        assert "lowest modes" in rom.record.components[0].where
         assert accuracy.reached and accuracy.big_size == 10 + sum(point.columns for point in accuracy.points)
         assert accuracy.points[0].columns < alone.record.accuracy.points[0].columns
         case = block_case(solid)

@@ -134,7 +134,7 @@ def test_a_superelement_to_a_tolerance(comm, folder):
         with hpcred.reduce(model, frame=Buckens(), tolerance=1e-4, band=(0.0, 20000.0), coordinates="interface") as rom:
             assert rom.record.accuracy.reached
             assert rom.record.coordinates == "interface"
-            assert [item.where for item in rom.record.ingredients][-1] == "compressed"  # what is said is of this model
+            assert [item.where for item in rom.record.components][-1] == "compressed"  # what is said is of this model
             assert np.array_equal(rom.frequencies[:6], np.zeros(6))
             hpcred.write_result(folder / "result.h5", rom, model)
         hpcred.write_model(folder / "model.h5", model)
@@ -214,16 +214,16 @@ def test_component_modes_come_from_a_store(comm, tmp_path):
     basis = [CraigBampton(count=4), ResidualAttachment()]
     with block_with_ends(comm, "averaging", True, cells=(4, 2, 2)) as model:
         records, responses = [], []
-        for kept, ingredients in ((None, basis), (store, basis), (store, basis), (store, [CraigBampton(count=6)]),
+        for kept, components in ((None, basis), (store, basis), (store, basis), (store, [CraigBampton(count=6)]),
                                   (store, [Modes(count=4)])):  # fmt: skip
-            with hpcred.reduce(model, ingredients, store=kept) as rom:
+            with hpcred.reduce(model, components, store=kept) as rom:
                 records.append(rom.record)
                 responses.append(np.array([rom.transfer_function(2j * np.pi * f) for f in FREQUENCIES]))
     plain, first, second, more, free = records
     assert len(plain.factorisations) == len(first.factorisations) == len(more.factorisations) == 1
     assert not second.factorisations and second.factorisations_saved == 1 and len(free.factorisations) == 1
-    assert [item.from_store for item in second.ingredients] == [True] * 3
-    assert [item.from_store for item in more.ingredients] == [True, False]
+    assert [item.from_store for item in second.components] == [True] * 3
+    assert [item.from_store for item in more.components] == [True, False]
     for response in responses[1:3]:
         assert np.abs(response - responses[0]).max() < 1e-12 * np.abs(responses[0]).max()
 

@@ -39,7 +39,7 @@ def test_groups_give_the_same_model(comm, groups):
         shared, many = responses(model, basis, damping, groups=wanted)
     assert np.abs(shared - alone).max() < 1e-8 * np.abs(alone).max()
     assert one.size == many.size
-    where = [[item.where for item in rom.record.ingredients] for rom in (one, many)]
+    where = [[item.where for item in rom.record.components] for rom in (one, many)]
     assert where[0] == where[1]
     if groups == "all":
         factors = [len(rom.record.factorisations) for rom in (one, many)]

@@ -27,9 +27,9 @@ def test_moments_match_at_every_point_and_order(solid, points):
 @pytest.mark.parametrize("point", [{"decay": 3000.0, "order": 1}, {"frequency": 300.0, "decay": 3000.0, "order": 1}])
 def test_moments_of_the_proportional_method_off_the_imaginary_axis(solid, point):
     K, M, B = dense_model(solid)
-    ingredient = Krylov(**point)
-    shift = ingredient.point**2
-    with hpcred.reduce(solid, [ingredient]) as rom:
+    component = Krylov(**point)
+    shift = component.point**2
+    with hpcred.reduce(solid, [component]) as rom:
         full = moments(K + 0j, M, B, B.T, shift, 4)
         small = moments(rom.K + 0j, rom.M, rom.B, rom.C, shift, 4)
         assert max(close(a, b) for a, b in zip(full, small, strict=True)) < 1e-9
@@ -52,15 +52,15 @@ def test_a_point_on_an_eigenfrequency_is_refused(linkage):
     hpcred.reduce(linkage, [Krylov(33.3047, 1)], Buckens()).close()
 
 
-@pytest.mark.parametrize("ingredient", [
+@pytest.mark.parametrize("component", [
     Krylov(700.0, 2), Krylov(0.0, 1), Krylov(9000.0, 1, 4e4), Modes(count=5), Modes(count=5, dominant=2),
     hpcred.StaticCorrection(), SecondOrderKrylov(9000.0, order=1), SecondOrderKrylov(decay=900.0, order=1),
     FixedInterfaceModes(count=4), CraigBampton(count=4), Guyan(),
 ], ids=lambda item: item.kind)  # fmt: skip
-def test_the_number_of_columns_that_is_said_beforehand_is_that_of_the_basis(comm, ingredient):
+def test_the_number_of_columns_that_is_said_beforehand_is_that_of_the_basis(comm, component):
     """Room and memory are planned by it; loads and directions of the interface are independent here."""
     loads = [(20, direction) for direction in "xyz"]
     with block_with_ends(comm, clamped=True, cells=(4, 2, 2)) as block, block.with_inputs(loads) as model:
-        found = ingredient.columns(3, 0) + 6 * (ingredient.per_direction or 0)
-        with hpcred.reduce(model, [ingredient], damping=hpcred.Rayleigh(2e4, 1e-5)) as rom:
+        found = component.columns(3, 0) + 6 * (component.per_direction or 0)
+        with hpcred.reduce(model, [component], damping=hpcred.Rayleigh(2e4, 1e-5)) as rom:
             assert rom.size == found

@@ -52,7 +52,7 @@ def test_dominant_modes_are_those_that_the_loads_excite(comm):
             expected = rom.frequencies[np.sort(np.argsort(-share)[:3])]
         with hpcred.reduce(bar, [Modes(count=20, dominant=3)]) as rom:
             assert np.allclose(rom.frequencies, expected, rtol=1e-8)
-            assert len(rom.record.ingredients[0].dominance) == 3
+            assert len(rom.record.components[0].dominance) == 3
             longitudinal = 1 / (4 * 1.2) * np.sqrt(2.1e11 / 7850)
             assert abs(rom.frequencies[0] / longitudinal - 1) < 0.02
 
@@ -65,7 +65,7 @@ def test_dominance_is_half_the_height_of_a_resonance(comm, law):
     columns = {"inputs": B, "input_names": ["u"], "outputs": np.ones((4, 1)), "output_names": ["y"]}
     model = hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, **columns)
     with model, hpcred.reduce(model, [Modes(count=4, dominant=2)], damping=law) as rom:
-        found, frequencies = rom.record.ingredients[0].dominance, rom.frequencies
+        found, frequencies = rom.record.components[0].dominance, rom.frequencies
     omega = np.sqrt(np.diag(K) / 2.0)
     if law is None:
         ratio = np.full(4, 0.01)

@@ -25,7 +25,7 @@ def test_the_basis_is_orthonormal_and_the_matrices_are_its_projections(solid):
         assert np.abs(off).max() < 1e-9 * rom.K.max()
         assert np.allclose(np.sqrt(np.diag(rom.K)) / (2 * np.pi), rom.frequencies, rtol=1e-8)
         # the modes of the band were there already
-        assert rom.record.ingredients[-1].kept == 0
+        assert rom.record.components[-1].kept == 0
 
 
 def test_damping_that_is_given_is_projected(linkage):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 import hpcred
 from hpcred import GivenDamping, NoDamping
@@ -38,3 +39,12 @@ def test_what_a_search_may_take_and_what_older_records_leave_out():
     known = {item.name: item.default for kind in (hpcred.Accuracy, Point) for item in fields(kind)}
     assert known["loss_factor"] == 0.0 and known["unproven"] == ""
     assert not (known["beside_damping"] or known["multigrid"] or known["from_store"])
+
+
+def test_records_of_earlier_versions_are_read(linkage):
+    """Which called the components of a basis ingredients."""
+    record = hpcred.reduce(linkage, hpcred.Modes(count=8), hpcred.Buckens()).record
+    text = TypeAdapter(hpcred.Record).dump_json(record).decode()
+    assert '"components":' in text
+    older = text.replace('"components":', '"ingredients":')
+    assert TypeAdapter(hpcred.Record).validate_json(older) == record

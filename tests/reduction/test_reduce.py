@@ -13,13 +13,13 @@ def test_dependent_inputs_and_repeated_points_are_dropped_and_counted(solid):
     solid = solid.with_inputs([(45, "x"), (45, "z"), (45, "x"), (48, "y")])
     with hpcred.reduce(solid, [Krylov(400.0, 1), Krylov(400.0, 1), StaticCorrection()]) as rom:
         assert rom.size == 9
-        kept = [(item.columns, item.kept) for item in rom.record.ingredients]
+        kept = [(item.columns, item.kept) for item in rom.record.components]
         assert kept == [(4, 3), (3, 3), (3, 3), (3, 0), (3, 0), (3, 3)]
 
 
 def test_drop_above_and_band_without_modes(linkage):
     with hpcred.reduce(linkage, [Modes(band=(0.0, 5.0)), Krylov(10.0, 3)], example.FRAME, drop_above=200.0) as rom:
-        assert rom.record.ingredients[0].columns == 0
+        assert rom.record.components[0].columns == 0
         assert rom.frequencies.max() <= 200.0 and rom.size < 4
 
 

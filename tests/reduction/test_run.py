@@ -1,4 +1,4 @@
-"""What the ingredients of one reduction share: one factor at a time."""
+"""What the components of one reduction share: one factor at a time."""
 
 import hpcred as package
 from hpcred import Buckens, Rayleigh

@@ -23,13 +23,13 @@ POINTS = [
 def test_second_order_moments_match(solid, point, unsymmetric):
     """order + 1 moments; twice as many where V^T A V keeps the symmetry of the full model."""
     model, K, M, D, B = damped(solid, unsymmetric)
-    ingredient = SecondOrderKrylov(**point)
-    count = (ingredient.order + 1) * (1 if unsymmetric else 2)
+    component = SecondOrderKrylov(**point)
+    count = (component.order + 1) * (1 if unsymmetric else 2)
     # light damping makes imaginary parts that are small beside the real ones
-    keep_all = hpcred.reduce(model, [ingredient], damping=GivenDamping(), deflation_tolerance=1e-13)
+    keep_all = hpcred.reduce(model, [component], damping=GivenDamping(), deflation_tolerance=1e-13)
     with model, keep_all as rom:
-        assert rom.size == ingredient.columns(3, 0)
-        for s in (ingredient.point, ingredient.point.conjugate()):
+        assert rom.size == component.columns(3, 0)
+        for s in (component.point, component.point.conjugate()):
             full = second_order_moments(K, M, D, B, B.T, s, count)
             small = second_order_moments(rom.K, rom.M, rom.D, rom.B, rom.C, s, count)
             assert max(close(a, b) for a, b in zip(full, small, strict=True)) < 1e-9

@@ -67,16 +67,16 @@ def tolerance_of(comm):
 
 @pytest.mark.mpi
 def test_what_comes_from_the_store_is_what_was_computed(comm, folder):
-    """Every kind of ingredient, to the last bit: nothing is factored, and all is said to come from the store."""
+    """Every kind of component, to the last bit: nothing is factored, and all is said to come from the store."""
     store = PointStore(folder / "a" / "b", comm)
     with package.linkage(comm) as model:
         first, record = reduced(model, store, MIXTURE, Buckens(), DAMPED)
-        assert not record.factorisations_saved and not any(item.from_store for item in record.ingredients)
+        assert not record.factorisations_saved and not any(item.from_store for item in record.components)
         made = len(record.factorisations)
         second, record = reduced(model, store, MIXTURE, Buckens(), DAMPED)
         assert same(first, second)
         assert not record.factorisations and record.factorisations_saved == made == 5
-        assert all(item.from_store for item in record.ingredients) and not record.warnings
+        assert all(item.from_store for item in record.components) and not record.warnings
         alone, record = reduced(model, None, MIXTURE, Buckens(), DAMPED)
         assert same(first, alone, tolerance_of(comm)) and len(record.factorisations) == made
     rows = package.list_store(folder / "a" / "b", check=True, comm=comm)
@@ -210,8 +210,8 @@ def test_a_chain_is_extended_from_where_it_ends(comm, folder, chain):
         at_once, _ = reduced(model, PointStore(folder / "two", comm), [long], Chord((1, 7, 14), "yxz"), DAMPED)
         assert same(at_once, found, tolerance_of(comm))
         assert len(record.factorisations) == 1 and record.factorisations_saved == 0
-        assert [item.from_store for item in record.ingredients] == [
-            j <= short.order for j in range(len(record.ingredients))
+        assert [item.from_store for item in record.components] == [
+            j <= short.order for j in range(len(record.components))
         ]
         after, record = reduced(model, PointStore(folder / "one", comm), [short], Chord((1, 7, 14), "yxz"), DAMPED)
         assert same(before, after) and not record.factorisations
@@ -404,7 +404,7 @@ def test_groups_of_ranks_write_and_read(comm, folder):
         for groups in (comm.size, 1):
             found, record = reduced(model, PointStore(folder, comm), MIXTURE, Buckens(), DAMPED, groups=groups)
             assert not record.factorisations and same(together, found, tolerance_of(comm))
-            assert all(item.from_store for item in record.ingredients)
+            assert all(item.from_store for item in record.components)
 
 
 @pytest.mark.mpi(ranks=(3,))

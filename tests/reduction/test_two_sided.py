@@ -18,14 +18,14 @@ def test_two_sided_projection_matches_twice_the_moments(solid, unsymmetric):
     with model:
         model = with_columns(model, "output", C.T)
         for point, two_sided in (({"frequency": 700.0, "order": 1}, True), ({"decay": 2000.0, "order": 1}, False)):
-            ingredient = SecondOrderKrylov(**point)
+            component = SecondOrderKrylov(**point)
             projection = "two_sided" if two_sided else "one_sided"
             with hpcred.reduce(
-                model, [ingredient], None, GivenDamping(), projection=projection, allow_unstable=True
+                model, [component], None, GivenDamping(), projection=projection, allow_unstable=True
             ) as rom:
                 count = 4 if two_sided else 2
-                full = second_order_moments(K, M, D, B, C, ingredient.point, count)
-                small = second_order_moments(rom.K, rom.M, rom.D, rom.B, rom.C, ingredient.point, count)
+                full = second_order_moments(K, M, D, B, C, component.point, count)
+                small = second_order_moments(rom.K, rom.M, rom.D, rom.B, rom.C, component.point, count)
                 assert max(close(a, b) for a, b in zip(full, small, strict=True)) < 1e-9
                 if two_sided:
                     V, W = gather(rom.columns), gather(rom.left_columns)

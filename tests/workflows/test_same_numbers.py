@@ -28,11 +28,11 @@ CORES = ("Haswell", "Sandybridge", "Prescott", "Nehalem")
 
 
 def decisions(reduced):
-    """What was chosen: the size, where points are with their columns, what each ingredient kept."""
+    """What was chosen: the size, where points are with their columns, what each component kept."""
     record = reduced.record
     points = [] if record.accuracy is None else [(round(item.frequency, 9), item.columns)
                                                  for item in record.accuracy.points]  # fmt: skip
-    return reduced.size, points, [(item.where, item.kept) for item in record.ingredients]
+    return reduced.size, points, [(item.where, item.kept) for item in record.components]
 
 
 def check_same(one, other, tolerance=1e-10):

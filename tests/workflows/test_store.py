@@ -68,7 +68,7 @@ def test_the_job_names_the_store(linkage_folder, capsys):
     capsys.readouterr()
     made, saved, found = reduce()
     assert (made, saved) == (0, 3) and found["job"]["store"] == str(Path("points").absolute())
-    assert all(item["from_store"] for item in found["ingredients"])
+    assert all(item["from_store"] for item in found["components"])
     output = capsys.readouterr().out
     assert "0 factorisations, 3 saved by the store, 0 analyses" in output and output.count(" store") >= 4
     Path("file").touch()

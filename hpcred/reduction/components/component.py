@@ -1,4 +1,4 @@
-"""What an ingredient of a basis owes: its columns, its checks, its blocks. A new method is a new module with one."""
+"""What a component of a basis owes: its columns, its checks, its blocks. A new method is a new module with one."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ..run import Run
 from .point_blocks import PointBlocks
 
 
-class Ingredient:
-    """Base class; an ingredient is a frozen dataclass with a field `kind`, which names it in a job file.
+class Component:
+    """Base class; a component is a frozen dataclass with a field `kind`, which names it in a job file.
 
     `per_direction`: how many vectors it has for each direction of the interfaces besides columns(); None for an
-    ingredient that needs no interfaces.
+    component that needs no interfaces.
     """
 
     kind: str
@@ -39,7 +39,7 @@ class Ingredient:
 
 
 @dataclass(frozen=True)
-class UnknownKind(Ingredient):
+class UnknownKind(Component):
     """A part of a basis whose class is not known here, as of a result that another program made: its `kind` and the
     settings that it was made with."""
 
@@ -47,17 +47,17 @@ class UnknownKind(Ingredient):
     settings: dict[str, Any]
 
 
-def table_of(item: Ingredient) -> dict[str, Any]:
+def table_of(item: Component) -> dict[str, Any]:
     """The kind and the settings of a part of a basis as plain data."""
     return item.settings | {"kind": item.kind} if isinstance(item, UnknownKind) else asdict(item)
 
 
-def from_table(table) -> Ingredient:
+def from_table(table) -> Component:
     """The part of a basis that `table_of` made a table of, of a class that has been defined, or an UnknownKind."""
-    if isinstance(table, Ingredient):
+    if isinstance(table, Component):
         return table
     settings = dict(table)
-    for kind in _subclasses(Ingredient):
+    for kind in _subclasses(Component):
         if is_dataclass(kind) and kind is not UnknownKind and getattr(kind, "kind", None) == settings["kind"]:
             return TypeAdapter(kind).validate_python(settings)
     return UnknownKind(settings.pop("kind"), settings)
@@ -69,11 +69,11 @@ def _subclasses(parent):
         yield from _subclasses(kind)
 
 
-AnyKind = Annotated[Ingredient, PlainValidator(from_table), PlainSerializer(table_of)]  # in records
+AnyKind = Annotated[Component, PlainValidator(from_table), PlainSerializer(table_of)]  # in records
 
 
-class PointIngredient(Ingredient):
-    """An ingredient whose blocks belong to one expansion point, and can be made by a group of ranks."""
+class PointComponent(Component):
+    """A component whose blocks belong to one expansion point, and can be made by a group of ranks."""
 
     def blocks(self, run: Run) -> PointBlocks:
         """The blocks of the point, orthonormal among themselves. Collective."""

@@ -25,7 +25,7 @@ from ...parallel.declared import as_declared
 from ...parallel.failures import HpcredError, InputError, Owned
 from ...parallel.ranges import COUNT, require_band, within
 from ..run import Run
-from .component import Ingredient
+from .component import Component
 from .krylov_sequence import Entry
 from .modes import all_between, kept_modes, lowest_modes_by
 
@@ -33,7 +33,7 @@ DEPENDENT_DIRECTION = 1e-12  # eigenvalue of the scaled G K^+ G^T below which on
 
 
 @dataclass(frozen=True)
-class ConstraintModes(Ingredient):
+class ConstraintModes(Component):
     """The static shapes of the body for a unit displacement of each direction of the interfaces, the others held."""
 
     kind: Literal["constraint_modes"] = field(default="constraint_modes", kw_only=True, repr=False)
@@ -56,7 +56,7 @@ class Guyan(ConstraintModes):
 
 
 @dataclass(frozen=True)
-class FixedInterfaceModes(Ingredient):
+class FixedInterfaceModes(Component):
     """Undamped modes of the body with all interfaces held: the lowest `count`, or all in `band` (Hz)."""
 
     kind: Literal["fixed_interface_modes"] = field(default="fixed_interface_modes", kw_only=True, repr=False)
@@ -119,7 +119,7 @@ class CraigBampton(FixedInterfaceModes):
 
 
 @dataclass(frozen=True)
-class ResidualAttachment(Ingredient):
+class ResidualAttachment(Component):
     """K^-1 G^T, by inertia relief for a free body: with modes before it, Rubin's and MacNeal's method.
 
     The same as a Krylov block of order 0 at 0 Hz whose inputs are the loads of the interfaces: what the modes leave of

@@ -1,7 +1,7 @@
 """Groups of ranks: the points of a basis enter, each group makes the blocks of its points, and all ranks get them.
 
 Each group holds a copy of the model, distributed over its ranks, and has factors of its own, so that different points
-are factored at the same time. The blocks enter the basis in the order of the ingredients, as without groups.
+are factored at the same time. The blocks enter the basis in the order of the components, as without groups.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from ...model.second_order_model import SecondOrderModel
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, Owned, agreed, forget
 from ...parallel.petsc import PETSc
-from .component import PointIngredient
+from .component import PointComponent
 from .point_blocks import join
 
 
@@ -126,13 +126,13 @@ class _Arrived:
 
 
 def blocks_in_groups(basis, runs, groups) -> dict:
-    """The blocks of the points of a basis, {(ingredient, run): blocks}, each made by a group of ranks.
+    """The blocks of the points of a basis, {(component, run): blocks}, each made by a group of ranks.
 
     Numbers are places in the lists. `runs` get the records of all factorisations. Collective.
     """
     model, progress = runs[0].model, runs[0].progress
     comm = model.comm
-    points = [i for i, item in enumerate(basis) if isinstance(item, PointIngredient)]
+    points = [i for i, item in enumerate(basis) if isinstance(item, PointComponent)]
     arrived = {}
     with Owned(comm) as owned:
         group = owned.owns(Group(runs[0].framed, groups))

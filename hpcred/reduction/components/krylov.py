@@ -18,7 +18,7 @@ from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, within
 from ..points import laplace, point_name
-from .component import PointIngredient
+from .component import PointComponent
 from .krylov_sequence import Chain
 
 
@@ -71,7 +71,7 @@ class ComplexPencilChain(PencilChain):
 
 
 @dataclass(frozen=True)
-class Krylov(PointIngredient):
+class Krylov(PointComponent):
     """`order` + 1 blocks at s = decay + i 2 pi frequency (1/s, Hz): (K + s^2 M)^-1 B, then repeatedly (K + s^2 M)^-1 M.
 
     The reduced transfer function and its first `order` derivatives with respect to s^2 match those of the full
@@ -153,7 +153,7 @@ class Krylov(PointIngredient):
 
 
 @dataclass(frozen=True)
-class StaticCorrection(PointIngredient):
+class StaticCorrection(PointComponent):
     """K^-1 B, the deflection under constant loads (by inertia relief for a free body): Krylov(0 Hz, order 0)."""
 
     kind: Literal["static_correction"] = field(default="static_correction", kw_only=True, repr=False)

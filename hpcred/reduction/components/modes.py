@@ -17,7 +17,7 @@ from ...parallel.failures import ComputationError, InputError, Owned
 from ...parallel.petsc import is_complex
 from ...parallel.ranges import COUNT, require_band, within
 from ..projection import diagonalise, project, project_columns
-from .component import Ingredient
+from .component import Component
 from .krylov_sequence import Entry
 
 INDEPENDENT = 1e-6  # weight of a direction of modes found that is not round-off
@@ -26,7 +26,7 @@ AT_FIRST = 16  # modes that are looked for where nobody knows how many lie in a 
 
 
 @dataclass(frozen=True)
-class Modes(Ingredient):
+class Modes(Component):
     """Undamped modes: exactly one of the lowest `count`, all in `band` (Hz), or those of the list `index`.
 
     `dominant`: of these, only so many that contribute most to the transfer function, ranked by approximate Hankel

@@ -20,7 +20,7 @@ from ...parallel.declared import as_declared
 from ...parallel.failures import InputError, Owned
 from ...parallel.ranges import COUNT, within
 from ..points import laplace, point_name
-from .component import PointIngredient
+from .component import PointComponent
 from .krylov import Krylov
 from .krylov_sequence import Chain
 
@@ -28,7 +28,7 @@ SMALL = 1e-13  # singular value below which a direction of the coefficients is d
 
 
 @dataclass(frozen=True)
-class SecondOrderKrylov(PointIngredient):
+class SecondOrderKrylov(PointComponent):
     """`order` + 1 blocks of the second-order Krylov subspace at s = decay + i 2 pi frequency, or at `s` (re, im).
 
     For any damping matrix. The real and the imaginary part of each block both enter the real basis (50), so that a

@@ -1,4 +1,4 @@
-"""A new ingredient of a basis: static shapes under unit loads at dofs that are no inputs.
+"""A new component of a basis: static shapes under unit loads at dofs that are no inputs.
 
 With them the reduced body has the exact static deflection for these loads as well, without an input for each: what the
 estimate and the responses are about stays as it is.
@@ -10,11 +10,11 @@ from typing import Literal
 import hpcred
 from hpcred.linalg.blocks import create_block, from_dense
 from hpcred.parallel.failures import InputError, Owned
-from hpcred.reduction.components.component import Ingredient
+from hpcred.reduction.components.component import Component
 
 
 @dataclass(frozen=True, kw_only=True)
-class FurtherLoads(Ingredient):
+class FurtherLoads(Component):
     """K^-1 e for each of `loads`, (node, direction) pairs; by inertia relief for a free body."""
 
     loads: tuple[tuple[int, str], ...]
@@ -43,7 +43,7 @@ class FurtherLoads(Ingredient):
 def main():
     basis = [hpcred.Modes(count=4), FurtherLoads(loads=((10, "z"), (4, "x")))]
     with hpcred.linkage() as model, hpcred.reduce(model, basis, hpcred.Buckens()) as reduced:
-        for item in reduced.record.ingredients:
+        for item in reduced.record.components:
             print(f"{item.where}: {item.kept} vectors")
         print(f"{reduced.size} coordinates")
 

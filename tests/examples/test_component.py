@@ -1,4 +1,4 @@
-"""The example of a new ingredient: what it promises, against a dense solution; and its program."""
+"""The example of a new component: what it promises, against a dense solution; and its program."""
 
 import subprocess
 import sys
@@ -13,7 +13,7 @@ from launch import mpi_environment
 import hpcred
 from hpcred.model.frames import apply_frame
 
-example = load(ROOT / "examples" / "ingredient.py")
+example = load(ROOT / "examples" / "component.py")
 FRAME = hpcred.Chord(nodes=(1, 7, 14), axes="yxz")
 
 
