@@ -77,7 +77,8 @@ ERRORS = {
 }  # fmt: skip
 OUT_OF_MEMORY = "out of memory|more memory than this process may take"  # the latter where a library is being loaded
 LIMIT = 300  # seconds of a command on a busy machine
-ABORTED = (-signal.SIGABRT, 128 + signal.SIGABRT)  # exit status, also of mpiexec
+# exit status, also of mpiexec, of a process that a library ends
+ABORTED = tuple(base + kind for kind in (signal.SIGABRT, signal.SIGSEGV) for base in (128, -2 * kind))
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +160,8 @@ class Room:
             return [], "did not come to pass"
         file = Path(self.record.read_text().splitlines()[0].split(maxsplit=1)[1])
         after, found = contents(folder), []
-        killed = fault.kind == "memory" and status in ABORTED and "internal error" not in told
+        refused = fault.kind == "memory" and fault.number.endswith("+")
+        killed = refused and status in ABORTED and "internal error" not in told
         if status is None:
             found.append("hangs")
         elif killed:  # by a library that does not live without memory, such as pydantic's: like any other kill

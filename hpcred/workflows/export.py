@@ -112,7 +112,10 @@ def _entry(kind, path):
     endings = {name: _ending(WRITERS.load(entry)) for name, entry in own.items()}
     ending = PurePath(path).suffix.lower() if path else ""
     if kind is None:
-        kind = next((name for name in own if endings[name] == ending), None)
+        like = next((name for name in own if endings[name] == ending), None)
+        suffixes = {name: WRITERS.load(entry).suffix for name, entry in own.items()}
+        named = [name for name in own if str(path).endswith(suffixes[name])]  # rod_statespace.mat is no rod.mat
+        kind = max(named, key=lambda name: len(suffixes[name]), default=like)
     if kind is None:
         fits = ending and WRITERS.first(lambda item: _ending(item) == ending, WRITERS.others)
         return fits or own["sid"]

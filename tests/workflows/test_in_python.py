@@ -86,6 +86,8 @@ def test_an_export_without_a_file_of_ones_own(comm, folder):
     comm.Barrier()
     assert [item.name for item in folder.iterdir()] == ["arm.SID_FEM"]
     assert len(hpcred.read_sid(folder / "arm.SID_FEM").coordinates) == rom.size
+    for name, kind in (("arm_statespace.npz", "statespace-npz"), ("arm.npz", "npz"), ("arm_exudyn.npz", "exudyn")):
+        assert rom.export(folder / name)["format"] == kind
     with pytest.raises(InputError, match="^linkage: "):
         rom.export(folder / "arm.pch", "nastran")
 
