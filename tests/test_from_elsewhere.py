@@ -168,7 +168,7 @@ def test_the_log_of_a_run_replaces_a_link_and_not_what_it_leads_to(linkage_folde
 def test_names_do_not_colour_the_terminal(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with package.linkage() as model:
-        package.write_model("model.h5", replace(model, sets={"\x1b[31mred\x1b]0;title\x07": np.array([20])}))
+        package.write_model("model.h5", model.with_fields(sets={"\x1b[31mred\x1b]0;title\x07": np.array([20])}))
     assert run(["info", "model.h5"]) == 0
     said = capsys.readouterr()
     assert "[31mred" in said.out and not set("\x1b\x07") & set(said.out + said.err)

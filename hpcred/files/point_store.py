@@ -46,7 +46,7 @@ class PointStore:
     ranks. Making one is collective. Raises InputError where the folder cannot be written.
     """
 
-    def __init__(self, folder, comm=MPI.COMM_WORLD):
+    def __init__(self, folder: str | os.PathLike[str], comm: MPI.Comm = MPI.COMM_WORLD) -> None:
         self.folder = Path(folder)
         with agreed(comm):
             if comm.rank == 0:
@@ -58,7 +58,7 @@ class PointStore:
                 if reason:
                     raise InputError(f"store {self.folder}: no folder that can be written ({reason}); choose another")
 
-    def load(self, model, key, say, most=None):
+    def load(self, model, key, say, most: int | None = None):
         """See Store. An entry that is damaged, of another version or of another key is ignored with a word."""
         path = self.folder / name_of(key)
         if not model.comm.bcast(path.is_file() if model.comm.rank == 0 else None):
@@ -97,7 +97,7 @@ class PointStore:
                 rows[...] = np.concatenate(blocks, axis=1)
         return Entry(about["facts"], widths, block, arrays)
 
-    def save(self, model, key, entry, say):
+    def save(self, model, key, entry, say) -> None:
         """See Store. A disk that is full makes `say` a word of it, and nothing else."""
         comm, blocks = model.comm, []
         if entry.block is not None:

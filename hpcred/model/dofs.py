@@ -37,7 +37,7 @@ class Dofs:
                 numbers = "numbers" if "f" in kinds else "whole numbers"
                 raise InputError(f"dofs.{key}: found an array {part.shape} of {part.dtype}, expected {numbers} {shape}")
 
-    def take(self, rows):
+    def take(self, rows) -> "Dofs":
         return Dofs(self.node[rows], self.direction[rows], self.position[rows])
 
 

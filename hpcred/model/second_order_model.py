@@ -38,6 +38,7 @@ from .petsc_matrices import decoupled, labels, taken
 if TYPE_CHECKING:
     from typing import TypeAlias
 
+    from matplotlib.figure import Figure
     from scipy.sparse import sparray, spmatrix
 
     Matrix: TypeAlias = spmatrix | sparray | np.ndarray
@@ -113,7 +114,20 @@ class SecondOrderModel:
     interfaces: tuple[InterfaceNode, ...] = ()
     converted_from: str = ""
 
-    def __init__(self, M, D, K, B=None, C=None, *, dofs=None, input_names=(), output_names=(), name="model", comm=None):
+    def __init__(
+        self,
+        M: Matrix | PETSc.Mat,
+        D: Matrix | PETSc.Mat | None,
+        K: Matrix | PETSc.Mat,
+        B: Matrix | None = None,
+        C: Matrix | None = None,
+        *,
+        dofs: Dofs | None = None,
+        input_names: Iterable[str] = (),
+        output_names: Iterable[str] = (),
+        name: str = "model",
+        comm: MPI.Comm | None = None,
+    ) -> None:
         made = _from_petsc if isinstance(K, PETSc.Mat) else _from_arrays
         labels = {"dofs": dofs, "input_names": input_names, "output_names": output_names, "name": name}
         vars(self).update(vars(made(M, D, K, B, C, comm, **labels)))
@@ -170,7 +184,7 @@ class SecondOrderModel:
         """The same model with references of its own: either is closed without the other."""
         return self.with_fields()
 
-    def with_fields(self, **changed):
+    def with_fields(self, **changed) -> SecondOrderModel:
         """The model with other fields, and references of its own to the PETSc objects that stay. Collective."""
         kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
@@ -338,7 +352,7 @@ class SecondOrderModel:
             self.D.transpose(changed["D"])
         return self.with_fields(**changed)
 
-    def in_coordinates(self, matrices, T, dofs):
+    def in_coordinates(self, matrices, T, dofs) -> SecondOrderModel:
         """The model in coordinates q^ with q = T q^: of its `matrices` T^T A T by name, which it takes over, and labels
         `dofs` of the rows. Collective."""
         B, Ct, Gt = (None if mat is None else T.transposeMatMult(mat) for mat in (self.B, self.Ct, self.Gt))
@@ -347,13 +361,13 @@ class SecondOrderModel:
             own_output_names=self.own_output_names, name=self.name, Gt=Gt, interfaces=self.interfaces,
         )  # fmt: skip
 
-    def frequency_response(self, frequencies, *, frame=None, damping=None, **more) -> np.ndarray:
+    def frequency_response(self, frequencies: ArrayLike, *, frame=None, damping=None, **more) -> np.ndarray:
         """H(i omega) = C A(i omega)^-1 B at `frequencies` in Hz, (F, r, p): see frequency_response. Collective."""
         import hpcred  # the public functions, which stand above
 
         return hpcred.frequency_response(self, frequencies, frame, damping, **more)
 
-    def plot_modes(self, count: int = 6, *, frame=None, factoring=None):
+    def plot_modes(self, count: int = 6, *, frame=None, factoring=None) -> Figure | None:
         """Draw the lowest elastic modes of a model with nodes: see plot_modes.
 
         Collective.

@@ -106,7 +106,7 @@ class Progress:
             left = in_time((now - self._begun[what]) / done * (total - done)) if total else ""
             self.say(f"{what}: {done}{f' of {total}' if total else ''} done" + (f", about {left} left" if left else ""))
 
-    def close(self):
+    def close(self) -> None:
         """Take the bars away."""
         if self._bars is not None:
             self._bars.close()
@@ -170,7 +170,7 @@ class Bars:
         self._display.update(self._tasks[what], completed=done, total=total)
         self._display.refresh()
 
-    def close(self):
+    def close(self) -> None:
         if self._display is not None:
             self._display.stop()
             self._display, self._tasks = None, {}

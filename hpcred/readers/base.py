@@ -40,7 +40,7 @@ class Reader(ABC):
     packed = named = vague = open_ended = line_ended = loose = False
     package = ""  # that brings it
 
-    def __init__(self):
+    def __init__(self) -> None:
         if not self.holds:
             raise TypeError(f"{type(self).__name__} has neither read_matrix nor read_model")
 

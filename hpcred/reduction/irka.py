@@ -41,13 +41,13 @@ class TangentialPoints(Component):
     inputs: tuple[tuple[tuple[float, float], ...], ...]
     outputs: tuple[tuple[tuple[float, float], ...], ...]
 
-    def columns(self, inputs, rigid):
+    def columns(self, inputs: int, rigid: int) -> int:
         return 2 * len(self.points)
 
-    def complex_shift(self, damped):
+    def complex_shift(self, damped: bool) -> bool:
         return True
 
-    def extend(self, basis, run):
+    def extend(self, basis, run) -> None:
         solver, found = run.complex_solver, 0
         for s, parts in zip(self.points, self.outputs if run.is_dual else self.inputs, strict=True):
             with Owned(run.model.comm) as owned, run.progress.stage("solve"):

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..model.interfaces import InterfaceNode
 from ..model.second_order_model import SecondOrderModel, listed
 from ..parallel.failures import InputError, settle
 from .record import Record
 from .tolerance.accuracy import Accuracy
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from scipy.signal import StateSpace
 
 ROUND_OFF = 1e-13
 DOUBLE_ZERO = 1e-7  # of the largest pole: rigid-body motions have double zeros, which round-off spreads by its root
@@ -85,19 +93,19 @@ class ReducedModel:
         loads = np.broadcast_to(self.B.astype(complex), (*dynamic.shape[:-2], *self.B.shape))
         return np.linalg.solve(dynamic, loads)
 
-    def frequency_response(self, frequencies) -> np.ndarray:
+    def frequency_response(self, frequencies: ArrayLike) -> np.ndarray:
         """H(i omega) at `frequencies` in Hz, (F, r, p)."""
         import hpcred  # the public functions, which stand above
 
         return hpcred.frequency_response(self, frequencies)
 
-    def save(self, path, **more) -> None:
+    def save(self, path: str | PathLike[str], **more) -> None:
         """Write the result file `path` with all that multibody programs need: see write_result. Collective."""
         import hpcred
 
         hpcred.write_result(path, self, self.model, **more)
 
-    def export(self, path, format: str | None = None, **more) -> dict:
+    def export(self, path: str | PathLike[str], format: str | None = None, **more) -> dict[str, Any]:
         """Write a file for another program, by default for the one that its name ends for: see export_result.
 
         Collective.
@@ -120,7 +128,7 @@ class ReducedModel:
 
         return hpcred.export_reduced(self, path, format, **more)
 
-    def to_state_space(self):
+    def to_state_space(self) -> StateSpace:
         """Return the model as scipy.signal.StateSpace with states (q, q'), SI units.
 
         Raises
@@ -135,7 +143,7 @@ class ReducedModel:
         found = hpcred.state_space(self)
         return StateSpace(*(found[key] for key in "ABCD"))
 
-    def to_pymor(self):
+    def to_pymor(self) -> Any:
         """Return the model as pymor.models.iosys.SecondOrderModel.
 
         Raises
@@ -151,7 +159,7 @@ class ReducedModel:
             raise InputError("to_pymor: pyMOR has no structural damping; reduce with modal damping instead")
         return PymorModel.from_matrices(self.M, self.D, self.K, self.B, self.C)
 
-    def plot(self, pairs=None, *, band=None):
+    def plot(self, pairs: str | Sequence[str] | None = None, *, band: Sequence[float] | None = None) -> Figure:
         """Draw the frequency response, and its estimated error where that is known: see plot_response.
 
         Collective.

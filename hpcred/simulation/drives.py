@@ -70,10 +70,10 @@ class ConstantDrive(Drive):
     def __call__(self, t):
         return self.value, 0.0
 
-    def longest_step(self, end=np.inf):
+    def longest_step(self, end: float = np.inf) -> float:
         return np.inf
 
-    def travel(self, end):
+    def travel(self, end: float) -> float:
         return 0.0
 
 
@@ -102,10 +102,10 @@ class RampDrive(Drive):
         value = a * a / 2 + (np.cos(turn * a) - 1) / turn**2
         return self.rate * end * value, self.rate * (a - np.sin(turn * a) / turn)
 
-    def longest_step(self, end=np.inf):
+    def longest_step(self, end: float = np.inf) -> float:
         return self.duration / 8 or np.inf
 
-    def travel(self, end):
+    def travel(self, end: float) -> float:
         return abs(self.rate) * max(end - self.duration / 2, 0.0)
 
 
@@ -128,10 +128,10 @@ class SineDrive(Drive):
         angle = omega * t + self.phase
         return self.amplitude * np.sin(angle), self.amplitude * omega * np.cos(angle)
 
-    def longest_step(self, end=np.inf):
+    def longest_step(self, end: float = np.inf) -> float:
         return 1 / (8 * self.frequency)
 
-    def travel(self, end):
+    def travel(self, end: float) -> float:
         return 4 * abs(self.amplitude) * self.frequency * end
 
 
@@ -161,10 +161,10 @@ class TableDrive(Drive):
             return self.values[0 if t <= self.times[0] else -1], 0.0
         return float(self._spline(t)), float(self._spline(t, 1))
 
-    def longest_step(self, end=np.inf):
+    def longest_step(self, end: float = np.inf) -> float:
         return shortest_interval(self.times, end)
 
-    def travel(self, end):
+    def travel(self, end: float) -> float:
         return float(np.abs(np.diff(self.values)).sum())
 
 

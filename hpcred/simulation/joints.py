@@ -83,7 +83,7 @@ class Joint:
         """Whether it holds rotations."""
         return self.kind not in ("point", "spherical")
 
-    def held(self):
+    def held(self) -> tuple[np.ndarray, np.ndarray]:
         """Directions (k, 3) of displacements and (j, 3) of rotations that it holds, but for a universal joint's."""
         every, none = np.eye(3), np.zeros((0, 3))
         if self.kind in ONE_AXIS:

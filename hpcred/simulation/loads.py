@@ -39,7 +39,7 @@ class ConstantForce:
     def __call__(self, t):
         return np.asarray(self.value)
 
-    def longest_step(self, end=np.inf):
+    def longest_step(self, end: float = np.inf) -> float:
         return np.inf
 
 
@@ -64,7 +64,7 @@ class SineForce:
     def __call__(self, t):
         return np.asarray(self.amplitude) * np.sin(2 * np.pi * self.frequency * t + self.phase)
 
-    def longest_step(self, end=np.inf):
+    def longest_step(self, end: float = np.inf) -> float:
         return 1 / (8 * self.frequency)
 
 
@@ -91,7 +91,7 @@ class TableForce:
     def __call__(self, t):
         return np.array([np.interp(t, self.times, column) for column in zip(*self.values, strict=True)])
 
-    def longest_step(self, end=np.inf):
+    def longest_step(self, end: float = np.inf) -> float:
         return shortest_interval(self.times, end)
 
 

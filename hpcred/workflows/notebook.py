@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
+from typing import TYPE_CHECKING
 
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
 from ..analysis.natural_modes import natural_modes
 from ..files.temporary import folder_of_all
-from ..model.second_order_model import require_model
+from ..linalg.solvers.settings import Factoring
+from ..model.frames import Frame
+from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.ranges import require_band
@@ -19,11 +23,16 @@ from .evaluate import band_of
 from .modes import shapes_of_modes
 from .pair_figures import pairs_by_name, pairs_to_show
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 RIGID = 6  # rigid-body modes that a free body may have
 
 
 @spelled
-def plot_response(reduced, pairs=None, *, band=None):
+def plot_response(
+    reduced: ReducedModel, pairs: str | Sequence[str] | None = None, *, band: Sequence[float] | None = None
+) -> Figure:
     """Draw the frequency response of a reduced model, and its estimated error where that is known.
 
     Collective.
@@ -73,7 +82,9 @@ def plot_response(reduced, pairs=None, *, band=None):
 
 
 @spelled
-def plot_modes(model, count: int = 6, *, frame=None, factoring=None):
+def plot_modes(
+    model: SecondOrderModel, count: int = 6, *, frame: Frame | None = None, factoring: Factoring | None = None
+) -> Figure | None:
     """Draw the lowest elastic modes of a model with nodes, on the surface of its elements.
 
     Collective.

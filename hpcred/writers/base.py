@@ -94,7 +94,7 @@ class Writer(ABC):
     si = surface = picture = False
     package = ""  # that brings it
 
-    def __init__(self):
+    def __init__(self) -> None:
         if not self.suffix or self.needs not in ("body", "reduced", "shapes", "superelement"):
             raise TypeError(f"{type(self).__name__} has no suffix, or needs '{self.needs}'")
 

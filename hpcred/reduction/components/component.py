@@ -79,5 +79,5 @@ class PointComponent(Component):
         """The blocks of the point, orthonormal among themselves. Collective."""
         raise NotImplementedError
 
-    def extend(self, basis, run):
+    def extend(self, basis, run) -> None:
         self.blocks(run).join(basis, run)

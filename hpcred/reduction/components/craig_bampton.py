@@ -40,10 +40,10 @@ class ConstraintModes(Component):
 
     per_direction = 1
 
-    def columns(self, inputs, rigid):
+    def columns(self, inputs: int, rigid: int) -> int:
         return 0
 
-    def extend(self, basis, run):
+    def extend(self, basis, run) -> None:
         with Owned(run.model.comm) as owned:
             _add_constraint_modes(basis, run, owned.owns(InterfaceSolver(run)))
 
@@ -72,10 +72,10 @@ class FixedInterfaceModes(Component):
         within(f"{self.kind}.count", self.count, COUNT)
         require_band(f"{self.kind}.band", self.band)
 
-    def columns(self, inputs, rigid):
+    def columns(self, inputs: int, rigid: int) -> int:
         return self.count or 0
 
-    def extend(self, basis, run):
+    def extend(self, basis, run) -> None:
         with Owned(run.model.comm) as owned:
             self._add_modes(basis, run, owned.owns(InterfaceSolver(run)))
 
@@ -111,7 +111,7 @@ class CraigBampton(FixedInterfaceModes):
 
     per_direction = 1
 
-    def extend(self, basis, run):
+    def extend(self, basis, run) -> None:
         with Owned(run.model.comm) as owned:
             solver = owned.owns(InterfaceSolver(run))
             _add_constraint_modes(basis, run, solver)
@@ -130,10 +130,10 @@ class ResidualAttachment(Component):
 
     per_direction = 1
 
-    def columns(self, inputs, rigid):
+    def columns(self, inputs: int, rigid: int) -> int:
         return 0
 
-    def extend(self, basis, run):
+    def extend(self, basis, run) -> None:
         with Owned(run.model.comm) as owned:
             solver = owned.owns(InterfaceSolver(run))
             with run.progress.stage("orthogonalise"):

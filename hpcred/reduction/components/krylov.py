@@ -20,6 +20,7 @@ from ...parallel.ranges import COUNT, within
 from ..points import laplace, point_name
 from .component import PointComponent
 from .krylov_sequence import Chain
+from .point_blocks import PointBlocks
 
 
 class PencilChain(Chain):
@@ -110,10 +111,10 @@ class Krylov(PointComponent):
         """Number of vectors before deflation."""
         return (2 if self._is_complex() else 1) * inputs * (self.order + 1)
 
-    def complex_shift(self, damped):
+    def complex_shift(self, damped: bool) -> bool:
         return self._is_complex()
 
-    def blocks(self, run):
+    def blocks(self, run) -> PointBlocks:
         """The blocks of the point. Collective. Raises InputError where the point is an eigenfrequency.
 
         Block Arnoldi: the vectors of the point are kept orthonormal by themselves, because (K + s^2 M)^-1 M has to act
@@ -161,5 +162,5 @@ class StaticCorrection(PointComponent):
     def columns(self, inputs: int, rigid: int) -> int:
         return inputs
 
-    def blocks(self, run):
+    def blocks(self, run) -> PointBlocks:
         return Krylov(frequency=0.0, order=0).blocks(run)

@@ -76,7 +76,7 @@ class Modes(Component):
         """How many of the lowest elastic modes have to be known."""
         return self.count or (max(self.index) - rigid if self.index else 0)
 
-    def extend(self, basis, run):
+    def extend(self, basis, run) -> None:
         """Add the modes to the basis. Collective."""
         rigid = run.framed.rigid_size
         self.check(run.model.size, rigid)

@@ -23,6 +23,7 @@ from ..points import laplace, point_name
 from .component import PointComponent
 from .krylov import Krylov
 from .krylov_sequence import Chain
+from .point_blocks import PointBlocks
 
 SMALL = 1e-13  # singular value below which a direction of the coefficients is dependent
 
@@ -59,10 +60,10 @@ class SecondOrderKrylov(PointComponent):
         """Number of vectors before deflation."""
         return (2 if self.point.imag else 1) * inputs * (self.order + 1)
 
-    def complex_shift(self, damped):
+    def complex_shift(self, damped: bool) -> bool:
         return bool(self.point.imag) and (damped or bool(self.point.real))
 
-    def blocks(self, run):
+    def blocks(self, run) -> PointBlocks:
         """The blocks of the point. Collective. Raises InputError where the point is a pole."""
         s, model = self.point, run.model
         if caughey_terms(run.framed.damping) is not None:
