@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import hpcred
+from hpcred import Component, InputError
 from hpcred.linalg.blocks import create_block, from_dense
-from hpcred.parallel.failures import InputError, Owned
-from hpcred.reduction.components.component import Component
+from hpcred.parallel.failures import Owned
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -575,7 +575,10 @@ def response(
     frequencies: Frequencies = None,
     tolerance: Annotated[float, typer.Option(help="Relative error of the response.")] = 1e-6,
     frame: Annotated[str, typer.Option(help="none, buckens, tangent:NODE or chord:N1,N2,N3[:AXES].")] = "none",
-    damping: Annotated[str, typer.Option(help="none, given, rayleigh:ALPHA,BETA or loss:FACTOR.")] = "none",
+    damping: Annotated[
+        str | None,
+        typer.Option(help="none, given, rayleigh:ALPHA,BETA or loss:FACTOR; given by default where the model has a D."),
+    ] = None,
     inputs: Inputs = None,
     outputs: Outputs = None,
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="A .csv or HDF5 file.")] = None,
@@ -593,7 +596,7 @@ def response(
     progress = session.progress()
     report = hpcred.response_file(
         model, frequencies=words.numbers(frequencies, "--frequencies"), band=words.band(band), points=points,
-        tolerance=tolerance, frame=words.frame(frame), damping=words.damping(damping),
+        tolerance=tolerance, frame=words.frame(frame), damping=None if damping is None else words.damping(damping),
         inputs=words.targets(inputs, "--inputs"), outputs=words.targets(outputs, "--outputs"), check=check, seed=seed,
         groups=groups, factoring=words.factoring(out_of_core, low_rank, package), output=output, polar=polar,
         figure=figure, progress=progress,

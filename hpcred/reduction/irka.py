@@ -14,8 +14,9 @@ from typing import Literal
 import numpy as np
 
 from ..linalg.blocks import add_product, create_block, from_dense
-from ..model.damping import Damping
+from ..model.damping import Damping, NoDamping, Structural, damping_or_given
 from ..model.frames import Frame
+from ..model.second_order_model import require_model
 from ..parallel.decisions import decided
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError, Owned
@@ -62,10 +63,11 @@ class TangentialPoints(Component):
 
 @dataclass(frozen=True, kw_only=True)
 class IRKA(Reductor):
-    """Iterative rational Krylov algorithm.
+    """Iterative rational Krylov algorithm, which seeks a small error in the H2 norm over all frequencies.
 
-    `size`: coordinates, an even number; `band` (Hz): where the first points lie. `frame`, `damping`: as for reduce. It
-    ends where no point moves by more than `change` of itself, or after so many `turns`, which the record warns of.
+    `size`: coordinates, an even number, for half as many resonances; `band` (Hz): where the first points lie, and no
+    band of accuracy, which a reduction to a tolerance has. `frame`, `damping`: as for reduce. It ends where no point
+    moves by more than `change` of itself, or after so many `turns`, which the record warns of.
     """
 
     size: int
@@ -84,7 +86,12 @@ class IRKA(Reductor):
             raise InputError(f"irka: found change = {self.change}, turns = {self.turns}, expected more than 0")
 
     def reduce(self, model) -> ReducedModel:
-        """Reduce a SecondOrderModel. Collective. Raises InputError for a model without damping."""
+        """Reduce a SecondOrderModel. Collective. Raises InputError for a model without viscous damping."""
+        require_model(model)
+        law = damping_or_given(model, self.damping)
+        if isinstance(law, NoDamping | Structural):
+            raise InputError(f"irka: found the damping '{law.kind}', expected a viscous one, such as Rayleigh: poles "
+                             "without it have no mirror image; or reduce to a tolerance")  # fmt: skip
         two_sided = {"projection": "two_sided", "allow_unstable": True} if model.Ct is not None else {}
         points, inputs, outputs, moved = *self._first(model), np.inf
         for _turn in range(self.turns):

@@ -37,6 +37,7 @@ from .projection import diagonalise, project, project_columns
 from .record import make_record, signature_of
 from .reduced_damping import reduced_damping
 from .reduced_model import ReducedModel
+from .reductor import Reductor
 from .run import Run, identity_of_model
 from .settings import Reduction
 from .tolerance.accuracy import Accuracy, Adaptive
@@ -102,6 +103,8 @@ def reduce(
     declared("progress", progress, Progress | None)
     if store is not None and not isinstance(store, Store):
         raise InputError(f"store: found {store!r}, expected a Store, such as PointStore(folder)")
+    if isinstance(basis, Reductor):
+        raise InputError(f"basis: found {type(basis).__name__}, a Reductor; call its method reduce(model)")
     basis = declared("basis", (basis,) if isinstance(basis, Component) else basis or (), tuple[Component, ...])
     adaptive = _asked_accuracy(
         declared("adaptive", adaptive, Adaptive | None), tolerance, band, measure=measure, static=static

@@ -77,8 +77,14 @@ class ReducedModel:
             f"reduced model: {self.size_in_words}{origin}\n"
             f"  pseudo-frequencies {self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g} Hz{frame}\n"
             f"  inputs {listed(self.input_names)}; outputs {listed(self.output_names)}"
-            + (f"\n  {record.accuracy.sentence}" if record is not None and record.accuracy is not None else "")
+            + "".join(f"\n  {text}" for text in self._known())
         )
+
+    def _known(self):
+        """What the record knows of the accuracy, and its warnings."""
+        if self.record is not None and (accuracy := self.record.accuracy) is not None:
+            yield f"{accuracy.sentence}; {accuracy.measured}"
+        yield from (f"warning: {text}" for text in (self.record.warnings if self.record is not None else ()))
 
     __repr__ = __str__
 

@@ -1,15 +1,17 @@
 """Define what every way to reduce a model has in common."""
 
+from abc import ABC, abstractmethod
+
 from ..model.second_order_model import SecondOrderModel
 from .reduced_model import ReducedModel
 
 
-class Reductor:
+class Reductor(ABC):
     """A way to reduce a model, with its settings; derive from it to add another (see IRKA).
 
     `hpcred.reduce` itself projects onto the span of components or reduces to a tolerance.
     """
 
+    @abstractmethod
     def reduce(self, model: SecondOrderModel) -> ReducedModel:
         """Reduce a model. Collective. Raises InputError or ComputationError, the same on all ranks."""
-        raise NotImplementedError

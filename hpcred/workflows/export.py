@@ -51,7 +51,7 @@ def export_result(
     if isinstance(result, Result):
         result = result.path
     require_name(result)
-    writer = _chosen(kind, path, comm)
+    writer, guessed = _chosen(kind, path, comm), kind is None and path
     kind = writer.name
     if writer.needs in WITHOUT_NODES and nodes is not None:
         raise InputError(f"--nodes: '{kind}' {WITHOUT_NODES[writer.needs]}; leave it out")
@@ -67,6 +67,10 @@ def export_result(
     path = Path(path) if path else Path(result).with_name(Path(result).stem + writer.suffix)
     told = None if writer.kind else outputs.Told(f"file of format '{kind}'", writer.begins)
     outputs.check_outputs({path: told or writer.kind}, comm, [result])
+    if guessed and path.suffix.lower() != _ending(writer):
+        known = ", ".join(dict.fromkeys(_ending(WRITERS.load(entry)) for entry in WRITERS.own))
+        raise InputError(f"output {path}: found a name that ends in {path.suffix or 'nothing'}, expected one of "
+                         f"{known}, or a --format")  # fmt: skip
     existed = comm.bcast(path.exists())
     if progress is not None:
         progress.say(f"export: {path}")

@@ -203,9 +203,13 @@ def test_the_ending_of_a_name_is_that_of_its_format(linkage_folder, capsys):
     for words, says in (
         (["--format", "sid", "-o", "y.fmu"], "y.fmu: found a name that ends in .fmu, expected .sid_fem"),
         (["--format", "png", "-o", "x.jpg"], "x.jpg: found a name that ends in .jpg, expected .png of --format png"),
+        (["-o", "a.txt"], "output a.txt: found a name that ends in .txt, expected one of .sid_fem, .mat, .npz, .fem"),
+        (["-o", "a"], "output a: found a name that ends in nothing, expected one of .sid_fem, "),
         (["--format", "SIMPACK"], "(did you mean 'sid'?)"), (["--format", "matlb"], "(did you mean 'matlab'?)"),
     ):
         assert says in refused(capsys, "export", "result.h5", *words)
-    for name, kind in (("a.uff", "universal file"), ("a.txt", "SID file"), ("a.npz", "zip archive")):
-        assert run(["export", "result.h5", "-o", name]) == 0
+    for name, kind, more in (
+        ("a.uff", "universal file", []), ("a.txt", "SID file", ["--format", "sid"]), ("a.npz", "zip archive", []),
+    ):  # fmt: skip
+        assert run(["export", "result.h5", "-o", name, *more]) == 0
         assert kind_of(name).startswith(kind)

@@ -76,6 +76,27 @@ def test_outputs_of_its_own_and_petsc_matrices(comm):
         hpcred.SecondOrderModel(*mats, comm=comm)
 
 
+@pytest.mark.parametrize("B, C, says", [
+    (B[:, 0], None, r"SecondOrderModel: B: found an array \(60,\), expected \(60, inputs\)$"),
+    (B.T, None, r"B: found an array \(2, 60\), expected \(60, inputs\); give B.T"),
+    (B.T.tolist(), None, r"B: found an array \(2, 60\), expected \(60, inputs\); give B.T"),
+    (B, B, r"C: found an array \(60, 2\), expected \(outputs, 60\); give C.T"),
+])  # fmt: skip
+def test_columns_that_do_not_fit_are_named(B, C, says):
+    with pytest.raises(InputError, match=says):
+        hpcred.SecondOrderModel(M, D, K, B, C)
+
+
+def test_lists_are_matrices_too():
+    fom = hpcred.SecondOrderModel(*(matrix.toarray().tolist() for matrix in (M, D, K)), B.tolist(), B.T.tolist())
+    assert fom.Ct is None and np.abs(fom.frequency_response(F) - dense(D)).max() < 1e-9
+
+
+def test_warnings_and_the_measure_are_printed():
+    rom = hpcred.reduce(hpcred.SecondOrderModel(M, D, K, B), tolerance=1e-3, band=(0, 300), damping=hpcred.NoDamping())
+    assert "; measured with the loss factor 0.002 (undamped)\n  warning: damping: none, though model has" in str(rom)
+
+
 @pytest.mark.mpi(ranks=(1, 3), build="real")
 def test_an_export_without_a_file_of_ones_own(comm, folder):
     fom = hpcred.linkage(comm)
@@ -88,6 +109,8 @@ def test_an_export_without_a_file_of_ones_own(comm, folder):
     assert len(hpcred.read_sid(folder / "arm.SID_FEM").coordinates) == rom.size
     for name, kind in (("arm_statespace.npz", "statespace-npz"), ("arm.npz", "npz"), ("arm_exudyn.npz", "exudyn")):
         assert rom.export(folder / name)["format"] == kind
+    with pytest.raises(InputError, match="a.foo: found a name that ends in .foo, expected one of .sid_fem, .mat"):
+        rom.export(folder / "a.foo")
     with pytest.raises(InputError, match="^linkage: "):
         rom.export(folder / "arm.pch", "nastran")
 

@@ -2,40 +2,42 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass, is_dataclass
 from typing import Annotated, Any, ClassVar
 
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter
 
 from ...linalg.basis import Basis
+from ...parallel.failures import InputError
 from ..run import Run
 from .point_blocks import PointBlocks
 
 
-class Component:
+class Component(ABC):
     """Base class; a component is a frozen dataclass with a field `kind`, which names it in a job file.
 
-    `per_direction`: how many vectors it has for each direction of the interfaces besides columns(); None for an
+    `per_direction`: how many vectors it has for each direction of the interfaces besides columns(); None for a
     component that needs no interfaces.
     """
 
     kind: str
     per_direction: ClassVar[int | None] = None
 
+    @abstractmethod
     def columns(self, inputs: int, rigid: int) -> int:
         """Number of vectors before deflation, as far as it is known beforehand, for `inputs` columns of B."""
-        raise NotImplementedError
 
-    def check(self, size: int, rigid: int):
+    def check(self, size: int, rigid: int) -> None:  # noqa: B027  (most have nothing to refuse)
         """Raise InputError for what a model with `size` free dofs and `rigid` rigid-body modes cannot have."""
 
     def complex_shift(self, damped: bool) -> bool:
         """Whether it needs a complex A(s), given whether the model has a damping matrix."""
         return False
 
-    def extend(self, basis: Basis, run: Run):
+    @abstractmethod
+    def extend(self, basis: Basis, run: Run) -> None:
         """Add its vectors to the basis. Collective. Raises InputError or ComputationError."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,12 @@ class UnknownKind(Component):
 
     kind: str
     settings: dict[str, Any]
+
+    def columns(self, inputs: int, rigid: int) -> int:
+        raise InputError(f"basis: found the kind '{self.kind}', whose class is not known here; import it first")
+
+    def extend(self, basis: Basis, run: Run) -> None:
+        self.columns(0, 0)
 
 
 def table_of(item: Component) -> dict[str, Any]:
@@ -75,9 +83,9 @@ AnyKind = Annotated[Component, PlainValidator(from_table), PlainSerializer(table
 class PointComponent(Component):
     """A component whose blocks belong to one expansion point, and can be made by a group of ranks."""
 
+    @abstractmethod
     def blocks(self, run: Run) -> PointBlocks:
         """The blocks of the point, orthonormal among themselves. Collective."""
-        raise NotImplementedError
 
     def extend(self, basis, run) -> None:
         self.blocks(run).join(basis, run)
