@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from ..files.text import LARGEST_LABEL
+from ..model.checked_arrays import real_values
 from ..parallel.failures import InputError, agreed
 from .entries import Entries, LabelledEntries, label_of
 from .nodes.table import Nodes
@@ -80,6 +81,7 @@ class Parts:
         with agreed(comm):
             given = {"K": K, "M": M, "D": D}
             given = {key: item if item is None else sparse.coo_matrix(item) for key, item in given.items()}
+            values = {key: real_values(item.data, f"{path}: {key}") for key, item in given.items() if item is not None}
             nodes = _table(path, "nodes", nodes, ("number", "x", "y", "z"))
             dofs = _table(path, "dofs", dofs, ("node", "direction"))
             held = _table(path, "held", held, ("node", "direction"))
@@ -92,7 +94,7 @@ class Parts:
             if shape is not None:
                 item = sparse.coo_matrix(shape) if given[key] is None else given[key]
                 rows, columns = (ends.astype(np.int64) for ends in (item.row, item.col))
-                matrices[key] = Entries(shape, rows, columns, item.data.astype(float))
+                matrices[key] = Entries(shape, rows, columns, values.get(key, item.data).astype(float))
         first = [sum(comm.allgather(len(item))[: comm.rank]) for item in (nodes, dofs)]
         parts = cls(matrices, dict.fromkeys(matrices, str(path)), removed=_labels(held))
         if comm.allreduce(len(nodes)):

@@ -60,6 +60,7 @@ def test_arrays_of_other_shapes_are_refused(comm):
         (given, {"dofs": [[1, 0]]}, "dofs: expected rows of node, direction, found the direction 0"),
         (given, {"held": [[1, 7]]}, "held: expected rows of node, direction, found the direction 7"),
         ([given[0], None], {}, "a.txt: found no M, expected K and M"),
+        ([given[0] * (1 + 1j), given[1]], {}, "a.txt: K: found [0-9]+ entries with imaginary parts, expected real"),
     ):
         with pytest.raises(InputError, match=says):
             Parts.from_arrays("a.txt", comm, *arrays, **keys)
