@@ -580,7 +580,8 @@ class SecondOrderModel:
 def _from_arrays(M, D, K, B, C, comm, **labels):
     """The model of matrices that all ranks hold."""
     B, Ct = _columns(B, C, np.shape(K)[0] if np.ndim(K) else 0)
-    return SecondOrderModel.from_scipy(K, M, D, comm or MPI.COMM_WORLD, inputs=B, outputs=Ct, **labels)
+    outputs = None if _same(B, Ct) else Ct
+    return SecondOrderModel.from_scipy(K, M, D, comm or MPI.COMM_WORLD, inputs=B, outputs=outputs, **labels)
 
 
 def _from_petsc(M, D, K, B, C, comm, input_names, output_names, **labels):
@@ -590,23 +591,24 @@ def _from_petsc(M, D, K, B, C, comm, input_names, output_names, **labels):
     with SecondOrderModel.from_petsc(K, M, D, **labels) as bare:
         with agreed(bare.comm):
             B, Ct = _columns(B, C, bare.local_rows)
-        if C is not None and not all(bare.comm.allgather(Ct is None)):
-            Ct = C.T
+        outputs = None if all(bare.comm.allgather(_same(B, Ct))) else Ct
         with bare.with_input_columns(B, input_names) as loaded:
-            return loaded.with_output_columns(Ct, output_names)
+            return loaded.with_output_columns(outputs, output_names)
 
 
 def _columns(B, C, rows):
-    """B and C^T with so many rows; None for what is not given, and for C^T if it is B: then all follows that C = B^T
-    lets follow. Raises InputError."""
+    """B and C^T with so many rows, as arrays or SciPy matrices, or None. Raises InputError for other shapes."""
     B, C = (item if item is None or hasattr(item, "tocsr") else np.asarray(item) for item in (B, C))
     for key, item, axis, expected in (("B", B, 0, f"({rows}, inputs)"), ("C", C, 1, f"(outputs, {rows})")):
         if item is not None and (item.ndim != 2 or item.shape[axis] != rows):
             turned = f"; give {key}.T" if item.ndim == 2 and item.shape[1 - axis] == rows else ""
             raise InputError(f"SecondOrderModel: {key}: found an array {item.shape}, expected {expected}{turned}")
-    if C is None or (B is not None and B.shape == C.T.shape and not (B != C.T).sum()):
-        return B, None
-    return B, C.T
+    return B, None if C is None else C.T
+
+
+def _same(B, Ct):
+    """Whether the outputs are the inputs, C = B^T, as where no C is given."""
+    return Ct is None or (B is not None and B.shape == Ct.shape and not (Ct != B).sum())
 
 
 def require_model(model):

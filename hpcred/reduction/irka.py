@@ -50,10 +50,10 @@ class TangentialPoints(Component):
 
     def extend(self, basis, run) -> None:
         solver, found = run.complex_solver, 0
-        for s, parts in zip(self.points, self.outputs if run.is_dual else self.inputs, strict=True):
-            with Owned(run.model.comm) as owned, run.progress.stage("solve"):
-                loads = owned.owns(from_dense(run.model.B))
-                load, solution = (owned.owns(create_block(run.model.K, 2)) for _ in range(2))
+        with Owned(run.model.comm) as owned, run.progress.stage("solve"):
+            loads = owned.owns(from_dense(run.model.B))
+            load, solution = (owned.owns(create_block(run.model.K, 2)) for _ in range(2))
+            for s, parts in zip(self.points, self.outputs if run.is_dual else self.inputs, strict=True):
                 add_product(load, loads, np.array(parts), beta=0.0)
                 solver.factor(complex(*s) ** 2, complex(*s))
                 solver.solve(load, solution)
@@ -93,8 +93,11 @@ class IRKA(Reductor):
             raise InputError(f"irka: found the damping '{law.kind}', expected a viscous one, such as Rayleigh: poles "
                              "without it have no mirror image; or reduce to a tolerance")  # fmt: skip
         two_sided = {"projection": "two_sided", "allow_unstable": True} if model.Ct is not None else {}
-        points, inputs, outputs, moved = *self._first(model), np.inf
-        for _turn in range(self.turns):
+        points, inputs, outputs = self._first(model)
+        reduced, moved = None, np.inf
+        for _ in range(self.turns):
+            if reduced is not None:
+                reduced.close()
             before, basis = points, TangentialPoints(points=pairs(points), inputs=pairs(inputs), outputs=pairs(outputs))
             reduced = reduce(model, basis, self.frame, self.damping, **two_sided)
             points, inputs, outputs = decided(model.comm, mirrored, reduced, self.size // 2)
@@ -119,8 +122,7 @@ def mirrored(reduced: ReducedModel, count: int) -> tuple[np.ndarray, np.ndarray,
     """-conj(pole) of the `count` most dominant poles with Im >= 0, by frequency, and the directions (count, p) and
     (count, r) of their residues. Raises InputError where one has no damping."""
     m, inverse = reduced.size, np.linalg.inv(reduced.M)
-    A = np.block([[np.zeros((m, m)), np.eye(m)], [-inverse @ reduced.K, -inverse @ reduced.D]])
-    poles, right = np.linalg.eig(A)
+    poles, right = np.linalg.eig(reduced.state_matrix())
     left = np.linalg.inv(right)
     b, c = left[:, m:] @ inverse @ reduced.B, (reduced.C @ right[:m]).T  # the residues are c_i b_i
     upper = np.flatnonzero(poles.imag >= 0)

@@ -1,4 +1,4 @@
-"""The main step: a model, a frame, a damping law and a list of basis components enter, a reduced model leaves."""
+"""Reduce a model in its frame and with its damping, by a list of basis components or to a tolerance."""
 
 from __future__ import annotations
 
@@ -117,16 +117,15 @@ def reduce(
     inputs, outputs = scales_of(model)
     if (inputs, outputs) == (1.0, 1.0):
         reduced = _reduce(model, **given)
-        reduced.model = model.shared()
-        return reduced
-    with scaled(model, inputs, outputs) as usual:
-        reduced = _reduce(usual, **given)
+    else:
+        with scaled(model, inputs, outputs) as usual:
+            reduced = _reduce(usual, **given)
+        reduced.B, reduced.C = reduced.B * inputs, reduced.C * outputs
+        accuracy = reduced.record.accuracy
+        reduced.record = replace(
+            reduced.record, signature=signature_of(model), accuracy=accuracy and accuracy.times(inputs, outputs)
+        )
     reduced.model = model.shared()
-    reduced.B, reduced.C = reduced.B * inputs, reduced.C * outputs
-    accuracy = reduced.record.accuracy
-    reduced.record = replace(
-        reduced.record, signature=signature_of(model), accuracy=accuracy and accuracy.times(inputs, outputs)
-    )
     return reduced
 
 

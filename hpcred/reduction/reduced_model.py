@@ -161,9 +161,11 @@ class ReducedModel:
             from pymor.models.iosys import SecondOrderModel as PymorModel
         except ImportError as error:
             raise InputError(f"to_pymor: pyMOR is missing ({error}); install it by `pip install pymor`") from error
-        if self.loss_factor:
-            raise InputError("to_pymor: pyMOR has no structural damping; reduce with modal damping instead")
-        return PymorModel.from_matrices(self.M, self.D, self.K, self.B, self.C)
+        import hpcred
+
+        found = hpcred.state_space(self)  # which refuses structural damping
+        keys = ("mass", "damping", "stiffness", "input_matrix", "output_matrix")
+        return PymorModel.from_matrices(*(found[key] for key in keys))
 
     def plot(self, pairs: str | Sequence[str] | None = None, *, band: Sequence[float] | None = None) -> Figure:
         """Draw the frequency response, and its estimated error where that is known: see plot_response.
@@ -185,12 +187,14 @@ class ReducedModel:
 
         return hpcred.plot_response(self, pairs, band=band)
 
+    def state_matrix(self) -> np.ndarray:
+        """A (2m, 2m) of (x, x')' = A (x, x')."""
+        size, inverse = self.size, np.linalg.inv(self.M)
+        return np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ self.K, -inverse @ self.D]])
+
     def poles(self) -> np.ndarray:
         """The 2m roots of det(s^2 M + s D + K) in rad/s, by imaginary part."""
-        size = self.size
-        inverse = np.linalg.inv(self.M)
-        state = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ self.K, -inverse @ self.D]])
-        roots = np.linalg.eigvals(state)
+        roots = np.linalg.eigvals(self.state_matrix())
         return roots[np.argsort(roots.imag)]
 
     def unstable_poles(self) -> np.ndarray:

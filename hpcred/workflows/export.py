@@ -113,13 +113,13 @@ def _chosen(kind, path, comm):
 
 def _entry(kind, path):
     own = {entry.name: entry for entry in WRITERS.own}
-    endings = {name: _ending(WRITERS.load(entry)) for name, entry in own.items()}
+    writers = {name: WRITERS.load(entry) for name, entry in own.items()}
+    endings = {name: _ending(writer) for name, writer in writers.items()}
     ending = PurePath(path).suffix.lower() if path else ""
     if kind is None:
         like = next((name for name in own if endings[name] == ending), None)
-        suffixes = {name: WRITERS.load(entry).suffix for name, entry in own.items()}
-        named = [name for name in own if str(path).endswith(suffixes[name])]  # rod_statespace.mat is no rod.mat
-        kind = max(named, key=lambda name: len(suffixes[name]), default=like)
+        named = [name for name in own if str(path).endswith(writers[name].suffix)]  # rod_statespace.mat is no rod.mat
+        kind = max(named, key=lambda name: len(writers[name].suffix), default=like)
     if kind is None:
         fits = ending and WRITERS.first(lambda item: _ending(item) == ending, WRITERS.others)
         return fits or own["sid"]

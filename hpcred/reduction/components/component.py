@@ -1,4 +1,4 @@
-"""What a component of a basis owes: its columns, its checks, its blocks. A new method is a new module with one."""
+"""Define a component of a basis: its columns, its checks, its blocks; and write and read it as plain data."""
 
 from __future__ import annotations
 
