@@ -68,6 +68,7 @@ from .reduction.components.krylov import StaticCorrection as StaticCorrection
 from .reduction.components.modes import Modes as Modes
 from .reduction.components.second_order_krylov import SecondOrderKrylov as SecondOrderKrylov
 from .reduction.irka import IRKA as IRKA
+from .reduction.measure import Measure as Measure
 from .reduction.record import Record as Record
 from .reduction.reduce import reduce as reduce
 from .reduction.reduced_model import ReducedModel as ReducedModel

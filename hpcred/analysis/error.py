@@ -99,9 +99,9 @@ def errors_of(
         nothing = np.flatnonzero((full == 0).all(axis=(0, 2)))
         silent = {*known.silent, *_silent(reduced, frequencies), *nothing.tolist()}
         by = directions(frequencies, full, drive, _places(reduced), sorted(silent))
-        by = replace(by, inputs=tuple(
-            IDLE if k < len(known.inputs) and known.inputs[k] == IDLE else value for k, value in enumerate(by.inputs)
-        ))  # fmt: skip
+        floors = known.inputs if isinstance(known, Directions) else ()
+        idle = [k < len(floors) and floors[k] == IDLE for k in range(len(by.inputs))]
+        by = replace(by, inputs=tuple(IDLE if no else value for no, value in zip(idle, by.inputs, strict=True)))
     used = asked or (by if accuracy is None or anew else known)
     used = by if isinstance(used, Directions) else used
     table = directions_table(

@@ -1,9 +1,9 @@
-"""A growing mass-orthonormal basis: blocks enter, V with V^T M V = I leaves, and what was dropped is counted.
+"""Grow a mass-orthonormal basis, V^T M V = I, by blocks, and count what is dropped as dependent.
 
 Block Gram-Schmidt in the inner product of M with repeated projection; the rank of a block is decided on
 columns scaled to unit M-norm (Stathopoulos & Wu, SIAM J. Sci. Comput. 23(6), 2002, for the Gram-based step),
 and directions that the Gram matrix cannot resolve are separated, projected again and judged by themselves.
-The images M V are kept beside V and follow what is done to V, so that a block costs one product with M.
+The products M V are kept beside V and follow what is done to V, so that a block costs one product with M.
 """
 
 from __future__ import annotations
@@ -14,8 +14,21 @@ import numpy as np
 
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, Owned
-from ..parallel.petsc import MPI, PETSc, SLEPc
-from .blocks import add_product, apply, copy_of, create_block, dense, fold, inner, multiply, stacked_inner, unfold
+from ..parallel.petsc import MPI, PETSc
+from .blocks import (
+    Block,
+    View,
+    add_product,
+    apply,
+    copy_of,
+    create_block,
+    dense,
+    fold,
+    inner,
+    multiply,
+    stacked_inner,
+    unfold,
+)
 
 RESOLVED = 1e-4  # eigenvalues of a unit-diagonal Gram matrix above this are safe to divide by
 PASSES = 20  # of projection or separation; two or three are usual
@@ -47,7 +60,7 @@ class Imaged:
     so many times larger. Owns both blocks: call close(). All methods are collective.
     """
 
-    def __init__(self, mass: PETSc.Mat, block: SLEPc.BV, images: SLEPc.BV | None = None, cancelled: float = 1.0):
+    def __init__(self, mass: PETSc.Mat, block: Block, images: Block | None = None, cancelled: float = 1.0):
         self._mass, self.cancelled = mass, cancelled
         self.block = copy_of(block, mass)
         if images is not None:
@@ -90,7 +103,7 @@ class Basis:
 
     width = 1  # real columns of a column
 
-    def __init__(self, mass: PETSc.Mat, deflate: SLEPc.BV | None = None, tolerance: float = 1e-12, room: int = 16,
+    def __init__(self, mass: PETSc.Mat, deflate: Block | None = None, tolerance: float = 1e-12, room: int = 16,
                  keeps: bool = True):  # fmt: skip
         self.mass, self.tolerance = mass, tolerance
         self.comm = mass.comm.tompi4py()
@@ -113,7 +126,7 @@ class Basis:
 
     @staticmethod
     def _factor(factor: np.ndarray) -> np.ndarray:
-        """What does to the real columns what `factor` does to the columns."""
+        """Real form of a factor of the columns."""
         return factor
 
     def close(self):
@@ -124,24 +137,19 @@ class Basis:
         return [block for block in (self._block, self._images) if block is not None]
 
     @property
-    def columns(self) -> SLEPc.BV:
-        """V as a block whose active columns are the basis (n, width size); owned by the basis."""
+    def columns(self) -> View:
+        """V as it is now (n, width size); its memory is owned by the basis."""
         return self.columns_between(0, self.size)
 
-    def columns_between(self, start: int, stop: int) -> SLEPc.BV:
-        """The columns start .. stop - 1 as active columns of the same block."""
-        first = self._leading + self.width * start
-        self._block.setActiveColumns(first, self._leading + self.width * stop)
-        return self._block
+    def columns_between(self, start: int, stop: int) -> View:
+        """A view of the columns start .. stop - 1."""
+        return View(self._block, self._leading + self.width * start, self._leading + self.width * stop)
 
-    def images_between(self, start: int, stop: int) -> SLEPc.BV | None:
-        """M times the columns start .. stop - 1 as active columns of a block, None where images are not kept."""
-        if self._images is not None:
-            first = self._leading + self.width * start
-            self._images.setActiveColumns(first, self._leading + self.width * stop)
-        return self._images
+    def images_between(self, start: int, stop: int) -> View | None:
+        """A view of M times the columns start .. stop - 1, None where M V is not kept."""
+        return None if self._images is None else self.columns_between(start, stop)._replace(bv=self._images)
 
-    def coefficients(self, block: SLEPc.BV) -> np.ndarray:
+    def coefficients(self, block: Block) -> np.ndarray:
         """V^H M block (size, columns): the columns of a block in terms of the basis."""
         if self._images is not None:
             return self._gram(inner(self.images_between(0, self.size), block))
@@ -152,7 +160,11 @@ class Basis:
     def _end(self):
         return self._leading + self.width * self.size
 
-    def extend(self, block: SLEPc.BV, images: SLEPc.BV | None = None) -> Extension:
+    def _all(self, bv=None) -> View:
+        """All columns, with those that are deflated, or M times these."""
+        return View(self._block if bv is None else bv, 0, self._end)
+
+    def extend(self, block: Block, images: Block | None = None) -> Extension:
         """Add the span of the active columns of `block`, which stays as it is; `images`: M block where it is known.
 
         Raises ComputationError when a column is not finite or M shows a negative norm.
@@ -191,7 +203,7 @@ class Basis:
         if images is not None and stop > start:
             apply(self.mass, self.columns_between(start, stop), images)
 
-    def restore(self, block: SLEPc.BV, ends):
+    def restore(self, block: Block, ends):
         """Take over the columns of a basis that was written, in blocks that end before the columns `ends`.
 
         Raises ComputationError unless they are M-orthonormal.
@@ -209,19 +221,17 @@ class Basis:
 
     def gram(self) -> tuple[np.ndarray, float]:
         """V^H M V (size, size), and max |V^H M V - I| with the rigid-body modes included."""
-        self._block.setActiveColumns(0, self._end)
         with Owned(self.comm) as owned:  # by a product that is not the one that V was made with
             product = owned.owns(create_block(self.mass, self._end))
-            apply(self.mass, self._block, product)
-            gram = self._gram(inner(self._block, product))
+            apply(self.mass, self._all(), product)
+            gram = self._gram(inner(self._all(), product))
         first = self._leading // self.width
         return gram[first:, first:], float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
 
     def multiply(self, factor: np.ndarray):
         """V <- V factor (54); factor (size, k), the same on all ranks."""
-        self.columns_between(0, self.size), self.images_between(0, self.size)
         for block in self._blocks():
-            multiply(block, self._factor(factor))
+            multiply(self.columns._replace(bv=block), self._factor(factor))
         self.size = factor.shape[1]
 
     def clear(self):
@@ -236,27 +246,23 @@ class Basis:
         if images is not None or self._images is None or not self._end:
             return owned.owns(Imaged(self.mass, block, images)), None
         rest = owned.owns(copy_of(block, self.mass))
-        for own in self._blocks():
-            own.setActiveColumns(0, self._end)
-        taken = self._gram(inner(self._images, rest))
-        add_product(rest, self._block, self._factor(taken), alpha=-1.0)
+        taken = self._gram(inner(self._all(self._images), rest))
+        add_product(rest, self._all(), self._factor(taken), alpha=-1.0)
         return owned.owns(Imaged(self.mass, rest)), taken
 
     def _products(self, block, images):
         """V^H M X, X^H M X and x^T diag(M) x of a block X with its images."""
-        self._block.setActiveColumns(0, self._end)
-        *products, squares = stacked_inner((self._block, block), images, self._diagonal)
+        *products, squares = stacked_inner((self._all(), block), images, self._diagonal)
         return *map(self._gram, products), np.diag(self._gram(np.diag(squares[0]))).real
 
     def _project(self, pending):
         """X <- X - V (V^H M X); returns the coefficients, X^H M X and x^T diag(M) x from before."""
         inside, gram, sizes = self._products(pending.block, pending.images)
-        add_product(pending.block, self._block, self._factor(inside), alpha=-1.0)
+        add_product(pending.block, self._all(), self._factor(inside), alpha=-1.0)
         if self._images is None:
             pending.renew()
         else:
-            self._images.setActiveColumns(0, self._end)
-            add_product(pending.images, self._images, self._factor(inside), alpha=-1.0)
+            add_product(pending.images, self._all(self._images), self._factor(inside), alpha=-1.0)
         return inside, (gram + gram.conj().T) / 2, sizes
 
     def _project_and_scale(self, pending, weight, taken):
@@ -288,8 +294,7 @@ class Basis:
         for own, given in zip(self._blocks(), (block, images), strict=False):
             if end > own.getSizes()[1]:
                 own.resize(max(end, 2 * own.getSizes()[1]), copy=True)
-            own.setActiveColumns(end - count, end)
-            with dense(given) as source, dense(own) as target:
+            with dense(given) as source, dense(View(own, end - count, end)) as target:
                 source.copy(target)
         self.size += count // self.width
 
@@ -321,7 +326,7 @@ def _diagonal_of(mass):
 
 
 def _judge(inside, gram, sizes, weight, taken, tolerance):
-    """What one projection left of some columns, which have a weight, or of which something was `taken` before.
+    """Decide which columns to keep after a projection; they have a weight, or something was `taken` of them before.
 
     `sizes`: x^T diag(M) x of the columns before it. Returns the factor that scales and drops columns, the weights and
     the Gram matrix of those kept, whether another projection would take next to nothing, the largest weight dropped,

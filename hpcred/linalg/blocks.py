@@ -1,17 +1,55 @@
-"""Blocks of distributed column vectors: SLEPc BVs, and the four operations that the reduction needs on them.
+"""Operate on blocks of distributed column vectors: SLEPc BVs, and views of some of their columns.
 
 A block has the row layout of a matrix and `columns` columns; all functions are collective and act on the active
-columns. Small factors (Gram matrices, coefficients) are numpy arrays, identical on all ranks.
+columns of a BV, or the columns of a View. Small factors (Gram matrices, coefficients) are NumPy arrays, identical on
+all ranks.
 """
 
 from __future__ import annotations
 
 from contextlib import contextmanager, suppress
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from mpi4py import MPI
 
 from ..parallel.petsc import PETSc, SLEPc
+from ..parallel.sums import summed
+
+
+class View(NamedTuple):
+    """The columns first .. stop - 1 of a BV, whose memory it shares; other views of the same BV do not change it."""
+
+    bv: SLEPc.BV
+    first: int
+    stop: int
+
+    @property
+    def comm(self):
+        return self.bv.comm
+
+    def getActiveColumns(self) -> tuple[int, int]:  # noqa: N802  (as of a BV)
+        return self.first, self.stop
+
+    def between(self, start: int, stop: int) -> View:
+        """A view of the columns start .. stop - 1 of this one."""
+        return View(self.bv, self.first + start, self.first + stop)
+
+
+Block: TypeAlias = "SLEPc.BV | View"  # a text: PETSc is loaded when something is computed
+
+
+def view_of(block: Block) -> View:
+    """The active columns of a block as they are now."""
+    return block if isinstance(block, View) else View(block, *block.getActiveColumns())
+
+
+def _active(block: Block) -> SLEPc.BV:
+    """The BV of a block, with its columns as the active ones."""
+    if isinstance(block, View):
+        block.bv.setActiveColumns(block.first, block.stop)
+        return block.bv
+    return block
 
 
 def create_block(mat: PETSc.Mat, columns: int) -> SLEPc.BV:
@@ -27,13 +65,14 @@ def create_block(mat: PETSc.Mat, columns: int) -> SLEPc.BV:
 
 
 @contextmanager
-def dense(block: SLEPc.BV):
+def dense(block: Block):
     """The active columns as a dense matrix, without a copy."""
-    mat = block.getMat()
+    bv = _active(block)
+    mat = bv.getMat()
     try:
         yield mat
     finally:
-        block.restoreMat(mat)
+        bv.restoreMat(mat)
 
 
 @contextmanager
@@ -54,7 +93,7 @@ def packed(mat: PETSc.Mat):
 
 
 @contextmanager
-def local_rows(block: SLEPc.BV):
+def local_rows(block: Block):
     """The rows of this rank of the active columns as a writable numpy view (rows, columns)."""
     with dense(block) as mat:
         view = mat.getDenseArray()
@@ -63,7 +102,7 @@ def local_rows(block: SLEPc.BV):
         mat.assemble()
 
 
-def copy_of(block: SLEPc.BV, mat: PETSc.Mat) -> SLEPc.BV:
+def copy_of(block: Block, mat: PETSc.Mat) -> SLEPc.BV:
     """A new block with a copy of the active columns; `mat` gives the layout."""
     first, last = block.getActiveColumns()
     new = create_block(mat, max(last - first, 1))
@@ -99,24 +138,22 @@ def from_dense(mat: PETSc.Mat) -> SLEPc.BV:
     return new
 
 
-def apply(mat: PETSc.Mat, block: SLEPc.BV, result: SLEPc.BV):
+def apply(mat: PETSc.Mat, block: Block, result: Block):
     """result = mat block."""
     with dense(block) as source, dense(result) as target:
         mat.matMult(source, target)
 
 
-def inner(left: SLEPc.BV, right: SLEPc.BV) -> np.ndarray:
-    """left^T right (columns of left, columns of right), with left real."""
+def inner(left: Block, right: Block) -> np.ndarray:
+    """left^T right (columns of left, columns of right), with left real; no two different views of one BV."""
     (l0, l1), (r0, r1) = left.getActiveColumns(), right.getActiveColumns()
     if l0 == l1 or r0 == r1:
         return np.zeros((l1 - l0, r1 - r0))
-    small = right.dot(left)
-    values = small.getDenseArray()[l0:l1, r0:r1].copy()
-    small.destroy()
+    values = _active(right).dot(_active(left)).getDenseArray()[l0:l1, r0:r1].copy()
     return values if np.iscomplexobj(values) and values.imag.any() else values.real.copy()
 
 
-def stacked_inner(lefts, right: SLEPc.BV, diagonal: np.ndarray) -> list[np.ndarray]:
+def stacked_inner(lefts, right: Block, diagonal: np.ndarray) -> list[np.ndarray]:
     """left^T right for several blocks, and x^T diag x (1, k) of the columns x of the last of them, with one message
     between the ranks; real numbers, in both builds of PETSc. `diagonal`: the rows of this rank."""
     parts = []
@@ -126,7 +163,7 @@ def stacked_inner(lefts, right: SLEPc.BV, diagonal: np.ndarray) -> list[np.ndarr
                 parts.append((x.T @ y).real)
     with local_rows(lefts[-1]) as x:
         parts.append(np.array([[diagonal @ column**2 for column in x.real.T]]))
-    total = right.comm.tompi4py().allreduce(np.concatenate(parts))
+    total = summed(right.comm.tompi4py(), np.concatenate(parts))
     return np.split(total, np.cumsum([len(part) for part in parts])[:-1])
 
 
@@ -142,32 +179,29 @@ def independent(gram: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]
     return scale[:, None] * turn[:, kept], squares[kept]
 
 
-def column_norms(*blocks: SLEPc.BV) -> np.ndarray:
+def column_norms(*blocks: Block) -> np.ndarray:
     """2-norms of the active columns (blocks, columns), without the first axis for one block."""
     squares = []
     for block in blocks:
         with local_rows(block) as rows:
             squares.append((np.abs(rows) ** 2).sum(axis=0))
-    norms = np.sqrt(blocks[0].comm.tompi4py().allreduce(np.array(squares)))
+    norms = np.sqrt(summed(blocks[0].comm.tompi4py(), np.array(squares)))
     return norms if len(blocks) > 1 else norms[0]
 
 
-def add_product(result: SLEPc.BV, block: SLEPc.BV, factor: np.ndarray, alpha=1.0, beta=1.0):
+def add_product(result: Block, block: Block, factor: np.ndarray, alpha=1.0, beta=1.0):
     """result = beta result + alpha block factor, with factor (columns of block, columns of result)."""
     (b0, b1), (r0, r1) = block.getActiveColumns(), result.getActiveColumns()
     if b0 == b1 or r0 == r1:
         return
-    small = _small(factor, b0, b1, r0, r1)
-    result.mult(alpha, beta, block, small)
-    small.destroy()
+    _active(result).mult(alpha, beta, _active(block), _small(factor, b0, b1, r0, r1))
 
 
-def multiply(block: SLEPc.BV, factor: np.ndarray):
+def multiply(block: Block, factor: np.ndarray):
     """block = block factor; the first columns are overwritten when factor has fewer columns than rows."""
     first, last = block.getActiveColumns()
-    small = _small(factor, first, last, first, first + factor.shape[1])
-    block.multInPlace(small, first, first + factor.shape[1])
-    small.destroy()
+    stop = first + factor.shape[1]
+    _active(block).multInPlace(_small(factor, first, last, first, stop), first, stop)
 
 
 def fold(gram: np.ndarray) -> np.ndarray:
@@ -188,7 +222,7 @@ def unfold(factor: np.ndarray) -> np.ndarray:
     return result
 
 
-def as_pairs(block: SLEPc.BV, mat: PETSc.Mat) -> SLEPc.BV:
+def as_pairs(block: Block, mat: PETSc.Mat) -> SLEPc.BV:
     """Real columns as pairs with zero imaginary parts, a new block."""
     first, last = block.getActiveColumns()
     pairs = create_block(mat, 2 * (last - first))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..parallel.failures import ComputationError
+from ..parallel.sums import summed
 
 STALLED = 40  # iterations in which no residual came down to half of its best
 NOISE = 1e-6  # of the first residual: below, a product that is not positive may be round-off
@@ -32,7 +33,7 @@ def conjugate_gradients(comm, multiply, precondition, residual, solution, target
     before, best, since, still = np.ones(count), np.full(count, np.inf), 0, np.ones(count, dtype=bool)
     first = None
     for _ in range(most):
-        size = np.sqrt(comm.allreduce(_dot(residual, residual)))
+        size = np.sqrt(summed(comm, _dot(residual, residual)))
         first = size if first is None else first
         going = still & (size > targets)
         better = size < 0.5 * best
@@ -40,13 +41,13 @@ def conjugate_gradients(comm, multiply, precondition, residual, solution, target
         if not going.any() or since > STALLED or not np.isfinite(size).all():
             break
         precondition(residual, z)
-        product = comm.allreduce(_dot(residual, z))
+        product = summed(comm, _dot(residual, z))
         going &= _positive(product, going, size > NOISE * first, "the approximate inverse")
         for j in np.flatnonzero(going):
             p[:, j] *= product[j] / before[j]
             p[:, j] += z[:, j]
         multiply(p, q)
-        curvature = comm.allreduce(_dot(p, q))
+        curvature = summed(comm, _dot(p, q))
         going &= _positive(curvature, going, size > NOISE * first, "the matrix")
         for j in np.flatnonzero(going):
             solution[:, j] += product[j] / curvature[j] * p[:, j]

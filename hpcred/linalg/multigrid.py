@@ -12,6 +12,7 @@ import numpy as np
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc
+from ..parallel.sums import summed
 from .blocks import create_dense, independent, local_rows
 from .options import temporary_options
 
@@ -171,7 +172,7 @@ class _Level:
             x.setArray(scale * q)
             self.matrix.mult(x, y)
             new = scale * y.getArray(readonly=True).real
-            alphas.append(self.comm.allreduce(float(new @ q)))
+            alphas.append(float(summed(self.comm, new @ q)))
             new -= alphas[-1] * q + (betas[-1] if betas else 0.0) * before
             beta = self._norm(new)
             if beta <= 1e-10 * abs(alphas[0]):
@@ -184,7 +185,7 @@ class _Level:
         return float(np.linalg.eigvalsh(np.diag(alphas) + np.diag(beside, 1) + np.diag(beside, -1)).max())
 
     def _norm(self, vector):
-        return self.comm.allreduce(float(vector @ vector)) ** 0.5
+        return float(summed(self.comm, vector @ vector)) ** 0.5
 
 
 def _set_near_null(matrix, near_null):
@@ -193,7 +194,7 @@ def _set_near_null(matrix, near_null):
     with local_rows(near_null) as rows:
         basis = rows.real
         for _ in range(2):
-            factor, squares = decided(comm, independent, comm.allreduce(basis.T @ basis), DEPENDENT_NEAR_NULL)
+            factor, squares = decided(comm, independent, summed(comm, basis.T @ basis), DEPENDENT_NEAR_NULL)
             basis = basis @ (factor / np.sqrt(squares))
         for column in basis.T:
             vectors.append(matrix.createVecRight())

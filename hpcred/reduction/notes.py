@@ -48,9 +48,10 @@ class Notes:
     analyses: int = 0
     massless: bool = False
 
-    def needs(self, mass: str, damping: str):
-        """Note what a part of the basis comes from, whether it had to be factored or not."""
-        if self.needed[-1:] != [(mass, damping)]:
+    def needs(self, mass: str, damping: str, again=False):
+        """Note what a part of the basis comes from, whether it had to be factored or not; `again`: although the last
+        part came from the same, whose factor is gone."""
+        if again or self.needed[-1:] != [(mass, damping)]:
             self.needed.append((mass, damping))
 
     def add(self, other: Notes, components: bool):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..linalg.blocks import apply, copy_of, create_block, from_dense, inner
+from ..linalg.blocks import apply, copy_of, create_block, from_dense, inner, view_of
 from ..linalg.eigensolver import symmetric_eigenpairs
 
 WIDTH = 64  # columns projected at a time, which bounds the memory
@@ -11,16 +11,14 @@ WIDTH = 64  # columns projected at a time, which bounds the memory
 def project(mat, columns, left=None, width=WIDTH) -> np.ndarray:
     """V^T A V (m, m), or W^T A V with W = left, for the active columns. Collective."""
     left = columns if left is None else left
-    first, last = columns.getActiveColumns()
-    start, stop = left.getActiveColumns()
-    result = np.zeros((stop - start, last - first))
-    for low in range(first, last, width):
-        high = min(low + width, last)
-        columns.setActiveColumns(low, high)
+    columns, left = view_of(columns), view_of(left)
+    count = columns.stop - columns.first
+    result = np.zeros((left.stop - left.first, count))
+    for low in range(0, count, width):
+        high = min(low + width, count)
         product = create_block(mat, high - low)
-        apply(mat, columns, product)
-        columns.setActiveColumns(first, last)
-        result[:, low - first : high - first] = inner(left, product)
+        apply(mat, columns.between(low, high), product)
+        result[:, low:high] = inner(left, product)
         product.destroy()
     return result
 

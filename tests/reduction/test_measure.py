@@ -1,14 +1,19 @@
-"""What the measure of errors promises: no units, each direction by itself, a bound at zeros."""
+"""What the measure of errors promises: no units, each direction by itself, a bound at zeros; and one of one's own."""
+
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import pytest
 from adaptive_models import Case, chain, fresh, reduced_response, tied_chains, unit, up_to
+from pydantic import TypeAdapter
 
 import hpcred
 from hpcred.analysis.error import errors_of
 from hpcred.analysis.frequency_response import response_and_drive
-from hpcred.reduction.measure import FEELS_NOTHING, NO_INPUT, PAPER, directions, drive_points
+from hpcred.reduction.measure import FEELS_NOTHING, NO_INPUT, PAPER, UnknownMeasure, directions, drive_points
 from hpcred.reduction.reduced_model import as_measured
+from hpcred.reduction.tolerance.accuracy import Accuracy
 
 pytestmark = pytest.mark.mpi
 
@@ -165,6 +170,47 @@ def test_static_deflections_are_exact_where_that_is_asked_for(rod):
     with pytest.raises(hpcred.InputError, match="^adaptive.size: found 5, expected at least 12, by which"):
         asked = hpcred.Adaptive(tolerance=1e-2, band=BAND, static="exact", size=5)
         hpcred.reduce(rod, frame=hpcred.Buckens(), adaptive=asked)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OfThePeak(hpcred.Measure):
+    """Errors relative to the largest response of the band."""
+
+    kind: Literal["of the peak"] = "of the peak"
+    peak: float = 0.0
+
+    def over(self, frequencies, H, drive, drive_of, silent=()):
+        return OfThePeak(peak=float(np.abs(H).max()))
+
+    def scales(self, H, drive):
+        return np.full(H.shape[:2], self.peak), np.ones(H.shape[::2])
+
+
+def test_a_measure_of_ones_own_is_one_argument(rod, comm, tmp_path):
+    """It is reduced to, checked, written, read, evaluated and reported; where its class is not known, kept."""
+    folder = comm.bcast(tmp_path)
+    path = folder / "result.h5"
+    with hpcred.reduce(rod, frame=hpcred.Buckens(), tolerance=1e-3, band=BAND, measure=OfThePeak()) as rom:
+        accuracy, check = rom.record.accuracy, hpcred.check_reduced(rom, rod, 6, seed=5)
+        rom.save(path)
+        hpcred.write_model(folder / "rod.h5", rod)
+        damping = hpcred.Structural(accuracy.loss_factor)
+        f = np.linspace(*BAND, 200)[1:]
+        H = hpcred.frequency_response(rod, f, hpcred.Buckens(), damping)
+        error = np.abs(H - hpcred.frequency_response(as_measured(rom, accuracy), f)).max() / accuracy.measure.peak
+        with hpcred.reduce(rod, frame=hpcred.Buckens(), tolerance=1e-3, band=BAND) as other:
+            assert rom.size < other.size
+    assert accuracy.reached and check.passed and 1e-6 < error < 1e-3 and accuracy.measure.peak > np.abs(H).max() / 2
+    found = hpcred.read_result(path, comm).reduced.record.accuracy
+    assert found.measure == accuracy.measure and hpcred.relative_error(H, H, found.measure).max() == 0
+    evaluated = hpcred.evaluate_result(path, folder / "rod.h5", points=11, comm=comm)
+    assert evaluated["measure"] == "of the peak" and evaluated["eps_max"] < 1e-2
+    table = TypeAdapter(Accuracy).dump_python(found) | {"measure": {"kind": "elsewhere", "peak": 2.0}}
+    unknown = TypeAdapter(Accuracy).validate_python(table)
+    assert unknown.measure == UnknownMeasure("elsewhere", {"peak": 2.0}) and "eps" in unknown.sentence
+    assert TypeAdapter(Accuracy).dump_python(unknown)["measure"] == table["measure"]
+    with pytest.raises(hpcred.InputError, match="measure: found the kind 'elsewhere', whose class is not known here"):
+        hpcred.relative_error(H, H, unknown.measure)
 
 
 def test_a_gyroscopic_response_has_an_error_that_is_no_round_off(comm):

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...parallel.decisions import decided
 from ...parallel.failures import Owned
+from ...parallel.sums import summed
 from ..blocks import column_norms, copy_of, create_dense, local_rows
 from ..conjugate_gradients import NotSolved, conjugate_gradients
 
@@ -92,7 +93,7 @@ class IterativeSolves:
                 precondition = self._beside(V, inverse, multiply, momentum, precondition)
             for turn in range(RESTARTS + 2):
                 if deflation is not None:
-                    x += V @ (inverse @ comm.allreduce(V.T @ r))
+                    x += V @ (inverse @ summed(comm, V.T @ r))
                     _residual(multiply, b, x, r)
                 size, far = self._norms(r), self._norms(x)
                 floor = np.maximum(self._goal * scale, ROUND_OFF * self._norm * far)
@@ -117,17 +118,17 @@ class IterativeSolves:
         def deflated(r, z):
             # what round-off brings back of V, whose modes are soft, would soon be all that is seen
             product = np.empty_like(r)
-            momentum(V @ comm.allreduce(V.T @ r), product)
+            momentum(V @ summed(comm, V.T @ r), product)
             r -= product
             precondition(r, z)
             multiply(z, product)
-            z -= V @ (inverse @ comm.allreduce(V.T @ product))
+            z -= V @ (inverse @ summed(comm, V.T @ product))
 
         return deflated
 
     def _norms(self, rows):
         squares = np.array([np.vdot(column, column).real for column in rows.T])
-        return np.sqrt(self.model.comm.allreduce(squares))
+        return np.sqrt(summed(self.model.comm, squares))
 
     def _multiplication(self, room, columns, terms):
         """p, q -> q = A p for the rows of this rank."""

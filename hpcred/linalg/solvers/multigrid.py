@@ -9,6 +9,7 @@ import numpy as np
 
 from ...parallel.failures import InputError
 from ...parallel.petsc import SAME, PETSc
+from ...parallel.sums import summed
 from ..blocks import create_dense, local_rows
 from ..multigrid import Multigrid
 from .base import FactorRecord, SingularMatrix, Solver
@@ -137,7 +138,7 @@ class MultigridSolver(IterativeSolves, Solver):
 
         def precondition(r, z):
             cycle(r, z)
-            z -= R @ self.model.comm.allreduce(MR.T @ z)
+            z -= R @ summed(self.model.comm, MR.T @ z)
 
         return precondition
 

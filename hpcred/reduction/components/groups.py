@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...linalg.blocks import create_block, dense_matrix, local_rows
+from ...linalg.blocks import View, create_block, dense_matrix, local_rows
 from ...model.dofs import Dofs
 from ...model.frames import FramedModel
 from ...model.rigid_body_modes import RigidBodyModes
@@ -113,9 +113,8 @@ class _Arrived:
     width: int
 
     def between(self, start, stop):
-        """The vectors start .. stop - 1 as active columns of the block."""
-        self.block.setActiveColumns(self.width * start, self.width * stop)
-        return self.block
+        """A view of the vectors start .. stop - 1."""
+        return View(self.block, self.width * start, self.width * stop)
 
     def join(self, basis, run):
         join(self.parts, self.between, basis, run)

@@ -246,7 +246,7 @@ class Search:
         counted = self.expansion.counted
         if self._groups > 1:  # whose factors are gone
             self._solver.go_to(max(f for f, _ in counted))
-            self.run.notes.needs(str(self._solver.factored), "0.0")
+            self.run.notes.needs(str(self._solver.factored), "0.0", again=True)
         self.missing_modes, change = find_hidden(self._solver, self.judge, counted)
         self.expansion.account()
         return self.judge.is_fine(change)
