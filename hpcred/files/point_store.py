@@ -29,8 +29,8 @@ from ..linalg.blocks import create_block, local_rows
 from ..parallel.digest import digest_of_block, digest_of_slices
 from ..parallel.failures import InputError, agreed, reason_of, unfinished
 from ..parallel.petsc import MPI
-from ..reduction.components.krylov_sequence import Entry
 from ..reduction.points import point_name
+from ..reduction.store import Entry
 from .checked import own_datasets
 from .hdf5 import created, opened, place_of, require_whole
 from .seal import seal
