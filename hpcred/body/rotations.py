@@ -1,4 +1,4 @@
-"""Rotations in space: quaternions and rotation vectors enter, matrices, rates and rotation vectors leave."""
+"""Convert between quaternions, rotation vectors and rotation matrices, and compute their rates."""
 
 import numpy as np
 

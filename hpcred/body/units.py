@@ -1,4 +1,4 @@
-"""A body or its coordinates in SI enter; the same in other units leaves, for programs that compute in them."""
+"""Convert a body, or its coordinates, from SI to other units, for programs that compute in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A 3D Euler-Bernoulli beam element with a round solid section: stiffness (12, 12) and mass (12, 12)."""
+"""Compute stiffness and mass (12, 12) of a 3D Euler-Bernoulli beam element with a round solid section."""
 
 from dataclasses import dataclass
 from math import pi

@@ -1,7 +1,7 @@
-"""A connecting rod with two bearings, of 8-node hexahedra: every rank assembles the rows it owns.
+"""Make a connecting rod with two bearings, of 8-node hexahedra; every rank assembles the rows it owns.
 
-The plane of the rod has two rings, the eyes, and a shank between parts of their outer arcs, in quadrilaterals; the
-thickness is layers of them along z. The plane is small and known to all ranks, the body is not.
+In the plane, quadrilaterals mesh two rings, the eyes, and a shank between parts of their outer arcs; the body is layers
+of them along z. Every rank has the mesh of the plane, which is small, but only its part of the body.
 """
 
 from __future__ import annotations
@@ -25,10 +25,27 @@ CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])  # of a quadrilateral
 def crank(
     dofs: int = 20_000, comm=MPI.COMM_WORLD, young=2.1e11, poisson=0.3, density=7850.0
 ) -> SecondOrderModel:  # fmt: skip
-    """A free connecting rod of steel with about so many dofs, three a node, and node sets BIG_EYE and SMALL_EYE.
+    """Make a free connecting rod of hexahedra, with node sets BIG_EYE and SMALL_EYE on the bores of its eyes.
 
-    The centre of the big eye is the origin, that of the small one lies at x = 0.2 m; the inner surfaces of the eyes are
-    the sets. Without inputs: they belong to interfaces on the sets. Collective. Raises InputError.
+    Collective.
+
+    Parameters
+    ----------
+    dofs : int, default 20000
+        Approximate number of dofs, three per node; 500 to 2e9.
+    comm : MPI.Comm, default all ranks
+    young, poisson, density : float, default 2.1e11 (N/m^2), 0.3 and 7850 (kg/m^3)
+        Of the material; by default steel.
+
+    Returns
+    -------
+    SecondOrderModel
+        Without inputs. The centre of the big eye is the origin, that of the small one is at x = 0.2 m.
+
+    Raises
+    ------
+    InputError
+        For a number of dofs out of range.
     """
     if not 500 <= dofs <= 2_000_000_000:
         raise InputError(f"dofs: found {dofs}, expected at least 500 and at most 2e9")
@@ -55,7 +72,7 @@ def crank(
 
 
 def _cells(layers):
-    """Cells through an eye, along its part at the shank and the rest, and along the shank, for cells near cubes."""
+    """Return numbers of cells through an eye, along its part at the shank and the rest, and along the shank."""
     edge = THICKNESS / layers
     across = max(round(2 * EYES["BIG_EYE"][1] * np.sin(EYES["BIG_EYE"][2]) / edge * 0.7), 2)
     along = max(round((LENGTH - EYES["BIG_EYE"][1] - EYES["SMALL_EYE"][1]) / edge), 2)

@@ -1,4 +1,4 @@
-"""Section 5 of the paper on the built-in linkage: the models of Tables 1 and 2, and their errors."""
+"""Reproduce Section 5 of the paper on the built-in linkage: the models of Tables 1 and 2, and their errors."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Rows, columns and matrices that a model is to be made of enter; checked ones leave, or an InputError."""
+"""Check the rows, columns and matrices that a model is made of. Errors are InputErrors."""
 
 from __future__ import annotations
 

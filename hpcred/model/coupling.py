@@ -1,6 +1,6 @@
-"""Rigid interfaces: a model with interface nodes enters; the one whose rigid sets follow their reference nodes leaves.
+"""Couple the sets of rigid interfaces to their reference nodes.
 
-The coupled dofs of a set follow the six dofs of its reference node, q = T q^, and M, D, K become T^T A T; then G T = I.
+The coupled dofs of a set follow the six dofs of its reference node, q = T p; M, D, K become T^T A T, and G T = I.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Decide which faces of a surface lie on a cylinder, around a hole or on a pin.
 
-The corners of such a face lie on the cylinder, its normal is about radial, and it spans less than a sixth of a turn:
-the flats of a hexagon are not taken. Middles of edges may lie on the cylinder or on the chords.
+The corners of such a face lie on the cylinder, its normal is approximately radial, and it spans less than a sixth of a
+turn, so that the flats of a hexagon are excluded. Edge midpoints may lie on the cylinder or on the chords.
 """
 
 from __future__ import annotations

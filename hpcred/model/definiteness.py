@@ -1,4 +1,4 @@
-"""Refuse models whose K or M is not that of a body: of the other sign, or indefinite. All functions are collective."""
+"""Refuse models whose K or M is indefinite or has the wrong sign. All functions are collective."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Digests of what a model consists of: the same on any number of ranks and in both builds of PETSc."""
+"""Compute digests of the contents of a model: the same on any number of ranks and in both builds of PETSc."""
 
 import numpy as np
 

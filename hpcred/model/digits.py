@@ -1,8 +1,8 @@
-"""The digits of a stiffness matrix: a model and its lowest modes enter; what the digits leave of their frequencies.
+"""Determine the digits of a stiffness matrix, and the uncertainty of natural frequencies that follows from them.
 
-A text of a finite-element program has fewer digits than the numbers had. Rounding the entries of K moves an eigenvalue
-by x^T dK x with x^T M x = 1: nothing where the body is as stiff as its elements, and all of it where a frequency is
-far below those of single elements, since little is left of entries that cancel.
+Text files of finite-element programs have fewer digits than the original numbers. Rounding the entries of K changes an
+eigenvalue by x^T dK x with x^T M x = 1. This is negligible if the body is as stiff as its elements, but not if a
+frequency is far below those of single elements, since entries then nearly cancel.
 """
 
 from __future__ import annotations

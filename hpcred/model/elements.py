@@ -1,4 +1,4 @@
-"""Finite elements as far as their surface is needed: the nodes of every element, by kind; faces and areas."""
+"""Describe finite elements as far as their surface is needed: nodes by kind of element, faces and areas."""
 
 import itertools
 

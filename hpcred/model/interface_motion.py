@@ -1,11 +1,11 @@
-"""The motion of interface nodes: sets of nodes enter; reference nodes whose motion is that of their set leave.
+"""Make interface nodes: reference nodes that represent the motion of sets of nodes.
 
 The motion u_R, theta_R of a reference node is the weighted least-squares rigid motion of its set,
 
     [u_R; theta_R] = (sum w E^T E)^-1 sum w E^T u = G u,      u_j = E_j [u_R; theta_R] for a rigid set,
 
-so that loads on it are distributed by the columns of G^T. `averaging` (distributing coupling, RBE3) leaves the matrices
-as they are; `rigid` (kinematic coupling, RBE2) does not: see coupling.
+and the columns of G^T distribute loads on it over the set. `averaging` interfaces (distributing coupling, RBE3) do not
+change the matrices; `rigid` ones (kinematic coupling, RBE2) do, see coupling.
 """
 
 from __future__ import annotations

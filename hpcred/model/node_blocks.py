@@ -1,4 +1,4 @@
-"""The rows of a model as blocks of the same number of rows for every node, which algebraic multigrid coarsens."""
+"""Arrange the rows of a model in blocks with the same number of rows for every node, for algebraic multigrid."""
 
 from __future__ import annotations
 

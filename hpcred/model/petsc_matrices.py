@@ -1,6 +1,6 @@
-"""Matrices that another program assembled in PETSc: K, M, D enter as they are, on one nonzero pattern they leave.
+"""Take over K, M and D that another program assembled in PETSc, and bring them to one nonzero pattern.
 
-What fits is not copied: the matrices that leave are references to those that entered.
+Matrices that fit already are not copied but referenced.
 """
 
 from __future__ import annotations

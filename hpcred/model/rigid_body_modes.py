@@ -1,4 +1,4 @@
-"""Rigid-body modes: from the positions of the nodes to an M-orthonormal basis of ker K, and what follows from it."""
+"""Compute the rigid-body modes of a body from the positions of its nodes: an M-orthonormal basis of ker K."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Find the faces that bound a body whose elements are spread over the ranks.
+"""Find the faces that bound a body whose elements are distributed over the ranks.
 
-No rank has all elements: each keeps the faces that its own elements do not share, faces meet on the rank that their
-smallest node number says, and those that occur once there are the surface, which is small beside the body.
+No rank has all elements. Each keeps the faces that its own elements do not share and sends a face to the rank of its
+smallest node number. Faces that occur once there form the surface, which is small compared with the body.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The parts of a model enter, each rank with slices in any order; the model, distributed by rows, leaves."""
+"""Assemble the parts of a model, of which each rank has slices in any order, to a model distributed by rows."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
-"""What a reader of matrices gives: entries (row, column, value), some on each rank, in any order.
+"""Define the matrix entries that readers return: row, column, value, a share on each rank, in any order.
 
-Entries at the same place are summed. Rows are numbered, or named by node and direction.
+Entries at the same position are added up. Rows are numbered, or labelled by node and direction.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
-"""Numbers in fields of fixed width, as Fortran writes them: text and format enter, text with blanks between leaves.
+"""Separate numbers in fields of fixed width, as Fortran writes them, by blanks.
 
-Fields may touch each other ("0.1D+00-0.2D+00"), exponents have no letter ("0.1-101") or a blank ("1.0E 00").
+Fields may touch each other ("0.1D+00-0.2D+00"), exponents may have no letter ("0.1-101") or a blank ("1.0E 00").
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Nodes whose dofs point along axes of their own: matrices in such axes enter, matrices in the global ones leave."""
+"""Rotate matrices from axes of single nodes to the global axes."""
 
 import numpy as np
 

@@ -1,6 +1,4 @@
-"""Files that hold no matrix, but are often given in place of one that does: a file enters; a sentence leaves on what
-it is, and what to give in its place.
-"""
+"""Recognise files without matrices that are often given by mistake, and name the file to give instead."""
 
 import re
 import zipfile

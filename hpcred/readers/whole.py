@@ -1,8 +1,8 @@
-"""Whether matrices are whole whose format has no mark of its end: the rows that only one of K and M has tell it.
+"""Detect truncated matrices of formats without end mark, by rows that only one of K and M has.
 
-A text that is cut off behind a line looks like a smaller matrix. Of a whole one each row with an entry has one on the
-diagonal, and what has mass is held by some stiffness. Single nodes may be without mass, but not some corners, or some
-middles of edges, of solids and shells, nor many other nodes behind the last row of M. All functions are collective.
+A text that is cut after a line looks like a smaller matrix. In a complete one, each row with an entry has one on the
+diagonal, and nodes with mass have stiffness. Single nodes may be without mass, but not some corners or edge midpoints
+of solids and shells, nor many nodes after the last row of M. All functions are collective.
 """
 
 from __future__ import annotations

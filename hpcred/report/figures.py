@@ -1,4 +1,4 @@
-"""Figures; rank 0 only. Matplotlib is imported when the first one is drawn."""
+"""Draw figures of responses, errors and simulations, on rank 0. Matplotlib is imported when the first one is drawn."""
 
 import os
 import sys

@@ -1,6 +1,6 @@
-"""Shapes to look at: those of a result with their points and elements enter, pictures and moving pictures leave.
+"""Draw pictures and animations of the shapes of a result.
 
-The surface is drawn with a depth buffer, so that hidden parts are hidden and 10^5 nodes take seconds; titles, colour
+The surface is drawn with a depth buffer, which removes hidden surfaces and draws 10^5 nodes in seconds; titles, colour
 bar, axes and scale bar are matplotlib's.
 """
 

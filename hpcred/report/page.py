@@ -1,4 +1,4 @@
-"""One HTML file that works without a network: a page (plain values and arrays) enters, its text leaves."""
+"""Write a report (plain values and arrays) as one HTML file that needs no network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`--profile`: what PETSc's events took in each stage of a run, the slowest rank of each."""
+"""Print the times of PETSc events in each stage of a run, of the slowest rank (`--profile`)."""
 
 from ..parallel.petsc import PETSc
 from .tables import show_table

@@ -1,7 +1,7 @@
-"""Triangles and lines become pixels with a depth buffer: screen coordinates enter, what each pixel shows leaves.
+"""Rasterise triangles and lines with a depth buffer.
 
-Screen coordinates: x to the right and y down in pixels, z the depth, smaller in front. No loop over triangles: all
-rows of pixels of many triangles are looked at together.
+Screen coordinates: x to the right and y down in pixels, z the depth, smaller in front. There is no loop over triangles:
+the pixel rows of many triangles are processed together.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What is seen of a body: points and elements enter; the triangles, edges and outline of its surface leave.
+"""Extract the visible surface of a body: triangles, edges and outline.
 
-Faces of solid elements that occur once bound the body; shells are seen from both sides; beams become tubes. Without
+Faces of solid elements that occur once bound the body; shells are visible from both sides; beams become tubes. Without
 elements every node is a point.
 """
 

@@ -1,4 +1,4 @@
-"""Figures of a sweep: rows of its table and error curves enter; error over size, over each key, and eps(f) leave."""
+"""Draw figures of a sweep: error over size, over each key, and eps(f)."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Tables and JSON for people and scripts: what a workflow gave enters; text of rank 0, or a file, leaves."""
+"""Print tables, and write the results of workflows as text or JSON, on rank 0."""
 
 from __future__ import annotations
 

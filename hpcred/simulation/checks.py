@@ -1,4 +1,4 @@
-"""Numbers of a simulation's tables enter; what cannot be is refused with its key."""
+"""Check the numbers in the tables of a simulation; errors name the key."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ def require_node(where, node):
 
 
 def require_sine(where, frequency, phase):
-    """Raise InputError for what is no frequency in Hz above 0 and phase in rad."""
+    """Raise InputError unless the frequency (Hz) is above 0 and the phase (rad) in its range."""
     require_positive(where, frequency=frequency)
     within(f"{where}frequency", frequency, FREQUENCY)
     within(f"{where}phase", phase, (-1e6, 1e6, "rad"))

@@ -1,4 +1,4 @@
-"""One flexible body in the floating frame of reference: its equations of motion with constraints on nodes (12, 13).
+"""Form the equations of motion of a flexible body in the floating frame, with constraints on nodes (12, 13).
 
 Coordinates: position r of the body frame (inertial axes), unit quaternion p, elastic coordinates q; velocities in body
 axes v, w, and u = q'. With the momenta P = M(q) (v, w, u) and the kinetic energy T the equations are those of Lagrange
@@ -7,10 +7,10 @@ in quasi-velocities,
     P_v' + w x P_v = F,   P_w' + w x P_w + v x P_v = L,   P_u' - dT/dq = Q - K q - D u,
 
 in which M(q) is exact for a displacement field linear in q, so that a free undamped body keeps energy and momentum.
-Constraints enter with multipliers on velocity level, as an index-2 system (Section 5.2 of the paper). The multipliers
-are the derivatives of unknown impulses, which the integrator can control as well as the motion. Loads, springs and
-constraints act on nodes by B (6, 6 + m), which makes (v, w, u) the velocity and angular velocity of a node; see joints
-for its kinematics.
+Constraints are added with multipliers on velocity level, as an index-2 system (Section 5.2 of the paper). The
+multipliers are the derivatives of unknown impulses, whose error the integrator controls like that of the motion. Loads,
+springs and constraints act on nodes by B (6, 6 + m), which maps (v, w, u) to the velocity and angular velocity of a
+node; see joints for its kinematics.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Spring-dampers between nodes and the ground: tables of a simulation enter, wrenches, tangents and energies leave.
+"""Define spring-dampers between nodes and the ground, and compute their wrenches, tangents and energies.
 
 A bushing's rotation is the vector t with exp(skew(t)) = R R_start^T. Its energy t^T k t / 2 gives the moment
 -J(t)^-T k t, because omega = J(t) t'; see joints for x, R, v and omega, and rotations.rate_matrix for J.
@@ -24,9 +24,20 @@ ZERO = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class LineSpring:
-    """A spring-damper along the line from the ground at `at` (m) to a node.
+    """A spring-damper along the line from the ground to a node.
 
-    stiffness (N/m), damping (N s/m) against the change of length, free `length` (m), by default that at the start.
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    at : tuple of three floats
+        The other end, in m.
+    stiffness : float
+        Along the line, in N/m.
+    damping : float, default 0.0
+        Along the line, in N s/m.
+    length : float, optional
+        Free length in m; by default that at the start.
     """
 
     node: int | str
@@ -46,10 +57,18 @@ class LineSpring:
 
 @dataclass(frozen=True)
 class Bushing:
-    """Springs and dampers in inertial x, y, z against displacement from `at` (m), and against rotation from the start.
+    """Springs and dampers in inertial x, y, z against displacement of a node from a point, and against its rotation.
 
-    stiffness (N/m), damping (N s/m), rotational_stiffness (N m/rad), rotational_damping (N m s/rad), each for three
-    directions. at: by default where the node starts.
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    stiffness, damping : tuple of three floats, default (0, 0, 0)
+        In N/m and N s/m.
+    rotational_stiffness, rotational_damping : tuple of three floats, default (0, 0, 0)
+        Against the rotation vector from the start, in N m/rad and N m s/rad.
+    at : tuple of three floats, optional
+        The point in m; by default the initial position of the node.
     """
 
     node: int | str
@@ -71,7 +90,7 @@ class Bushing:
 
     @property
     def turns_with(self) -> bool:
-        """Whether it acts on rotations."""
+        """True if it acts on rotations."""
         return bool(np.any([self.rotational_stiffness, self.rotational_damping]))
 
 
@@ -95,7 +114,7 @@ class LineElement:
     length: float
 
     def _line(self, x):
-        """Direction (3,) from the ground to the node, and length."""
+        """Return the direction (3,) from the ground to the node, and the length."""
         length = np.linalg.norm(x - self.at)
         return (x - self.at) / (length or 1.0), length
 
@@ -128,7 +147,7 @@ class LineElement:
         return np.append(self._line(x)[0], np.zeros(3))[None] if self.stiffness else np.zeros((0, 6))
 
     def twist(self, R):
-        """Rotation vector (3,) in rad that it is twisted by."""
+        """Return the rotation vector (3,) of its twist in rad."""
         return np.zeros(3)
 
 

@@ -1,4 +1,4 @@
-"""Read input files of Abaqus and CalculiX with the matrices beside them, which tell whose they are."""
+"""Read input files of Abaqus and CalculiX with the matrix files beside them, which determine the program."""
 
 from ...parallel.failures import InputError, agreed
 from ...settings.source import Source

@@ -1,8 +1,8 @@
-"""Abaqus input files (.inp): a file enters; nodes at their places in the assembly, elements and sets leave.
+"""Read nodes, elements and sets of Abaqus input files (.inp), at their positions in the assembly.
 
-Each rank looks for keywords in its range of bytes; rank 0 walks through the keywords (parts, instances, includes),
-and all ranks share the data lines. Read are *Node, *Element, *Nset, *Elset, *Part, *Instance, *Assembly, *Include and
-*System; what else would change nodes, or the directions of dofs, is refused.
+Each rank looks for keywords in its range of bytes; rank 0 walks through the keywords (parts, instances, includes), and
+all ranks share the data lines. *Node, *Element, *Nset, *Elset, *Part, *Instance, *Assembly, *Include and *System are
+read; other keywords that change nodes, or directions of dofs, are refused.
 """
 
 import re

@@ -1,7 +1,7 @@
-"""Matrices as Abaqus' *MATRIX OUTPUT writes them: a text enters, entries leave, some on each rank.
+"""Read matrices in the formats of Abaqus' *MATRIX OUTPUT; each rank returns a share of the entries.
 
-FORMAT=COORDINATE has lines of row, column, value with numbers from 1 and both triangles. FORMAT=MATRIX INPUT has
-lines of node, dof, node, dof, value; of a symmetric matrix one triangle, of others both.
+FORMAT=COORDINATE has lines of row, column, value with numbers from 1 and both triangles. FORMAT=MATRIX INPUT has lines
+of node, dof, node, dof, value; one triangle of a symmetric matrix, both of others.
 """
 
 import re

@@ -1,7 +1,7 @@
-"""Sets of an Abaqus input file: its *Nset and *Elset blocks and its elements enter, node numbers by name leave.
+"""Make node sets from the *Nset and *Elset blocks and the elements of an Abaqus input file.
 
-A set of elements becomes the set of their nodes, "elements of NAME". Sets inside of an instance are named as Abaqus
-does, INSTANCE.NAME; those that Abaqus/CAE made for itself (internal) are left out.
+A set of elements becomes the set of their nodes, "elements of NAME". Sets in an instance are named as in Abaqus,
+INSTANCE.NAME; internal sets of Abaqus/CAE are left out.
 """
 
 import re

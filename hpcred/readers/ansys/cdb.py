@@ -1,7 +1,7 @@
-"""ANSYS' archive of a model (.cdb, of CDWRITE): a text enters; nodes, angles of their axes and elements leave.
+"""Read nodes, angles of nodal axes and elements of an ANSYS archive (.cdb, of CDWRITE).
 
-Read are the blocks NBLOCK and EBLOCK, whose second line is the Fortran format of their fields, and ET or ETBLOCK, the
-types of elements. Each rank looks for them in its range of bytes, then all share the lines of each block.
+The blocks NBLOCK and EBLOCK, whose second line is the Fortran format of their fields, and ET or ETBLOCK, the types of
+elements, are read. Each rank looks for them in its range of bytes, then all share the lines of each block.
 """
 
 import re

@@ -1,8 +1,8 @@
-"""ANSYS' assembled matrices (.full): a file enters; K, M and D without held dofs, and the nodes beside it, leave.
+"""Read K, M and D without held dofs from ANSYS' assembled matrices (.full), with the nodes of a file beside it.
 
-Each rank reads a share of the columns. The file keeps rows of held dofs (1 on the diagonal of K, all of M), and rows
-of dofs that constraint equations and couplings have eliminated (decoupled, 1 on the diagonal): both are left out.
-A distributed run writes a file of each process, body0.full, body1.full, ..., with what its elements add to the sum.
+Each rank reads a share of the columns. The file has rows of held dofs (1 on the diagonal of K, all of M), and rows of
+dofs that constraint equations and couplings have eliminated (decoupled, 1 on the diagonal); both are left out. A
+distributed run writes a file for each process, body0.full, body1.full, ..., whose contributions are added up.
 """
 
 import re

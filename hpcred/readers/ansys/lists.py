@@ -1,8 +1,8 @@
-"""Texts of ANSYS about nodes and rows: lists of nodes, HBMAT's mapping, and node numbers in the order of the rows.
+"""Read ANSYS' lists of nodes and rows: nodes, HBMAT's mapping, and node numbers in the order of the rows.
 
-Lists of nodes are those of NLIST (with headings on each page), NWRITE (without trailing zeros) and Workbench (a
-heading in any language, tabs, perhaps decimal commas). A .mapping file has lines of equation, node and name of the
-dof. A vector of nodes comes from *VEC,...,BACK and *EXPORT,...,MMF.
+Lists of nodes are those of NLIST (with headings on each page), NWRITE (without trailing zeros) and Workbench (a heading
+in any language, tabs, decimal points or commas). A .mapping file has lines of equation, node and name of the dof. A
+vector of nodes comes from *VEC,...,BACK and *EXPORT,...,MMF.
 """
 
 import re

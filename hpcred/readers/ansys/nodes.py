@@ -1,4 +1,4 @@
-"""Nodes for matrices of ANSYS: the matrix file enters; nodes, turned axes and elements of a file beside it leave."""
+"""Find the nodes, nodal axes and elements that belong to a matrix file of ANSYS, in a file beside it."""
 
 from dataclasses import dataclass, field
 from os.path import commonprefix

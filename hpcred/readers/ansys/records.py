@@ -1,8 +1,8 @@
-"""Binary files of ANSYS (.full, .rst): a file enters; its records leave, one by one, or many columns of a matrix.
+"""Read the records of ANSYS' binary files (.full, .rst), one by one, or many columns of a matrix at once.
 
-A record is a word of its length n, a word of flags, n words, and its length again; words have 4 bytes, places in the
-file count words. Integers take a word, floating-point numbers two. Flags say which of them it is, and whether zeros
-were squeezed out: by a mask of bits, or as windows of what is not zero.
+A record is a word with its length n, a word of flags, n words, and its length again. Words have 4 bytes, positions in
+the file count words. Integers take one word, floating-point numbers two. The flags tell which of them it is, and
+whether zeros are omitted: by a bit mask, or as windows of nonzeros.
 """
 
 from dataclasses import dataclass

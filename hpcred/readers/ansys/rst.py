@@ -1,4 +1,4 @@
-"""ANSYS' result file (.rst): a file enters; its nodes and the angles of their axes leave, each rank its share."""
+"""Read nodes and the angles of their axes from ANSYS' result file (.rst); each rank reads a share."""
 
 import numpy as np
 

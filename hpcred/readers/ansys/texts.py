@@ -1,8 +1,8 @@
-"""Matrices that ANSYS wrote as texts: one of them enters; it, the others, their rows and the nodes beside it leave.
+"""Read the matrices that ANSYS wrote as texts, given one of them, with their rows and the nodes beside them.
 
-HBMAT writes Harwell-Boeing files, whose title says which matrix it is, and a .mapping file of the rows. *EXPORT of
-APDL Math writes Matrix Market files; their names say which matrix they are, and the rows come from a .mapping file of
-HBMAT, or, where no dof is held, from a vector of node numbers.
+HBMAT writes Harwell-Boeing files, whose title tells which matrix it is, and a .mapping file of the rows. *EXPORT of
+APDL Math writes Matrix Market files, whose names tell which matrices they are; the rows come from a .mapping file of
+HBMAT, or, if no dof is held, from a vector of node numbers.
 """
 
 import re

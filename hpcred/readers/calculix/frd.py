@@ -1,8 +1,7 @@
-"""Read nodes and elements of a file of results of CalculiX (.frd), as text or, of *NODE OUTPUT, binary.
+"""Read nodes and elements of result files of CalculiX (.frd), text or binary (*NODE OUTPUT).
 
-A block of nodes (2C) and one of elements (3C) stand in front of all results; their heads say how many there are, and in
-which form: 0 and 1 are texts with fields of 5 or 10 columns for a number, 2 and 3 are binary, with places of four and
-of eight bytes.
+A block of nodes (2C) and one of elements (3C) precede all results. Their headers have the counts and the form: 0 and 1
+are texts with fields of 5 or 10 columns for a number, 2 and 3 are binary, with coordinates of four and eight bytes.
 """
 
 import mmap

@@ -1,8 +1,8 @@
-"""Matrices as CalculiX writes them (.sti, .mas, also .gz): a text enters, entries of both triangles leave.
+"""Read matrices in the text format of CalculiX (.sti, .mas, also .gz); the entries have both triangles.
 
 Each line has row, column, value with numbers from 1, of the upper triangle with its whole diagonal, ascending by column
-and then by row. The text has no counts, so that these rules, the last line break, and the other matrix with the same
-places show damage.
+and then by row. The text has no counts: damage is detected by these rules, by the last line break, and by the other
+matrix, which has the same pattern.
 """
 
 import re

@@ -1,7 +1,7 @@
-"""What CalculiX writes with *FREQUENCY, SOLVER=MATRIXSTORAGE: one of its files enters, the parts of a model leave.
+"""Read the model that CalculiX writes with *FREQUENCY, SOLVER=MATRIXSTORAGE, given one of its files.
 
-beam.sti and beam.mas are K and M without the dofs of supports and of dependent nodes; beam.dof names node and direction
-of each row; beam.inp beside them has nodes, elements, sets, supports (*Boundary) and rigid bodies. Without it beam.frd
+beam.sti and beam.mas are K and M without the dofs of supports and of dependent nodes; beam.dof has node and direction
+of each row; beam.inp beside them has nodes, elements, sets, supports (*Boundary) and rigid bodies. Without it, beam.frd
 of another run has nodes and elements.
 """
 

@@ -1,7 +1,7 @@
-"""MATLAB files of version 4 and 5 (also 6 and 7): a file enters; its variables, and columns or rows of one, leave.
+"""Read the variables of MATLAB files of version 4 and 5 (also 6 and 7), and columns or rows of one.
 
-Version 5 is a list of elements, each perhaps packed by zlib, which is then unpacked up to what is wanted; what is not
-packed is read at its place. Structs and cells are looked into, up to a depth.
+Version 5 is a list of elements, optionally compressed by zlib. A compressed element is unpacked up to the wanted
+part; others are read in place. Structs and cells are searched up to a depth.
 """
 
 import zlib

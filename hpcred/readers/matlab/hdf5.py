@@ -1,8 +1,8 @@
-"""MATLAB files of version 7.3, which are HDF5: a file enters; its variables, and columns or rows of one, leave.
+"""Read the variables of MATLAB files of version 7.3, which are HDF5, and columns or rows of one.
 
 A sparse matrix is a group with the attribute MATLAB_sparse (its rows) and the arrays data, ir, jc, of which the first
-two are missing where it is empty; a dense one is an array with its columns as rows; a struct is a group; cells and
-struct arrays hold references.
+two are missing if it is empty; a dense one is an array with its columns as rows; a struct is a group; cells and struct
+arrays contain references.
 """
 
 from contextlib import contextmanager

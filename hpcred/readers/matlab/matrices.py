@@ -1,8 +1,8 @@
-"""Models in MATLAB files (.mat of version 4 to 7.3): a file enters, matrices or the parts of a model leave.
+"""Read matrices or models from MATLAB files (.mat of version 4 to 7.3).
 
-Matrices are taken by usual names (K, KAA, KGG, ...), alone or in structs, or by those that the user gives. `nodes` has
-rows (or columns) of number, x, y, z, or of x, y, z of the nodes 1, 2, 3, ...; `dofs` has rows (or columns) of node,
-direction (1 to 6), one for each row of K.
+Matrices have usual names (K, KAA, KGG, ...), alone or in structs, or names that the user gives. `nodes` has rows (or
+columns) of number, x, y, z, or of x, y, z of the nodes 1, 2, 3, ...; `dofs` has rows (or columns) of node, direction
+(1 to 6), one for each row of K.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a .mat file holds: the variables of MATLAB files of all versions, by name, shape and place."""
+"""List the variables of MATLAB files of all versions, by name, shape and position."""
 
 from dataclasses import dataclass
 

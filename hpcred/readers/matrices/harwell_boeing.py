@@ -1,7 +1,7 @@
-"""Harwell-Boeing and Rutherford-Boeing files: a text enters, entries leave, some on each rank.
+"""Read Harwell-Boeing and Rutherford-Boeing files; each rank returns a share of the entries.
 
-Three lists (where columns begin, row numbers, values), each in lines of fixed format, which a header of four or five
-lines announces. Each rank reads a range of bytes; then each gets the entries of its share with their columns.
+A file has three lists (column starts, row numbers, values) in lines of fixed format, which a header of four or five
+lines declares. Each rank reads a range of bytes; then each gets the entries of its share with their columns.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Matrix Market files (also .gz): a coordinate or array file enters, entries leave, some on each rank."""
+"""Read Matrix Market files (also .gz), coordinate or array; each rank returns a share of the entries."""
 
 import numpy as np
 

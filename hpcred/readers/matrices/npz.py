@@ -1,6 +1,6 @@
-"""Files of scipy.sparse.save_npz (CSR, CSC or COO): a file enters, entries leave, each rank its share of rows.
+"""Read files of scipy.sparse.save_npz (CSR, CSC or COO); each rank reads its share of rows.
 
-The arrays lie packed in a zip archive: each rank unpacks them up to the end of its share, and keeps its share.
+The arrays are compressed in a zip archive: each rank unpacks them up to the end of its share, and keeps its share.
 """
 
 import struct

@@ -1,4 +1,4 @@
-"""PETSc binary files, real AIJ, indices of 32 or 64 bits: a file enters, entries leave, each rank its share of rows."""
+"""Read PETSc binary files, real AIJ with indices of 32 or 64 bits; each rank reads its share of rows."""
 
 import os
 

@@ -1,7 +1,7 @@
-"""Input files of Nastran and OptiStruct (.bdf, .dat, .fem): a file enters, its points, elements and few cards leave.
+"""Read points, elements and constraint cards of input files of Nastran and OptiStruct (.bdf, .dat, .fem).
 
-Read are the grid and scalar points, coordinate systems, elements as far as pictures need them, and the cards that tell
-which dofs have no row (see nastran_sets). Each rank reads its share of the lines; the cards of systems and constraints,
+Grid and scalar points, coordinate systems, elements as far as pictures need them, and the cards that determine which
+dofs have no row (see sets) are read. Each rank reads its share of the lines; the cards of systems and constraints,
 which are few, are collected on all ranks.
 """
 

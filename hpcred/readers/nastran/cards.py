@@ -1,6 +1,6 @@
-"""Bulk data of Nastran: pieces of text enter, the fields of their cards leave, in small, large and free form.
+"""Split bulk data of Nastran into cards and fields, in small, large and free field format.
 
-A card begins where a line begins with a letter; the lines below it that do not continue it.
+A card begins with a line that begins with a letter, and has the continuation lines after it.
 """
 
 import re

@@ -1,6 +1,6 @@
-"""Matrices on DMIG cards of Nastran and OptiStruct (.pch): a text enters, entries with labels leave, some on each rank.
+"""Read matrices on DMIG cards of Nastran and OptiStruct (.pch); each rank returns a share of labelled entries.
 
-A matrix has a card NAME, 0, form, type, then one card a column: NAME, node, direction, and for each entry node,
+A matrix has a card NAME, 0, form, type, then one card per column: NAME, node, direction, and for each entry node,
 direction, real part, imaginary part. Of a symmetric matrix one half is given. The numbers have few digits.
 """
 

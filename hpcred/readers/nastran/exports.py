@@ -1,8 +1,8 @@
-"""Exports of Nastran, OptiStruct and MYSTRAN: a file with its companions enters, the parts of a model leave.
+"""Read exports of Nastran, OptiStruct and MYSTRAN, a file with its companions, to the parts of a model.
 
-Matrices stand on OP4, in OP2 or on DMIG cards; which dofs their rows are, and where the nodes lie, is said by an OP2 of
-the same name beside them (USET, BGPDT), or by the input file. Rows in displacement systems of the nodes (CD) are turned
-to x, y, z.
+The matrices are in OP4, in OP2 or on DMIG cards. The dofs of their rows and the nodes come from an OP2 of the same name
+beside them (USET, BGPDT), or from the input file. Rows in displacement systems of the nodes (CD) are rotated to
+x, y, z.
 """
 
 from dataclasses import dataclass

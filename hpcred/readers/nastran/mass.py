@@ -1,4 +1,4 @@
-"""The mass that a Nastran run says of itself, to compare with that of a mass matrix without a mark of its end."""
+"""Read the mass that a Nastran run reports, to check a mass matrix from a file without end mark."""
 
 from __future__ import annotations
 

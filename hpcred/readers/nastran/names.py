@@ -1,4 +1,4 @@
-"""Names of matrices in a file of Nastran enter; which of them are K, M and D leaves."""
+"""Decide by their names which matrices of a Nastran file are K, M and D."""
 
 from dataclasses import dataclass
 

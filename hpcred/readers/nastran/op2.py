@@ -1,7 +1,7 @@
-"""Tables of Nastran's OUTPUT2: a file enters, the points of each superelement, with the sets of their dofs, leave.
+"""Read the points of each superelement, with the sets of their dofs, from tables of Nastran's OUTPUT2.
 
-A file is a chain of Fortran records: single whole numbers (keys) say what follows. Rank 0 follows the chain once; of
-the tables BGPDT (places), USET (sets), EQEXIN (numbers) and CSTM (coordinate systems) each rank reads its share.
+A file is a sequence of Fortran records: single integers (keys) announce what follows. Rank 0 follows the sequence once;
+of the tables BGPDT (positions), USET (sets), EQEXIN (numbers) and CSTM (coordinate systems) each rank reads its share.
 """
 
 import mmap

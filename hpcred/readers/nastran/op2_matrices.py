@@ -1,7 +1,7 @@
-"""Read matrices (KGG, MGG, ...) that stand in a file of Nastran's OUTPUT2.
+"""Read matrices (KGG, MGG, ...) of a file of Nastran's OUTPUT2.
 
-A column is a chain of records, each with the number of its first row and the values from there on; keys between them
-say how much follows. Rank 0 follows the chain once, and each rank decodes its share of whole columns.
+A column is a sequence of records, each with the number of its first row and the values from there on; keys between
+them announce their lengths. Rank 0 follows the sequence once, and each rank decodes its share of whole columns.
 """
 
 import mmap

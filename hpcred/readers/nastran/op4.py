@@ -1,7 +1,7 @@
-"""Matrices of Nastran's OUTPUT4, text or binary: a file enters, its table of contents or the entries of one leave.
+"""Read matrices of Nastran's OUTPUT4, text or binary: the table of contents, or the entries of one.
 
-A matrix is a header of columns, rows, form, type and name, then one record a column (number of the column, first row or
-0, number of words, words), and a last record of a column that does not exist. Where the first row is 0 the words are
+A matrix has a header of columns, rows, form, type and name, then one record per column (number of the column, first row
+or 0, number of words, words), and a last record of a column that does not exist. If the first row is 0, the words are
 strings, each with the length and the first row of its numbers: two words, or (nonbigmat) both packed in one.
 """
 

@@ -1,7 +1,7 @@
-"""Binary files of OUTPUT4: a file enters, its matrices or the entries of one leave.
+"""Read binary files of OUTPUT4: all matrices, or the entries of one.
 
-A file is a chain of Fortran records without table: rank 0 follows it once, and each rank decodes its share of the
-bytes.
+A file is a sequence of Fortran records without a table of contents: rank 0 follows it once, and each rank decodes its
+share of the bytes.
 """
 
 import mmap

@@ -1,4 +1,4 @@
-"""The header of a matrix in a file of OUTPUT4: its numbers and name enter, a Matrix leaves."""
+"""Read the header of a matrix in a file of OUTPUT4."""
 
 from dataclasses import dataclass
 

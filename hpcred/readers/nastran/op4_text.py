@@ -1,4 +1,4 @@
-"""Texts of OUTPUT4: a file enters, its matrices or the entries of one leave. Each rank reads its share of the lines."""
+"""Read text files of OUTPUT4: all matrices, or the entries of one. Each rank reads its share of the lines."""
 
 import os
 import re

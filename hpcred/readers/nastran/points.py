@@ -1,6 +1,6 @@
-"""Grid and scalar points of Nastran: coordinate systems and sets of dofs enter, row labels and turned matrices leave.
+"""Make row labels from grid and scalar points of Nastran, and rotate matrices from their displacement systems.
 
-Each point has positions in the basic system, perhaps a displacement system of its own (CD), in whose directions its
+Each point has a position in the basic system, optionally a displacement system of its own (CD), in whose directions its
 dofs are counted, and marks on dofs that have no row: dependent (m), held (s), omitted (o), and free supports (r).
 """
 

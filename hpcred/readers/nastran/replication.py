@@ -1,8 +1,8 @@
-"""Replicated cards of Nastran: a text of bulk data enters; one in which each card stands in full leaves.
+"""Expand replicated cards of Nastran bulk data.
 
-A line that begins with = is made from the card above it, field by field: = is what stands there, == what stands there
-and in all fields behind, *(x) or *x what stands there plus x, and anything else is itself. =(n) or =n alone in a line
-makes n more cards with the increments of the line above it. That is for cards of one line, in small or free form.
+A line that begins with = is made from the card above it, field by field: = repeats the field, == repeats it and all
+fields after it, *(x) or *x adds x, and anything else replaces it. =(n) or =n alone in a line makes n more cards with
+the increments of the line above it. Cards must have one line, in small or free field format.
 """
 
 import re

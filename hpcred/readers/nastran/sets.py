@@ -1,6 +1,7 @@
-"""Sets of dofs of an input file of Nastran: its cards enter; marks on the dofs of points that have no row leave.
+"""Mark the dofs that have no row, from the cards of a Nastran input file.
 
-Supports, rigid elements, multi-point constraints, ASET and OMIT say it, or the EXTRN of an external superelement.
+The cards are supports, rigid elements, multi-point constraints, ASET and OMIT, or the EXTRN of an external
+superelement.
 """
 
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Text tables of nodes (lines of node, x, y, z) and of rows (lines of node, direction): this rank's lines leave."""
+"""Read text tables of nodes (node, x, y, z) and of rows (node, direction); each rank reads a share of the lines."""
 
 from dataclasses import dataclass
 from pathlib import Path

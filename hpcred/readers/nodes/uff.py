@@ -1,7 +1,7 @@
 """Read nodes and elements of universal files (UFF, .unv).
 
-Read are the nodes of datasets 15, 781 and 2411 and the elements of 780 and 2412, and of coordinate systems (18, 2420)
-which are the global one. A dataset stands between two lines of -1.
+The nodes of datasets 15, 781 and 2411 and the elements of 780 and 2412 are read, and of coordinate systems (18, 2420)
+which of them are the global one. A dataset is between two lines of -1.
 """
 
 import os
