@@ -224,18 +224,19 @@ def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False, Me=None
 
 
 def _adds_up(S, Me):
-    """Whether S[0, 0] + S[1, 1] + S[2, 2] is Me, each coordinate in its own size."""
+    """Test whether S[0, 0] + S[1, 1] + S[2, 2] is Me, each coordinate in its own size."""
     sizes = np.sqrt(np.abs(np.diag(Me)))
     return bool((np.abs(np.einsum("aakl->kl", S) - Me) <= SAME_PRODUCTS * np.outer(sizes, sizes)).all())
 
 
 def _heaviest(masses):
-    """The first direction with all the mass: no node is missing in it."""
+    """Return the first direction with all the mass: no node is missing in it."""
     return np.flatnonzero(masses >= (1 - SAME_MASS) * masses.max())[:1] if masses.max() > 0 else []
 
 
 def _integrals(model, columns, origin, mass, bases):
-    """N (m, 3, 3) and S (3, 3, m, m), the mean of those by the mass matrices of the directions `bases`. Collective."""
+    """Return N (m, 3, 3) and S (3, 3, m, m), the mean of those by the mass matrices of the directions `bases`.
+    Collective."""
     count = int(np.diff(columns.getActiveColumns())[0])
     parts = [slice(low, min(low + WIDTH, count)) for low in range(0, count, WIDTH)]
     N, S = np.zeros((count, 3, 3)), np.zeros((3, 3, count, count))
@@ -260,7 +261,8 @@ def _integrals(model, columns, origin, mass, bases):
 
 
 def _field(model, columns, scalar, direction, base, mine):
-    """The displacements of the columns in a direction, at the rows `mine` of the direction `base`. Collective."""
+    """Return the displacements of the columns in a direction, at the rows `mine` of the direction `base`.
+    Collective."""
     with Owned(model.comm) as owned:
         transfer = owned.owns(_transfer(model, direction, base, mine))
         first, last = columns.getActiveColumns()
@@ -271,7 +273,7 @@ def _field(model, columns, scalar, direction, base, mine):
 
 
 def _product(comm, scalar, values):
-    """The scalar mass matrix times columns (rows, k), the rows of this rank of both. Collective."""
+    """Return the scalar mass matrix times columns (rows, k), the rows of this rank of both. Collective."""
     with Owned(comm) as owned:
         given, product = (owned.owns(create_block(scalar, values.shape[1])) for _ in range(2))
         with local_rows(given) as rows:
@@ -282,8 +284,8 @@ def _product(comm, scalar, values):
 
 
 def _transfer(model, source, target, mine):
-    """T that takes the component in direction `source` of every node to the place of its row in direction `target`;
-    `mine`: the local rows in that direction."""
+    """Return T that takes the component in direction `source` of every node to the place of its row in direction
+    `target`; `mine`: the local rows in that direction."""
     comm, dofs = model.comm, model.dofs
     rows = np.arange(model.first_row, model.first_row + model.local_rows)
     if source == target:
@@ -308,13 +310,13 @@ def _transfer(model, source, target, mine):
 
 
 def _meeting_rank(node, ranks):
-    """Ranks (nodes,) that share node numbers evenly, also those that go up in tens (Fibonacci hashing)."""
+    """Return ranks (nodes,) that share node numbers evenly, also those that go up in tens (Fibonacci hashing)."""
     mixed = node.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     return ((mixed >> np.uint64(40)) % np.uint64(ranks)).astype(np.int64)
 
 
 def _lumped(model):
-    """A diagonal matrix with the row sums of M for unit translations."""
+    """Return a diagonal matrix with the row sums of M for unit translations."""
     with ExitStack() as stack:
         motions, momentum = rigid_motions(model), create_block(model.M, 6)
         stack.callback(motions.destroy)

@@ -94,14 +94,16 @@ def _with_references(model, columns, nodes, references):
 
 
 def interface_nodes(model) -> list[int]:
-    """The nodes of the inputs and outputs that are named by node, in ascending order, and the interface nodes."""
+    """Return the nodes of the inputs and outputs that are named by node, in ascending order, and the interface
+    nodes."""
     nodes = {node_of(name) for name in (*model.input_names, *model.output_names)}
     references = [item.node for item in model.interfaces]
     return sorted(node for node in nodes if isinstance(node, int) and node not in references) + references
 
 
 def shapes_of_rows(nodes, labels, directions, positions, rows, name) -> list[NodeShape]:
-    """The shapes of nodes from rows of the basis (k, m), with their labels (k,), directions (k,), positions (k, 3).
+    """Return the shapes of nodes from rows of the basis (k, m), with their labels (k,), directions (k,), positions (k,
+    3).
 
     Raises InputError for a node that has no row, or rows whose directions in space are not known.
     """

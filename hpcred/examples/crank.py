@@ -82,14 +82,15 @@ def _cells(layers):
 
 
 def _count(layers):
-    """The number of dofs."""
+    """Return the number of dofs."""
     across, along, eyes = _cells(layers)
     plane = sum((through + 1) * (across + rest) for through, rest in eyes) + (along - 1) * (across + 1)
     return 3 * plane * (layers + 1)
 
 
 def _plane(layers):
-    """Points (k, 2), quadrilaterals (cells, 4) counterclockwise, and the points on the inner circle of each eye."""
+    """Return points (k, 2), quadrilaterals (cells, 4) counterclockwise, and the points on the inner circle of each
+    eye."""
     across, along, eyes = _cells(layers)
     points, quads, inner, arcs, start = [], [], {}, [], 0
     for (name, (r0, r1, half)), (through, rest), middle in zip(EYES.items(), eyes, (0.0, np.pi), strict=True):
@@ -115,18 +116,18 @@ def _plane(layers):
 
 
 def _grid(number, beside):
-    """Quadrilaterals of a grid of numbered points; `beside`: the neighbours along the second axis."""
+    """Return quadrilaterals of a grid of numbered points; `beside`: the neighbours along the second axis."""
     return np.stack([number[:-1], number[1:], beside[1:], beside[:-1]], axis=-1).reshape(-1, 4)
 
 
 def _hexahedra(quads, layers, cells):
-    """Points (cells, 8) of the body, from 0; cell = quadrilateral * layers + layer."""
+    """Return points (cells, 8) of the body, from 0; cell = quadrilateral * layers + layer."""
     low = quads[cells // layers] * (layers + 1) + (cells % layers)[:, None]
     return np.concatenate([low, low + 1], axis=1)
 
 
 def _elements(corners, height, young, poisson, density):
-    """K (quads, 24, 24) and the mass (quads, 8, 8) of one component, by 2 x 2 x 2 Gauss points."""
+    """Return K (quads, 24, 24) and the mass (quads, 8, 8) of one component, by 2 x 2 x 2 Gauss points."""
     elastic = elasticity(young, poisson)
     stiffness, mass = np.zeros((len(corners), 24, 24)), np.zeros((len(corners), 8, 8))
     level = np.repeat([-1, 1], 4)
@@ -151,7 +152,7 @@ def _elements(corners, height, young, poisson, density):
 
 
 def _rows(quads, layers, first, last, stiffness, mass):
-    """CSR of the points first .. last - 1, three rows each, from blocks of pairs of points."""
+    """Return CSR of the points first .. last - 1, three rows each, from blocks of pairs of points."""
     levels = layers + 1
     near = np.flatnonzero(((quads * levels < last) & (quads * levels + layers >= first)).any(axis=1))
     cells = (near[:, None] * layers + np.arange(layers)).ravel()

@@ -108,7 +108,7 @@ def _rows(place, nodes, grid, cells, clamped, skipped, elements):
 
 
 def elasticity(young, poisson):
-    """Stresses (xx, yy, zz, xy, yz, xz) by strains (6, 6) of an isotropic material."""
+    """Return stresses (xx, yy, zz, xy, yz, xz) by strains (6, 6) of an isotropic material."""
     lame = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
     shear = young / (2 * (1 + poisson))
     elastic = np.diag([2 * shear] * 3 + [shear] * 3)
@@ -117,7 +117,8 @@ def elasticity(young, poisson):
 
 
 def hexahedron(edges, young, poisson, density):
-    """K (24, 24) and consistent M (24, 24) of a trilinear brick with the given edges, by 2 x 2 x 2 Gauss points."""
+    """Return K (24, 24) and consistent M (24, 24) of a trilinear brick with the given edges, by 2 x 2 x 2 Gauss
+    points."""
     edges = np.asarray(edges, dtype=float)
     corners = np.array(list(product((-1, 1), repeat=3)))
     elastic = elasticity(young, poisson)

@@ -14,7 +14,7 @@ from .interfaces import SIX
 
 
 def couple(model):
-    """The model in which the dofs of rigid sets follow their reference nodes, and T (n, n^) with q = T q^.
+    """Return the model in which the dofs of rigid sets follow their reference nodes, and T (n, n^) with q = T q^.
 
     The dofs of the reference nodes come last. Without rigid sets the model itself, with references of its own, and
     None. Collective.
@@ -27,7 +27,7 @@ def couple(model):
 
 
 def _coupling(model, rigid):
-    """T (n, n^), and the labels of the rows of this rank of q^."""
+    """Return T (n, n^), and the labels of the rows of this rank of q^."""
     comm, last = model.comm, model.comm.rank == model.comm.size - 1
     follow = np.zeros(model.local_rows, bool)
     entries = []

@@ -23,12 +23,12 @@ def check_definite(model):
 
 
 def doubts_of_definiteness(model) -> list[str]:
-    """Sentences on K and M where one of them has the other sign, or is indefinite."""
+    """Return sentences on K and M where one of them has the other sign, or is indefinite."""
     return [sentence for sentence in (_of_stiffness(model), _of_mass(model)) if sentence]
 
 
 def growing(model, squares: np.ndarray) -> str | None:
-    """A sentence where one of these eigenvalues omega^2 of (K, M), in (rad/s)^2, is negative, or None."""
+    """Return a sentence where one of these eigenvalues omega^2 of (K, M), in (rad/s)^2, is negative, or None."""
     negative = squares < -zero_of(model)
     if not negative.any():
         return None
@@ -37,18 +37,18 @@ def growing(model, squares: np.ndarray) -> str | None:
 
 
 def growing_in_words(model, count: int, more="") -> str:
-    """A sentence on so many negative eigenvalues."""
+    """Return a sentence on so many negative eigenvalues."""
     return f"{model.name}: found {count} negative eigenvalue{'s' * (count > 1)} of (K, M){more}: {UNSTABLE}"
 
 
 def zero_of(model) -> float:
-    """How far an eigenvalue, in (rad/s)^2, may be below zero by round-off and the digits of K."""
+    """Return how far an eigenvalue, in (rad/s)^2, may be below zero by round-off and the digits of K."""
     digits = digits_of(model.K)
     return max(ZERO, 10.0 ** (2 - digits) if digits else 0.0) * abs(model.mean_eigenvalue)
 
 
 def _signs(model, key):
-    """Lowest and highest quotient, those of round-off as zero; nothing is said of unsymmetric matrices."""
+    """Return lowest and highest quotient, those of round-off as zero; nothing is said of unsymmetric matrices."""
     if model.symmetry_defects[key] > SYMMETRIC_TO:
         return 0.0, 1.0
     low, high = model.extreme_quotients(key)

@@ -23,7 +23,8 @@ DOUBTFUL = 1e-5  # relative error of a frequency
 
 
 def digits_of(mat) -> int | None:
-    """How many decimal digits the entries of a matrix were rounded to, or None where they have all. Collective."""
+    """Return how many decimal digits the entries of a matrix were rounded to, or None where they have all.
+    Collective."""
     first, last = mat.getOwnershipRange()
     rows = np.unique(np.linspace(first, last - 1, ROWS).astype(int)) if last > first else []
     values = np.unique(np.abs(np.concatenate([np.zeros(1), *(mat.getRow(int(row))[1].real for row in rows)])))[1:]
@@ -40,7 +41,7 @@ def digits_of(mat) -> int | None:
 
 
 def doubts_of_digits(model, K, squares: np.ndarray, block) -> list[str]:
-    """Sentences on frequencies that the digits of a file do not hold. Collective.
+    """Return sentences on frequencies that the digits of a file do not hold. Collective.
 
     `squares` (m,): eigenvalues in (rad/s)^2, ascending, and Inf for those that do not count, of the columns of `block`
     (n, m), of which each has x^T M x = 1, and of K, which may be that of `model` without the dofs of a frame.

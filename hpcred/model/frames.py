@@ -283,7 +283,7 @@ def _rows_of_chord(model, frame):
 
 
 def _remove(model, held, rotated):
-    """The model without the global rows `held`, after rotating the dofs (rows, axes) of some nodes, and T."""
+    """Return the model without the global rows `held`, after rotating the dofs (rows, axes) of some nodes, and T."""
     comm, first, last = model.comm, model.first_row, model.first_row + model.local_rows
     free = np.setdiff1d(np.arange(first, last), held).astype(PETSc.IntType)
     total = comm.allreduce(len(free))
@@ -308,7 +308,7 @@ def _remove(model, held, rotated):
 
 
 def _rotation(model, rotated):
-    """Q (n, n): the identity but for 3 x 3 blocks whose columns are the axes of the nodes to rotate."""
+    """Return Q (n, n): the identity but for 3 x 3 blocks whose columns are the axes of the nodes to rotate."""
     first, last = model.first_row, model.first_row + model.local_rows
     blocks = [(np.repeat(rows, 3), np.tile(rows, 3), axes.T.ravel()) for rows, axes in rotated]
     i, j, v = (np.concatenate(parts) for parts in zip(*blocks, strict=True))

@@ -189,13 +189,13 @@ class SecondOrderModel:
         raise AttributeError(f"a SecondOrderModel has no attribute '{name}'")
 
     def __repr__(self):
-        """One line. Not collective, since notebooks and debuggers ask for it on one rank."""
+        """Return one line. Not collective, since notebooks and debuggers call it on one rank."""
         size = f"{self.K.getSize()[0]} dofs" if "K" in vars(self) else "closed"
         return (f"<SecondOrderModel {self.name}: {size}, {len(self.input_names)} inputs, {len(self.output_names)} "
                 "outputs>")  # fmt: skip
 
     def __str__(self):
-        """Three lines on what the model is. Collective."""
+        """Return three lines that describe the model. Collective."""
         matrices = ", ".join(sorted(self.matrices))
         nodes = "without nodes" if self.dofs is None else f"{self.node_count} nodes"
         return (

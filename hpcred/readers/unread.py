@@ -63,7 +63,7 @@ def refuse_unread(path):
 
 
 def _archive(path):
-    """What a zip archive is that holds no arrays; None for one that does, or is damaged."""
+    """Return what a zip archive without arrays is; None for one with arrays, or a damaged one."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()

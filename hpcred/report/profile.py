@@ -21,7 +21,7 @@ def start_profile():
 
 
 def show_profile(comm, progress):
-    """One row an event and stage, in the order of time. Collective."""
+    """Print one row per event and stage, in the order of time. Collective."""
     progress.timing()
     rows, total = [], sum(progress.seconds.values())
     # groups of ranks may have come through different stages

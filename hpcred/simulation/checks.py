@@ -53,13 +53,14 @@ def require_times(where, times, values):
 
 
 def shortest_interval(times, end) -> float:
-    """The shortest interval (s) of ascending times that has a part between 0 and `end`; inf where there is none."""
+    """Return the shortest interval (s) of ascending times that has a part between 0 and `end`; inf where there is
+    none."""
     times = np.asarray(times)
     return np.diff(times)[(times[1:] > 0) & (times[:-1] < end)].min(initial=np.inf)
 
 
 def unit(where, key, vector) -> np.ndarray:
-    """The unit vector (3,) of an axis. Raises InputError for one without length."""
+    """Return the unit vector (3,) of an axis. Raises InputError for one without length."""
     require_finite(where, **{key: vector})
     length = np.linalg.norm(vector)
     if length == 0:

@@ -212,7 +212,8 @@ class Hold:
 
 
 def holds_of(joints, drives, start) -> list[Hold]:
-    """The constraints of joints and drives. `start`: for each node its shape, place (3,) and rotation (3, 3) at first.
+    """Return the constraints of joints and drives. `start`: for each node its shape, place (3,) and rotation (3, 3) at
+    first.
 
     Raises InputError for joints at nodes without rotations, and drives of rotations that no joint at the node holds.
     """
@@ -254,7 +255,7 @@ def _support(node, drives, place) -> Support:
 
 
 def _driven(node, joints, support):
-    """Directions of displacements and rotations that drives hold beside the joints at their node."""
+    """Return directions of displacements and rotations that drives hold beside the joints at their node."""
     rows = [item.held() for item in joints]
     held, turned = (np.concatenate([np.zeros((0, 3)), *parts]) for parts in zip(*rows, strict=True)) if rows else (
         np.zeros((0, 3)), np.zeros((0, 3)))  # fmt: skip

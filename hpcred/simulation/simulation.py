@@ -295,7 +295,8 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
 
 
 def doubts_of_places(body: Body, setup: Simulation, start: dict) -> list[str]:
-    """Sentences on places so far from their nodes, which start at `start` {number: (3,)}, that they look like mm."""
+    """Return sentences on places so far from their nodes, which start at `start` {number: (3,)}, that they look like
+    mm."""
     frame = body.floating_frame
     centre = frame.mc / frame.mass
     size = np.sqrt(max(np.trace(frame.J) / frame.mass / 2 - centre @ centre, 0.0))  # radius of gyration
@@ -351,7 +352,8 @@ def _integrate(system, setup, y0, yp0, progress):
 
 
 def _steps_of_turns(setup) -> float:
-    """About how many steps rotations take: those of the drives, and that of a body on which nothing else acts."""
+    """Return about how many steps rotations take: those of the drives, and that of a body on which nothing else
+    acts."""
     turned = sum(drive.travel(setup.end) for drive in setup.drive if drive.about is not None)
     if not (setup.constraint or setup.drive):
         turned += float(np.linalg.norm(setup.angular_velocity)) * setup.end
@@ -363,7 +365,8 @@ def _too_many(found: str, advice: str) -> InputError:
 
 
 def _pace(end):
-    """An event of the integrator that refuses a simulation whose steps stay so short that it takes far too many."""
+    """Return an event of the integrator that refuses a simulation whose steps stay so short that it takes far too
+    many."""
     last, count = 0.0, 0
 
     def watch(t, y, yp):
@@ -383,18 +386,18 @@ def _pace(end):
 
 
 def _steps(system, t, states):
-    """Time, r, A, q and z, one output time after the other."""
+    """Return Time, r, A, q and z, one output time after the other."""
     r, p, q, z, _, _ = (part.T for part in system.split(states))
     return zip(t, r, rotation(p), q, z, strict=True)
 
 
 def _names(body) -> dict:
-    """The name of each node, or its number where it has none, by number."""
+    """Return the name of each node, or its number where it has none, by number."""
     return {shape.node: shape.label for shape in body.nodes}
 
 
 def _motion(system, t, states):
-    """What a Motion says of the body frame, elastic coordinates, energies and errors."""
+    """Return the fields of a Motion on the body frame, elastic coordinates, energies and errors."""
     r, p, q, z, _, powers = (part.T for part in system.split(states))
     p = p / np.linalg.norm(p, axis=1)[:, None]
     stored = np.array([system.energies(*state) for state in zip(r, p, q, z, strict=True)])
@@ -414,7 +417,7 @@ def _motion(system, t, states):
 
 
 def _nodes(body, undeformed, t, states, system):
-    """What a Motion says of nodes."""
+    """Return the fields of a Motion on nodes."""
     origin = body.floating_frame.origin
     steps = [state for _, *state, _ in _steps(system, t, states)]
     moved = [[node_motion(shape, origin, *state) for shape in body.nodes] for state in steps]
@@ -434,7 +437,7 @@ def _nodes(body, undeformed, t, states, system):
 
 
 def _reactions(body, system, t, states, rates):
-    """What a Motion says of the forces and moments of constraints: the components that a joint can transmit."""
+    """Return the fields of a Motion on forces and moments of constraints: the components that joints can transmit."""
     multipliers = system.split(rates)[4].T
     found = [
         system.reactions(now, system.node_motions(*state), mine)
@@ -455,7 +458,7 @@ def _reactions(body, system, t, states, rates):
 
 
 def _twists(system):
-    """An event of the integrator that refuses bushings which a step twists too far, also between output times.
+    """Return an event of the integrator that refuses bushings which a step twists too far, also between output times.
 
     Rotation vectors go round at pi: one that a step takes beyond comes back from the other side.
     """
@@ -478,7 +481,7 @@ def _twists(system):
 
 
 def _springs(body, setup, system, t, states):
-    """What a Motion says of springs."""
+    """Return the fields of a Motion on springs."""
     names_of, count = _names(body), len(system.springs)
     wrenches, energies = np.zeros((len(t), count, 6)), np.zeros((len(t), count))
     for i, (_, r, A, q, z) in enumerate(_steps(system, t, states)):

@@ -119,13 +119,14 @@ class LineElement:
         return (x - self.at) / (length or 1.0), length
 
     def wrench(self, x, R, v, omega):
-        """Force and moment (6,) on the node in inertial axes."""
+        """Return force and moment (6,) on the node in inertial axes."""
         line, length = self._line(x)
         tension = self.stiffness * (length - self.length) + self.damping * line @ v
         return np.concatenate([-tension * line, np.zeros(3)])
 
     def tangents(self, x, R):
-        """Stiffness and damping (6, 6): minus the derivatives of the wrench by displacement and velocity at rest."""
+        """Return stiffness and damping (6, 6): minus the derivatives of the wrench by displacement and velocity at
+        rest."""
         line, length = self._line(x)
         K, C = np.zeros((6, 6)), np.zeros((6, 6))
         along = np.outer(line, line)
@@ -139,11 +140,11 @@ class LineElement:
         return 0.5 * self.stiffness * (self._line(x)[1] - self.length) ** 2
 
     def dissipation(self, x, v, omega):
-        """Power of its damper in W."""
+        """Return power of its damper in W."""
         return self.damping * (self._line(x)[0] @ v) ** 2
 
     def held(self, x):
-        """Directions (k, 6) in which it resists displacement and rotation of the node."""
+        """Return directions (k, 6) in which it resists displacement and rotation of the node."""
         return np.append(self._line(x)[0], np.zeros(3))[None] if self.stiffness else np.zeros((0, 6))
 
     def twist(self, R):
@@ -166,14 +167,14 @@ class BushingElement:
         return np.concatenate([x - self.at, turned])
 
     def wrench(self, x, R, v, omega):
-        """Force and moment (6,) on the node in inertial axes."""
+        """Return force and moment (6,) on the node in inertial axes."""
         away = self._deflection(x, R)
         force = -self.stiffness * away
         force[3:] = np.linalg.solve(rate_matrix(away[3:]).T, force[3:])
         return force - self.damping * np.concatenate([v, omega])
 
     def tangents(self, x, R):
-        """Stiffness and damping (6, 6) for small rotations."""
+        """Return stiffness and damping (6, 6) for small rotations."""
         return np.diag(self.stiffness), np.diag(self.damping)
 
     def energy(self, x, R):
@@ -181,20 +182,20 @@ class BushingElement:
         return 0.5 * self.stiffness @ self._deflection(x, R) ** 2
 
     def dissipation(self, x, v, omega):
-        """Power of its dampers in W."""
+        """Return power of its dampers in W."""
         return self.damping @ np.concatenate([v, omega]) ** 2
 
     def held(self, x):
-        """Directions (k, 6) in which it resists displacement and rotation of the node."""
+        """Return directions (k, 6) in which it resists displacement and rotation of the node."""
         return np.eye(6)[self.stiffness > 0]
 
     def twist(self, R):
-        """Rotation vector (3,) in rad that it is twisted by, zero where it does not resist."""
+        """Return rotation vector (3,) in rad that it is twisted by, zero where it does not resist."""
         return self._deflection(self.at, R)[3:]
 
 
 def element_of(spring, shape: NodeShape, place, turned):
-    """The element of a spring; place (3,) and rotation `turned` (3, 3) of its node at the start.
+    """Return the element of a spring; place (3,) and rotation `turned` (3, 3) of its node at the start.
 
     Raises InputError for a line without length, and for rotations of a node that has none.
     """

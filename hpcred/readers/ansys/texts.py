@@ -26,12 +26,12 @@ COORDINATE = re.compile(rb"^%%matrixmarket +matrix +coordinate +real", re.IGNORE
 
 
 def begins(start: bytes) -> bool:
-    """Whether a text that starts so is a matrix of HBMAT or of *EXPORT,...,MMF."""
+    """Test whether a text that starts so is a matrix of HBMAT or of *EXPORT,...,MMF."""
     return _is_hbmat(start) or _is_mmf(start)
 
 
 def read_parts(path, comm):
-    """The matrices of a set, told by one of them. Collective. Raises InputError."""
+    """Return the matrices of a set, told by one of them. Collective. Raises InputError."""
     path = Path(path)
     with agreed(comm):
         found = _set_of(path) if comm.rank == 0 else None
@@ -79,7 +79,7 @@ def _is_mmf(start):
 
 
 def _set_of(path):
-    """The files K, M and perhaps D, and those of the rows: a mapping, or a vector of nodes, or None."""
+    """Return the files K, M and perhaps D, and those of the rows: a mapping, or a vector of nodes, or None."""
     start = first_bytes(path)
     kind = _is_hbmat if _is_hbmat(start) else _is_mmf
     matrices, mappings, vectors = {}, [], []
@@ -125,7 +125,8 @@ def _set_of(path):
 
 
 def _key(path, start):
-    """K, M or D: by the title of HBMAT, else by the name of the file; None where it says nothing or two things."""
+    """Return K, M or D: by the title of HBMAT, else by the name of the file; None where it says nothing or two
+    things."""
     match = TITLE.match(harwell_boeing.title(start))
     if match:
         return KEYS[match[1].lower()]

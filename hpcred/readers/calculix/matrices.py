@@ -31,12 +31,13 @@ class Triangle:
     places: tuple[int, int]
 
     def mirrored(self) -> Entries:
-        """The entries of both triangles."""
+        """Return the entries of both triangles."""
         return Entries((self.size, self.size), *both_triangles(self.rows, self.columns, self.values))
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is of CalculiX: its first lines are those of an upper triangle as it writes one."""
+    """Test whether a file that starts so is of CalculiX: its first lines are those of an upper triangle as it writes
+    one."""
     lines = start.split(b"\n")
     lines = [line.rstrip(b"\r") for line in (lines[:-1] if len(lines) > 1 else lines)]
     if not all(map(LINE.fullmatch, lines)):

@@ -60,12 +60,13 @@ class _Rows:
 
 
 def begins_bulk(start: bytes) -> bool:
-    """Whether a text that starts so is a punch file with matrices, or an input file with them beside it."""
+    """Test whether a text that starts so is a punch file with matrices, or an input file with them beside it."""
     return nastran_dmig.begins(start) or nastran_bulk.begins(start)
 
 
 def read_op4(path, comm, variables=None) -> Parts:
-    """The model of an OP4 file, or of an OP2 with matrices. `variables`: names of matrices by K, M, D. Collective.
+    """Return the model of an OP4 file, or of an OP2 with matrices. `variables`: names of matrices by K, M, D.
+    Collective.
 
     Raises InputError.
     """
@@ -91,7 +92,7 @@ def read_op4(path, comm, variables=None) -> Parts:
 
 
 def _op4_files(path, comm):
-    """All matrices of a file, and the file of each; those of OP4 files of the same name where it has no pair."""
+    """Return all matrices of a file, and the file of each; those of OP4 files of the same name where it has no pair."""
     with agreed(comm):
         is_op2 = nastran_op2.begins(first_bytes(path))
     contents = (nastran_op2_matrices if is_op2 else nastran_op4).contents(path, comm)
@@ -116,7 +117,7 @@ def _read_matrix(file, comm, matrix):
 
 
 def _superelements(files, contents, comm):
-    """The number of the superelement to which each matrix belongs, where matrices SE_START say so, else None.
+    """Return the number of the superelement to which each matrix belongs, where matrices SE_START say so, else None.
 
     Raises InputError where LOOP_END is missing, which ends the file of a run that writes them.
     """
@@ -133,7 +134,7 @@ def _superelements(files, contents, comm):
 
 
 def _choices(path, names, se, variables):
-    """Pairs of matrices, the best first. Raises InputError."""
+    """Return pairs of matrices, the best first. Raises InputError."""
     if variables:
         places = named(path, names, variables)
         if not {"K", "M"} <= set(places):
@@ -247,13 +248,13 @@ def _rows_of(path, comm, candidates, insisted):
 
 
 def _passed(reasons):
-    """Why matrices that would be better were not taken."""
+    """Return why matrices that would be better were not taken."""
     return [f"matrices with all constraints are there, but {reasons[0]}: their rows cannot be named"] if reasons else []
 
 
 def _rows_of_op2(op2, groups, decks, comm, letter, size):
-    """_Rows of a set from the points of an OP2 by superelement, with the places of input files where those are rough;
-    None where no set has so many rows."""
+    """Return _Rows of a set from the points of an OP2 by superelement, with the places of input files where those are
+    rough; None where no set has so many rows."""
     fitting = [(number, points) for number, points in groups if points.count(comm, points.of_set(letter)) == size]
     if not fitting:
         return None
@@ -266,7 +267,7 @@ def _rows_of_op2(op2, groups, decks, comm, letter, size):
 
 
 def _rows_of_deck(deck, comm, letter, size):
-    """_Rows of a set from the input file, or why not."""
+    """Return _Rows of a set from the input file, or why not."""
     points = nastran_bulk.points_of(deck, comm)
     if letter != "G":
         reason = mark_sets(deck, comm, points)
@@ -299,7 +300,7 @@ def _said_of_rows(comm, rows, letter, source):
 
 
 def _without_empty_rows(comm, matrices, warnings):
-    """The matrices without rows that have no entry, and the old numbers of the new rows of this rank."""
+    """Return the matrices without rows that have no entry, and the old numbers of the new rows of this rank."""
     size = matrices["K"].shape[0]
     used = [np.zeros(0, np.int64)]
     for item in matrices.values():
@@ -341,7 +342,7 @@ def _label_rows(comm, parts, rows, kept):
 
 
 def _finish(comm, parts, rows, turn, mask):
-    """Nodes, elements, held dofs and what to say of turned ones."""
+    """Add nodes, elements, held dofs, and messages on rotated ones."""
     points = rows.points
     parts.nodes, parts.elements = points.nodes(comm), rows.elements
     held = points.there() & ~mask & (points.marks & HELD > 0)
@@ -368,7 +369,7 @@ def _said_of_turn(comm, points, turn):
 
 
 def read_bulk(path, comm, variables=None) -> Parts:
-    """The model of DMIG cards, or of an input file with OP4 or a punch file beside it.
+    """Return the model of DMIG cards, or of an input file with OP4 or a punch file beside it.
 
     `variables`: names of matrices by K, M, D. Collective. Raises InputError.
     """
@@ -406,7 +407,7 @@ def read_bulk(path, comm, variables=None) -> Parts:
 
 
 def read_nodes(path, comm) -> tuple[Nodes, dict[str, np.ndarray], Points]:
-    """Nodes, ascending by number, and elements of an input file, for matrices of other files; and its Points.
+    """Return Nodes, ascending by number, and elements of an input file, for matrices of other files; and its Points.
 
     Collective. Raises InputError.
     """
@@ -447,7 +448,7 @@ def turn_rows(comm, parts, points, path):
 
 
 def _read_beside(path, comm, variables):
-    """The matrices beside an input file."""
+    """Return the matrices beside an input file."""
     with agreed(comm):
         beside = nastran_bulk.beside(path)
         op4 = [file for file in beside if nastran_op4.begins(first_bytes(file))]
@@ -517,7 +518,7 @@ def _require_whole_set(comm, parts, deck, points, mask, lacking, reason):
 
 
 def _name_scalars(comm, parts, points):
-    """The direction 1 of a scalar point is that of a scalar."""
+    """Replace direction 1 of scalar points by that of a scalar."""
     if not comm.allreduce(int(points.scalar.sum())):
         return
     mine = points.label[points.scalar]
