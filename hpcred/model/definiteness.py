@@ -27,12 +27,12 @@ def doubts_of_definiteness(model) -> list[str]:
     return [sentence for sentence in (_of_stiffness(model), _of_mass(model)) if sentence]
 
 
-def growing(model, squares: np.ndarray) -> str | None:
+def growing(model, eigenvalues: np.ndarray) -> str | None:
     """Return a sentence where one of these eigenvalues omega^2 of (K, M), in (rad/s)^2, is negative, or None."""
-    negative = squares < -zero_of(model)
+    negative = eigenvalues < -zero_of(model)
     if not negative.any():
         return None
-    lowest = np.sqrt(-squares.min()) / 2 / np.pi
+    lowest = np.sqrt(-eigenvalues.min()) / 2 / np.pi
     return growing_in_words(model, int(negative.sum()), f", the lowest -({lowest:.4g} Hz)^2")
 
 

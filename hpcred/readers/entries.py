@@ -119,7 +119,7 @@ class Collected:
 
     @property
     def arrays(self) -> list[np.ndarray]:
-        """What was added so far."""
+        """The entries added so far."""
         return [array[: self._count] for array in self._arrays]
 
 

@@ -109,7 +109,7 @@ def _read_results(comm, parts, path):
         raise InputError(f"{path}: found results of CalculiX without nodes, as a run that only writes matrices leaves "
                          "them; give those of another run of the same mesh, or the input file")  # fmt: skip
     parts.nodes, parts.elements = found.nodes, found.elements
-    parts.warnings += found.said(path)
+    parts.warnings += found.notes(path)
 
 
 def _require_numbered(parts, source):

@@ -25,8 +25,7 @@ WAY_OUT = "export it again; if it is whole, give it in a format that has its siz
 
 
 class Rows:
-    """Which rows of this rank, from the row `first` on, have an entry in a matrix, and which have one on the diagonal.
-    """
+    """The rows of this rank, from `first` on, that have an entry in a matrix, and those with one on the diagonal."""
 
     def __init__(self, first: int, last: int, rows, columns, values):
         there = values != 0

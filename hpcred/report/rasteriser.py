@@ -13,7 +13,7 @@ NOTHING = -1
 
 
 class Canvas:
-    """What is in front at each pixel: `depth` (h, w), inf where nothing is, and the `triangle` (h, w) or NOTHING."""
+    """The front surface at each pixel: `depth` (h, w), inf without one, and the `triangle` (h, w) or NOTHING."""
 
     def __init__(self, width: int, height: int):
         self.width, self.height = width, height

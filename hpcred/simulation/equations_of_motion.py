@@ -38,7 +38,7 @@ def _beyond_round_off(values, size):
 
 @dataclass
 class NodeMotion:
-    """Where a node is, x (3,), how it has turned, R (3, 3), and B (6, 6 + m) to its velocity; inertial axes."""
+    """Position x (3,) and rotation R (3, 3) of a node, and B (6, 6 + m) to its velocity; inertial axes."""
 
     x: np.ndarray
     R: np.ndarray

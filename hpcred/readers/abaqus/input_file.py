@@ -99,7 +99,7 @@ class Block:
 
 @dataclass
 class Mesh:
-    """What an input file says of the mesh; each rank has a share.
+    """The mesh of an input file; each rank has a share.
 
     `nodes` ascending by number over the ranks; `elements`: node numbers (elements, nodes) by kind, but for kinds that
     are not known; `sets`: node numbers by name, see abaqus_sets. `sections`: all keywords, the same on all ranks;

@@ -32,7 +32,7 @@ NOTHING = np.zeros(0, np.int64)
 
 @dataclass
 class Members:
-    """What a rank found of one set: numbers of nodes, or keys of elements, and names of sets that belong to it.
+    """The part of one set on a rank: numbers of nodes, or keys of elements, and names of sets that belong to it.
 
     `parts`: of each such name the ways to write it in full.
     """

@@ -35,7 +35,7 @@ MODAL_LINES = "run ANTYPE,MODAL with WRFULL,1"
 
 @dataclass
 class Header:
-    """What the header of a .full file says; places in words."""
+    """The header of a .full file; positions in words."""
 
     equations: int
     active: int

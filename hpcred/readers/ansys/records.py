@@ -35,7 +35,7 @@ def begins(start: bytes) -> bool:
 
 
 def file_number(start: bytes) -> int:
-    """What the file is: a key of NUMBERS."""
+    """Return the kind of the file, a key of NUMBERS."""
     return int(np.frombuffer(start[8:12], WORD)[0])
 
 
@@ -246,7 +246,7 @@ def _no_column(file, position):
 
 
 def _plain_columns(words):
-    """Where columns begin that lie in the words as a whole, and their numbers of entries."""
+    """Return where columns begin that lie completely in the words, and their numbers of entries."""
     first = np.flatnonzero(words == BEFORE) - 1
     first = first[first >= 0]
     lengths = words[first].astype(np.int64)

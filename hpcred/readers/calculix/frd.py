@@ -38,7 +38,7 @@ class Results:
     elements: dict[str, np.ndarray]
     rough: bool
 
-    def said(self, path) -> list[str]:
+    def notes(self, path) -> list[str]:
         """Return a remark on places of few digits."""
         return [f"{path}: its places have 6 digits only, in which rigid-body motions of the nodes meet forces; give "
                 "the input file, or results of *NODE OUTPUT in place of *NODE FILE"] * self.rough  # fmt: skip

@@ -161,7 +161,7 @@ def name_rows(comm, parts, files, label, row):
 
 
 def _mesh_of(comm, parts, files, label):
-    """What the input file or results have, for rows with these labels. Raises Unnamed where it does not say what they
+    """Read the input file or results, for rows with these labels. Raises Unnamed where it does not say what they
     are."""
     twice = repeated_key(comm, label)
     if twice is not None:
@@ -199,7 +199,7 @@ def _mesh_of_results(comm, parts, files, label):
             f"the node {min(other)} is not in {files['results']}, as those of rigid bodies and couplings, whose "
             "directions only the input file tells"
         )
-    parts.warnings += found.said(files["results"])
+    parts.warnings += found.notes(files["results"])
     parts.warnings.append(
         f"{files['results']}: nodes and elements are those of this file; supports and sets of nodes only the input "
         "file tells"
@@ -385,7 +385,7 @@ def _labels(node, first, last):
 
 
 class MatrixStorage(Reader):
-    """What SOLVER=MATRIXSTORAGE writes."""
+    """Reader of the files that SOLVER=MATRIXSTORAGE writes."""
 
     name = "CalculiX .sti, .mas or .dof"
     told_by = "lines of an upper triangle, or of node.direction"

@@ -89,8 +89,8 @@ def read_parts(path, comm, variables=None) -> Parts:
         parts.warnings.append(
             f"{path}: took {taken}; not read, though of the same size or of such a name: {names}; choose by --variables"
         )
-    if ports := _ports(found, chosen["K"].shape[0]):
-        parts.warnings.append(f"{path}: not read as inputs and outputs: {ports}; {_by_options(path)}")
+    if unread := _inputs_and_outputs(found, chosen["K"].shape[0]):
+        parts.warnings.append(f"{path}: not read as inputs and outputs: {unread}; {_by_options(path)}")
     with agreed(comm):
         tables = {name: _table(path, found, name, parts.warnings) for name in USES}
     if tables["nodes"]:
@@ -102,7 +102,7 @@ def read_parts(path, comm, variables=None) -> Parts:
     return parts
 
 
-def _ports(found, rows) -> str:
+def _inputs_and_outputs(found, rows) -> str:
     """Return B (n, p) and C (r, n), in words; those of the size of K may be anything."""
     fitting = [
         item

@@ -108,7 +108,7 @@ class Card:
 
 @dataclass
 class Deck:
-    """What the bulk data say; grids are those of this rank, as `Points` but in the systems of the file.
+    """The contents of the bulk data; grids are those of this rank, as `Points` but in the systems of the file.
 
     `cards`: the few other ones, on all ranks. `case`: the numbers that the case control
     gives by SPC and MPC, or None where there is no case control. `other`: node numbers of what has nodes and is no

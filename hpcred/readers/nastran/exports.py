@@ -51,7 +51,7 @@ LOOSE = (
 
 @dataclass
 class _Rows:
-    """What is known of the rows of matrices: `points` and `mask` (points, 6) of the dofs that have rows, in order."""
+    """The known rows of matrices: `points` and `mask` (points, 6) of the dofs that have rows, in order."""
 
     points: Points
     mask: np.ndarray
@@ -81,11 +81,11 @@ def read_op4(path, comm, variables=None) -> Parts:
     matrices = {key: _read_matrix(files[choice.places[key]], comm, matrix) for key, matrix in taken.items()}
     if "D" in matrices and not comm.allreduce(len(matrices["D"].values)):
         del matrices["D"]
-    said = {key: f"{files[choice.places[key]]}, matrix {taken[key].name}" for key in matrices}
-    warnings = [_taken(path, said, names), *warnings]
-    _check(comm, matrices, said)
+    origins = {key: f"{files[choice.places[key]]}, matrix {taken[key].name}" for key in matrices}
+    warnings = [_taken(path, origins, names), *warnings]
+    _check(comm, matrices, origins)
     matrices, number = _without_empty_rows(comm, matrices, warnings)
-    parts = Parts(matrices, said, warnings=warnings)
+    parts = Parts(matrices, origins, warnings=warnings)
     if rows is not None:
         _label_rows(comm, parts, rows, number)
     return parts
@@ -167,22 +167,22 @@ def _choices(path, names, se, variables):
     return found
 
 
-def _taken(path, said, names):
-    text = ", ".join(f"{key} is {where.rsplit(' ', 1)[-1]}" for key, where in said.items())
-    others = sorted(set(names) - {where.rsplit(" ", 1)[-1] for where in said.values()})
+def _taken(path, origins, names):
+    text = ", ".join(f"{key} is {where.rsplit(' ', 1)[-1]}" for key, where in origins.items())
+    others = sorted(set(names) - {where.rsplit(" ", 1)[-1] for where in origins.values()})
     left = f"; not read: {', '.join(others)}" if others else ""
     structural = [name for name in others if name.startswith(STRUCTURAL)]
     hint = f" ({structural[0]} is structural damping: give a loss factor in the job)" if structural else ""
     return f"{path}: {text}{left}{hint}"
 
 
-def _check(comm, matrices, said):
+def _check(comm, matrices, origins):
     """Refuse matrices that do not fit each other, or a stiffness or mass that is not symmetric. Collective."""
     for key in ("K", "M"):
         defect = asymmetry(comm, matrices[key])
         if not defect <= SYMMETRIC_IN_FILE:
             raise InputError(
-                f"{said[key]}: found ||A - A^T|| / ||A|| = {defect:.1e} (scaled to a diagonal of 1), expected a "
+                f"{origins[key]}: found ||A - A^T|| / ||A|| = {defect:.1e} (scaled to a diagonal of 1), expected a "
                 "symmetric matrix; the file is damaged, or the model has follower forces or the like"
             )
     if isinstance(matrices["K"], LabelledEntries):
@@ -191,13 +191,13 @@ def _check(comm, matrices, said):
     for key, item in matrices.items():
         if item.shape != size or size[0] != size[1]:
             raise InputError(
-                f"{said[key]}: found {item.shape[0]} x {item.shape[1]}, but {said['K']} is {size[0]} x {size[1]}, "
-                "expected square matrices of one size"
+                f"{origins[key]}: found {item.shape[0]} x {item.shape[1]}, but {origins['K']} is "
+                f"{size[0]} x {size[1]}, expected square matrices of one size"
             )
 
 
 def _rows_of(path, comm, candidates, insisted):
-    """What is known of the rows of the first candidate (choice, size, superelement) of which that can be told.
+    """Return the rows of the first candidate (choice, size, superelement) whose rows are known.
 
     Returns _Rows or None, the choice, and warnings. Raises InputError where companions contradict the matrices.
     """
@@ -384,9 +384,9 @@ def read_bulk(path, comm, variables=None) -> Parts:
     matrices, warnings, lacking = nastran_dmig.read_matrices(path, comm, wanted)
     if "D" in matrices and not comm.allreduce(len(matrices["D"].values)):
         del matrices["D"]
-    said = {key: f"{path}, matrix {wanted[key].name}" for key in matrices}
-    _check(comm, matrices, said)
-    parts = Parts(matrices, said, warnings=[_taken(path, said, names), *warnings], open_ended=set(matrices),
+    origins = {key: f"{path}, matrix {wanted[key].name}" for key in matrices}
+    _check(comm, matrices, origins)
+    parts = Parts(matrices, origins, warnings=[_taken(path, origins, names), *warnings], open_ended=set(matrices),
                   loose=choice.letter == "G")  # fmt: skip
     if choice.letter == "G":
         parts.warnings.append(LOOSE.format("KAAX and MAAX"))

@@ -13,7 +13,7 @@ DOUBLE = (2, 4)
 
 @dataclass(frozen=True)
 class Matrix:
-    """What the header of a matrix says, and where its columns lie in the file.
+    """The header of a matrix, and the position of its columns in the file.
 
     `form` and `kind` (1 and 2 real, 3 and 4 complex; even ones of two words a number) as OUTPUT4 numbers them. `starts`
     (shares + 1,): bytes where shares of whole columns begin and, last, where the closing record does; of a text, where

@@ -191,8 +191,8 @@ def _check_counts(lines, heads, count, closing):
 
     refuse(~begins & (row[heads.at] > 0), "numbers of a dense column")
     # a dense column counts its numbers, a string words
-    said = np.where(begins, 1, 2 if matrix.kind in DOUBLE else 1) * count
-    refuse((said != heads.words) & ~(closing & (row == 0)), "as many numbers below as it says")
+    announced = np.where(begins, 1, 2 if matrix.kind in DOUBLE else 1) * count
+    refuse((announced != heads.words) & ~(closing & (row == 0)), "as many numbers below as it says")
     inside = np.zeros(len(count), np.int64)
     np.add.at(inside, heads.at, np.where(begins, 0, heads.words + string_words))
     refuse(begins & (row == 0) & (inside != heads.in_all), "as many words below as it says")

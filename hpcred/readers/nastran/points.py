@@ -131,7 +131,7 @@ def refined(comm, points: Points, finer: Points) -> Points:
 
 @dataclass
 class Turn:
-    """What becomes of dofs: `key` (k,) its row or label, `target` (k, 3) those that it goes to, with `factor` (k, 3).
+    """Targets of dofs: `key` (k,) its row or label, `target` (k, 3) those that it goes to, with `factor` (k, 3).
 
     A target of -1 is none. `label` (points, 6): of all dofs after the turn. `own`: number of dofs that stay in
     directions of their own.

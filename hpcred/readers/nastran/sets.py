@@ -21,7 +21,7 @@ MARKS = {"ASET": ANALYSIS, "BSET": ANALYSIS, "CSET": ANALYSIS, "QSET": ANALYSIS,
 
 
 class Marked(NamedTuple):
-    """What a card says of dofs: the points from `low` to `high` (lists of numbers), their `directions` (6,), a mark."""
+    """The dofs that a card marks: points from `low` to `high` (lists of numbers), their `directions` (6,), a mark."""
 
     low: list[int]
     high: list[int]
