@@ -31,7 +31,7 @@ class Parts:
     elements : dict of str to ndarray, shape (elements, nodes)
         Node numbers by kind of element.
     row_labels : tuple of two ndarray, or None
-        Labels (see entries.label_of) and the rows, from 0, that have them, if rows are numbered and a file labels them.
+        Labels (of entries.label_of) and the rows, from 0, that have them, if rows are numbered and a file labels them.
     removed : ndarray of int
         Labels of dofs that the program holds at zero, which have no row.
     sets : dict of str to ndarray
@@ -39,7 +39,7 @@ class Parts:
     warnings : list of str
         Messages to the user, from any rank.
     open_ended : set of str
-        Keys of matrices whose files have no end mark (see readers.whole).
+        Keys of matrices whose files have no end mark.
     loose : bool
         Whether nodes may have mass and no stiffness, since K does not contain their connections.
     all_massive : bool
