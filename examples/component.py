@@ -32,7 +32,7 @@ class FurtherLoads(Component):
             loaded = owned.owns(run.model.with_inputs(self.loads))
             load = owned.owns(from_dense(loaded.B))
             shapes = owned.owns(create_block(run.model.K, len(self.loads)))
-            solver = run.factored(0.0, "further loads")
+            solver = run.solvers.factored(0.0, "further loads")
             with run.progress.stage("solve"):
                 solver.solve(load, shapes)
             with run.progress.stage("orthogonalise"):

@@ -34,6 +34,8 @@ ON_PYTHON = (
     "all ranks call it, with the same arguments. Frequencies are in Hz, all other quantities in the units of the "
     "model, SI where it is in SI."
 )
+SECTION = re.compile(r"^(Parameters|Attributes|Returns|Raises|Notes|Examples)\n-+\n", re.M)
+PAGE_OF_NAMES = "[`{name}`](python.md#{place})"
 PATH = re.compile(r"\b[a-z]\w*(?:\.[a-z]\w*)*\.(\w+)")  # of something in the code
 ROOMS = {
     "reduction": "Reduction",
@@ -172,17 +174,42 @@ def table_of_keys(table) -> str:
     hints, tag = hints_of(table), kind_of(table)
     items = [item for item in fields(table) if item.name != "kind" or not tag]
     rows = [(f"`{item.name}`", in_words(hints[item.name]), default_of(item)) for item in items]
-    return markdown_table(("key", "value", "default"), rows) if rows else "No keys but `kind`."
+    known = {}
+    for item in reversed((table, *sources(table))):
+        known |= meanings(item)
+    if not rows or not known:
+        return markdown_table(("key", "value", "default"), rows) if rows else "No keys but `kind`."
+    rows = [(*row, known.get(item.name, "")) for row, item in zip(rows, items, strict=True)]
+    return markdown_table(("key", "value", "default", "meaning"), rows)
 
 
 # docstrings
 
 
 def text_of(item) -> str:
-    """The docstring as Markdown; a paragraph that explains fields one after the other becomes a list."""
+    """Return the docstring without its list of fields as Markdown; a paragraph that explains fields becomes a list."""
     names = {field.name for field in fields(item)} if is_dataclass(item) else set()
-    paragraphs = re.split(r"\n\s*\n", linked(inspect.getdoc(item) or "", "[`{name}`](python.md#{place})"))
+    text, found = sections(item)
+    text = "\n\n".join([text, *(found[name] for name in ("Notes",) if name in found)])
+    paragraphs = re.split(r"\n\s*\n", linked(text, PAGE_OF_NAMES))
     return "\n\n".join(_as_list(escaped(part), names) for part in paragraphs)
+
+
+def sections(item) -> tuple[str, dict[str, str]]:
+    """Return the text of a docstring above its numpydoc sections, and the sections by name."""
+    text, *pieces = SECTION.split(inspect.getdoc(item) or "")
+    return text.strip(), dict(zip(pieces[::2], (piece.strip("\n") for piece in pieces[1::2]), strict=True))
+
+
+def meanings(item) -> dict[str, str]:
+    """Return what the sections Parameters and Attributes of a docstring say of each name, as Markdown in one line."""
+    found = {}
+    for section in ("Parameters", "Attributes"):
+        entries = re.split(r"^(?=\S)", sections(item)[1].get(section, ""), flags=re.M)
+        for head, _, body in (entry.partition("\n") for entry in entries if entry.strip()):
+            text = escaped(linked(" ".join(body.split()), PAGE_OF_NAMES))
+            found |= {name.strip(): text for name in head.partition(" : ")[0].split(",")}
+    return found
 
 
 def linked(text, link) -> str:

@@ -1,4 +1,4 @@
-"""A body for multibody programs: a reduced model and its basis enter; the model, its floating frame and nodes leave."""
+"""Make a body for multibody programs from a reduced model: its floating-frame quantities and its interface nodes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NO_INERTIA = 1e-12  # of the largest inertia: round-off
 
 @dataclass
 class Surface:
-    """What is drawn of a body: `points` (s, 3) in m, their displacements `phi` (s, 3, m), `triangles` (t, 3)."""
+    """The drawn surface of a body: `points` (s, 3) in m, their displacements `phi` (s, 3, m), `triangles` (t, 3)."""
 
     points: np.ndarray
     triangles: np.ndarray
@@ -27,7 +27,17 @@ class Surface:
 
 @dataclass
 class Body:
-    """What a multibody program needs of a flexible body: plain arrays, the same on all ranks. `surface` may be None."""
+    """The data of a flexible body for a multibody program: plain arrays, the same on all ranks.
+
+    Attributes
+    ----------
+    reduced : ReducedModel
+    floating_frame : FloatingFrame
+    nodes : list of NodeShape
+        The interface nodes: position, displacement and rotation shapes.
+    surface : Surface or None
+        For pictures.
+    """
 
     reduced: ReducedModel
     floating_frame: FloatingFrame
@@ -35,12 +45,12 @@ class Body:
     surface: Surface | None = None
 
     def number(self, node) -> int:
-        """The number of a node that is given by its number or name. Raises InputError for an unknown name."""
+        """Return the number of a node that is given by number or name. Raises InputError for an unknown name."""
         return number_of(self.nodes, node)
 
 
 def number_of(shapes, node) -> int:
-    """The number of a node that is given by its number or by the name of one of some NodeShapes. Raises InputError."""
+    """Return the number of a node that is given by number or by the name of a NodeShape. Raises InputError."""
     if not isinstance(node, str):
         return int(node)
     names = {shape.name: shape.node for shape in shapes if shape.name}
@@ -51,11 +61,31 @@ def number_of(shapes, node) -> int:
 
 
 def body_of(model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lumped=False) -> Body:
-    """The Body of a SecondOrderModel and of what `reduce` made of it, before its basis is closed. Collective.
+    """Return the Body of a model and its reduced model.
 
-    `nodes`: numbers of the interface nodes, by default those of the inputs and outputs. `origin` (3,) of the body frame
-    in m; `lumped`: see floating_frame. Raises InputError without node coordinates, without a basis, after a two-sided
-    projection, and for a node that does not exist.
+    Collective.
+
+    Parameters
+    ----------
+    model : SecondOrderModel
+        The full model, with nodes.
+    reduced : ReducedModel
+        What `reduce` returned for it, before close().
+    nodes : iterable of int, optional
+        Numbers of the interface nodes; by default those of the inputs and outputs.
+    origin : array_like, shape (3,), default (0, 0, 0)
+        Origin of the body frame in m.
+    lumped : bool, default False
+        Integrals with lumped masses, as of `floating_frame`.
+
+    Returns
+    -------
+    Body
+
+    Raises
+    ------
+    InputError
+        Without node coordinates, without a basis, after a two-sided projection, and for a node that does not exist.
     """
     if reduced.columns is None:
         raise InputError(f"{model.name}: the basis of the reduced model is closed; take its body before close()")
@@ -73,9 +103,9 @@ def body_of(model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lu
 
 
 def check_moving(body: Body, where: str):
-    """Raise InputError unless the body can move in time as `where` (such as "a SID file") takes it.
+    """Raise InputError unless the body can be used in time by `where` (such as "a SID file").
 
-    It needs a damping that exists in time, mass and inertia in all directions, and no rigid-body motion in its basis.
+    It needs viscous damping, mass in all directions, and no rigid-body motion in its basis.
     """
     require_finite(body.reduced)
     check_viscous(body.reduced, where)
@@ -91,7 +121,7 @@ def check_moving(body: Body, where: str):
 
 
 def check_viscous(reduced, where: str):
-    """Raise InputError for a model with structural damping, which `where` (such as "a SID file") cannot hold."""
+    """Raise InputError for a model with structural damping, which `where` (such as "a SID file") cannot contain."""
     if reduced.loss_factor:
         raise InputError(
             f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no meaning in time and no place in "
@@ -101,7 +131,7 @@ def check_viscous(reduced, where: str):
 
 
 def check_elastic(body: Body):
-    """Raise InputError if the reduced body can move as a rigid one: the floating frame does that already."""
+    """Raise InputError if the basis contains rigid-body motion, which the floating frame describes already."""
     reduced = body.reduced
     M = body.floating_frame.mass_matrix(np.zeros(reduced.size))
     # displacements, angles and modal coordinates have units of their own, which must not count
@@ -123,7 +153,7 @@ def check_elastic(body: Body):
 
 
 def has_no_inertia(body: Body) -> bool:
-    """Whether the body has none about one of its axes, as where all masses lie on a line; not of flat bodies."""
+    """Test whether the body has no inertia about some axis, as with all masses on a line."""
     frame = body.floating_frame
     if not np.isfinite(frame.J).all() or not frame.mass:
         return False
@@ -133,7 +163,7 @@ def has_no_inertia(body: Body) -> bool:
 
 
 def remarks(body: Body) -> list[str]:
-    """What was approximated or is not there, one sentence each."""
+    """Return one sentence on each approximation and each missing quantity."""
     found, masses = [], body.floating_frame.masses
     if masses.min() < (1 - SAME_MASS) * masses.max():
         listed = ", ".join(f"{mass:.6g}" for mass in masses)
@@ -152,7 +182,7 @@ def remarks(body: Body) -> list[str]:
 
 
 def _follow_the_frame(body) -> list[str]:
-    """Remarks on interfaces whose set does not say how they move in some directions: their shapes are zero there."""
+    """Return remarks on interfaces whose set does not move them in some directions: their shapes are zero there."""
     record, found = body.reduced.record, []
     known = {} if record is None else {item.node: item for item in record.interface_nodes}
     for item in (known[shape.node] for shape in body.nodes if shape.node in known):
@@ -166,7 +196,7 @@ def _follow_the_frame(body) -> list[str]:
 
 
 def inputs_without_node(body: Body) -> list[str]:
-    """Remarks on inputs and outputs that a format which knows only nodes cannot hold."""
+    """Return remarks on inputs and outputs that belong to no node, which formats of nodes leave out."""
     found = []
     for kind, names in (("inputs", body.reduced.input_names), ("outputs", body.reduced.output_names)):
         lost = [name for name in names if node_of(name) is None]
@@ -176,11 +206,11 @@ def inputs_without_node(body: Body) -> list[str]:
 
 
 def instability(reduced: ReducedModel) -> list[str]:
-    """A remark on poles in the right half-plane, where there are any."""
+    """Return a remark on poles in the right half-plane, if there are any."""
     count = len(reduced.unstable_poles())
     return [f"the model is unstable: {count} poles in the right half-plane, so that motion grows in time"] * bool(count)
 
 
 def maker(reduced: ReducedModel) -> str:
-    """Program and version that made the reduced model."""
+    """Return program and version that made the reduced model."""
     return f"hpcred {reduced.record.versions['hpcred']}" if reduced.record is not None else "hpcred"

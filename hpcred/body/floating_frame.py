@@ -1,17 +1,17 @@
-"""Floating-frame quantities (13, 22): the integrals of a reduced body that a multibody program needs.
+"""Compute the floating-frame quantities (13, 22): the integrals of a reduced body that a multibody program needs.
 
-Enter the mass matrix, the labels of the rows and the basis V; leave small arrays. The body frame has the axes of the
+They follow from the mass matrix, the labels of the rows and the basis V. The body frame has the axes of the
 finite-element model, and its origin unless another is given. With Phi_k the displacement field of column k:
 
     mass, mc = integral of R dm, J = integral of skew(R)^T skew(R) dm     by rigid-body motions, exact
     Ct_k = integral of Phi_k dm,  Cr_k = integral of R x Phi_k dm         likewise
     N[k]_ab = integral of R_a Phi_kb dm,  S[a, b]_kl = integral of Phi_ka Phi_lb dm
 
-N and S are bilinear in the scalar mass matrix of one direction, which is exact where M couples no two directions and is
-the same for all of them (solid elements). Nodes with rotations get the mean of the directions, which is an
-approximation, and so do matrices that couple directions, as after a condensation or where dofs follow others: there
+N and S are bilinear in the scalar mass matrix of one direction. This is exact if M does not couple directions and is
+the same for all of them (solid elements). For nodes with rotations the mean of the directions is taken, an
+approximation. So it is for matrices that couple directions, as after a condensation or with dependent dofs, where
 S[0, 0] + S[1, 1] + S[2, 2] is not V^T M V. `lumped`, the row sums of M, is another approximation. Directions in which
-no node can move have no part in this: a planar body has no mass in z, and NaN for what M does not contain (see
+no node can move do not contribute: a planar body has no mass in z, and quantities that M does not contain are NaN (see
 model.rigid_body_modes.RigidBody).
 """
 
@@ -37,11 +37,28 @@ SAME_PRODUCTS = 1e-8  # of the sizes of two columns; more is no round-off
 
 @dataclass
 class FloatingFrame:
-    """Quantities of a body with m elastic coordinates q, SI units.
+    """Floating-frame quantities (13, 22) of a body with m elastic coordinates q. SI units, axes of the model.
 
-    masses (3,) in x, y, z, and mass, their largest; mc (3,): first moment; J (3, 3): inertia about the origin;
-    Ct (m, 3), Cr (m, 3); N (m, 3, 3); S (3, 3, m, m); Me (m, m) = V^T M V; `origin` (3,) of the body frame;
-    `integrals`: "consistent", "mean of directions", "lumped"; behind "; " what has no part in any of them.
+    Attributes
+    ----------
+    masses : ndarray, shape (3,)
+        Mass in x, y and z in kg.
+    mc : ndarray, shape (3,)
+        First moment of mass in kg m.
+    J : ndarray, shape (3, 3)
+        Inertia about the origin of the body frame in kg m^2.
+    Ct, Cr : ndarray, shape (m, 3)
+        Couplings with translation and rotation, integrals of Phi_k and of R x Phi_k.
+    N : ndarray, shape (m, 3, 3)
+        Integrals of R_a Phi_kb.
+    S : ndarray, shape (3, 3, m, m)
+        Integrals of Phi_ka Phi_lb.
+    Me : ndarray, shape (m, m)
+        V^T M V.
+    origin : ndarray, shape (3,)
+        Origin of the body frame in m.
+    integrals : str
+        "consistent", "mean of directions" or "lumped"; after "; " the dofs that are left out of all integrals.
     """
 
     masses: np.ndarray
@@ -57,7 +74,7 @@ class FloatingFrame:
 
     @property
     def mass(self) -> float:
-        """The largest of the masses in kg: dofs that are left out or held take mass away from a direction."""
+        """The largest of the masses in kg; held dofs and dofs that are left out reduce that of a direction."""
         return float(self.masses.max())
 
     @cached_property
@@ -107,16 +124,16 @@ class FloatingFrame:
         return _quadratic(self.S).transpose(1, 0, 2)
 
     def first_moment(self, q) -> np.ndarray:
-        """Mass times centre of mass (3,) in the body frame, at the elastic coordinates q (m,)."""
+        """Return mass times centre of mass (3,) in the body frame, at the elastic coordinates q (m,)."""
         return self.mc + self.Ct.T @ q
 
     def inertia(self, q) -> np.ndarray:
-        """J(q) (3, 3)."""
+        """Return J(q) (3, 3)."""
         quadratic = np.tensordot(q, np.tensordot(q, self.J2, axes=(0, 0)), axes=(0, 0))
         return self.J + np.tensordot(q, self.dJ, axes=(0, 0)) + quadratic
 
     def mass_matrix(self, q) -> np.ndarray:
-        """M(q) (6 + m, 6 + m), (13)."""
+        """Return the mass matrix M(q) (6 + m, 6 + m) of (13)."""
         m = len(self.Ct)
         Cr = self.Cr + np.tensordot(self.Cr1, q, axes=(1, 0))
         M = np.zeros((6 + m, 6 + m))
@@ -129,24 +146,51 @@ class FloatingFrame:
         return M
 
     def arrays(self) -> dict:
-        """Everything by name, as it is stored in result.h5."""
+        """Return all quantities by name, as stored in result.h5."""
         own = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
         derived = ("mass", "Cr1", "dJ", "Gr", "Ge", "Oe", "Oe1")
         return {name: np.asarray(getattr(self, name)) for name in own + derived}
 
 
 def _quadratic(field):
-    """Six coefficients of u^T skew(w)^2 r from field[a, b] = integral of r_a u_b; last axis added."""
+    """Return six coefficients of u^T skew(w)^2 r from field[a, b] = integral of r_a u_b; last axis added."""
     trace = field[0, 0] + field[1, 1] + field[2, 2]
-    squares = [field[a, a] - trace for a in range(3)]
+    diagonal = [field[a, a] - trace for a in range(3)]
     mixed = [field[a, b] + field[b, a] for a, b in ((0, 1), (1, 2), (0, 2))]
-    return np.stack(squares + mixed, axis=-1)
+    return np.stack(diagonal + mixed, axis=-1)
 
 
 def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False, Me=None) -> FloatingFrame:
-    """The quantities of a SecondOrderModel with the basis `columns` (a block (n, m)). Collective.
+    """Return the floating-frame quantities of a model and a basis.
 
-    `Me`: V^T M V (m, m) where it is known already. Raises InputError without node coordinates.
+    Collective.
+
+    Parameters
+    ----------
+    model : SecondOrderModel
+        The full model, with nodes.
+    columns : SLEPc.BV, shape (n, m)
+        The basis V, such as `ReducedModel.columns`.
+    origin : array_like, shape (3,), default (0, 0, 0)
+        Origin of the body frame in m.
+    lumped : bool, default False
+        Whether integrals that are quadratic in the shapes use row sums of M instead of the consistent mass matrix.
+    Me : ndarray, shape (m, m), optional
+        V^T M V, if it is known.
+
+    Returns
+    -------
+    FloatingFrame
+
+    Raises
+    ------
+    InputError
+        Without node coordinates.
+
+    Notes
+    -----
+    Equations (13) and (22). Masses, first moment, inertia, Ct and Cr are exact for all elements; N and S are exact for
+    solid elements.
     """
     dofs = require_dofs(model, "a floating frame")
     origin = np.asarray(origin, dtype=float)
@@ -180,18 +224,19 @@ def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False, Me=None
 
 
 def _adds_up(S, Me):
-    """Whether S[0, 0] + S[1, 1] + S[2, 2] is Me, each coordinate in its own size."""
+    """Test whether S[0, 0] + S[1, 1] + S[2, 2] is Me, each coordinate in its own size."""
     sizes = np.sqrt(np.abs(np.diag(Me)))
     return bool((np.abs(np.einsum("aakl->kl", S) - Me) <= SAME_PRODUCTS * np.outer(sizes, sizes)).all())
 
 
 def _heaviest(masses):
-    """The first direction with all the mass: no node is missing in it."""
+    """Return the first direction with all the mass: no node is missing in it."""
     return np.flatnonzero(masses >= (1 - SAME_MASS) * masses.max())[:1] if masses.max() > 0 else []
 
 
 def _integrals(model, columns, origin, mass, bases):
-    """N (m, 3, 3) and S (3, 3, m, m), the mean of those by the mass matrices of the directions `bases`. Collective."""
+    """Return N (m, 3, 3) and S (3, 3, m, m), the mean of those by the mass matrices of the directions `bases`.
+    Collective."""
     count = int(np.diff(columns.getActiveColumns())[0])
     parts = [slice(low, min(low + WIDTH, count)) for low in range(0, count, WIDTH)]
     N, S = np.zeros((count, 3, 3)), np.zeros((3, 3, count, count))
@@ -216,7 +261,8 @@ def _integrals(model, columns, origin, mass, bases):
 
 
 def _field(model, columns, scalar, direction, base, mine):
-    """The displacements of the columns in a direction, at the rows `mine` of the direction `base`. Collective."""
+    """Return the displacements of the columns in a direction, at the rows `mine` of the direction `base`.
+    Collective."""
     with Owned(model.comm) as owned:
         transfer = owned.owns(_transfer(model, direction, base, mine))
         first, last = columns.getActiveColumns()
@@ -227,7 +273,7 @@ def _field(model, columns, scalar, direction, base, mine):
 
 
 def _product(comm, scalar, values):
-    """The scalar mass matrix times columns (rows, k), the rows of this rank of both. Collective."""
+    """Return the scalar mass matrix times columns (rows, k), the rows of this rank of both. Collective."""
     with Owned(comm) as owned:
         given, product = (owned.owns(create_block(scalar, values.shape[1])) for _ in range(2))
         with local_rows(given) as rows:
@@ -238,8 +284,8 @@ def _product(comm, scalar, values):
 
 
 def _transfer(model, source, target, mine):
-    """T that takes the component in direction `source` of every node to the place of its row in direction `target`;
-    `mine`: the local rows in that direction."""
+    """Return T that takes the component in direction `source` of every node to the place of its row in direction
+    `target`; `mine`: the local rows in that direction."""
     comm, dofs = model.comm, model.dofs
     rows = np.arange(model.first_row, model.first_row + model.local_rows)
     if source == target:
@@ -264,13 +310,13 @@ def _transfer(model, source, target, mine):
 
 
 def _meeting_rank(node, ranks):
-    """Ranks (nodes,) that share node numbers evenly, also those that go up in tens (Fibonacci hashing)."""
+    """Return ranks (nodes,) that share node numbers evenly, also those that go up in tens (Fibonacci hashing)."""
     mixed = node.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     return ((mixed >> np.uint64(40)) % np.uint64(ranks)).astype(np.int64)
 
 
 def _lumped(model):
-    """A diagonal matrix with the row sums of M for unit translations."""
+    """Return a diagonal matrix with the row sums of M for unit translations."""
     with ExitStack() as stack:
         motions, momentum = rigid_motions(model), create_block(model.M, 6)
         stack.callback(motions.destroy)

@@ -1,4 +1,4 @@
-"""Displacements and rotations of single nodes: rows of the basis, as phi (3, m) and psi (3, m)."""
+"""Gather the displacement and rotation shapes of single nodes from the basis: phi (3, m) and psi (3, m)."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,20 @@ from ..reduction.projection import project_columns
 
 @dataclass
 class NodeShape:
-    """Position (3,) of a node and its part of the basis: phi (3, m) displacements, psi (3, m) rotations.
+    """The part of the basis that belongs to a node.
 
-    psi is zero, and `rotates` false, for nodes without rotational dofs. `name`: of an interface node.
+    Attributes
+    ----------
+    node : int
+        Number of the node.
+    position : ndarray, shape (3,)
+        In m.
+    phi, psi : ndarray, shape (3, m)
+        Displacements and rotations by coordinate.
+    rotates : bool
+        False for nodes without rotational dofs; psi is then zero.
+    name : str
+        Name of an interface node, else "".
     """
 
     node: int
@@ -26,14 +37,33 @@ class NodeShape:
 
     @property
     def label(self) -> str:
-        """Its name, or its number where it has none."""
+        """The name, or the number of a node without name."""
         return self.name or str(self.node)
 
 
 def node_shapes(model, columns, nodes) -> list[NodeShape]:
-    """The shapes of nodes from the basis `columns` (a block (n, m)), zero where the model is held.
+    """Return the shapes of nodes.
 
-    Collective. Raises InputError.
+    Collective.
+
+    Parameters
+    ----------
+    model : SecondOrderModel
+        The full model, with nodes.
+    columns : SLEPc.BV, shape (n, m)
+        The basis V, such as `ReducedModel.columns`.
+    nodes : iterable of int
+        Numbers of nodes or of interface nodes.
+
+    Returns
+    -------
+    list of NodeShape
+        In the order of `nodes`; zero in held directions.
+
+    Raises
+    ------
+    InputError
+        Without node coordinates, and for a node that does not exist.
     """
     dofs = require_dofs(model, "an interface node")
     references = [item for item in model.interfaces if item.node in nodes]
@@ -52,7 +82,7 @@ def node_shapes(model, columns, nodes) -> list[NodeShape]:
 
 
 def _with_references(model, columns, nodes, references):
-    """The shapes of nodes, among them interface nodes, which move by G V."""
+    """Return the shapes of nodes, among them interface nodes, which move by G V."""
     others = [node for node in nodes if node not in {item.node for item in references}]
     known = {shape.node: shape for shape in (node_shapes(model, columns, others) if others else [])}
     with Owned(model.comm) as owned:
@@ -64,14 +94,16 @@ def _with_references(model, columns, nodes, references):
 
 
 def interface_nodes(model) -> list[int]:
-    """The nodes of the inputs and outputs that are named by node, in ascending order, and the interface nodes."""
+    """Return the nodes of the inputs and outputs that are named by node, in ascending order, and the interface
+    nodes."""
     nodes = {node_of(name) for name in (*model.input_names, *model.output_names)}
     references = [item.node for item in model.interfaces]
     return sorted(node for node in nodes if isinstance(node, int) and node not in references) + references
 
 
 def shapes_of_rows(nodes, labels, directions, positions, rows, name) -> list[NodeShape]:
-    """The shapes of nodes from rows of the basis (k, m), with their labels (k,), directions (k,), positions (k, 3).
+    """Return the shapes of nodes from rows of the basis (k, m), with their labels (k,), directions (k,), positions (k,
+    3).
 
     Raises InputError for a node that has no row, or rows whose directions in space are not known.
     """

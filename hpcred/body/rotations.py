@@ -1,4 +1,4 @@
-"""Rotations in space: quaternions and rotation vectors enter, matrices, rates and rotation vectors leave."""
+"""Convert between quaternions, rotation vectors and rotation matrices, and compute their rates."""
 
 import numpy as np
 
@@ -7,44 +7,44 @@ NO_AXIS = 1e-7  # rad; below it, a rotation has no axis that could be told from 
 
 
 def rotation(p: np.ndarray) -> np.ndarray:
-    """A (3, 3) from body to inertial axes of a quaternion (w, x, y, z) of any length; (k, 3, 3) of (k, 4)."""
+    """Return a (3, 3) from body to inertial axes of a quaternion (w, x, y, z) of any length; (k, 3, 3) of (k, 4)."""
     return _scipy().from_quat(p[..., [1, 2, 3, 0]]).as_matrix()  # SciPy puts the scalar last
 
 
 def quaternion(vector) -> np.ndarray:
-    """The unit quaternion (w, x, y, z) of a rotation vector (3,) in rad."""
+    """Return the unit quaternion (w, x, y, z) of a rotation vector (3,) in rad."""
     return np.roll(_scipy().from_rotvec(vector).as_quat(), 1)
 
 
 def quaternion_rate(p: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """p' of a body that turns with omega (3,) in body axes."""
+    """Return p' of a body that turns with omega (3,) in body axes."""
     w, x, y, z = p
     matrix = np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]])
     return 0.5 * matrix @ omega
 
 
 def skew(v: np.ndarray) -> np.ndarray:
-    """(3, 3): skew(v) u = v x u."""
+    """Return (3, 3): skew(v) u = v x u."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a x b (3,), in a fraction of numpy's time."""
+    """Return a x b (3,), in a fraction of numpy's time."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def of_vector(vector) -> np.ndarray:
-    """The rotation matrix exp(skew(vector)) of a rotation vector (3,), exactly (Rodrigues)."""
+    """Return the rotation matrix exp(skew(vector)) of a rotation vector (3,), exactly (Rodrigues)."""
     return _scipy().from_rotvec(vector).as_matrix()
 
 
 def vector_of(matrix) -> np.ndarray:
-    """The rotation vector (3,) of a matrix, or (k, 3) of (k, 3, 3); not longer than pi."""
+    """Return the rotation vector (3,) of a matrix, or (k, 3) of (k, 3, 3); not longer than pi."""
     return _scipy().from_matrix(matrix).as_rotvec()
 
 
 def continuous(vectors) -> np.ndarray:
-    """The same rotations in time, as vectors that may be longer than pi: (nt, ..., 3) of (nt, ..., 3).
+    """Return the same rotations in time, as vectors that may be longer than pi: (nt, ..., 3) of (nt, ..., 3).
 
     Each differs by whole turns about its axis and is as near as possible to the one before it. Beside a full turn,
     rotations about other axes have no vector near that: a single such time does not change the number of turns.
@@ -67,7 +67,7 @@ def continuous(vectors) -> np.ndarray:
 
 
 def _nearest(vector, other):
-    """`vector` (..., 3) with whole turns about its axis, as near as possible to `other` (..., 3)."""
+    """Return `vector` (..., 3) with whole turns about its axis, as near as possible to `other` (..., 3)."""
     angle, length = (np.linalg.norm(item, axis=-1, keepdims=True) for item in (vector, other))
     axis = np.where(angle > NO_AXIS, vector / np.maximum(angle, NO_AXIS), other / np.maximum(length, NO_AXIS))
     turns = np.round(((other - vector) * axis).sum(axis=-1, keepdims=True) / (2 * np.pi))
@@ -75,7 +75,8 @@ def _nearest(vector, other):
 
 
 def rate_matrix(vector) -> np.ndarray:
-    """J (3, 3): exp(skew(vector)) turns with J vector' in the axes that it turns in (left Jacobian of the rotations).
+    """Return J (3, 3): exp(skew(vector)) turns with J vector' in the axes that it turns in (left Jacobian of the
+    rotations).
 
     J = I + (1 - cos a) / a^2 W + (a - sin a) / a^3 W^2 with W = skew(vector) and a its angle.
     """

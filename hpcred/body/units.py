@@ -1,4 +1,4 @@
-"""A body or its coordinates in SI enter; the same in other units leaves, for programs that compute in them."""
+"""Convert a body, or its coordinates, from SI to other units, for programs that compute in them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .body import Body
 
 
 def in_units(body: Body, units: Units) -> Body:
-    """The body in other units; frequencies stay in Hz. Raises InputError.
+    """Return the body in other units; frequencies stay in Hz. Raises InputError.
 
     The coordinates and matrices are those of sizes_of and fields_in. Inputs are forces or moments, outputs
     displacements or angles, by their names.
@@ -42,7 +42,7 @@ def in_units(body: Body, units: Units) -> Body:
 
 
 def sizes_of(reduced, units: Units) -> np.ndarray:
-    """The sizes g (m,) of the coordinates, q_SI = g q, of anything with `size` and `interfaces`.
+    """Return the sizes g (m,) of the coordinates, q_SI = g q, of anything with `size` and `interfaces`.
 
     Pseudo-modal ones such that V^T M V = I stays, g = length mass^(1/2); displacements and angles of interface nodes
     have their own units.
@@ -53,7 +53,7 @@ def sizes_of(reduced, units: Units) -> np.ndarray:
 
 
 def fields_in(reduced, units: Units) -> dict:
-    """M, D (or None), K and interfaces by name in other units, of anything that has them.
+    """Return M, D (or None), K and interfaces by name in other units, of anything that has them.
 
     With G = diag(g), K = G K_SI G / energy, D = G D_SI G time / (mass length^2), M = G M_SI G / (mass length^2).
     """
@@ -69,7 +69,7 @@ def fields_in(reduced, units: Units) -> dict:
 
 
 def _rotations(names) -> list[bool]:
-    """Whether each input or output is a moment or an angle."""
+    """Test whether each input or output is a moment or an angle."""
     targets = [target_of(name) for name in names]
     lost = [name for name, target in zip(names, targets, strict=True) if not isinstance(target, tuple)]
     if lost:

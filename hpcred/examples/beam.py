@@ -1,4 +1,4 @@
-"""A 3D Euler-Bernoulli beam element with a round solid section: stiffness (12, 12) and mass (12, 12)."""
+"""Compute stiffness and mass (12, 12) of a 3D Euler-Bernoulli beam element with a round solid section."""
 
 from dataclasses import dataclass
 from math import pi
@@ -25,7 +25,7 @@ class Rod:
 
 
 def beam_element(start, end, rod: Rod):
-    """K and M in global axes of a straight beam from `start` (3,) to `end` (3,).
+    """Return K and M in global axes of a straight beam from `start` (3,) to `end` (3,).
 
     Six dofs a node (displacements, rotations); cubic bending with consistent mass and without rotary inertia of
     bending, linear stretching, linear torsion with polar moment 2 I and rotary inertia 2 rho I a length
@@ -60,7 +60,7 @@ def beam_element(start, end, rod: Rod):
 
 
 def _local_axes(axis):
-    """Rows: the beam axis and two directions normal to it (any two, for a round section)."""
+    """Return Rows: the beam axis and two directions normal to it (any two, for a round section)."""
     other = np.eye(3)[np.argmin(np.abs(axis))]
     second = np.cross(axis, other)
     second /= np.linalg.norm(second)

@@ -1,7 +1,7 @@
-"""A connecting rod with two bearings, of 8-node hexahedra: every rank assembles the rows it owns.
+"""Make a connecting rod with two bearings, of 8-node hexahedra; every rank assembles the rows it owns.
 
-The plane of the rod has two rings, the eyes, and a shank between parts of their outer arcs, in quadrilaterals; the
-thickness is layers of them along z. The plane is small and known to all ranks, the body is not.
+In the plane, quadrilaterals mesh two rings, the eyes, and a shank between parts of their outer arcs; the body is layers
+of them along z. Every rank has the mesh of the plane, which is small, but only its part of the body.
 """
 
 from __future__ import annotations
@@ -25,10 +25,27 @@ CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])  # of a quadrilateral
 def crank(
     dofs: int = 20_000, comm=MPI.COMM_WORLD, young=2.1e11, poisson=0.3, density=7850.0
 ) -> SecondOrderModel:  # fmt: skip
-    """A free connecting rod of steel with about so many dofs, three a node, and node sets BIG_EYE and SMALL_EYE.
+    """Make a free connecting rod of hexahedra, with node sets BIG_EYE and SMALL_EYE on the bores of its eyes.
 
-    The centre of the big eye is the origin, that of the small one lies at x = 0.2 m; the inner surfaces of the eyes are
-    the sets. Without inputs: they belong to interfaces on the sets. Collective. Raises InputError.
+    Collective.
+
+    Parameters
+    ----------
+    dofs : int, default 20000
+        Approximate number of dofs, three per node; 500 to 2e9.
+    comm : MPI.Comm, default all ranks
+    young, poisson, density : float, default 2.1e11 (N/m^2), 0.3 and 7850 (kg/m^3)
+        Of the material; by default steel.
+
+    Returns
+    -------
+    SecondOrderModel
+        Without inputs. The centre of the big eye is the origin, that of the small one is at x = 0.2 m.
+
+    Raises
+    ------
+    InputError
+        For a number of dofs out of range.
     """
     if not 500 <= dofs <= 2_000_000_000:
         raise InputError(f"dofs: found {dofs}, expected at least 500 and at most 2e9")
@@ -55,7 +72,7 @@ def crank(
 
 
 def _cells(layers):
-    """Cells through an eye, along its part at the shank and the rest, and along the shank, for cells near cubes."""
+    """Return numbers of cells through an eye, along its part at the shank and the rest, and along the shank."""
     edge = THICKNESS / layers
     across = max(round(2 * EYES["BIG_EYE"][1] * np.sin(EYES["BIG_EYE"][2]) / edge * 0.7), 2)
     along = max(round((LENGTH - EYES["BIG_EYE"][1] - EYES["SMALL_EYE"][1]) / edge), 2)
@@ -65,14 +82,15 @@ def _cells(layers):
 
 
 def _count(layers):
-    """The number of dofs."""
+    """Return the number of dofs."""
     across, along, eyes = _cells(layers)
     plane = sum((through + 1) * (across + rest) for through, rest in eyes) + (along - 1) * (across + 1)
     return 3 * plane * (layers + 1)
 
 
 def _plane(layers):
-    """Points (k, 2), quadrilaterals (cells, 4) counterclockwise, and the points on the inner circle of each eye."""
+    """Return points (k, 2), quadrilaterals (cells, 4) counterclockwise, and the points on the inner circle of each
+    eye."""
     across, along, eyes = _cells(layers)
     points, quads, inner, arcs, start = [], [], {}, [], 0
     for (name, (r0, r1, half)), (through, rest), middle in zip(EYES.items(), eyes, (0.0, np.pi), strict=True):
@@ -98,18 +116,18 @@ def _plane(layers):
 
 
 def _grid(number, beside):
-    """Quadrilaterals of a grid of numbered points; `beside`: the neighbours along the second axis."""
+    """Return quadrilaterals of a grid of numbered points; `beside`: the neighbours along the second axis."""
     return np.stack([number[:-1], number[1:], beside[1:], beside[:-1]], axis=-1).reshape(-1, 4)
 
 
 def _hexahedra(quads, layers, cells):
-    """Points (cells, 8) of the body, from 0; cell = quadrilateral * layers + layer."""
+    """Return points (cells, 8) of the body, from 0; cell = quadrilateral * layers + layer."""
     low = quads[cells // layers] * (layers + 1) + (cells % layers)[:, None]
     return np.concatenate([low, low + 1], axis=1)
 
 
 def _elements(corners, height, young, poisson, density):
-    """K (quads, 24, 24) and the mass (quads, 8, 8) of one component, by 2 x 2 x 2 Gauss points."""
+    """Return K (quads, 24, 24) and the mass (quads, 8, 8) of one component, by 2 x 2 x 2 Gauss points."""
     elastic = elasticity(young, poisson)
     stiffness, mass = np.zeros((len(corners), 24, 24)), np.zeros((len(corners), 8, 8))
     level = np.repeat([-1, 1], 4)
@@ -134,7 +152,7 @@ def _elements(corners, height, young, poisson, density):
 
 
 def _rows(quads, layers, first, last, stiffness, mass):
-    """CSR of the points first .. last - 1, three rows each, from blocks of pairs of points."""
+    """Return CSR of the points first .. last - 1, three rows each, from blocks of pairs of points."""
     levels = layers + 1
     near = np.flatnonzero(((quads * levels < last) & (quads * levels + layers >= first)).any(axis=1))
     cells = (near[:, None] * layers + np.arange(layers)).ravel()

@@ -1,4 +1,4 @@
-"""The stabilisation linkage (anti-roll bar) of Section 5: 20 nodes, 19 beams, 120 dofs, assembled on all ranks."""
+"""Make the stabilisation linkage (anti-roll bar) of Section 5: 20 nodes, 19 beams, 120 dofs, assembled on all ranks."""
 
 import numpy as np
 
@@ -20,14 +20,34 @@ BAND = (0.0, 300.0)
 
 
 def positions() -> np.ndarray:
-    """Coordinates (20, 3) in m: arm (nodes 1-5), torsion bar (5-16), arm (16-20)."""
+    """Return coordinates (20, 3) in m: arm (nodes 1-5), torsion bar (5-16), arm (16-20)."""
     corners = np.array([[0.40, -0.56, 0], [0, -0.50, 0], [0, 0.50, 0], [0.40, 0.56, 0]])
     parts = [np.linspace(a, b, n + 1)[1:] for a, b, n in zip(corners, corners[1:], (4, 11, 4), strict=False)]
     return np.concatenate([corners[:1], *parts])
 
 
 def linkage(comm=MPI.COMM_WORLD, inputs=(LOAD,), rod: Rod | None = None) -> SecondOrderModel:
-    """The free linkage with unit loads at `inputs`. Each rank assembles its share of elements. Collective."""
+    """Make the free stabilisation linkage of the paper's Section 5.
+
+    Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Comm, default all ranks
+    inputs : iterable of (int, str), default ((20, "z"),)
+        Unit loads, as for SecondOrderModel.with_inputs.
+    rod : Rod, optional
+        Section and material of the beams.
+
+    Returns
+    -------
+    SecondOrderModel
+
+    Notes
+    -----
+    The geometry of the paper was not published; this linkage has the same topology. Each rank assembles its share of
+    the elements.
+    """
     rod = rod or Rod()
     nodes = positions()
     count = len(nodes)

@@ -1,4 +1,4 @@
-"""Section 5 of the paper on the built-in linkage: the models of Tables 1 and 2, and their errors."""
+"""Reproduce Section 5 of the paper on the built-in linkage: the models of Tables 1 and 2, and their errors."""
 
 from dataclasses import dataclass
 
@@ -110,7 +110,7 @@ REFERENCE = Row(0, "all elastic modes", "7-120", "", 0.0, (_modes(7, 120),))
 
 
 def time_response(model, progress=None):
-    """Figure 5: the free linkage held at its supports and loaded in time, for all elastic modes and for Table 2.
+    """Simulate Figure 5: the free linkage held at its supports and loaded, with all elastic modes and for Table 2.
 
     The ranks share the simulations. Returns (Row, Motion) pairs, the reference first. Collective.
     """
@@ -129,18 +129,18 @@ def time_response(model, progress=None):
 
 
 def deviations(motions):
-    """Largest |u_y - reference| of the loaded node in m for every reduced model."""
+    """Return largest |u_y - reference| of the loaded node in m for every reduced model."""
     curves = [lateral(motion) for _, motion in motions]
     return [float(np.abs(curve - curves[0]).max()) for curve in curves[1:]]
 
 
 def lateral(motion):
-    """u_y (nt,) of the loaded node in m."""
+    """Return u_y (nt,) of the loaded node in m."""
     return motion.node_displacement[:, motion.nodes.index(LOAD[0]), 1]
 
 
 def table(results):
-    """Columns and rows of a table with the paper's figures beside ours."""
+    """Return columns and rows of a table with the paper's figures beside ours."""
     columns = ["row", "method", "modes", "points (order)", "size", "Q of the paper", "Q", "largest eps"]
     rows = [
         [r["row"].number, r["row"].method, r["row"].modes, r["row"].points, r["size"],

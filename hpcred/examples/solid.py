@@ -1,4 +1,4 @@
-"""A block of 8-node hexahedra, to try large cases: every rank assembles the rows it owns, without communication."""
+"""Make a block of 8-node hexahedra, for large models; every rank assembles the rows it owns, without communication."""
 
 from itertools import product
 from math import prod
@@ -16,10 +16,33 @@ def solid(
     cells=(60, 24, 24), size=None, inputs=6, clamped=True, comm=MPI.COMM_WORLD, young=2.1e11, poisson=0.3,
     density=7850.0,
 ) -> SecondOrderModel:  # fmt: skip
-    """A block of `cells` (3,) hexahedra with edges `size` (3,) in m, by default 10 mm a cell. Collective.
+    """Make a block of hexahedra with forces at one end.
 
-    `clamped`: the nodes at x = 0 are held and left out. `inputs`: forces in x, y, z at nodes spread over the face
-    at the other end. Three dofs a node, node numbers along z first, then y, then x; consistent mass.
+    Collective.
+
+    Parameters
+    ----------
+    cells : tuple of three int, default (60, 24, 24)
+        Numbers of hexahedra along x, y, z.
+    size : tuple of three floats, optional
+        Edges in m; by default 10 mm per cell.
+    inputs : int, default 6
+        Number of forces, in x, y, z at nodes spread over the face at the largest x.
+    clamped : bool, default True
+        Whether the nodes at x = 0 are held, and left out.
+    comm : MPI.Comm, default all ranks
+    young, poisson, density : float, default 2.1e11 (N/m^2), 0.3 and 7850 (kg/m^3)
+        Of the material; by default steel.
+
+    Returns
+    -------
+    SecondOrderModel
+        Three dofs per node, consistent mass; node numbers run along z first, then y, then x.
+
+    Raises
+    ------
+    InputError
+        For cells, sizes and numbers of inputs out of range.
     """
     cells = tuple(int(count) for count in cells)
     if len(cells) != 3 or min(cells) < 1:
@@ -51,7 +74,7 @@ def solid(
 
 
 def _hexahedra(comm, cells, grid, clamped, skipped):
-    """Node numbers (elements of this rank, 8); without those that touch the clamped nodes, which do not exist."""
+    """Return node numbers (elements of this rank, 8), without elements at clamped nodes, which do not exist."""
     layers = cells[0] - clamped
     first, last = row_range(comm, layers * cells[1] * cells[2])
     x, y, z = np.unravel_index(np.arange(first, last), (max(layers, 1), *cells[1:]))
@@ -61,7 +84,7 @@ def _hexahedra(comm, cells, grid, clamped, skipped):
 
 
 def _rows(place, nodes, grid, cells, clamped, skipped, elements):
-    """CSR rows of the nodes at `place` (nodes, 3): 27 neighbours each, as far as they exist."""
+    """Return CSR rows of the nodes at `place` (nodes, 3): 27 neighbours each, as far as they exist."""
     offsets = np.array(list(product((-1, 0, 1), repeat=3)))
     stride = np.array([grid[1] * grid[2], grid[2], 1])
     neighbour = place[:, None, :] + offsets
@@ -85,7 +108,7 @@ def _rows(place, nodes, grid, cells, clamped, skipped, elements):
 
 
 def elasticity(young, poisson):
-    """Stresses (xx, yy, zz, xy, yz, xz) by strains (6, 6) of an isotropic material."""
+    """Return stresses (xx, yy, zz, xy, yz, xz) by strains (6, 6) of an isotropic material."""
     lame = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
     shear = young / (2 * (1 + poisson))
     elastic = np.diag([2 * shear] * 3 + [shear] * 3)
@@ -94,7 +117,8 @@ def elasticity(young, poisson):
 
 
 def hexahedron(edges, young, poisson, density):
-    """K (24, 24) and consistent M (24, 24) of a trilinear brick with the given edges, by 2 x 2 x 2 Gauss points."""
+    """Return K (24, 24) and consistent M (24, 24) of a trilinear brick with the given edges, by 2 x 2 x 2 Gauss
+    points."""
     edges = np.asarray(edges, dtype=float)
     corners = np.array(list(product((-1, 1), repeat=3)))
     elastic = elasticity(young, poisson)

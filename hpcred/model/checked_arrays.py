@@ -1,4 +1,4 @@
-"""Rows, columns and matrices that a model is to be made of enter; checked ones leave, or an InputError."""
+"""Check the rows, columns and matrices that a model is made of. Errors are InputErrors."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def row_name(row, first, dofs) -> str:
 
 
 def named_columns(comm, rows, local, names, what):
-    """The rows of B or C^T of this rank (rows, columns), and the names of the columns; None and () for None.
+    """Return the rows of B or C^T of this rank (rows, columns), and the names of the columns; None and () for None.
 
     `what` they are, such as "model: inputs". Collective. Raises InputError.
     """
@@ -96,7 +96,8 @@ def named_columns(comm, rows, local, names, what):
 
 
 def real_columns(columns, rows, what) -> np.ndarray:
-    """Columns (rows, c) of finite real numbers, from an array, lists or a SciPy sparse matrix. Raises InputError."""
+    """Return columns (rows, c) of finite real numbers, from an array, lists or a SciPy sparse matrix. Raises
+    InputError."""
     columns = np.asarray(columns.toarray() if hasattr(columns, "toarray") else columns)
     if columns.ndim != 2 or len(columns) != rows or columns.dtype.kind not in "iuf":
         raise InputError(
@@ -108,7 +109,7 @@ def real_columns(columns, rows, what) -> np.ndarray:
 
 
 def real_values(values, what) -> np.ndarray:
-    """The real part of numbers whose imaginary part is zero. Raises InputError."""
+    """Return the real part of numbers whose imaginary part is zero. Raises InputError."""
     if np.iscomplexobj(values) and values.imag.any():
         raise InputError(
             f"{what}: found {np.count_nonzero(values.imag)} entries with imaginary parts, expected real ones"
@@ -117,7 +118,7 @@ def real_values(values, what) -> np.ndarray:
 
 
 def coordinates(key, mat):
-    """Rows, columns, real values and size of a SciPy sparse or a dense matrix. Raises InputError."""
+    """Return Rows, columns, real values and size of a SciPy sparse or a dense matrix. Raises InputError."""
     mat = mat if hasattr(mat, "tocoo") else np.asarray(mat)
     if mat.ndim != 2 or mat.shape[0] != mat.shape[1] or mat.dtype.kind not in "biufc":
         raise InputError(f"from_scipy: {key}: found {mat.shape} of {mat.dtype}, expected a square matrix of numbers")

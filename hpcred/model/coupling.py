@@ -1,6 +1,6 @@
-"""Rigid interfaces: a model with interface nodes enters; the one whose rigid sets follow their reference nodes leaves.
+"""Couple the sets of rigid interfaces to their reference nodes.
 
-The coupled dofs of a set follow the six dofs of its reference node, q = T q^, and M, D, K become T^T A T; then G T = I.
+The coupled dofs of a set follow the six dofs of its reference node, q = T p; M, D, K become T^T A T, and G T = I.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .interfaces import SIX
 
 
 def couple(model):
-    """The model in which the dofs of rigid sets follow their reference nodes, and T (n, n^) with q = T q^.
+    """Return the model in which the dofs of rigid sets follow their reference nodes, and T (n, n^) with q = T q^.
 
     The dofs of the reference nodes come last. Without rigid sets the model itself, with references of its own, and
     None. Collective.
@@ -27,7 +27,7 @@ def couple(model):
 
 
 def _coupling(model, rigid):
-    """T (n, n^), and the labels of the rows of this rank of q^."""
+    """Return T (n, n^), and the labels of the rows of this rank of q^."""
     comm, last = model.comm, model.comm.rank == model.comm.size - 1
     follow = np.zeros(model.local_rows, bool)
     entries = []

@@ -1,7 +1,7 @@
 """Decide which faces of a surface lie on a cylinder, around a hole or on a pin.
 
-The corners of such a face lie on the cylinder, its normal is about radial, and it spans less than a sixth of a turn:
-the flats of a hexagon are not taken. Middles of edges may lie on the cylinder or on the chords.
+The corners of such a face lie on the cylinder, its normal is approximately radial, and it spans less than a sixth of a
+turn, so that the flats of a hexagon are excluded. Edge midpoints may lie on the cylinder or on the chords.
 """
 
 from __future__ import annotations
@@ -30,26 +30,27 @@ class Cylinder:
     radius: float
 
     def along(self, points):
-        """Coordinates (k,) of points (k, 3) along the axis, from its point on."""
+        """Return coordinates (k,) of points (k, 3) along the axis, from its point on."""
         return (points - self.point) @ self.axis
 
     def outwards(self, points):
-        """Vectors (k, 3) from the axis to points (k, 3), at right angles to it."""
+        """Return vectors (k, 3) from the axis to points (k, 3), at right angles to it."""
         arm = points - self.point
         return arm - (arm @ self.axis)[..., None] * self.axis
 
     def near(self, points, tolerance: float):
-        """Whether points (k, 3) lie on the cylinder."""
+        """Test whether points (k, 3) lie on the cylinder."""
         return np.abs(np.linalg.norm(self.outwards(points), axis=-1) - self.radius) <= tolerance
 
 
 def slack_of(radius: float, largest: float) -> float:
-    """How far nodes may be from a cylinder, where the largest coordinate of the body is given."""
+    """Return how far nodes may be from a cylinder, where the largest coordinate of the body is given."""
     return max(NEAR * radius, DIGITS * largest)
 
 
 def normals_of(faces: Faces, points):
-    """Unit normals (f, 3) of faces, indices of points (v, 3), away from the nodes behind them; zero of folded ones."""
+    """Return unit normals (f, 3) of faces, indices of points (v, 3), away from the nodes behind them; zero of folded
+    ones."""
     corners = faces.corners
     last = np.where(corners[:, 3] < 0, corners[:, 2], corners[:, 3])
     a, b, c, d = (points[column] for column in (corners[:, 0], corners[:, 1], corners[:, 2], last))
@@ -63,7 +64,7 @@ def normals_of(faces: Faces, points):
 
 
 def on_cylinder(faces: Faces, points, normals, cylinder: Cylinder, tolerance: float, inwards: bool) -> np.ndarray:
-    """Which faces (f,) lie on a cylinder, `inwards`: around a hole. Shells have no inside, and lie on both."""
+    """Return which faces (f,) lie on a cylinder, `inwards`: around a hole. Shells have no inside, and lie on both."""
     corners, middles = faces.corners, faces.middles
     there = corners >= 0
     place = np.where(there, corners, corners[:, :1])
@@ -85,8 +86,8 @@ def on_cylinder(faces: Faces, points, normals, cylinder: Cylinder, tolerance: fl
 
 
 def nodes_on_cylinder(model, ends, radius: float, inwards: bool) -> np.ndarray:
-    """The numbers (k,), ascending, of the nodes of the surface on a cylinder between two `ends` (2, 3) of its axis, the
-    same on all ranks; `inwards`: around a hole. Collective."""
+    """Return the numbers (k,), ascending, of the nodes of the surface on a cylinder between two `ends` (2, 3) of its
+    axis, the same on all ranks; `inwards`: around a hole. Collective."""
     comm, (start, end) = model.comm, np.array(ends)
     length = np.linalg.norm(end - start)
     cylinder = Cylinder(start, (end - start) / length, radius)

@@ -1,4 +1,4 @@
-"""Damping laws: which D belongs to a model with M and K."""
+"""Define the damping models, and make the damping matrix D of a model with M and K."""
 
 from copy import copy
 from dataclasses import dataclass, field
@@ -18,14 +18,25 @@ ALPHA, BETA = (0.0, 1e12, "1/s"), (0.0, 1e6, "s")
 
 @dataclass(frozen=True)
 class NoDamping:
-    """D = 0, even if the model has a damping matrix."""
+    """No damping: D = 0, also if the model has a damping matrix."""
 
     kind: Literal["none"] = field(default="none", kw_only=True, repr=False)
 
 
 @dataclass(frozen=True)
 class GivenDamping:
-    """The damping matrix of the model; `loss_factor`: beside it (1 + i eta) K in frequency responses."""
+    """The damping matrix of the model.
+
+    Parameters
+    ----------
+    loss_factor : float, default 0.0
+        eta of additional structural damping: K is (1 + i eta) K in frequency responses.
+
+    Raises
+    ------
+    InputError
+        For a value outside of 0 to 1000.
+    """
 
     kind: Literal["given"] = field(default="given", kw_only=True, repr=False)
     loss_factor: float = 0.0
@@ -37,7 +48,24 @@ class GivenDamping:
 
 @dataclass(frozen=True)
 class Rayleigh:
-    """D = alpha M + beta K (40); alpha in 1/s, beta in s."""
+    """Rayleigh damping, D = alpha M + beta K (40).
+
+    Parameters
+    ----------
+    alpha : float, default 0.0
+        Coefficient of M in 1/s.
+    beta : float, default 0.0
+        Coefficient of K in s.
+
+    Raises
+    ------
+    InputError
+        For negative coefficients.
+
+    Notes
+    -----
+    The damping ratio at the frequency f is alpha / (4 pi f) + beta pi f.
+    """
 
     kind: Literal["rayleigh"] = field(default="rayleigh", kw_only=True, repr=False)
     alpha: float = 0.0
@@ -52,14 +80,26 @@ class Rayleigh:
 
     @property
     def coefficients(self) -> tuple[float, float]:
-        """Those of the Caughey series that it is."""
+        """The coefficients as those of a Caughey series."""
         return self.alpha, self.beta
 
 
 @dataclass(frozen=True)
 class Caughey:
-    """D = M sum_k a_k (M^-1 K)^k (39) with `coefficients` a_0, a_1, ...; a_k in s^(2k-1).
+    """Caughey series, D = M sum_k a_k (M^-1 K)^k (39).
 
+    Parameters
+    ----------
+    coefficients : sequence of float
+        a_0, a_1, ...; a_k in s^(2k-1).
+
+    Raises
+    ------
+    InputError
+        Without a coefficient.
+
+    Notes
+    -----
     With more than two terms D is not sparse, and is applied by solves with M.
     """
 
@@ -77,8 +117,19 @@ class Caughey:
 class ModalDamping:
     """Damping ratios of the diagonalised reduced model, 2 xi_i omega_i on the diagonal of D (38, 52).
 
-    Exactly one of `ratio` for all modes, `ratios` mode by mode (the last one holds for all above), and `table` of
-    (frequency in Hz, ratio) pairs, interpolated linearly and constant outside.
+    Parameters
+    ----------
+    ratio : float, optional
+        One ratio for all modes; 0.01 is 1 %.
+    ratios : sequence of float, optional
+        One ratio for each mode; the last one holds for all above.
+    table : sequence of (float, float), optional
+        Pairs of a frequency in Hz, ascending, and a ratio; linear between them, constant outside.
+
+    Raises
+    ------
+    InputError
+        Unless exactly one of the three is given.
     """
 
     kind: Literal["modal"] = field(default="modal", kw_only=True, repr=False)
@@ -100,7 +151,7 @@ class ModalDamping:
             raise InputError("damping.table: expected frequencies in ascending order")
 
     def at(self, frequencies: np.ndarray) -> np.ndarray:
-        """Damping ratios (m,) of modes with these frequencies (Hz)."""
+        """Return the damping ratios (m,) of modes with these frequencies (Hz)."""
         if self.ratio is not None:
             return np.full(len(frequencies), self.ratio)
         if self.table is not None:
@@ -110,7 +161,18 @@ class ModalDamping:
 
 @dataclass(frozen=True)
 class Structural:
-    """Structural (hysteretic) damping: (1 + i eta) K in frequency responses, none in time; eta = loss_factor."""
+    """Structural (hysteretic) damping: K is (1 + i eta) K in frequency responses; there is none in time.
+
+    Parameters
+    ----------
+    loss_factor : float
+        eta, twice the damping ratio at a resonance.
+
+    Raises
+    ------
+    InputError
+        For a value outside of 0 to 1000.
+    """
 
     kind: Literal["structural"] = field(default="structural", kw_only=True, repr=False)
     loss_factor: float
@@ -121,12 +183,12 @@ class Structural:
 
 
 def loss_factor_of(damping) -> float:
-    """eta of (1 + i eta) K in frequency responses with a damping law."""
+    """Return eta of (1 + i eta) K in frequency responses with a damping model."""
     return damping.loss_factor if isinstance(damping, Structural | GivenDamping) else 0.0
 
 
 def doubts_of_damping(damping) -> tuple[str, ...]:
-    """Ratios and loss factors that look like per cent: a body that does not vibrate at all is no use of either."""
+    """Return warnings of ratios and loss factors of 1 and more, which were probably meant as per cent."""
     if isinstance(damping, ModalDamping):
         largest = max([ratio for _, ratio in damping.table or ()] or damping.ratios or [damping.ratio])
         what = "the ratio {:g}, where 1 is critical damping, beyond which nothing vibrates"
@@ -138,9 +200,9 @@ def doubts_of_damping(damping) -> tuple[str, ...]:
 
 
 def with_damping(model, damping):
-    """The model with the D of a damping law, without one for the laws that have no sparse matrix. Collective.
+    """Return the model with the D of a damping model, without D for those that have no sparse matrix. Collective.
 
-    Raises InputError when there is none to be given.
+    Raises InputError for "given" damping of a model without damping matrix.
     """
     damping = declared("damping", damping, Damping | None)
     if isinstance(damping, GivenDamping):
@@ -158,14 +220,14 @@ def with_damping(model, damping):
 
 
 def caughey_terms(damping) -> tuple[float, ...] | None:
-    """The coefficients of a Caughey series that is not a sparse matrix, else None."""
+    """Return the coefficients of a Caughey series that is not a sparse matrix, else None."""
     if isinstance(damping, Caughey) and len(damping.coefficients) > 2:
         return damping.coefficients
     return None
 
 
 def is_proportional(model) -> bool:
-    """Whether D is a combination of M and K, by two random vectors; True without D. Collective."""
+    """Test by two random vectors whether D is a combination of M and K; True without D. Collective."""
     if model.D is None:
         return True
     random = PETSc.Random().create(model.K.comm)
@@ -197,7 +259,7 @@ Damping = Annotated[
 
 
 def damping_or_given(model, damping) -> Damping:
-    """A damping law that a user gave, or None for that of the damping matrix of the model, if it has one."""
+    """Return the damping model of a user, or for None the default: the damping matrix of the model, if it has one."""
     if declared("damping", damping, Damping | None) is not None:
         return damping
     return NoDamping() if model.D is None else GivenDamping()

@@ -1,4 +1,4 @@
-"""Refuse models whose K or M is not that of a body: of the other sign, or indefinite. All functions are collective."""
+"""Refuse models whose K or M is indefinite or has the wrong sign. All functions are collective."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ def check_definite(model):
 
 
 def doubts_of_definiteness(model) -> list[str]:
-    """Sentences on K and M where one of them has the other sign, or is indefinite."""
+    """Return sentences on K and M where one of them has the other sign, or is indefinite."""
     return [sentence for sentence in (_of_stiffness(model), _of_mass(model)) if sentence]
 
 
-def growing(model, squares: np.ndarray) -> str | None:
-    """A sentence where one of these eigenvalues omega^2 of (K, M), in (rad/s)^2, is negative, or None."""
-    negative = squares < -zero_of(model)
+def growing(model, eigenvalues: np.ndarray) -> str | None:
+    """Return a sentence where one of these eigenvalues omega^2 of (K, M), in (rad/s)^2, is negative, or None."""
+    negative = eigenvalues < -zero_of(model)
     if not negative.any():
         return None
-    lowest = np.sqrt(-squares.min()) / 2 / np.pi
+    lowest = np.sqrt(-eigenvalues.min()) / 2 / np.pi
     return growing_in_words(model, int(negative.sum()), f", the lowest -({lowest:.4g} Hz)^2")
 
 
 def growing_in_words(model, count: int, more="") -> str:
-    """A sentence on so many negative eigenvalues."""
+    """Return a sentence on so many negative eigenvalues."""
     return f"{model.name}: found {count} negative eigenvalue{'s' * (count > 1)} of (K, M){more}: {UNSTABLE}"
 
 
 def zero_of(model) -> float:
-    """How far an eigenvalue, in (rad/s)^2, may be below zero by round-off and the digits of K."""
+    """Return how far an eigenvalue, in (rad/s)^2, may be below zero by round-off and the digits of K."""
     digits = digits_of(model.K)
     return max(ZERO, 10.0 ** (2 - digits) if digits else 0.0) * abs(model.mean_eigenvalue)
 
 
 def _signs(model, key):
-    """Lowest and highest quotient, those of round-off as zero; nothing is said of unsymmetric matrices."""
+    """Return lowest and highest quotient, those of round-off as zero; nothing is said of unsymmetric matrices."""
     if model.symmetry_defects[key] > SYMMETRIC_TO:
         return 0.0, 1.0
     low, high = model.extreme_quotients(key)

@@ -1,4 +1,4 @@
-"""Digests of what a model consists of: the same on any number of ranks and in both builds of PETSc."""
+"""Compute digests of the contents of a model: the same on any number of ranks and in both builds of PETSc."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from ..parallel.petsc import MPI
 
 
 def digest_of(model, key: str) -> str:
-    """The digest that SecondOrderModel.digest_of keeps. Collective."""
+    """Return the digest that SecondOrderModel.digest_of keeps. Collective."""
     first = model.first_row
     if key in ("dofs", "labels"):
         labels = [model.dofs.node, model.dofs.direction, *([model.dofs.position] if key == "dofs" else [])]
@@ -23,7 +23,7 @@ def digest_of(model, key: str) -> str:
 
 
 def _rounded(model, columns):
-    """Columns without the last digits, which depend on the number of ranks where interface nodes made them."""
+    """Return columns without the last digits, which depend on the number of ranks where interface nodes made them."""
     most = np.zeros(columns.shape[1])
     model.comm.Allreduce(np.abs(columns).max(axis=0, initial=0.0), most, MPI.MAX)
     # by pi, since what comes of a division by 2, 4, 8, ... lies between two decimals

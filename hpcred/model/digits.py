@@ -1,8 +1,8 @@
-"""The digits of a stiffness matrix: a model and its lowest modes enter; what the digits leave of their frequencies.
+"""Determine the digits of a stiffness matrix, and the uncertainty of natural frequencies that follows from them.
 
-A text of a finite-element program has fewer digits than the numbers had. Rounding the entries of K moves an eigenvalue
-by x^T dK x with x^T M x = 1: nothing where the body is as stiff as its elements, and all of it where a frequency is
-far below those of single elements, since little is left of entries that cancel.
+Text files of finite-element programs have fewer digits than the original numbers. Rounding the entries of K changes an
+eigenvalue by x^T dK x with x^T M x = 1. This is negligible if the body is as stiff as its elements, but not if a
+frequency is far below those of single elements, since entries then nearly cancel.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ DOUBTFUL = 1e-5  # relative error of a frequency
 
 
 def digits_of(mat) -> int | None:
-    """How many decimal digits the entries of a matrix were rounded to, or None where they have all. Collective."""
+    """Return how many decimal digits the entries of a matrix were rounded to, or None where they have all.
+    Collective."""
     first, last = mat.getOwnershipRange()
     rows = np.unique(np.linspace(first, last - 1, ROWS).astype(int)) if last > first else []
     values = np.unique(np.abs(np.concatenate([np.zeros(1), *(mat.getRow(int(row))[1].real for row in rows)])))[1:]
@@ -39,26 +40,26 @@ def digits_of(mat) -> int | None:
     return digits if rounded else None
 
 
-def doubts_of_digits(model, K, squares: np.ndarray, block) -> list[str]:
-    """Sentences on frequencies that the digits of a file do not hold. Collective.
+def doubts_of_digits(model, K, eigenvalues: np.ndarray, block) -> list[str]:
+    """Return warnings of frequencies that are uncertain by the digits of K in the files. Collective.
 
-    `squares` (m,): eigenvalues in (rad/s)^2, ascending, and Inf for those that do not count, of the columns of `block`
-    (n, m), of which each has x^T M x = 1, and of K, which may be that of `model` without the dofs of a frame.
+    `eigenvalues` (m,) in (rad/s)^2, ascending, Inf for those that do not count, belong to the columns of `block` (n, m)
+    with x^T M x = 1, and to K, which may be that of `model` without the dofs of a frame.
     """
-    squares = squares[:MODES]
-    digits = digits_of(model.K) if len(squares) else None
+    eigenvalues = eigenvalues[:MODES]
+    digits = digits_of(model.K) if len(eigenvalues) else None
     if digits is None:
         return []
     diagonal = K.getDiagonal()
     with local_rows(block) as rows:
-        moved = ((np.abs(rows[:, : len(squares)]) ** 2 * diagonal.getArray().real[:, None]) ** 2).sum(axis=0)
+        moved = ((np.abs(rows[:, : len(eigenvalues)]) ** 2 * diagonal.getArray().real[:, None]) ** 2).sum(axis=0)
     diagonal.destroy()
     moved = BESIDE * ROUNDED * 10.0 ** (1 - digits) * np.sqrt(model.comm.allreduce(moved))
-    errors = moved / np.maximum(squares, np.finfo(float).tiny) / 2
+    errors = moved / np.maximum(eigenvalues, np.finfo(float).tiny) / 2
     worst = int(np.argmax(errors))
     if errors[worst] <= DOUBTFUL:
         return []
-    frequency = np.sqrt(max(squares[worst], 0.0)) / (2 * np.pi)
+    frequency = np.sqrt(max(eigenvalues[worst], 0.0)) / (2 * np.pi)
     uncertain = f"by up to about {errors[worst]:.0e} of itself" if errors[worst] < 1 else "altogether"
     return [
         f"{model.name}: K has {digits} digits, and little is left of them where stiff parts cancel: the frequency "

@@ -1,4 +1,7 @@
-"""What each row of the matrices is: node, direction and position; rows of this rank only."""
+"""Label the rows of the matrices by node, direction and position, and find rows by these labels.
+
+Each rank has the labels of its own rows.
+"""
 
 from dataclasses import dataclass
 
@@ -8,7 +11,7 @@ from ..parallel.declared import declared
 from ..parallel.failures import InputError
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz", "scalar", "own1", "own2", "own3", "own4", "own5", "own6")
-SCALAR = 6  # a dof that no rigid motion moves: a modal coordinate, a scalar point
+SCALAR = 6  # a dof that rigid-body motions do not move: a modal coordinate, a scalar point
 SAME_PLACE = 1e-6  # times the largest coordinate
 OWN = 7  # and five more: directions 1..6 of a displacement system of the node's own, which are none of x .. rz
 INTERFACE_THERE = "declare an [[interface]] with several nodes there, which has all six directions"
@@ -16,9 +19,26 @@ INTERFACE_THERE = "declare an [[interface]] with several nodes there, which has 
 
 @dataclass
 class Dofs:
-    """Labels of the rows of this rank: `node` (rows,), `direction` (rows,) in DIRECTIONS, `position` (rows, 3) in m.
+    """Labels of rows: the node, direction and position of each.
 
-    A node of a scalar dof is a number without a place; its position is zero.
+    Parameters
+    ----------
+    node : array_like of int, shape (rows,)
+        Number of the node.
+    direction : array_like of int, shape (rows,)
+        0 to 5: x, y, z, rx, ry, rz; 6: a scalar dof, such as a modal coordinate; 7 to 12: directions 1 to 6 of a
+        displacement system of the node.
+    position : array_like, shape (rows, 3)
+        Of the node in m; zero for scalar dofs.
+
+    Raises
+    ------
+    InputError
+        For arrays of other shapes or types.
+
+    Notes
+    -----
+    Of the rows of this rank, or of all rows for `SecondOrderModel.from_scipy`.
     """
 
     node: np.ndarray
@@ -42,8 +62,7 @@ class Dofs:
 
 
 def check_labels(dofs, rows: int, name: str):
-    """Raise InputError unless there are no labels, or one for each of so many rows, with places and directions; none
-    may stand twice, nor a node at two places."""
+    """Raise InputError unless `dofs` is None or labels each of so many rows once, with one position per node."""
     if declared(f"{name}: dofs", dofs, Dofs | None) is None:
         return
     if len(dofs.node) != rows:
@@ -77,14 +96,14 @@ def check_labels(dofs, rows: int, name: str):
 
 
 def direction_index(name, key="direction") -> int:
-    """The place of a name in DIRECTIONS: 0..5 of x, y, z, rx, ry, rz. Raises InputError."""
+    """Return the index of a name in DIRECTIONS: 0..5 of x, y, z, rx, ry, rz. Raises InputError."""
     if name not in DIRECTIONS:
         raise InputError(f"{key}: found the direction {name!r}, expected one of {', '.join(DIRECTIONS[:SCALAR])}")
     return DIRECTIONS.index(name)
 
 
 def rows_of_node(model, node: int) -> dict[int, int]:
-    """Global row of each direction of a node. Collective. Raises InputError if there is no such node."""
+    """Return the global row of each direction of a node. Collective. Raises InputError if there is no such node."""
     dofs = require_dofs(model, f"node {node}")
     local = np.flatnonzero(dofs.node == node)
     mine = {int(dofs.direction[i]): int(i) + model.first_row for i in local}
@@ -112,20 +131,20 @@ def rows_of_node(model, node: int) -> dict[int, int]:
 
 
 def held_directions(model, node: int) -> list[int]:
-    """The directions (0..5) in which a node is held and has no row. Collective."""
+    """Return the directions (0..5) in which a node is held and has no row. Collective."""
     mine = [] if model.held is None else model.held.direction[model.held.node == node].tolist()
     return sorted({direction for part in model.comm.allgather(mine) for direction in part})
 
 
 def position_of_node(model, node: int) -> np.ndarray:
-    """Coordinates (3,) of a node. Collective."""
+    """Return the coordinates (3,) of a node. Collective."""
     row = next(iter(rows_of_node(model, node).values())) - model.first_row
     mine = model.dofs.position[row] if 0 <= row < model.local_rows else None
     return next(p for p in model.comm.allgather(mine) if p is not None)
 
 
 def row_of(model, target) -> int:
-    """Global row (from 0) of a dof given as its number (from 1) or as a pair (node, direction). Collective."""
+    """Return the global row (from 0) of a dof, given by number (from 1) or as (node, direction). Collective."""
     if isinstance(target, (int, np.integer)):
         if not 1 <= target <= model.size:
             raise InputError(f"dof {target} does not exist in {model.name}; its dofs are numbered 1 to {model.size}")
@@ -142,7 +161,7 @@ def row_of(model, target) -> int:
 
 
 def require_dofs(model, purpose: str) -> Dofs:
-    """The dof labels, or InputError when the model came without nodes."""
+    """Return the dof labels. Raises InputError for a model without nodes."""
     if model.dofs is None:
         raise InputError(f"{model.name} has no node coordinates, which {purpose} needs; convert it with --nodes, or "
                          "give dofs in Python")  # fmt: skip
@@ -150,7 +169,7 @@ def require_dofs(model, purpose: str) -> Dofs:
 
 
 def target_of(name: str):
-    """The target that target_name named, or None for the name of something else."""
+    """Return the target of a name made by target_name, or None for another name."""
     head, colon, tail = name.rpartition(":")
     if colon and tail in DIRECTIONS:
         return int(head) if head.isdecimal() else head, tail
@@ -158,19 +177,18 @@ def target_of(name: str):
 
 
 def node_of(name: str):
-    """The node whose motion in space an input or output named by target_name has part in, or None: dofs that are
-    scalar or in directions of the node's own have none."""
+    """Return the node of an input or output by its name, or None, also for scalar dofs and own directions."""
     target = target_of(name)
     return target[0] if isinstance(target, tuple) and DIRECTIONS.index(target[1]) < SCALAR else None
 
 
 def target_name(target) -> str:
-    """ "20:z" for a pair (node, direction), "dof 115" for a number."""
+    """Return "20:z" for a pair (node, direction), "dof 115" for a number."""
     return f"dof {target}" if isinstance(target, (int, np.integer)) else f"{target[0]}:{target[1]}"
 
 
 def dofs_per_node(dofs: Dofs) -> int:
-    """The number of dofs of every node if it is the same for all and rows go node by node, else 1."""
+    """Return the number of dofs per node if it is the same for all and rows are ordered by node, else 1."""
     node = dofs.node
     changes = np.flatnonzero(np.diff(node)) + 1
     block = int(changes[0]) if changes.size else node.size

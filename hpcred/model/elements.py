@@ -1,4 +1,4 @@
-"""Finite elements as far as their surface is needed: the nodes of every element, by kind; faces and areas."""
+"""Describe finite elements as far as their surface is needed: nodes by kind of element, faces and areas."""
 
 import itertools
 
@@ -61,15 +61,15 @@ def check_elements(elements: dict, name: str):
 
 
 def abaqus_kind(name: str) -> str | None:
-    """The kind of an Abaqus element type, whatever its integration: C3D8R is a hexahedron. None if not known."""
+    """Return the kind of an Abaqus element type, whatever its integration: C3D8R is a hexahedron. None if not known."""
     letters = name.upper()
     fitting = [key for key in ABAQUS if letters.startswith(key) and not letters[len(key) :][:1].isdigit()]
     return ABAQUS[max(fitting, key=len)] if fitting else None
 
 
 def abaqus_nodes_more(name: str) -> int:
-    """How many nodes an Abaqus element type may name behind those of its kind: beams in space one for the direction of
-    their section, C3D15V those in the middle of its sides."""
+    """Return how many nodes an Abaqus element type may name behind those of its kind: beams in space one for the
+    direction of their section, C3D15V those in the middle of its sides."""
     letters = name.upper()
     if letters.startswith("C3D15V"):
         return 3
@@ -77,17 +77,17 @@ def abaqus_nodes_more(name: str) -> int:
 
 
 def edges(kind: str) -> list[tuple[int, int]]:
-    """Pairs of places in the list of an element's nodes; straight edges of the corners for curved kinds."""
+    """Return pairs of places in the list of an element's nodes; straight edges of the corners for curved kinds."""
     return EDGES.get(kind) or EDGES[kind.rstrip("0123456789")]
 
 
 def in_vtk_order(kind: str, nodes: np.ndarray) -> np.ndarray:
-    """Abaqus numbers the middle of a line3 second, VTK last; the other kinds agree."""
+    """Return nodes in the order of VTK: Abaqus numbers the middle of a line3 second, VTK last; other kinds agree."""
     return nodes[:, [0, 2, 1]] if kind == "line3" else nodes
 
 
 def all_faces(cells: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corners (f, 4) and middles (f, 4) of the faces of all elements, and which are of solids (f,).
+    """Return corners (f, 4) and middles (f, 4) of the faces of all elements, and which are of solids (f,).
 
     `cells`: nodes (elements, k), not negative, by kind. -1 stands where a face has no such node; the middles are those
     of the edges after the corners.
@@ -105,7 +105,8 @@ def all_faces(cells: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def nodes_behind(cells: dict[str, np.ndarray]) -> np.ndarray:
-    """A corner (f,) of the element of each face, as all_faces has them, that is not on the face; -1 for shells."""
+    """Return a corner (f,) of the element of each face, as all_faces has them, that is not on the face; -1 for
+    shells."""
     parts = [np.zeros(0, dtype=int)]
     for kind, nodes in cells.items():
         for face in FACES.get(kind, ()):
@@ -119,7 +120,7 @@ def nodes_behind(cells: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def free(corners: np.ndarray, solid: np.ndarray) -> np.ndarray:
-    """Which faces count (f,): those of one solid only, and shells, each place once.
+    """Return which faces count (f,): those of one solid only, and shells, each place once.
 
     A skin of shells on a solid is the face of the solid. One that is folded to a triangle or a line has fewer corners.
     """
@@ -136,7 +137,7 @@ def free(corners: np.ndarray, solid: np.ndarray) -> np.ndarray:
 
 
 def equal_rows(keys: np.ndarray) -> np.ndarray:
-    """The same number for equal rows of keys (f, c), counted from 0."""
+    """Return the same number for equal rows of keys (f, c), counted from 0."""
     order = np.lexsort(keys.T)
     new = np.any(keys[order[1:]] != keys[order[:-1]], axis=1)
     numbers = np.empty(len(keys), dtype=int)
@@ -145,7 +146,7 @@ def equal_rows(keys: np.ndarray) -> np.ndarray:
 
 
 def triangles_of(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
-    """The triangles (t, 3) of faces, those of curved ones through their middles; without folded ones."""
+    """Return the triangles (t, 3) of faces, those of curved ones through their middles; without folded ones."""
     three, curved = corners[:, 3] < 0, middles[:, 0] >= 0
     both = np.hstack([corners, middles])  # places 0 to 3 are corners, 4 to 7 the middles of the edges after them
     parts = []
@@ -162,15 +163,16 @@ def triangles_of(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
 
 
 def surface_triangles(cells: dict[str, np.ndarray]) -> np.ndarray:
-    """The triangles (t, 3) of what is seen of a body, of curved elements by their corners; nodes as in `cells`."""
+    """Return the triangles (t, 3) of what is seen of a body, of curved elements by their corners; nodes as in
+    `cells`."""
     corners, middles, solid = all_faces(cells)
     seen = free(corners, solid)
     return triangles_of(corners[seen], np.full_like(middles[seen], -1))
 
 
 def share_of_faces(comm, elements, nodes) -> float:
-    """How many of the faces of the surface lie on a set of nodes (k,), ascending; faces between elements of two ranks
-    count as surface. 0 without elements. `elements`: as for surface_areas. Collective."""
+    """Return how many of the faces of the surface lie on a set of nodes (k,), ascending; faces between elements of two
+    ranks count as surface. 0 without elements. `elements`: as for surface_areas. Collective."""
     corners, _, solid = all_faces(elements)
     seen = corners[free(corners, solid)]
     on = ((seen < 0) | np.isin(seen, nodes)).all(axis=1)
@@ -179,7 +181,8 @@ def share_of_faces(comm, elements, nodes) -> float:
 
 
 def solid_volume(comm, elements, label, position) -> float | None:
-    """The volume of the elements by their corners, or None where not all of them are solids, or a node has no place.
+    """Return the volume of the elements by their corners, or None where not all of them are solids, or a node has no
+    place.
 
     `elements`: node numbers by kind, of this rank; `label` (k,), no number on two ranks, and `position` (k, 3) of
     nodes. Collective.
@@ -203,7 +206,7 @@ def solid_volume(comm, elements, label, position) -> float | None:
 
 
 def surface_areas(comm, elements, nodes, points) -> np.ndarray:
-    """The area (k,) in m^2 of the faces that lie on a set of nodes, in equal shares of the nodes of each face.
+    """Return the area (k,) in m^2 of the faces that lie on a set of nodes, in equal shares of the nodes of each face.
 
     `elements`: node numbers by kind, of this rank; `nodes` (k,) ascending and `points` (k, 3) of the set, the same on
     all ranks. Collective.

@@ -1,4 +1,4 @@
-"""The reference frame of the floating-frame formulation (2.3): from a body to one without rigid motion.
+"""Apply the reference frame of the floating-frame formulation (2.3), which removes the rigid-body motion of a body.
 
 The tangent and the chord frame (14, 15) remove dofs; the Buckens frame (16) keeps the free body and deflates its
 rigid-body modes.
@@ -31,14 +31,20 @@ COLLINEAR = 1e-6  # area of the unit triangle below which three points count as 
 
 @dataclass(frozen=True)
 class NoFrame:
-    """The matrices as they are: the body is supported already."""
+    """No frame: the matrices as they are, for a body that is supported already."""
 
     kind: Literal["none"] = field(default="none", kw_only=True, repr=False)
 
 
 @dataclass(frozen=True)
 class Tangent:
-    """The body frame is that of one node, which has six dofs: all of them are held. It may be a rigid interface."""
+    """Tangent frame: the body frame is fixed to one node with six dofs, all of which are zero.
+
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of a rigid interface.
+    """
 
     kind: Literal["tangent"] = field(default="tangent", kw_only=True, repr=False)
     node: int | str
@@ -50,10 +56,20 @@ class Tangent:
 
 @dataclass(frozen=True)
 class Chord:
-    """The body frame goes through three nodes (14, 15): u(P1) = 0, u_2(P2) = u_3(P2) = 0, u_3(P3) = 0.
+    """Chord frame through three nodes (14, 15): u(P1) = 0, u_2(P2) = u_3(P2) = 0, u_3(P3) = 0.
 
-    `axes`: global directions that serve as axes 1, 2, 3, such as "yxz"; axis 3 must not lie in the plane of the
-    points. Without it, axis 1 points from P1 to P2 and axis 3 is normal to the plane.
+    Parameters
+    ----------
+    nodes : tuple of three int or str
+        P1, P2 and P3, not on a line: numbers of nodes, or names of rigid interfaces.
+    axes : str, optional
+        Global directions of the axes 1, 2, 3, such as "yxz"; axis 3 must not lie in the plane of the points. By
+        default axis 1 points from P1 to P2, and axis 3 is normal to the plane.
+
+    Raises
+    ------
+    InputError
+        For axes that are no order of x, y, z.
     """
 
     kind: Literal["chord"] = field(default="chord", kw_only=True, repr=False)
@@ -69,9 +85,13 @@ class Chord:
 
 @dataclass(frozen=True)
 class Buckens:
-    """The body frame that makes the elastic displacement smallest (16): the free body without rigid-body modes.
+    """Buckens frame: the free body without its rigid-body modes, which has the smallest elastic displacement (16).
 
-    `supports`: (node, direction) pairs to hold in inertia relief; the result does not depend on them.
+    Parameters
+    ----------
+    supports : sequence of (int, str), optional
+        Pairs of a node and a direction to hold in the solves of inertia relief, which determine the rigid-body
+        motion. The result does not depend on them; by default they are chosen automatically.
     """
 
     kind: Literal["buckens"] = field(default="buckens", kw_only=True, repr=False)
@@ -86,11 +106,18 @@ class Buckens:
 
 @dataclass(frozen=True, eq=False)
 class FramedModel:
-    """A model with its damping, in its reference frame.
+    """A model with its damping, in its reference frame. Call close(); collective.
 
-    `model`: the model in the free coordinates. `restore`: (n, n_free) matrix T with q = T q_free, or None when
-    nothing was removed. `rigid`: RigidBodyModes to deflate, or None. `damping`: the damping law, for those laws
-    that have no matrix. Call close(); collective.
+    Attributes
+    ----------
+    model : SecondOrderModel
+        The model in the free coordinates.
+    restore : PETSc.Mat or None, shape (n, n_free)
+        T with q = T q_free; None if no dofs were removed.
+    rigid : RigidBodyModes or None
+        Rigid-body modes to deflate.
+    damping : Damping
+        The damping model, also for those without a matrix.
     """
 
     model: SecondOrderModel
@@ -117,9 +144,9 @@ class FramedModel:
 
 
 def apply_frame(model: SecondOrderModel, frame=None, damping=None) -> FramedModel:
-    """The model with the damping, in the frame; `model` stays as it is. Collective.
+    """Return the model with the damping, in the frame; `model` is not changed. Collective.
 
-    Raises InputError where the frame does not fit the body or the damping is not possible.
+    Raises InputError if the frame does not fit the body, or the damping is not possible.
     """
     frame = declared("frame", frame, Frame | None)
     with Owned(model.comm) as owned:
@@ -143,9 +170,9 @@ def apply_frame(model: SecondOrderModel, frame=None, damping=None) -> FramedMode
 
 
 def inputs_without_effect(framed) -> tuple[str, ...]:
-    """A sentence on inputs that only push a free body as a whole, whose elastic response is round-off. Collective.
+    """Return a warning of inputs that only accelerate a free body as a whole. Collective.
 
-    Raises InputError where there are no others.
+    Their elastic response is round-off. Raises InputError if there are no other inputs.
     """
     model = framed.model
     if framed.rigid is None or model.B is None:
@@ -176,7 +203,7 @@ def _rows_of_tangent(model, frame):
 
 
 def _free_body(model, frame):
-    """The rigid-body modes of a body in the Buckens frame."""
+    """Return the rigid-body modes of a body in the Buckens frame."""
     rigid = RigidBodyModes(model)
     try:
         _hold(model, rigid, frame)
@@ -187,7 +214,7 @@ def _free_body(model, frame):
 
 
 def _hold(model, rigid, frame):
-    """Refuse a supported body, and hold the supports that the user chose."""
+    """Refuse a supported body, and apply the supports that the user chose."""
     if rigid.count == 0:
         raise InputError(
             f"frame: the Buckens frame needs a free body, but {model.name} is supported "
@@ -204,7 +231,7 @@ def _hold(model, rigid, frame):
 
 
 def _holds(model, rigid, rows):
-    """Whether no rigid-body motion is left when the rows are held."""
+    """Test whether no rigid-body motion is left when the rows are held."""
     with local_rows(rigid.R) as view:
         mine = {row: view[row - model.first_row].real.copy()
                 for row in rows if 0 <= row - model.first_row < model.local_rows}  # fmt: skip
@@ -217,7 +244,7 @@ def _holds(model, rigid, rows):
 
 
 def _rows_of_chord(model, frame):
-    """Global rows to hold, and the dofs of nodes to be rotated before."""
+    """Return global rows to hold, and the dofs of nodes to be rotated before."""
     nodes = [node_number(model, node) for node in frame.nodes]
     points = np.array([position_of_node(model, node) for node in nodes])
     along, across = points[1] - points[0], points[2] - points[0]
@@ -256,7 +283,7 @@ def _rows_of_chord(model, frame):
 
 
 def _remove(model, held, rotated):
-    """The model without the global rows `held`, after rotating the dofs (rows, axes) of some nodes, and T."""
+    """Return the model without the global rows `held`, after rotating the dofs (rows, axes) of some nodes, and T."""
     comm, first, last = model.comm, model.first_row, model.first_row + model.local_rows
     free = np.setdiff1d(np.arange(first, last), held).astype(PETSc.IntType)
     total = comm.allreduce(len(free))
@@ -281,7 +308,7 @@ def _remove(model, held, rotated):
 
 
 def _rotation(model, rotated):
-    """Q (n, n): the identity but for 3 x 3 blocks whose columns are the axes of the nodes to rotate."""
+    """Return Q (n, n): the identity but for 3 x 3 blocks whose columns are the axes of the nodes to rotate."""
     first, last = model.first_row, model.first_row + model.local_rows
     blocks = [(np.repeat(rows, 3), np.tile(rows, 3), axes.T.ravel()) for rows, axes in rotated]
     i, j, v = (np.concatenate(parts) for parts in zip(*blocks, strict=True))

@@ -1,11 +1,11 @@
-"""The motion of interface nodes: sets of nodes enter; reference nodes whose motion is that of their set leave.
+"""Make interface nodes: reference nodes that represent the motion of sets of nodes.
 
 The motion u_R, theta_R of a reference node is the weighted least-squares rigid motion of its set,
 
     [u_R; theta_R] = (sum w E^T E)^-1 sum w E^T u = G u,      u_j = E_j [u_R; theta_R] for a rigid set,
 
-so that loads on it are distributed by the columns of G^T. `averaging` (distributing coupling, RBE3) leaves the matrices
-as they are; `rigid` (kinematic coupling, RBE2) does not: see coupling.
+and the columns of G^T distribute loads on it over the set. `averaging` interfaces (distributing coupling, RBE3) do not
+change the matrices; `rigid` ones (kinematic coupling, RBE2) do, see coupling.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ UNDEFINED_MOTION = 1e-10  # eigenvalue of sum w E^T E, scaled, below which a mot
 
 
 def with_interfaces(model, interfaces):
-    """The model with interface nodes, in place of those that it has. Collective. Raises InputError.
+    """Return the model with interface nodes, in place of those that it has. Collective. Raises InputError.
 
     Inputs and outputs may then be (name, direction), and (name, "all") for all of its directions.
     """
@@ -73,7 +73,7 @@ def with_interfaces(model, interfaces):
 
 
 def members(model, item) -> np.ndarray:
-    """Which rows of this rank belong to the nodes of an interface (rows,). Collective. Raises InputError."""
+    """Return which rows of this rank belong to the nodes of an interface (rows,). Collective. Raises InputError."""
     comm, dofs, nodes, where = model.comm, model.dofs, item.nodes, f"interface '{item.name}'"
     if isinstance(nodes, str):
         raise InputError(f"{where}: nodes: found the text '{nodes}', expected numbers or Nodes")
@@ -122,7 +122,7 @@ def members(model, item) -> np.ndarray:
 
 
 def _on_surface(model, nodes, where):
-    """The numbers (k,) of the nodes of a bore or a pin. Collective. Raises InputError where there are none."""
+    """Return the numbers (k,) of the nodes of a bore or a pin. Collective. Raises InputError where there are none."""
     *ends, radius = nodes.surface
     key = "bore" if nodes.bore is not None else "pin"
     numbers = nodes_on_cylinder(model, ends, radius, key == "bore")
@@ -155,7 +155,7 @@ class _Set:
 
 
 def _set_of(model, mask) -> _Set:
-    """The set whose rows of this rank are given (rows,). Collective."""
+    """Return the set whose rows of this rank are given (rows,). Collective."""
     found = model.comm.allgather((model.dofs.node[mask], model.dofs.position[mask]))  # as large as the set
     nodes, positions = (np.concatenate(part) for part in zip(*found, strict=True))
     nodes, first = np.unique(nodes, return_index=True)
@@ -164,7 +164,7 @@ def _set_of(model, mask) -> _Set:
 
 
 def _doubts(model, item, own, position, sets) -> tuple[str, ...]:
-    """Sentences on a set that takes most of the body, that shares nodes with others (`sets` by name), or whose
+    """Return sentences on a set that takes most of the body, that shares nodes with others (`sets` by name), or whose
     reference node lies far from it. Collective."""
     where, doubts, total = f"interface '{item.name}'", [], model.node_count
     share = len(own.nodes) / max(total, 1)
@@ -189,15 +189,15 @@ def _doubts(model, item, own, position, sets) -> tuple[str, ...]:
 
 
 def coupled_rows(model, item, mask):
-    """The rows of this rank, among those of `mask` (rows,), that carry an interface: their places, directions and
-    positions."""
+    """Return the rows of this rank, among those of `mask` (rows,), that carry an interface: their places, directions
+    and positions."""
     allowed = [SIX.index(name) for name in (item.directions if item.kind == "rigid" else SIX[:3])]
     rows = np.flatnonzero(mask & np.isin(model.dofs.direction, allowed))
     return rows, model.dofs.direction[rows], model.dofs.position[rows]
 
 
 def rigid_rows(direction, arm) -> np.ndarray:
-    """E (rows, 6): a row of the motion of rigidly coupled dofs, at `arm` (rows, 3) from the reference node."""
+    """Return E (rows, 6): a row of the motion of rigidly coupled dofs, at `arm` (rows, 3) from the reference node."""
     E = np.zeros((len(direction), 6))
     place = np.arange(len(direction))
     E[place, direction] = 1.0
@@ -208,7 +208,7 @@ def rigid_rows(direction, arm) -> np.ndarray:
 
 
 def _reference(model, item, mask, own):
-    """Position (3,) and directions of the reference node, rows of this rank, and their rows (rows, 6) of G^T.
+    """Return position (3,) and directions of the reference node, rows of this rank, and their rows (rows, 6) of G^T.
 
     Collective.
     """
@@ -248,7 +248,8 @@ def _reference(model, item, mask, own):
 
 
 def _inverse(gram, length, engaged, item):
-    """(sum w E^T E)^-1 on the engaged directions, zero in the others, for a set with a radius of gyration `length`.
+    """Return (sum w E^T E)^-1 on the engaged directions, zero in the others, for a set with a radius of gyration
+    `length`.
 
     Raises InputError where there is none.
     """
@@ -267,7 +268,7 @@ def _inverse(gram, length, engaged, item):
 
 
 def _weights(model, item, rows, own) -> np.ndarray:
-    """The weight of each row. Raises InputError."""
+    """Return the weight of each row. Raises InputError."""
     node = model.dofs.node[rows]
     if isinstance(item.weights, tuple):
         order = np.argsort(item.nodes)
@@ -299,7 +300,7 @@ def _check_overlaps(model, interfaces, coupled):
 
 
 def _sparse_columns(model, entries):
-    """G^T (n, 6k) as a sparse matrix, from rows of this rank and their six values by interface."""
+    """Return G^T (n, 6k) as a sparse matrix, from rows of this rank and their six values by interface."""
     parts = [(np.repeat(rows, 6), 6 * i + np.tile(np.arange(6), len(rows)), values.ravel())
              for i, (rows, values) in enumerate(entries)]  # fmt: skip
     return sparse_rows(model.K, parts, (None, 6 * len(entries)))

@@ -1,4 +1,4 @@
-"""Interface nodes: what is to be one enters; reference nodes with six directions, found by name or number, leave."""
+"""Define interface nodes, and find them by name or number: reference nodes with six directions."""
 
 from __future__ import annotations
 
@@ -21,9 +21,28 @@ NAME = re.compile(r"[A-Za-z_][\w.\-]{0,62}")
 
 @dataclass(frozen=True, kw_only=True)
 class Nodes:
-    """Which nodes: exactly one of `set`, the name of a node set; `box`, two corners; `sphere`, centre and radius;
-    `cylinder`, two points of its axis, at its ends, and radius; `bore`, the same of a hole, whose surface is taken;
-    `pin`, the same of a cylinder that is seen from outside; in m."""
+    """A choice of nodes, by exactly one of the parameters. Lengths in m.
+
+    Parameters
+    ----------
+    set : str, optional
+        Name of a node set of the model.
+    box : tuple of two points, optional
+        Two opposite corners (x, y, z); all nodes inside.
+    sphere : tuple of point and float, optional
+        Centre and radius; all nodes inside.
+    cylinder : tuple of two points and float, optional
+        The ends of its axis, and its radius; all nodes inside.
+    bore : tuple of two points and float, optional
+        The same of a hole; the nodes of its surface.
+    pin : tuple of two points and float, optional
+        The same of an outer cylindrical surface; its nodes.
+
+    Raises
+    ------
+    InputError
+        Unless exactly one is given, and for radii and axes without length.
+    """
 
     set: str | None = None
     box: tuple[Vector, Vector] | None = None
@@ -51,11 +70,11 @@ class Nodes:
 
     @property
     def surface(self) -> tuple[Vector, Vector, float] | None:
-        """The cylinder of a bore or a pin."""
+        """The cylinder of a bore or pin."""
         return self.bore or self.pin
 
     def contain(self, points: np.ndarray) -> np.ndarray:
-        """Whether points (k, 3) lie inside, or on the surface up to 1e-9 of its size; of a box, sphere, cylinder."""
+        """Test whether points (k, 3) lie in a box, sphere or cylinder, or up to 1e-9 of its size outside."""
         if self.box is not None:
             low, high = np.sort(self.box, axis=0)
             slack = 1e-9 * np.abs(high - low).max()
@@ -74,14 +93,36 @@ class Nodes:
 
 @dataclass(frozen=True, kw_only=True)
 class Interface:
-    """What an interface node is to be.
+    """An interface: a reference node with six directions that represents a set of nodes.
 
-    `nodes`: numbers, or Nodes; in a job file also the name of a file of numbers. `at`: its position in m, by default
-    the centre of the surface that the set is, where elements have faces on all its nodes, or else the mean of its
-    nodes, with given weights the weighted one. `weights` of the nodes: "equal", "area" (of the surface that belongs to
-    a node, where elements are known), or one number a node in the order of `nodes`. `directions`: those in which the
-    nodes of a rigid set follow. `node`: the number of the reference node, by default the next one that nothing of the
-    model names.
+    Parameters
+    ----------
+    name : str
+        A word that begins with a letter. It stands for a node in inputs, outputs and frames.
+    nodes : sequence of int, Nodes or str
+        Numbers of the nodes, or Nodes; in a job file also the name of a file of numbers.
+    at : tuple of three floats, optional
+        Position of the reference node in m. By default the centroid of the surface that the set covers, if elements
+        have faces on all its nodes; otherwise the mean of the nodes, weighted with a list of `weights`.
+    kind : {"averaging", "rigid"}, default "averaging"
+        Whether the reference node has the weighted mean motion of the set, or the set follows it rigidly.
+    weights : {"equal", "area"} or sequence of float, default "equal"
+        Of the nodes of an averaging set: equal, by the area of the surface that belongs to a node (which needs
+        elements), or one number for each node in the order of `nodes`.
+    directions : sequence of str, default ("x", "y", "z", "rx", "ry", "rz")
+        Directions in which the nodes of a rigid set follow.
+    node : int, optional
+        Number of the reference node; by default the next one that no node, element or set of the model uses.
+
+    Raises
+    ------
+    InputError
+        For values that do not fit each other.
+
+    Notes
+    -----
+    The motion of an averaging interface is the weighted least-squares rigid motion of its set, as of an RBE3 or a
+    distributing coupling; a rigid interface is an RBE2 or a kinematic coupling.
     """
 
     name: str
@@ -122,10 +163,24 @@ class Interface:
 
 @dataclass(frozen=True)
 class InterfaceNode:
-    """A reference node: its `name`, its number `node`, which no node of the body has, and its `position` in m.
+    """A reference node of a model, as `with_interfaces` makes it.
 
-    `directions`: those in which its set moves it. `count`: the number of nodes of its set, and `definition`: what it
-    was made from; 0 and None after reading a result. `doubts`: sentences on what may not have been meant.
+    Attributes
+    ----------
+    name : str
+        Name of the interface.
+    node : int
+        Number of the reference node, which no node of the body has.
+    position : tuple of three floats
+        In m.
+    directions : tuple of str
+        Directions in which the set moves the reference node.
+    definition : Interface or None
+        The interface that it was made from; None after reading a result.
+    count : int
+        Number of nodes of the set; 0 after reading a result.
+    doubts : tuple of str
+        Warnings.
     """
 
     name: str
@@ -138,13 +193,12 @@ class InterfaceNode:
 
 
 def find_interface(model, node) -> int | None:
-    """The place of an interface node, given by its name or number, in the list of the model; None for another node."""
+    """Return the index of an interface node, given by name or number, in the list of the model; else None."""
     return next((i for i, item in enumerate(model.interfaces) if node in (item.name, item.node)), None)
 
 
 def doubts_of_interfaces(model) -> list[str]:
-    """Sentences on sets that may not be what was meant, or of which some nodes have no row, and so no part in the
-    motion of the interface. Collective."""
+    """Return warnings of sets that look unintended, or with nodes without rows, which do not contribute. Collective."""
     made = [item for item in model.interfaces if item.definition and isinstance(item.definition.nodes, Nodes)]
     sizes = model.set_sizes if made else {}
     return [doubt for item in model.interfaces for doubt in item.doubts] + [
@@ -155,7 +209,7 @@ def doubts_of_interfaces(model) -> list[str]:
 
 
 def node_number(model, node) -> int:
-    """The number of a node, or of the interface node of that name. Raises InputError."""
+    """Return the number of a node, or of the interface node of that name. Raises InputError."""
     if not isinstance(node, str):
         return int(node)
     place = find_interface(model, node)
@@ -167,13 +221,15 @@ def node_number(model, node) -> int:
 
 
 def interface_targets(interfaces) -> tuple[str, ...]:
-    """The names of the inputs that are all directions of all interfaces."""
+    """Return the names of all directions of all interfaces, as inputs."""
     return tuple(target_name((item.name, name)) for item in interfaces for name in item.directions)
 
 
 def single_targets(model, target) -> list:
-    """A target of inputs or outputs, or all those of (node, "all") or of the name of an interface, with interface nodes
-    by name. Collective. Raises InputError."""
+    """Return the single targets of a target of inputs or outputs, such as all directions of (node, "all").
+
+    Interface nodes are named. Collective. Raises InputError.
+    """
     if isinstance(target, int):
         return [target]
     node, direction = (target, "all") if isinstance(target, str) else target
@@ -188,7 +244,7 @@ def single_targets(model, target) -> list:
 
 
 def interface_column(model, target) -> int | None:
-    """The column of G^T that a target means, None for a dof. Raises InputError."""
+    """Return the column of G^T of a target, None for a dof. Raises InputError."""
     place = find_interface(model, target[0]) if isinstance(target, tuple) else None
     if place is None:
         return None

@@ -1,4 +1,4 @@
-"""The rows of a model as blocks of the same number of rows for every node, which algebraic multigrid coarsens."""
+"""Arrange the rows of a model in blocks with the same number of rows for every node, for algebraic multigrid."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ class NodeBlocks:
                 item.destroy()
 
     def expanded(self, matrix: PETSc.Mat, diagonal: float) -> PETSc.Mat:
-        """A matrix in whole blocks, with `diagonal` in the rows that are missing; `matrix` itself where it has them,
-        told its block size. Collective."""
+        """Return a matrix in whole blocks, with `diagonal` in the rows that are missing; `matrix` itself where it has
+        them, told its block size. Collective."""
         if self.expansion is None:
             matrix.setBlockSize(self.size)
             return matrix

@@ -1,6 +1,6 @@
-"""Matrices that another program assembled in PETSc: K, M, D enter as they are, on one nonzero pattern they leave.
+"""Take over K, M and D that another program assembled in PETSc, and bring them to one nonzero pattern.
 
-What fits is not copied: the matrices that leave are references to those that entered.
+Matrices that fit already are not copied but referenced.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ ROWS_OF_A_NODE = (1, 2, 3, 6)
 
 
 def taken(given: dict[str, PETSc.Mat], held, name: str) -> tuple[dict[str, PETSc.Mat], np.ndarray]:
-    """References to K, M and D as models need them, and the rows (local, from 0) of this rank that stay. Collective.
+    """Return references to K, M and D as models need them, and the rows (local, from 0) of this rank that stay.
+    Collective.
 
     AIJ on one structurally symmetric pattern with a full diagonal, without the rows and columns `held` (global, from 0,
     of any rank). Raises InputError.
@@ -73,7 +74,7 @@ def _check_layout(given, name):
 
 
 def _as_aij(mat, what):
-    """A reference to an AIJ matrix, or a copy as AIJ of another storage type (SBAIJ, BAIJ, nest, ...)."""
+    """Return a reference to an AIJ matrix, or a copy as AIJ of another storage type (SBAIJ, BAIJ, nest, ...)."""
     if mat.getType() in ("seqaij", "mpiaij"):
         return copy(mat)
     try:
@@ -85,7 +86,7 @@ def _as_aij(mat, what):
 
 
 def _held_rows(comm, mat, held, name):
-    """The rows (local, from 0) of this rank among those that any rank names."""
+    """Return the rows (local, from 0) of this rank among those that any rank names."""
     with agreed(comm):
         rows = np.asarray([] if held is None else held)
         if rows.size and (rows.ndim != 1 or rows.dtype.kind not in "iu"):
@@ -100,7 +101,8 @@ def _held_rows(comm, mat, held, name):
 
 
 def _on_one_pattern(mats, owned):
-    """References to the matrices where they have one pattern that serves, else copies on the union of all. Collective.
+    """Return references to the matrices where they have one pattern that serves, else copies on the union of all.
+    Collective.
 
     An unsymmetric D brings the pattern of its transpose.
     """
@@ -128,7 +130,7 @@ def _on_one_pattern(mats, owned):
 
 
 def _signature(mat):
-    """A short sign of the pattern of this rank, and whether each of its rows has an entry on the diagonal."""
+    """Return a short sign of the pattern of this rank, and whether each of its rows has an entry on the diagonal."""
     indptr, indices, _ = mat.getValuesCSR()
     rows = np.repeat(np.arange(*mat.getOwnershipRange()), np.diff(indptr))
     sign = blake2b(indptr)
@@ -143,7 +145,8 @@ def _diagonal_of_zeros(like):
 
 
 def labels(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
-    """Labels of the rows of this rank: `dofs`, or from nodes with the same number of rows each, one after the other.
+    """Return labels of the rows of this rank: `dofs`, or from nodes with the same number of rows each, one after the
+    other.
 
     `nodes` (nodes of this rank, 3) in m, or None; `numbers` (nodes,), or None for numbers from 1 in the order of the
     rows. Collective. Raises InputError.
@@ -193,7 +196,7 @@ def labels(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
 
 
 def decoupled(indptr: np.ndarray, indices: np.ndarray, values, first: int) -> np.ndarray:
-    """The rows (local, from 0) without a number other than zero beside the diagonal, in any of the matrices."""
+    """Return the rows (local, from 0) without a number other than zero beside the diagonal, in any of the matrices."""
     rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     beside = (indices != rows + first) & np.any([data != 0 for data in values], axis=0)
     return np.setdiff1d(np.arange(len(indptr) - 1), rows[beside])

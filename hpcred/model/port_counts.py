@@ -1,4 +1,4 @@
-"""How many inputs and outputs a model may have: what their columns and responses take, before it is computed."""
+"""Limit the numbers of inputs and outputs by the memory of their columns and responses, before the computation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigid-body modes: from the positions of the nodes to an M-orthonormal basis of ker K, and what follows from it."""
+"""Compute the rigid-body modes of a body from the positions of its nodes: an M-orthonormal basis of ker K."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MOST_ROWS = 0.6  # share of rows in which supports are not believed
 
 
 def rigid_motions(model, centre=(0.0, 0.0, 0.0)) -> SLEPc.BV:
-    """Unit translations and unit rotations about `centre` as a block (n, 6). Collective; the caller destroys it.
+    """Return unit translations and unit rotations about `centre` as a block (n, 6). Collective; the caller destroys it.
 
     Translational dofs move by e x (r - centre), rotational dofs by e, others not at all. Raises InputError without
     nodes.
@@ -78,7 +78,8 @@ class RigidBody:
 
 
 def rigid_body_of(gram: np.ndarray) -> RigidBody:
-    """Mass, centre and inertia about the reference point, from R^T M R (6, 6) of the motions of rigid_motions."""
+    """Return Mass, centre and inertia about the reference point, from R^T M R (6, 6) of the motions of
+    rigid_motions."""
     masses, cross = np.diag(gram)[:3].copy(), gram[:3, 3:]
     masses[np.abs(masses) <= NO_MASS * np.abs(masses).max()] = 0.0
     # integral of e_a . (e_b x r) dm is that of r_c in the mass of direction a
@@ -94,7 +95,8 @@ def rigid_body_of(gram: np.ndarray) -> RigidBody:
 
 
 def rigid_body_quantities(model) -> RigidBody:
-    """Mass, centre of mass and inertia about it, from M and the nodes. Collective. Raises InputError without mass."""
+    """Return Mass, centre of mass and inertia about it, from M and the nodes. Collective. Raises InputError without
+    mass."""
     centre = np.zeros(3)
     for _ in range(2):
         found = rigid_body_of(_rigid_gram(model, centre))
@@ -110,7 +112,7 @@ def rigid_body_quantities(model) -> RigidBody:
 
 
 def _rigid_gram(model, centre):
-    """R^T M R (6, 6) of the rigid motions about `centre`. Collective."""
+    """Return R^T M R (6, 6) of the rigid motions about `centre`. Collective."""
     with ExitStack() as stack:
         motions = rigid_motions(model, centre)
         stack.callback(motions.destroy)
@@ -158,11 +160,11 @@ class RigidBodyModes:
         self.R = self.MR = None
 
     def equilibrate(self, load: SLEPc.BV):
-        """load <- (I - M R R^T) load: the part of a load that does not accelerate the body as a whole."""
+        """Replace a load by (I - M R R^T) load, the part that does not accelerate the body as a whole."""
         add_product(load, self.MR, inner(self.R, load), alpha=-1.0)
 
     def project(self, block: SLEPc.BV):
-        """block <- (I - R R^T M) block: the M-orthogonal projection onto the elastic space (51)."""
+        """Replace a block by (I - R R^T M) block, its M-orthogonal projection onto the elastic space (51)."""
         add_product(block, self.R, inner(self.MR, block), alpha=-1.0)
 
     def hold(self, rows):
@@ -171,7 +173,7 @@ class RigidBodyModes:
         self.supports = np.array(sorted(mine), dtype=PETSc.IntType)
 
     def _determinate_supports(self, model):
-        """`count` rows whose rows of R are as independent as possible: Gram-Schmidt with row pivoting."""
+        """Return `count` rows whose rows of R are as independent as possible: Gram-Schmidt with row pivoting."""
         with local_rows(self.R) as view:
             rows = view.real.copy()
         taken = []
@@ -190,7 +192,8 @@ class RigidBodyModes:
 
 
 def _forces(model, motions):
-    """Gram matrices (6, 6) of the forces K R / (||K|| ||R||) and of R / ||R||, and the norms (6,) of the motions R.
+    """Return gram matrices (6, 6) of the forces K R / (||K|| ||R||) and of R / ||R||, and the norms (6,) of the motions
+    R.
 
     The norm of a rotation that moves no node is infinite: it is no motion.
     """
@@ -207,12 +210,12 @@ def _forces(model, motions):
 
 
 def free_motions(model, motions) -> int:
-    """How many independent rigid-body motions (see rigid_motions) meet no force. Collective."""
+    """Return how many independent rigid-body motions (see rigid_motions) meet no force. Collective."""
     return decided(model.comm, _force_free, *_forces(model, motions))[1].shape[1]
 
 
 def soft_supports(model) -> np.ndarray:
-    """The force that each translation in x, y and z that moves the body meets in its worst row, relative to the
+    """Return the force that each translation in x, y and z that moves the body meets in its worst row, relative to the
     diagonal of that row; zero where it may be round-off. Collective.
 
     So springs to the ground show that are too few or too soft for ||K R||, in which all rows of the body have a share.
@@ -236,7 +239,7 @@ def soft_supports(model) -> np.ndarray:
 
 
 def _single(model) -> bool:
-    """Whether the entries of K are numbers of single precision. Collective."""
+    """Test whether the entries of K are numbers of single precision. Collective."""
     rows = range(model.first_row, model.first_row + min(model.local_rows, 16))
     values = np.concatenate([np.zeros(1), *(model.K.getRow(row)[1].real for row in rows)])
     with np.errstate(over="ignore"):
@@ -245,7 +248,8 @@ def _single(model) -> bool:
 
 
 def pushed_motions(model, loads) -> np.ndarray:
-    """Parts (motions, loads) of the loads on rigid motions that meet no force, which are M-orthonormal. Collective.
+    """Return parts (motions, loads) of the loads on rigid motions that meet no force, which are M-orthonormal.
+    Collective.
 
     `loads`: a block (n, loads). Parts that are round-off of a load are zero. Without nodes the motions are guessed to
     be translations of rows that go node by node.
@@ -270,7 +274,7 @@ def pushed_motions(model, loads) -> np.ndarray:
 
 
 def _translations_of_rows(model) -> SLEPc.BV:
-    """Translations in each direction, a column each, of nodes with 1, 2, 3 and 6 rows one after the other."""
+    """Return translations in each direction, a column each, of nodes with 1, 2, 3 and 6 rows one after the other."""
     kinds = [(count, direction) for count in (1, 2, 3, 6) for direction in range(min(count, 3))]
     motions = create_block(model.K, len(kinds))
     with local_rows(motions) as rows:
@@ -281,7 +285,8 @@ def _translations_of_rows(model) -> SLEPc.BV:
 
 
 def _exactly_free(model, motions):
-    """A selection (columns, count) of the columns that meet no force in any row, but for its round-off. Collective."""
+    """Return a selection (columns, count) of the columns that meet no force in any row, but for its round-off.
+    Collective."""
     with Owned(model.comm) as owned:
         product = owned.owns(create_block(model.K, motions.getActiveColumns()[1]))
         apply(model.K, motions, product)
@@ -293,13 +298,13 @@ def _exactly_free(model, motions):
 
 
 def _sizes_of_rows(mat):
-    """Sums of the absolute values of the rows of this rank."""
+    """Return sums of the absolute values of the rows of this rank."""
     indptr, _, values = mat.getValuesCSR()
     return np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)), np.abs(values), len(indptr) - 1)
 
 
 def _force_free(forces, overlaps, sizes):
-    """||K R|| / (||K|| ||R||) of the worst motion, and the combinations (6, count) that K does not resist."""
+    """Return ||K R|| / (||K|| ||R||) of the worst motion, and the combinations (6, count) that K does not resist."""
     # orthonormal combinations; a turn about the line on which all nodes are is none, in whatever direction it lies
     values, vectors = np.linalg.eigh(overlaps)
     moving = vectors[:, values > ROUND_OFF] / np.sqrt(values[values > ROUND_OFF])
@@ -309,7 +314,7 @@ def _force_free(forces, overlaps, sizes):
 
 
 def rigid_body_residuals(model) -> tuple[np.ndarray, int]:
-    """||K R|| / (||K|| ||R||) (6,) of the rigid motions R, and how many independent combinations meet no force.
+    """Return ||K R|| / (||K|| ||R||) (6,) of the rigid motions R, and how many independent combinations meet no force.
 
     Rotations are about the middle of the nodes; a turn about a support is a combination. NaN stands for motions that
     move no dof. Collective.
@@ -322,7 +327,7 @@ def rigid_body_residuals(model) -> tuple[np.ndarray, int]:
 
 
 def doubts_of_nodes(model) -> list[str]:
-    """Sentences where the nodes seem not to belong to the rows, or the masses in x, y and z differ. Collective.
+    """Return sentences where the nodes seem not to belong to the rows, or the masses in x, y and z differ. Collective.
 
     A direction in which no node has a dof has no mass to compare. Dofs that are held in some directions only make a
     difference of masses that is none of the nodes.
@@ -342,7 +347,8 @@ def doubts_of_nodes(model) -> list[str]:
 
 
 def exchange_of_matrices(model) -> str | None:
-    """A sentence where M is a stiffness and K a mass matrix, or None. Collective. Raises InputError without nodes.
+    """Return a sentence where M is a stiffness and K a mass matrix, or None. Collective. Raises InputError without
+    nodes.
 
     A translation loads a stiffness at supports only, and a mass matrix in all rows of its direction: where it loads K
     in nearly all and M in few they have been exchanged.
@@ -371,7 +377,7 @@ def exchange_of_matrices(model) -> str | None:
 
 
 def _weighs(model, motions, moved) -> bool:
-    """Whether M gives translations about the mass that is on its diagonal, which is quick to see. Collective."""
+    """Test whether M gives translations about the mass that is on its diagonal, which is quick to see. Collective."""
     with Owned(model.comm) as owned:
         product, diagonal = owned.owns(create_block(model.M, 6)), owned.owns(model.M.getDiagonal())
         apply(model.M, motions, product)
@@ -387,7 +393,7 @@ def _enumerated(words) -> str:
 
 
 def misfit_of_nodes(model) -> str | None:
-    """A sentence where the nodes seem not to belong to the rows, or None. Collective.
+    """Return a sentence where the nodes seem not to belong to the rows, or None. Collective.
 
     A rigid motion of the nodes meets no force but at supports. Where K resists rotations and no translation, or resists
     in most rows, the coordinates or the directions are those of other rows, or of other units than K.
@@ -418,6 +424,6 @@ def misfit_of_nodes(model) -> str | None:
 
 
 def _middle(model):
-    """The mean position of the rows (3,). Collective."""
+    """Return the mean position of the rows (3,). Collective."""
     dofs = require_dofs(model, "a rigid-body motion")
     return model.comm.allreduce(dofs.position.sum(axis=0)) / model.size

@@ -35,7 +35,7 @@ def _scaled(model, inputs: float, outputs: float):
 
 
 def unscaled(values: np.ndarray, factor: float) -> np.ndarray:
-    """values * factor. Raises ComputationError beyond what double precision holds."""
+    """Return values * factor. Raises ComputationError beyond what double precision holds."""
     if factor == 1:
         return values
     with np.errstate(over="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""The flexible body as the finite-element program gives it: CSR rows enter, distributed PETSc objects leave."""
+"""Hold the flexible body of a finite-element program: M, D, K, B and C, distributed by rows as PETSc objects."""
 
 from __future__ import annotations
 
@@ -48,53 +48,77 @@ SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsym
 
 
 def sizes_of_sets(sets: dict, comm) -> dict[str, int]:
-    """Number of members of each set, by name in order, whose parts (k,) are on the ranks. Collective."""
+    """Return the number of members of each set, by name in order, whose parts (k,) are on the ranks. Collective."""
     parts = comm.allgather({name: len(part) for name, part in sets.items()})
     return {name: sum(part.get(name, 0) for part in parts) for name in sorted(set().union(*parts))}
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class SecondOrderModel:
-    """M q'' + D q' + K q = B u, y = C q with n unknowns, p inputs, r outputs, distributed by rows.
+    """A model M q'' + D q' + K q = B u, y = C q with n unknowns, p inputs and r outputs, distributed by rows.
 
     Parameters
     ----------
     M, D, K : SciPy sparse matrix, ndarray or PETSc.Mat, shape (n, n)
-        Mass, damping (or None) and stiffness. Every rank gives all of a SciPy matrix; PETSc matrices lie on the ranks
-        as they are.
+        Mass, damping (or None) and stiffness. Every rank passes the whole of a SciPy matrix; PETSc matrices keep their
+        distribution.
     B : ndarray or SciPy sparse matrix, shape (n, p), optional
-        Columns of the inputs; beside PETSc matrices the rows of this rank. `with_inputs` makes them from dofs.
+        Columns of the inputs; with PETSc matrices the rows of this rank. `with_inputs` makes them from dofs.
     C : ndarray or SciPy sparse matrix, shape (r, n), optional
-        Rows of the outputs, by default B^T; beside PETSc matrices the columns of this rank's rows.
+        Rows of the outputs, by default B^T; with PETSc matrices the columns that belong to the rows of this rank.
     dofs : Dofs, optional
         Node, direction and position of the rows, which frames, interfaces and exports need.
     input_names, output_names : sequence of str, optional
         By default "input 1", "output 1" and so on.
     name : str, default "model"
-        For messages.
+        Name in messages.
     comm : MPI.Comm, optional
-        Of the ranks that share SciPy matrices, by default all.
+        Ranks that share SciPy matrices; by default all.
 
     Raises
     ------
     InputError
-        For NaN, Inf, empty rows, a negative diagonal of M, rows that have nothing beside the diagonal in PETSc
-        matrices, or shapes that do not fit.
+        For NaN, Inf, empty rows, a negative diagonal of M, rows of PETSc matrices with a diagonal entry only, or shapes
+        that do not fit.
 
     Notes
     -----
     Collective. `from_scipy`, `from_petsc` and `from_csr` take more, such as elements, node sets and held dofs.
 
-    Attributes: M, D (or None), K: PETSc AIJ matrices (n, n) on one pattern. B (n, p) and C^T (n, r): dense PETSc
-    matrices; `Ct` is None when C = B^T. `dofs`: labels of the rows of this rank, or None. `elements`: node numbers
-    (elements of this rank, nodes) by kind of element, where known, for pictures. `held`: dofs that the program which
-    wrote the matrices holds at zero, and which have no row; `sets`: node numbers by the name of the set; of both, this
-    rank has a part, in any order. `remarks`: what the readers of the files had to say. `name` is for messages.
-    `interfaces`: the interface nodes, and Gt = G^T (n, 6k), sparse, with their motions G q. SI
-    units; `converted_from`: the units that the numbers came in, where they were converted.
+    A model does not change after it was made; with_inputs and similar methods return another model on the same
+    matrices. Each model owns references to its PETSc objects: call close(), or use it in a `with` block, to free the
+    memory at once. Both are collective.
 
-    A model does not change after it was made; with_inputs and the like give another one on the same matrices. Each owns
-    its PETSc objects, which are counted references: call close() or use it in a `with` block; both are collective.
+    Attributes
+    ----------
+    M, K : PETSc.Mat, shape (n, n)
+        AIJ matrices on one pattern.
+    D : PETSc.Mat or None, shape (n, n)
+        Damping matrix, on the same pattern.
+    B : PETSc.Mat or None, shape (n, p)
+        Dense.
+    Ct : PETSc.Mat or None, shape (n, r)
+        C^T, dense; None if C = B^T.
+    dofs : Dofs or None
+        Labels of the rows of this rank.
+    input_names, own_output_names : tuple of str
+        Names of the columns of B and of Ct.
+    name : str
+        Name in messages.
+    elements : dict of str to ndarray, shape (elements of this rank, nodes)
+        Node numbers by kind of element, if known, for pictures.
+    held : Dofs or None
+        Dofs that the finite-element program holds at zero, and that have no row; a part on each rank.
+    sets : dict of str to ndarray
+        Node numbers by name of the set; a part on each rank.
+    remarks : tuple of str
+        Messages of the readers of the files.
+    Gt : PETSc.Mat or None, shape (n, 6 k)
+        G^T, sparse, with the motions G q of k interface nodes.
+    interfaces : tuple of InterfaceNode
+        The interface nodes.
+    converted_from : str
+        The original units of a model that was converted to SI.
     """
 
     M: PETSc.Mat
@@ -134,7 +158,7 @@ class SecondOrderModel:
 
     @classmethod
     def assembled(cls, M, K, D=None, **known) -> SecondOrderModel:
-        """A model with these fields, which fit and belong to it from now on. Collective."""
+        """Return a model that takes over these fields, which must fit each other. Collective."""
         model = object.__new__(cls)
         for item in fields(cls):
             if item.default_factory is not MISSING:
@@ -165,13 +189,13 @@ class SecondOrderModel:
         raise AttributeError(f"a SecondOrderModel has no attribute '{name}'")
 
     def __repr__(self):
-        """One line. Not collective, since notebooks and debuggers ask for it on one rank."""
+        """Return one line. Not collective, since notebooks and debuggers call it on one rank."""
         size = f"{self.K.getSize()[0]} dofs" if "K" in vars(self) else "closed"
         return (f"<SecondOrderModel {self.name}: {size}, {len(self.input_names)} inputs, {len(self.output_names)} "
                 "outputs>")  # fmt: skip
 
     def __str__(self):
-        """Three lines on what the model is. Collective."""
+        """Return three lines that describe the model. Collective."""
         matrices = ", ".join(sorted(self.matrices))
         nodes = "without nodes" if self.dofs is None else f"{self.node_count} nodes"
         return (
@@ -181,11 +205,11 @@ class SecondOrderModel:
         )
 
     def shared(self) -> SecondOrderModel:
-        """The same model with references of its own: either is closed without the other."""
+        """Return the same model with its own references, to be closed separately."""
         return self.with_fields()
 
     def with_fields(self, **changed) -> SecondOrderModel:
-        """The model with other fields, and references of its own to the PETSc objects that stay. Collective."""
+        """Return the model with other fields, and its own references to the other PETSc objects. Collective."""
         kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
         other = self.assembled(**{item.name: getattr(self, item.name) for item in fields(self)} | kept | changed)
@@ -217,7 +241,7 @@ class SecondOrderModel:
 
     @property
     def node_count(self) -> int:
-        """Number of nodes with a place; a node whose rows lie on two ranks counts twice. Collective."""
+        """Number of nodes with a position; a node with rows on two ranks counts twice. Collective."""
         return self.comm.allreduce(len(np.unique(self.dofs.node[self.dofs.direction != SCALAR])))
 
     @property
@@ -227,7 +251,7 @@ class SecondOrderModel:
 
     @property
     def matrices(self) -> dict:
-        """M, K and, where there is one, D, by name."""
+        """M, K and, if it is not None, D, by name."""
         return {key: mat for key, mat in (("M", self.M), ("K", self.K), ("D", self.D)) if mat is not None}
 
     @property
@@ -248,7 +272,7 @@ class SecondOrderModel:
         return {key: self._defects[key] for key in self.matrices}
 
     def extreme_quotients(self, key: str) -> tuple[float, float]:
-        """The smallest and the largest x^T A x / x^T |D| x of K or M that is found; see there. Collective."""
+        """Return the smallest and the largest x^T A x / x^T |D| x that is found for K or M. Collective."""
         if key not in self._signs:
             self._signs[key] = extreme_quotients(self.matrices[key])
         return self._signs[key]
@@ -270,8 +294,11 @@ class SecondOrderModel:
         return {}
 
     def digest_of(self, key: str) -> str | None:
-        """A digest of the content of M, K, D, B, Ct or dofs, or of node and direction of all rows ("labels"), None
-        where there is none; the same on any number of ranks and in both builds of PETSc. Collective."""
+        """Return a digest of the content of M, K, D, B, Ct or dofs, or of node and direction of all rows ("labels").
+
+        None if the model has no such part. The digest is the same on any number of ranks and in both builds of PETSc.
+        Collective.
+        """
         if key not in self._digests:
             there = getattr(self, "dofs" if key == "labels" else key) is not None
             self._digests[key] = digest_of(self, key) if there else None
@@ -295,9 +322,25 @@ class SecondOrderModel:
         return value
 
     def with_interfaces(self, interfaces: Iterable[Interface]) -> SecondOrderModel:
-        """The model with interface nodes made from model.interfaces.Interface. Collective. Raises InputError.
+        """Return the model with interface nodes.
 
-        A model without inputs of its own gets all directions of all interfaces as inputs.
+        Collective.
+
+        Parameters
+        ----------
+        interfaces : iterable of Interface
+            Definitions of the interfaces.
+
+        Returns
+        -------
+        SecondOrderModel
+            A model without inputs gets all directions of all interfaces as inputs. Rigid interfaces change the
+            matrices.
+
+        Raises
+        ------
+        InputError
+            For names and sets that do not exist, and sets that do not define the motion of the reference node.
         """
         marked = with_interfaces(self, interfaces)
         if self.B is not None and self.input_names != interface_targets(self.interfaces):
@@ -308,35 +351,118 @@ class SecondOrderModel:
             return marked.with_inputs([item.name for item in marked.interfaces])
 
     def with_inputs(self, targets: Targets) -> SecondOrderModel:
-        """The model with unit loads at dofs: numbers from 1, or (node, direction) pairs, with the number or the name of
-        an interface node as well, and "all" for every direction that a node has; the name of an interface alone stands
-        for all of its directions.
+        """Return the model with unit loads at dofs as inputs.
 
-        Collective. Raises InputError.
+        Collective.
+
+        Parameters
+        ----------
+        targets : iterable of int, str or (int or str, str)
+            Numbers of dofs, from 1; pairs of a node or the name of an interface and a direction, where "all" means
+            every direction; or the name of an interface for all its directions.
+
+        Returns
+        -------
+        SecondOrderModel
+
+        Raises
+        ------
+        InputError
+            For nodes, directions and names that do not exist.
+
+        Examples
+        --------
+        >>> loaded = model.with_inputs([(20, "z"), ("crank", "all")])
         """
         return self.with_input_columns(*self._unit_columns("inputs", targets))
 
     def with_outputs(self, targets: Targets) -> SecondOrderModel:
-        """The model with displacements measured at dofs, given as for with_inputs. Collective. Raises InputError."""
+        """Return the model with displacements at dofs as outputs.
+
+        Collective.
+
+        Parameters
+        ----------
+        targets : iterable of int, str or (int or str, str)
+            As for with_inputs.
+
+        Returns
+        -------
+        SecondOrderModel
+
+        Raises
+        ------
+        InputError
+            For nodes, directions and names that do not exist.
+        """
         return self.with_output_columns(*self._unit_columns("outputs", targets))
 
     def with_input_columns(self, local: ArrayLike | None, names: Iterable[str]) -> SecondOrderModel:
-        """The model with B from the rows of this rank (rows, p), and p names. Collective. Raises InputError."""
+        """Return the model with another B.
+
+        Collective.
+
+        Parameters
+        ----------
+        local : array_like or None, shape (rows of this rank, p)
+            The rows of B that belong to this rank; None on all ranks for a model without inputs.
+        names : iterable of str
+            Names of the p inputs.
+
+        Returns
+        -------
+        SecondOrderModel
+
+        Raises
+        ------
+        InputError
+            For NaN, Inf, and shapes and numbers of names that do not fit.
+        """
         local, names = named_columns(self.comm, self.local_rows, local, names, f"{self.name}: inputs")
         return self.with_fields(B=None if local is None else dense_matrix(self.K, local), input_names=names)
 
     def with_output_columns(self, local: ArrayLike | None, names: Iterable[str]) -> SecondOrderModel:
-        """The model with C^T from the rows of this rank (rows, r) and r names, or with C = B^T for None. Collective.
+        """Return the model with another C.
 
-        Raises InputError.
+        Collective.
+
+        Parameters
+        ----------
+        local : array_like or None, shape (rows of this rank, r)
+            The rows of C^T that belong to this rank; None on all ranks for C = B^T.
+        names : iterable of str
+            Names of the r outputs.
+
+        Returns
+        -------
+        SecondOrderModel
+
+        Raises
+        ------
+        InputError
+            For NaN, Inf, and shapes and numbers of names that do not fit.
         """
         local, names = named_columns(self.comm, self.local_rows, local, names, f"{self.name}: outputs")
         return self.with_fields(Ct=None if local is None else dense_matrix(self.K, local), own_output_names=names)
 
     def with_damping_matrix(self, D: PETSc.Mat | None) -> SecondOrderModel:
-        """The model with the damping matrix D on the pattern of K, or None; it takes D over. Collective.
+        """Return the model with another damping matrix.
 
-        Raises InputError for NaN and Inf.
+        Collective.
+
+        Parameters
+        ----------
+        D : PETSc.Mat or None, shape (n, n)
+            On the pattern of K. The model takes it over.
+
+        Returns
+        -------
+        SecondOrderModel
+
+        Raises
+        ------
+        InputError
+            For NaN and Inf.
         """
         if declared("D", D, PETSc.Mat | None) is not None:
             with agreed(self.comm):
@@ -345,7 +471,7 @@ class SecondOrderModel:
         return self.with_fields(D=D)
 
     def as_dual(self) -> SecondOrderModel:
-        """The model of the transposed transfer function: D^T for D (M and K are symmetric), C^T for B. Collective."""
+        """Return the model of the transposed transfer function: D^T for D, C^T for B. Collective."""
         changed = {"B": None if self.Ct is None else copy(self.Ct), "Ct": None, "input_names": self.output_names}
         if self.D is not None and not self.symmetric:
             changed["D"] = PETSc.Mat()
@@ -353,8 +479,10 @@ class SecondOrderModel:
         return self.with_fields(**changed)
 
     def in_coordinates(self, matrices, T, dofs) -> SecondOrderModel:
-        """The model in coordinates q^ with q = T q^: of its `matrices` T^T A T by name, which it takes over, and labels
-        `dofs` of the rows. Collective."""
+        """Return the model in coordinates p with q = T p, from the `matrices` T^T A T by name and labels of the rows.
+
+        It takes the matrices over. Collective.
+        """
         B, Ct, Gt = (None if mat is None else T.transposeMatMult(mat) for mat in (self.B, self.Ct, self.Gt))
         return self.assembled(
             matrices["M"], matrices["K"], matrices.get("D"), B=B, Ct=Ct, dofs=dofs, input_names=self.input_names,
@@ -362,24 +490,43 @@ class SecondOrderModel:
         )  # fmt: skip
 
     def frequency_response(self, frequencies: ArrayLike, *, frame=None, damping=None, **more) -> np.ndarray:
-        """H(i omega) = C A(i omega)^-1 B at `frequencies` in Hz, (F, r, p): see frequency_response. Collective."""
+        """Return the frequency response H(i omega) = C A(i omega)^-1 B, as hpcred.frequency_response.
+
+        Collective.
+
+        Parameters
+        ----------
+        frequencies : array_like, shape (F,)
+            Hz.
+        frame : Frame, optional
+            Reference frame of a free body; by default none.
+        damping : Damping, optional
+            By default the damping matrix of the model, if it has one.
+        **more
+            Further keywords of hpcred.frequency_response.
+
+        Returns
+        -------
+        ndarray, complex, shape (F, r, p)
+            The same on all ranks.
+        """
         import hpcred  # the public functions, which stand above
 
         return hpcred.frequency_response(self, frequencies, frame, damping, **more)
 
     def plot_modes(self, count: int = 6, *, frame=None, factoring=None) -> Figure | None:
-        """Draw the lowest elastic modes of a model with nodes: see plot_modes.
+        """Draw the lowest elastic modes of a model with nodes, as hpcred.plot_modes.
 
         Collective.
 
         Parameters
         ----------
         count : int, default 6
-            How many elastic modes.
+            Number of elastic modes.
         frame : Frame, optional
-            Reference frame of a free body; by default it is free.
+            Reference frame of a free body; by default none.
         factoring : Factoring, optional
-            How to factor.
+            Solver options.
 
         Returns
         -------
@@ -391,7 +538,7 @@ class SecondOrderModel:
         return hpcred.plot_modes(self, count, frame=frame, factoring=factoring)
 
     def _unit_columns(self, key, targets):
-        """Rows of this rank of a matrix of unit columns, or of columns of G^T, and their names."""
+        """Return the rows of this rank of unit columns, or of columns of G^T, and their names."""
         targets = declared(key, targets, tuple[int | str | tuple[int | str, str], ...])
         if not targets:
             raise InputError(f"{key}: found an empty list, expected dof numbers, (node, direction) or interfaces")
@@ -428,14 +575,49 @@ class SecondOrderModel:
         remarks: Iterable[str] = (),
         converted_from: str = "",
     ) -> SecondOrderModel:
-        """A model from the rows of this rank. Collective.
+        """Make a model from CSR rows, of which each rank passes its own.
 
-        `indptr` (rows + 1,), `indices` (nonzeros,) sorted global columns, `values`: dict of "K", "M" and
-        perhaps "D" -> (nonzeros,) on that one pattern. `inputs` (rows, p) and `outputs` (rows, r) are the rows
-        of B and C^T, by default named "input 1", "output 1" and so on; `elements`, `held`, `sets`, `remarks` and
-        `converted_from` as of the model. Raises InputError for NaN, Inf, a negative diagonal of M, rows that are
-        empty, columns or labels that stand twice, or shapes that do not fit.
-        """  # fmt: skip
+        Collective.
+
+        Parameters
+        ----------
+        comm : MPI.Comm
+        size : int
+            The number n of rows on all ranks.
+        indptr : ndarray of int, shape (rows + 1,)
+            Starts of the rows of this rank in `indices`.
+        indices : ndarray of int, shape (nonzeros,)
+            Global columns from 0, sorted in each row.
+        values : dict of str to ndarray, shape (nonzeros,)
+            Entries of "K", "M" and optionally "D" on this pattern.
+        inputs, outputs : array_like, shape (rows, p) and (rows, r), optional
+            Rows of B and of C^T; without `outputs` C = B^T.
+        dofs : Dofs, optional
+            Labels of the rows of this rank.
+        input_names, output_names : iterable of str, optional
+            By default "input 1", "output 1" and so on.
+        name : str, default "model"
+            Name in messages.
+        elements : dict of str to ndarray, shape (elements of this rank, nodes), optional
+            Node numbers by kind of element, for pictures.
+        held : Dofs, optional
+            Dofs that are held at zero and have no row.
+        sets : dict of str to ndarray, optional
+            Node numbers by name of the set.
+        remarks : iterable of str, optional
+            Messages that the model keeps.
+        converted_from : str, optional
+            The original units of a model that was converted to SI.
+
+        Returns
+        -------
+        SecondOrderModel
+
+        Raises
+        ------
+        InputError
+            For NaN, Inf, a negative diagonal of M, empty rows, repeated columns or labels, or shapes that do not fit.
+        """
         free_dropped(comm)
         rows = len(indptr) - 1
         first = comm.exscan(rows) or 0
@@ -486,9 +668,32 @@ class SecondOrderModel:
         remarks: Iterable[str] = (),
         converted_from: str = "",
     ) -> SecondOrderModel:
-        """A model from SciPy sparse (or dense) matrices that all ranks hold, for small cases. Collective.
+        """Make a model from SciPy sparse or NumPy matrices that every rank holds, for small models.
 
-        K, M, D (n, n); `inputs` (n, p), `outputs` (n, r) and `dofs` of all rows, the other keywords as for from_csr.
+        Collective.
+
+        Parameters
+        ----------
+        K, M : sparse matrix or ndarray, shape (n, n)
+            Stiffness and mass.
+        D : sparse matrix or ndarray, shape (n, n), optional
+            Damping.
+        comm : MPI.Comm, default all ranks
+        inputs, outputs : array_like or sparse matrix, shape (n, p) and (n, r), optional
+            B and C^T; without `outputs` C = B^T.
+        dofs : Dofs, optional
+            Labels of all rows.
+        input_names, output_names, name, elements, held, sets, remarks, converted_from
+            As for from_csr.
+
+        Returns
+        -------
+        SecondOrderModel
+
+        Raises
+        ------
+        InputError
+            As from_csr.
         """
         given = {key: coordinates(key, mat) for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
         sizes = {key: item[3] for key, item in given.items()}
@@ -531,20 +736,45 @@ class SecondOrderModel:
         elements: dict[str, np.ndarray] | None = None,
         sets: dict[str, np.ndarray] | None = None,
     ) -> SecondOrderModel:
-        """A model of matrices that are assembled in PETSc, as finite-element libraries leave them. Collective.
+        """Make a model from assembled PETSc matrices, such as those of finite-element libraries.
 
-        K, M, D: PETSc.Mat (n, n) with one layout of rows and columns; the model keeps references, so that they can be
-        destroyed but must not be changed. They are copied only where the nonzero patterns differ, where rows are held,
-        and from storage types other than AIJ.
+        Collective.
 
-        `nodes` (nodes of this rank, 3): positions in m, in the order of the rows, each with the same number of rows in
-        x, y, z (rx, ry, rz); `numbers` (nodes,): their numbers, by default from 1 over all ranks. `dofs`: labels of the
-        rows of this rank instead, where nodes have different rows. `held` (rows,): numbers (global, from 0, named by
-        any rank) of rows with boundary conditions, which the model does not keep; [] for none. `elements` and `sets`:
-        as of the model, with node numbers.
+        Parameters
+        ----------
+        K, M : PETSc.Mat, shape (n, n)
+            Stiffness and mass, with one layout of rows and columns. The model keeps references: they may be destroyed,
+            but must not be changed.
+        D : PETSc.Mat, shape (n, n), optional
+            Damping.
+        nodes : array_like, shape (nodes of this rank, 3), optional
+            Positions in m, in the order of the rows; each node has the same number of rows in x, y, z (rx, ry, rz).
+        numbers : array_like of int, shape (nodes of this rank,), optional
+            Numbers of the nodes; by default from 1 over all ranks.
+        dofs : Dofs, optional
+            Labels of the rows of this rank in place of `nodes`, if nodes have different rows.
+        held : array_like of int, optional
+            Global numbers, from 0, of rows with boundary conditions, named by any rank; the model is made without them.
+            [] for none.
+        name : str, default "model"
+            Name in messages.
+        elements, sets : dict of str to ndarray, optional
+            As for from_csr.
 
-        Raises InputError as from_csr does, for imaginary parts, and where `held` is not given while some rows have a
-        diagonal and nothing else, as libraries leave the rows of boundary conditions.
+        Returns
+        -------
+        SecondOrderModel
+
+        Raises
+        ------
+        InputError
+            As from_csr, for imaginary parts, and without `held` for rows that have a diagonal entry only, as libraries
+            leave rows with boundary conditions.
+
+        Notes
+        -----
+        Matrices are copied only if their nonzero patterns differ, if rows are held, or from storage types other than
+        AIJ.
         """
         given = {key: mat for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
         mats, free = taken(given, held, name)
@@ -578,14 +808,14 @@ class SecondOrderModel:
 
 
 def _from_arrays(M, D, K, B, C, comm, **labels):
-    """The model of matrices that all ranks hold."""
+    """Return the model of matrices that every rank holds."""
     B, Ct = _columns(B, C, np.shape(K)[0] if np.ndim(K) else 0)
     outputs = None if _same(B, Ct) else Ct
     return SecondOrderModel.from_scipy(K, M, D, comm or MPI.COMM_WORLD, inputs=B, outputs=outputs, **labels)
 
 
 def _from_petsc(M, D, K, B, C, comm, input_names, output_names, **labels):
-    """The model of PETSc matrices, with the rows of B and the columns of C that belong to this rank."""
+    """Return the model of PETSc matrices, with the rows of B and the columns of C that belong to this rank."""
     if comm is not None:
         raise InputError("comm: found it beside PETSc matrices, which have one; leave it out")
     with SecondOrderModel.from_petsc(K, M, D, **labels) as bare:
@@ -597,7 +827,7 @@ def _from_petsc(M, D, K, B, C, comm, input_names, output_names, **labels):
 
 
 def _columns(B, C, rows):
-    """B and C^T with so many rows, as arrays or SciPy matrices, or None. Raises InputError for other shapes."""
+    """Return B and C^T with so many rows, as arrays or SciPy matrices, or None. Raises InputError for other shapes."""
     B, C = (item if item is None or hasattr(item, "tocsr") else np.asarray(item) for item in (B, C))
     for key, item, axis, expected in (("B", B, 0, f"({rows}, inputs)"), ("C", C, 1, f"(outputs, {rows})")):
         if item is not None and (item.ndim != 2 or item.shape[axis] != rows):
@@ -607,18 +837,18 @@ def _columns(B, C, rows):
 
 
 def _same(B, Ct):
-    """Whether the outputs are the inputs, C = B^T, as where no C is given."""
+    """Test whether the outputs are the inputs, C = B^T, also without C."""
     return Ct is None or (B is not None and B.shape == Ct.shape and not (Ct != B).sum())
 
 
 def require_model(model):
-    """Raise InputError for what is no SecondOrderModel, or was closed."""
+    """Raise InputError unless this is a SecondOrderModel that is not closed."""
     declared("model", model, SecondOrderModel)
     model.K  # noqa: B018  (refused here)
 
 
 def massless(model) -> int:
-    """The number of dofs without mass on the diagonal of M. Collective."""
+    """Return the number of dofs without mass on the diagonal of M. Collective."""
     diagonal = model.M.getDiagonal()
     count = int((diagonal.getArray(readonly=True).real == 0).sum())
     diagonal.destroy()
@@ -633,7 +863,7 @@ def require_inputs(model):
 
 
 def symmetry_defect(mat: PETSc.Mat) -> float:
-    """Estimate of ||A - A^T||_F / ||A||_F: for random x with unit variance, E ||(A - A^T) x||^2 is the square."""
+    """Estimate ||A - A^T||_F / ||A||_F: for random x with unit variance, E ||(A - A^T) x||^2 is the square."""
     random = PETSc.Random().create(mat.comm)
     random.setFromOptions()
     random.setInterval((-(3**0.5), 3**0.5))
@@ -653,6 +883,6 @@ def symmetry_defect(mat: PETSc.Mat) -> float:
 
 
 def listed(names, most=4) -> str:
-    """Names in a line, the first few of many."""
+    """Return names in a line, or the first few of many."""
     shown = ", ".join(names[:most]) + (f", ... ({len(names)})" if len(names) > most else "")
     return shown or "none"

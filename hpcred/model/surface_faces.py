@@ -1,7 +1,7 @@
-"""Find the faces that bound a body whose elements are spread over the ranks.
+"""Find the faces that bound a body whose elements are distributed over the ranks.
 
-No rank has all elements: each keeps the faces that its own elements do not share, faces meet on the rank that their
-smallest node number says, and those that occur once there are the surface, which is small beside the body.
+No rank has all elements. Each keeps the faces that its own elements do not share and sends a face to the rank of its
+smallest node number. Faces that occur once there form the surface, which is small compared with the body.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ class Faces:
         return np.column_stack([self.corners, self.middles, self.behind])
 
     def take(self, chosen) -> Faces:
-        """Some of the faces, by a mask or by numbers."""
+        """Return some of the faces, by a mask or by numbers."""
         return Faces(self.corners[chosen], self.middles[chosen], self.behind[chosen])
 
 
 def faces_of(table: np.ndarray) -> Faces:
-    """The faces of a table (f, 9) of all their nodes."""
+    """Return the faces of a table (f, 9) of all their nodes."""
     return Faces(table[:, :4], table[:, 4:8], table[:, 8])
 
 
 def faces_of_elements(elements: dict) -> Faces:
-    """All faces of elements, those between two of them twice."""
+    """Return all faces of elements, those between two of them twice."""
     corners, middles, _ = all_faces(elements)
     return Faces(corners, middles, nodes_behind(elements))
 
 
 def surface_faces(comm, elements: dict) -> Faces:
-    """This rank's part of the surface; `elements`: node numbers by kind, of this rank. Collective."""
+    """Return this rank's part of the surface; `elements`: node numbers by kind, of this rank. Collective."""
     found = faces_of_elements(elements)
     shells = found.behind < 0
     found = found.take(free(found.corners, ~shells) | shells)
@@ -58,7 +58,7 @@ def surface_faces(comm, elements: dict) -> Faces:
 
 
 def places_of(model, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whether nodes (k,) have a place, and their positions (k, 3) in m. Collective."""
+    """Test whether nodes (k,) have a place, and their positions (k, 3) in m. Collective."""
     parts = [(model.dofs, model.dofs.direction != SCALAR)]
     if model.held is not None:
         parts.append((model.held, np.ones(len(model.held.node), bool)))
@@ -81,7 +81,8 @@ class Surface:
 
 
 def gathered_surface(model, more: np.ndarray | tuple = ()) -> Surface | None:
-    """The whole surface on rank 0, in an order that does not depend on the number of ranks; None on others. Collective.
+    """Return the whole surface on rank 0, in an order that does not depend on the number of ranks; None on others.
+    Collective.
 
     It grows with the surface of the body, not with its volume. `more`: numbers of nodes that are to be there as well.
     """

@@ -1,4 +1,4 @@
-"""Systems of units: words of a user enter; sizes in SI, and models in SI, leave."""
+"""Convert models from other systems of units to SI, and read the names of such systems."""
 
 from __future__ import annotations
 
@@ -22,7 +22,15 @@ TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
 @dataclass(frozen=True)
 class Units:
-    """A consistent system of units: sizes of its units of length (m), mass (kg) and time (s)."""
+    """A consistent system of units.
+
+    Parameters
+    ----------
+    name : str
+        Such as "mm, t, s (N, MPa)".
+    length, mass, time : float
+        The units of length in m, of mass in kg, and of time in s.
+    """
 
     name: str
     length: float
@@ -31,17 +39,17 @@ class Units:
 
     @property
     def sizes(self) -> tuple[float, float, float]:
-        """Of length, mass and time."""
+        """The units of length, mass and time."""
         return self.length, self.mass, self.time
 
     @property
     def energy(self) -> float:
-        """Its unit of energy in J."""
+        """The unit of energy in J."""
         return self.mass * (self.length / self.time) ** 2
 
     @property
     def words(self) -> str:
-        """What a user writes for it: mm,t,s."""
+        """The name as users write it: mm,t,s."""
         if self.name == SI.name:
             return "SI"
         return self.name.partition(" (")[0].replace(" s^2/inch", "").replace(" ", "")
@@ -59,9 +67,27 @@ UNITS = (
 
 
 def units_of(text: str) -> Units:
-    """The system that a user names: SI, or a length, a mass or a force, and a time, such as mm,t,s or inch-lbf-s.
+    """Return the system of units that a text names.
 
-    The units of a force and a length give that of the mass. Raises InputError.
+    Parameters
+    ----------
+    text : str
+        SI, or a length, a mass or a force, and a time, such as mm,t,s or inch-lbf-s. A force and a length determine
+        the unit of mass.
+
+    Returns
+    -------
+    Units
+
+    Raises
+    ------
+    InputError
+        For other words.
+
+    Examples
+    --------
+    >>> hpcred.units_of("mm,t,s").mass
+    1000.0
     """
     if text.strip().upper() == "SI":
         return SI
@@ -82,13 +108,15 @@ def units_of(text: str) -> Units:
 
 
 def rotational(direction: np.ndarray) -> np.ndarray:
-    """Which of these directions (see dofs.DIRECTIONS) are rotations."""
+    """Return which of these directions (indices of DIRECTIONS) are rotations."""
     return ((direction >= 3) & (direction < SCALAR)) | (direction >= OWN + 3)
 
 
 def unit_of_response(output: str, given: str) -> str:
-    """The unit in SI of a response, such as rad/N, of the names of its output and its input; "" where one of them does
-    not name a displacement or a rotation."""
+    """Return the SI unit of a response, such as rad/N, from the names of its output and input.
+
+    It is "" if one of them is neither a displacement nor a rotation.
+    """
     found = []
     for name in (output, given):
         target = target_of(name)
@@ -100,12 +128,32 @@ def unit_of_response(output: str, given: str) -> str:
 
 
 def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
-    """The model in SI, from one in other units, which stays as it is. Collective. Raises InputError.
+    """Return a model in SI, from one in other units.
 
-    With q = S^-1 q_SI, where S is the unit of length at translations and 1 at rotations, and the units of energy E and
-    time T: M_SI = E T^2 S^-1 M S^-1, K_SI = E S^-1 K S^-1, D_SI = E T S^-1 D S^-1. An input that acts on a translation
-    is a force, others are moments; so for outputs, displacements and angles: unit columns stay what they are. Scalar
-    dofs keep their meaning.
+    Collective.
+
+    Parameters
+    ----------
+    model : SecondOrderModel
+        It is not changed.
+    units : Units
+        The units of its numbers.
+
+    Returns
+    -------
+    SecondOrderModel
+
+    Raises
+    ------
+    InputError
+        For a model without nodes, unless the unit of length is m, and for one that has interface nodes already.
+
+    Notes
+    -----
+    With q = S^-1 q_SI, where S is the unit of length for translations and 1 for rotations, and the units of energy E
+    and time T: M_SI = E T^2 S^-1 M S^-1, K_SI = E S^-1 K S^-1, D_SI = E T S^-1 D S^-1. Inputs on translations are
+    forces, others are moments; outputs are displacements and angles. Unit columns therefore stay unit columns. Scalar
+    dofs are not converted.
     """
     if model.dofs is None and units.length != 1:
         raise InputError(
@@ -137,7 +185,7 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
 
 
 def _columns(model, mat, moved, scale, length):
-    """The rows of this rank of B, or of C^T, in SI."""
+    """Return the rows of this rank of B, or of C^T, in SI."""
     local = mat.getDenseArray().real.copy()
     of_forces = np.array(model.comm.allgather((local[moved] != 0).any(axis=0))).any(axis=0)
     return local / scale[:, None] * np.where(of_forces, length, 1.0)

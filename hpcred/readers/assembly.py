@@ -1,4 +1,4 @@
-"""The parts of a model enter, each rank with slices in any order; the model, distributed by rows, leaves."""
+"""Assemble the parts of a model, of which each rank has slices in any order, to a model distributed by rows."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ MANY_COLUMNS = 1000  # of B, up to which nobody asks whether they are independen
 
 
 def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variables=None) -> SecondOrderModel:
-    """The model of the parts; `inputs` and `outputs`: matrix files of B (n, p) and C (r, n). Collective.
+    """Return the model of the parts; `inputs` and `outputs`: matrix files of B (n, p) and C (r, n). Collective.
 
     Labelled rows are ordered by node and direction. `variables`: see Source. Raises InputError.
     """
@@ -79,7 +79,7 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
 
 
 def _on_repeats(comm, parts, repeats) -> list[str]:
-    """Sentences on entries of K and M at places that were given before; refused where no place has one alone."""
+    """Return sentences on entries of K and M at places that were given before; refused where no place has one alone."""
     found = []
     for key in ("K", "M"):
         again, once = comm.allreduce(np.array(repeats[key]))
@@ -110,7 +110,7 @@ def _refuse_half(comm, key, parts):
 
 
 def _number_rows(comm, parts):
-    """Numbers in place of labels, the same for all matrices."""
+    """Replace labels by row numbers, the same for all matrices."""
     labelled = {key: isinstance(item, LabelledEntries) for key, item in parts.matrices.items()}
     if not any(labelled.values()):
         return
@@ -131,7 +131,8 @@ def _number_rows(comm, parts):
 
 
 def _labels(comm, parts, size, starts, name):
-    """Labels of the rows of this rank, as the files name them or by the order of the nodes, or None without either."""
+    """Return labels of the rows of this rank, as the files name them or by the order of the nodes, or None without
+    either."""
     if parts.row_labels is None and parts.nodes is None:
         return None
     label, row = parts.row_labels or labels_in_order(comm, parts.nodes, size, name)
@@ -140,7 +141,7 @@ def _labels(comm, parts, size, starts, name):
 
 
 def _dofs(comm, parts, label, name):
-    """The rows of this rank by node, direction and place."""
+    """Return the rows of this rank by node, direction and place."""
     node, direction = node_and_direction(label)
     found, position = look_up(comm, parts.nodes.label, list(parts.nodes.position.T), node)
     with agreed(comm):
@@ -150,7 +151,7 @@ def _dofs(comm, parts, label, name):
 
 
 def _held(comm, parts):
-    """The dofs without row that have a place, each once, or None where there is none."""
+    """Return the dofs without row that have a place, each once, or None where there is none."""
     label = np.unique(sort_over_ranks(comm, parts.removed)[0])
     node, direction = node_and_direction(label)
     found, position = look_up(comm, parts.nodes.label, list(parts.nodes.position.T), node)
@@ -160,7 +161,7 @@ def _held(comm, parts):
 
 
 def with_transposed_pattern(entries: Entries) -> Entries:
-    """The entries, with zeros where only the transposed place has one: D may be unsymmetric, its pattern not."""
+    """Return the entries, with zeros where only the transposed place has one: D may be unsymmetric, its pattern not."""
     i, j = entries.rows, entries.columns
     values = np.concatenate([entries.values, np.zeros(len(i))])
     return Entries(entries.shape, np.concatenate([i, j]), np.concatenate([j, i]), values)
@@ -172,7 +173,7 @@ def _owned(comm, starts, entries):
 
 
 def read_columns(comm, starts, size, path, transposed=False, variables=None):
-    """The rows of B (n, p) of this rank from a matrix file, or of C^T where the file has C (r, n). Collective.
+    """Return the rows of B (n, p) of this rank from a matrix file, or of C^T where the file has C (r, n). Collective.
 
     `starts` (ranks,): first row of each rank; `variables`: see Source. Raises InputError where the file
     does not fit n = size.
@@ -210,5 +211,5 @@ def read_columns(comm, starts, size, path, transposed=False, variables=None):
 
 
 def column_names(path, columns) -> list[str]:
-    """Names of the columns of a file: B.mtx:1, B.mtx:2, ..."""
+    """Return names of the columns of a file: B.mtx:1, B.mtx:2, ..."""
     return [] if columns is None else [f"{Path(path).name}:{k + 1}" for k in range(columns.shape[1])]

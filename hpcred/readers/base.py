@@ -1,4 +1,7 @@
-"""Define what a reader of files of another program is: one class, registered by its address or by an entry point."""
+"""Define the base class of readers of files of other programs.
+
+A reader is registered by its address (see registry) or by an entry point.
+"""
 
 from __future__ import annotations
 
@@ -9,31 +12,36 @@ from .parts import Parts
 
 
 class Reader(ABC):
-    """A format of another program: derive, set `name` and `told_by`, write `begins` and one of the `read_` methods.
+    """Base class of a file format: derive, set `name` and `told_by`, write `begins` and one of the `read_` methods.
 
     Attributes
     ----------
     name : str
-        The format in words, for messages and the table of formats; by default the name of the entry point.
+        The format, for messages and the table of formats; by default the name of the entry point.
     told_by : str
-        What of its first bytes tells a file, for the table of formats.
+        How the first bytes identify a file, for the table of formats.
     companions : str
-        The files beside it that are read too, for the table of formats.
+        Files beside it that are read as well, for the table of formats.
     packed : bool
         Whether matrices can be read from gzip files. By default False.
     named : bool
-        Whether files hold several matrices by name: `read_matrix` then takes (path, comm, key, variables), `read_model`
-        (path, comm, variables), where key is the matrix that is wanted (K, M, D, B or C) and `variables` the names that
-        the user gave, by key. By default False.
-    vague, open_ended, line_ended, loose : bool
-        Whether files of other kinds may begin alike; files have no mark of their end; the last number ends where the
-        line does; nodes may have mass and no stiffness. All by default False.
+        Whether files have several matrices by name. Then `read_matrix` takes (path, comm, key, variables) and
+        `read_model` (path, comm, variables), where key is the wanted matrix (K, M, D, B or C) and `variables` has the
+        names that the user gave, by key. By default False.
+    vague : bool
+        Whether files of other kinds may begin alike; such readers are tried last. By default False.
+    open_ended : bool
+        Whether files have no end mark. By default False.
+    line_ended : bool
+        Whether the last number ends with its line. By default False.
+    loose : bool
+        Whether nodes may have mass but no stiffness. By default False.
 
     Notes
     -----
-    Both `read_` methods are collective. Each rank reads a share of the file and gives what it found, in any order; or
-    rank 0 reads a small file, and the others give nothing. Raise InputError for what is not understood. Register the
-    class of another package by an entry point of the group "hpcred.readers".
+    Both `read_` methods are collective. Each rank reads a share of the file and returns it, in any order; or rank 0
+    reads a small file, and the others return empty parts. Raise InputError for contents that are not understood.
+    Another package registers its class by an entry point of the group "hpcred.readers".
     """
 
     name = told_by = companions = ""
@@ -46,29 +54,63 @@ class Reader(ABC):
 
     @property
     def holds(self) -> list[str]:
-        """What its files hold: "model", "matrix", or both."""
+        """The contents of its files: "model", "matrix", or both."""
         return [kind for kind in ("model", "matrix")
                 if getattr(type(self), f"read_{kind}") is not getattr(Reader, f"read_{kind}")]  # fmt: skip
 
     @abstractmethod
     def begins(self, start: bytes) -> bool:
-        """Return whether a file that starts so (its first 4096 bytes, unpacked) is of the format. Never by a suffix."""
+        """Test whether a file is of the format, by its first 4096 bytes, unpacked; never by its suffix."""
 
     def read_matrix(self, path, comm, *named) -> Entries | LabelledEntries:
-        """Read a single matrix. Collective.
+        """Read a single matrix.
 
-        Return Entries where the file numbers the rows, LabelledEntries where it names them by node and direction, with
-        both triangles of a symmetric matrix.
+        Collective.
+
+        Parameters
+        ----------
+        path : Path
+        comm : MPI.Comm
+        *named
+            The wanted matrix and the names of the user, if `named` is True.
+
+        Returns
+        -------
+        Entries or LabelledEntries
+            Entries if the file numbers the rows, LabelledEntries if it labels them by node and direction; with both
+            triangles of a symmetric matrix.
+
+        Raises
+        ------
+        InputError
+            For contents that are not understood.
         """
         raise NotImplementedError
 
     def read_model(self, path, comm, *named) -> Parts:
-        """Read a whole model, from the file or the set of files to which it belongs. Collective.
+        """Read a whole model, from the file or the set of files to which it belongs.
 
-        Rows that the program removed (supports, dependent dofs) have no label and no entry.
+        Collective.
+
+        Parameters
+        ----------
+        path : Path
+        comm : MPI.Comm
+        *named
+            The names of the user, if `named` is True.
+
+        Returns
+        -------
+        Parts
+            Rows that the program removed (supports, dependent dofs) have no label and no entry.
+
+        Raises
+        ------
+        InputError
+            For contents that are not understood.
         """
         raise NotImplementedError
 
     def contents(self, path) -> dict[str, str] | None:
-        """Return names and sizes of the matrices of a file, without reading them; None where that is not known."""
+        """Return names and sizes of the matrices of a file without reading them, or None if that is not possible."""
         return None

@@ -1,6 +1,6 @@
-"""What a reader of matrices gives: entries (row, column, value), some on each rank, in any order.
+"""Define the matrix entries that readers return: row, column, value, a share on each rank, in any order.
 
-Entries at the same place are summed. Rows are numbered, or named by node and direction.
+Entries at the same position are added up. Rows are numbered, or labelled by node and direction.
 """
 
 from dataclasses import dataclass
@@ -40,12 +40,12 @@ class LabelledEntries:
 
 
 def label_of(node: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Labels, ascending by node and then direction, from node numbers and directions."""
+    """Return Labels, ascending by node and then direction, from node numbers and directions."""
     return STRIDE * node.astype(np.int64) + direction
 
 
 def node_and_direction(label: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Node numbers and directions of labels."""
+    """Return node numbers and directions of labels."""
     node, direction = np.divmod(label, STRIDE)
     return node, direction.astype(np.int8)
 
@@ -56,7 +56,8 @@ def label_name(label: int) -> str:
 
 
 def asymmetry(comm, entries: Entries | LabelledEntries) -> float:
-    """An estimate of ||S - S^T||_F / ||S||_F of S = D^-1/2 A D^-1/2, D the diagonal of A, at once for all scales in A.
+    """Return an estimate of ||S - S^T||_F / ||S||_F of S = D^-1/2 A D^-1/2, D the diagonal of A, at once for all scales
+    in A.
 
     From two products with numbers that look random: where A is exactly symmetric the terms cancel but for round-off.
     Diagonals below SMALL of the largest, or missing, count as that. Collective.
@@ -82,13 +83,14 @@ def asymmetry(comm, entries: Entries | LabelledEntries) -> float:
 
 
 def chunks(comm, length: int) -> list[slice]:
-    """Slices of the entries of this rank, as many on all ranks, for what must be done together in little memory."""
+    """Return slices of the entries of this rank, as many on all ranks, for what must be done together in little
+    memory."""
     count = max(comm.allgather(-(-length // ENTRIES_AT_A_TIME)))
     return [slice(ENTRIES_AT_A_TIME * k, ENTRIES_AT_A_TIME * (k + 1)) for k in range(count)]
 
 
 def _mixed(number, seed):
-    """Numbers between -1 and 1 that whole numbers stand for."""
+    """Return numbers between -1 and 1 that whole numbers stand for."""
     mixed = (number.astype(np.uint64) + np.uint64(1 + seed)) * np.uint64(0x9E3779B97F4A7C15)
     mixed = (mixed ^ (mixed >> np.uint64(31))) * np.uint64(0xBF58476D1CE4E5B9)
     return (mixed >> np.uint64(11)).astype(float) * 2.0**-52 - 1
@@ -117,18 +119,18 @@ class Collected:
 
     @property
     def arrays(self) -> list[np.ndarray]:
-        """What was added so far."""
+        """The entries added so far."""
         return [array[: self._count] for array in self._arrays]
 
 
 def both_triangles(i, j, v, sign=1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows, columns and values of one triangle and of its mirror image, whose values are `sign` times those."""
+    """Return Rows, columns and values of one triangle and of its mirror image, whose values are `sign` times those."""
     off = i != j
     return np.concatenate([i, j[off]]), np.concatenate([j, i[off]]), np.concatenate([v, sign * v[off]])
 
 
 def joined(parts: list[tuple], kinds: tuple) -> list[np.ndarray]:
-    """Arrays of several pieces end to end; `kinds`: types of the arrays, for a rank without pieces."""
+    """Return arrays of several pieces end to end; `kinds`: types of the arrays, for a rank without pieces."""
     if not parts:
         return [np.zeros(0, kind) for kind in kinds]
     return [np.concatenate(items) for items in zip(*parts, strict=True)]

@@ -1,6 +1,6 @@
-"""Numbers in fields of fixed width, as Fortran writes them: text and format enter, text with blanks between leaves.
+"""Separate numbers in fields of fixed width, as Fortran writes them, by blanks.
 
-Fields may touch each other ("0.1D+00-0.2D+00"), exponents have no letter ("0.1-101") or a blank ("1.0E 00").
+Fields may touch each other ("0.1D+00-0.2D+00"), exponents may have no letter ("0.1-101") or a blank ("1.0E 00").
 """
 
 import re
@@ -32,7 +32,8 @@ class Field:
 
 
 def fields_of_format(text: bytes, where: str) -> list[Field]:
-    """The fields of a line from a Fortran format such as (16I5), (1P,5D16.9) or (3i9,6e21.13e3). Raises InputError."""
+    """Return the fields of a line from a Fortran format such as (16I5), (1P,5D16.9) or (3i9,6e21.13e3). Raises
+    InputError."""
     refusal = InputError(f"{where}: found the format '{shown(text)}', expected one such as (16I5), "
                          "(1P,5D16.9) or (3i9,6e21.13e3)")  # fmt: skip
     inner = text.strip()
@@ -66,7 +67,7 @@ def fields_of_format(text: bytes, where: str) -> list[Field]:
 
 
 def separated(piece: Piece, fields: list[Field], fill=False) -> Piece:
-    """The same lines with a blank between the fields; `fill`: empty fields count as 0. Raises InputError."""
+    """Return the same lines with a blank between the fields; `fill`: empty fields count as 0. Raises InputError."""
     text = piece.text if piece.text.endswith(b"\n") else piece.text + b"\n"
     letters = np.frombuffer(text, np.uint8)
     ends = np.flatnonzero(letters == ord("\n"))

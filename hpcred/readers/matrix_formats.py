@@ -1,4 +1,4 @@
-"""Read single matrices in any of the formats; the first bytes of a file tell which."""
+"""Read single matrices in any of the formats, which the first bytes of a file determine."""
 
 from ..files.text import first_bytes, first_line, refuse_packed, shown
 from ..parallel.failures import InputError

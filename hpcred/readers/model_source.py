@@ -15,20 +15,63 @@ from .unread import refuse_unread
 
 
 def load_source(source: Source, comm=MPI.COMM_WORLD, name="model") -> SecondOrderModel:
-    """Read the files on all ranks and assemble the model. Collective. Raises InputError."""
+    """Read a model from single matrix files.
+
+    Collective.
+
+    Parameters
+    ----------
+    source : Source
+        The files of K and M, and optionally of D, B, C, nodes and dofs.
+    comm : MPI.Comm, default all ranks
+    name : str, default "model"
+        Name in messages.
+
+    Returns
+    -------
+    SecondOrderModel
+
+    Raises
+    ------
+    InputError
+        For files that cannot be read or do not fit each other.
+    """
     return assemble(read_source(source, comm), comm, name, source.B, source.C, source.variables)
 
 
 def load_export(path, comm=MPI.COMM_WORLD, name="model", variables=None) -> SecondOrderModel:
-    """The model of a whole finite-element export, told by its first bytes. Collective. Raises InputError.
+    """Read a model from the export of a finite-element program.
 
-    `variables`: names of matrices by K, M, D, for files that hold several.
+    Collective.
+
+    Parameters
+    ----------
+    path : str or Path
+        The main file; the other files of the export are found beside it.
+    comm : MPI.Comm, default all ranks
+    name : str, default "model"
+        Name in messages.
+    variables : dict of str to str, optional
+        Names of the matrices by "K", "M", "D", for files that have several.
+
+    Returns
+    -------
+    SecondOrderModel
+
+    Raises
+    ------
+    InputError
+        For files that cannot be read or do not fit each other.
+
+    Notes
+    -----
+    The first bytes of the file determine the format, not its suffix.
     """
     return assemble(read_export(path, comm, variables), comm, name)
 
 
 def read_export(path, comm, variables=None) -> Parts:
-    """The parts that a whole finite-element export holds. Collective. Raises InputError."""
+    """Return the parts of a whole finite-element export. Collective. Raises InputError."""
 
     def check(found):
         if found is None:
@@ -40,7 +83,7 @@ def read_export(path, comm, variables=None) -> Parts:
 
 
 def _no_export(path) -> InputError:
-    """What to raise for a file that is no export."""
+    """Return the error for a file that is not an export."""
     start, what = first_bytes(path), None
     if not start:
         return InputError(f"{path}: found an empty file")

@@ -1,4 +1,4 @@
-"""Nodes whose dofs point along axes of their own: matrices in such axes enter, matrices in the global ones leave."""
+"""Rotate matrices from axes of single nodes to the global axes."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ ZERO = 1e-12  # cosine of a right angle, as programs write it
 
 
 def rotation_of_angles(degrees: np.ndarray) -> np.ndarray:
-    """Matrices (nodes, 3, 3) whose columns are the axes after turns about z, then the new x, then the new y."""
+    """Return matrices (nodes, 3, 3) whose columns are the axes after turns about z, then the new x, then the new y."""
     (cz, cx, cy), (sz, sx, sy) = np.cos(np.deg2rad(degrees)).T, np.sin(np.deg2rad(degrees)).T
     one, nil = np.ones_like(cz), np.zeros_like(cz)
     about_z = np.array([[cz, -sz, nil], [sz, cz, nil], [nil, nil, one]])
@@ -63,7 +63,8 @@ def turn_to_global(comm, parts, node: np.ndarray, rotation: np.ndarray, where: s
 
 
 def _turned(comm, entries, table):
-    """T A T^T, with the rows of `table` (row, its three new rows or -1, their factors) in T, and ones elsewhere."""
+    """Return T A T^T, with the rows of `table` (row, its three new rows or -1, their factors) in T, and ones
+    elsewhere."""
     asked = np.unique(np.concatenate([entries.rows, entries.columns]))
     hit, found = look_up(comm, table[0], table[1:], asked)
     place = np.where(hit, np.array(found[:AXES]), np.array([asked, np.full_like(asked, -1), np.full_like(asked, -1)]))
@@ -83,7 +84,7 @@ def _turned(comm, entries, table):
 
 
 def _summed(rows, columns, values, width):
-    """Entries at the same place as one."""
+    """Return entries at the same place as one."""
     key = rows * width + columns
     order = np.argsort(key, kind="stable")
     key = key[order]

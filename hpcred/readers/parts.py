@@ -1,4 +1,4 @@
-"""Hold what the files of a model say, before they are a model: matrices, names of the rows, nodes and elements."""
+"""Collect the contents of the files of a model before assembly: matrices, labels of the rows, nodes and elements."""
 
 from __future__ import annotations
 
@@ -18,16 +18,34 @@ WHOLE = {"number": LARGEST_LABEL, "node": LARGEST_LABEL, "direction": 6}  # the 
 
 @dataclass
 class Parts:
-    """What the files of a model say; every rank has slices, in any order.
+    """The contents of the files of a model, as a Reader returns them; every rank has a share, in any order.
 
-    `matrices`: K, M and perhaps D, all with numbered or all with labelled rows. `files`: where each came from, for
-    messages. `nodes`, `elements` (node numbers (elements, nodes) by kind), `sets` (node numbers by name): where known.
-    `row_labels`: labels (see entries.label_of) and the rows (from 0) that have them, where rows are numbered and a file
-    names them. `removed`: labels of dofs that the program holds at zero, which have no row. `warnings`: sentences for
-    the user, from any rank. `open_ended`: keys of matrices whose files have no mark of their end (see whole); `loose`:
-    whether nodes may have mass and no stiffness, since what joins them is not in K; `all_massive`: whether all solids
-    and shells are of materials with a density; `as_written`: whether the entries of K and M are those of their files,
-    and none came by turning axes.
+    Attributes
+    ----------
+    matrices : dict of str to Entries or LabelledEntries
+        K, M and optionally D, all with numbered or all with labelled rows.
+    files : dict of str to str
+        The file of each matrix, for messages.
+    nodes : Nodes or None
+        Numbers and positions of the nodes, if known.
+    elements : dict of str to ndarray, shape (elements, nodes)
+        Node numbers by kind of element.
+    row_labels : tuple of two ndarray, or None
+        Labels (of entries.label_of) and the rows, from 0, that have them, if rows are numbered and a file labels them.
+    removed : ndarray of int
+        Labels of dofs that the program holds at zero, which have no row.
+    sets : dict of str to ndarray
+        Node numbers by name of the set.
+    warnings : list of str
+        Messages to the user, from any rank.
+    open_ended : set of str
+        Keys of matrices whose files have no end mark.
+    loose : bool
+        Whether nodes may have mass and no stiffness, since K does not contain their connections.
+    all_massive : bool
+        Whether all solids and shells have materials with a density.
+    as_written : bool
+        Whether the entries of K and M are those of their files, and not the result of a rotation of axes.
     """
 
     matrices: dict[str, Entries | LabelledEntries]
@@ -54,15 +72,15 @@ class Parts:
         path : str or Path
             The file, for messages.
         K, M, D : sparse matrix, shape (n, n)
-            Entries of this rank, which are added to those of the others: any share, with both triangles. None on a rank
+            Entries of this rank, any share, with both triangles; those of all ranks are added up. None on a rank
             without entries; D is None on all ranks of a model without damping matrix.
         nodes : array_like, shape (k, 4), optional
-            Number, x, y, z of some nodes, those of one rank behind those of the ranks before it. Without `dofs` all
-            nodes have the same number of rows (1 to 3, or 6), and rows follow in the order of the nodes.
+            Number, x, y, z of the nodes of this rank; nodes are ordered by rank. Without `dofs` all nodes have the same
+            number of rows (1 to 3, or 6), and rows are in the order of the nodes.
         dofs : array_like, shape (r, 2), optional
-            Node and direction (1 to 6) of some rows, those of one rank behind those of the ranks before it.
+            Node and direction (1 to 6) of some rows; rows are ordered by rank.
         elements : dict of str to array_like, optional
-            Node numbers of elements (e, nodes) of some kinds, see SecondOrderModel.
+            Node numbers (e, nodes) of elements by kind, as of SecondOrderModel.
         held : array_like, shape (h, 2), optional
             Node and direction of dofs that are held at zero and have no row.
         sets : dict of str to array_like, optional
@@ -71,12 +89,12 @@ class Parts:
         Returns
         -------
         Parts
-            What a Reader gives.
+            As Reader.read_model returns it.
 
         Raises
         ------
         InputError
-            If an array has another shape, or numbers that are no nodes or directions.
+            For arrays of another shape, and numbers that are not nodes or directions.
         """
         with agreed(comm):
             given = {"K": K, "M": M, "D": D}
@@ -107,7 +125,7 @@ class Parts:
 
 
 def _table(path, name, rows, columns) -> np.ndarray:
-    """Rows of numbers in so many columns, those of nodes and directions in their ranges. Raises InputError."""
+    """Return rows of numbers in so many columns, after a check of their ranges. Raises InputError."""
     table = np.array([] if rows is None else rows, float)
     table = table if table.size else table.reshape(0, len(columns))
     expected = f"{path}: {name}: expected rows of {', '.join(columns)}"
@@ -125,7 +143,7 @@ def _labels(table):
 
 
 def common_size(parts: Parts) -> int:
-    """The number of rows, which all matrices have. Raises InputError."""
+    """Return the number of rows of all matrices. Raises InputError if they differ."""
     size = parts.matrices["K"].shape[0]
     for key, item in parts.matrices.items():
         file = parts.files[key]
@@ -142,7 +160,7 @@ def common_size(parts: Parts) -> int:
 
 
 def labels_in_order(comm, nodes: Nodes, size: int, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Labels and rows where every node has the same number of rows, one node after the other. Collective.
+    """Return labels and rows if every node has the same number of rows, ordered by node. Collective.
 
     Raises InputError.
     """

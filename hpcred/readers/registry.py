@@ -1,6 +1,6 @@
-"""List the readers, hpcred's own in the order in which they are asked, and find the one of a file.
+"""List the readers in the order in which they are tried, and find the one of a file.
 
-To add a format, write a Reader (see base) beside the code of its program, and put its address into OURS.
+To add a format, write a Reader (see base) in the folder of its program, and add its address to OURS.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ def readers_of(holds: str) -> list[Reader]:
 
 
 def reader_of(path, comm, holds: str, check: Callable[[Reader | None], None] | None = None) -> Reader | None:
-    """Return the first reader that takes the first bytes of a file, as rank 0 finds it, or None. Collective.
+    """Return the first reader that accepts the first bytes of a file, as rank 0 finds it, or None. Collective.
 
-    Vague ones come behind those of other packages. `check` raises InputError, on rank 0, where there is no reader or
-    the file is not to be read by it.
+    Vague readers come after those of other packages. `check` may raise InputError, on rank 0, for no reader or a wrong
+    one.
     """
     entry = None
     with agreed(comm):
@@ -60,7 +60,7 @@ def _first(start, holds, vague):
 
 
 def read_by(reader: Reader, holds: str, path, comm, *named):
-    """Read by a reader, and see that the one of another package gives what it should. Collective."""
+    """Read by a reader, and check the type that a reader of another package returns. Collective."""
     with blamed(reader):
         found = getattr(reader, f"read_{holds}")(path, comm, *(named if reader.named else ()))
     if reader.package != OWN:
@@ -74,5 +74,5 @@ def read_by(reader: Reader, holds: str, path, comm, *named):
 
 
 def with_broken(sentence: str) -> str:
-    """A refusal of a file that no reader takes, with the readers of other packages that cannot be used. On rank 0."""
+    """Return the message for a file that no reader accepts, with unusable readers of other packages. On rank 0."""
     return "; ".join([sentence, *READERS.broken])

@@ -23,7 +23,7 @@ HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports
 
 
 def read_source(source: Source, comm) -> Parts:
-    """The parts that the files of a Source hold, but for B and C. Collective. Raises InputError."""
+    """Return the parts that the files of a Source hold, but for B and C. Collective. Raises InputError."""
     files = {key: getattr(source, key) for key in ("K", "M", "D") if getattr(source, key)}
     readers = {path: matrix_reader(path, comm) for path in dict.fromkeys(files.values())}
     parts = Parts({key: read_entries(path, comm, key, source.variables, readers[path]) for key, path in files.items()},
@@ -82,7 +82,8 @@ def read_source(source: Source, comm) -> Parts:
 
 
 def _name_rows_of_calculix(comm, parts, source) -> bool:
-    """Name the rows by a .dof file and an input file or results of CalculiX, as it reads them; False for others."""
+    """Return name the rows by a .dof file and an input file or results of CalculiX, as it reads them; False for
+    others."""
     with agreed(comm):
         if not (source.dofs and source.nodes and calculix.begins_dofs(first_bytes(source.dofs))):
             return False
@@ -102,13 +103,13 @@ def _name_rows_of_calculix(comm, parts, source) -> bool:
 
 
 def _read_results(comm, parts, path):
-    """Nodes and elements of results of CalculiX."""
+    """Read nodes and elements of results of CalculiX."""
     found = calculix_frd.read(path, comm)
     if found is None:
         raise InputError(f"{path}: found results of CalculiX without nodes, as a run that only writes matrices leaves "
                          "them; give those of another run of the same mesh, or the input file")  # fmt: skip
     parts.nodes, parts.elements = found.nodes, found.elements
-    parts.warnings += found.said(path)
+    parts.warnings += found.notes(path)
 
 
 def _require_numbered(parts, source):
@@ -165,7 +166,7 @@ def _remove_supports(comm, parts):
 
 
 def _hold_nodes_without_rows(comm, parts, source):
-    """Nodes of a table without a row are held in the directions that the others have."""
+    """Mark nodes of a table without a row as held in the directions that the others have."""
     node, direction = node_and_direction(parts.row_labels[0])
     node = np.unique(sort_over_ranks(comm, node)[0])
     there, _ = look_up(comm, node, [], parts.nodes.label)
@@ -180,7 +181,7 @@ def _hold_nodes_without_rows(comm, parts, source):
 
 
 def _read_row_labels(path, comm, size):
-    """Labels and rows of a file of --dofs: lines of node, direction, or what ANSYS writes. Collective."""
+    """Return labels and rows of a file of --dofs: lines of node, direction, or what ANSYS writes. Collective."""
     with agreed(comm):
         start = first_bytes(path)
     if ansys_lists.begins_mapping(start):

@@ -1,6 +1,4 @@
-"""Files that hold no matrix, but are often given in place of one that does: a file enters; a sentence leaves on what
-it is, and what to give in its place.
-"""
+"""Recognise files without matrices that are often given by mistake, and name the file to give instead."""
 
 import re
 import zipfile
@@ -65,7 +63,7 @@ def refuse_unread(path):
 
 
 def _archive(path):
-    """What a zip archive is that holds no arrays; None for one that does, or is damaged."""
+    """Return what a zip archive without arrays is; None for one with arrays, or a damaged one."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()

@@ -1,8 +1,8 @@
-"""Whether matrices are whole whose format has no mark of its end: the rows that only one of K and M has tell it.
+"""Detect truncated matrices of formats without end mark, by rows that only one of K and M has.
 
-A text that is cut off behind a line looks like a smaller matrix. Of a whole one each row with an entry has one on the
-diagonal, and what has mass is held by some stiffness. Single nodes may be without mass, but not some corners, or some
-middles of edges, of solids and shells, nor many other nodes behind the last row of M. All functions are collective.
+A text that is cut after a line looks like a smaller matrix. In a complete one, each row with an entry has one on the
+diagonal, and nodes with mass have stiffness. Single nodes may be without mass, but not some corners or edge midpoints
+of solids and shells, nor many nodes after the last row of M. All functions are collective.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ WAY_OUT = "export it again; if it is whole, give it in a format that has its siz
 
 
 class Rows:
-    """Which rows of this rank, from the row `first` on, have an entry in a matrix, and which have one on the diagonal.
-    """
+    """The rows of this rank, from `first` on, that have an entry in a matrix, and those with one on the diagonal."""
 
     def __init__(self, first: int, last: int, rows, columns, values):
         there = values != 0
@@ -93,8 +92,8 @@ def _only(comm, labels, there: Rows, lacking: Rows) -> _Only:
 
 
 def _of_solids(comm, elements, nodes):
-    """Those of the nodes that are corners of solids and shells, and those that are middles of their edges, of which a
-    lumped mass may leave out one kind."""
+    """Return those of the nodes that are corners of solids and shells, and those that are middles of their edges, of
+    which a lumped mass may leave out one kind."""
     found = []
     for corners in (False, True):
         parts = [part[:, : NODES[kind.rstrip("0123456789")] if corners else None].ravel()

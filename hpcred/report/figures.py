@@ -1,4 +1,4 @@
-"""Figures; rank 0 only. Matplotlib is imported when the first one is drawn."""
+"""Draw figures of responses, errors and simulations, on rank 0. Matplotlib is imported when the first one is drawn."""
 
 import os
 import sys
@@ -24,13 +24,13 @@ FEW = 100  # frequencies up to which each is a dot
 
 
 def has_matplotlib() -> bool:
-    """Whether figures can be drawn."""
+    """Test whether figures can be drawn."""
     return find_spec("matplotlib") is not None
 
 
 def _matplotlib():
-    """The package, without a matplotlibrc of the working folder, which may be another user's and can name programs,
-    unless who uses hpcred has loaded it before. Raises InputError when it is not installed."""
+    """Return the package, without a matplotlibrc of the working folder, which may be another user's and can name
+    programs, unless who uses hpcred has loaded it before. Raises InputError when it is not installed."""
     unread = "matplotlib" not in sys.modules and os.path.exists("matplotlibrc")
     with _outside_the_working_folder() if unread else nullcontext():
         try:
@@ -53,7 +53,7 @@ def _outside_the_working_folder():
 
 
 def pyplot():
-    """matplotlib.pyplot without a display. Raises InputError when it is not installed."""
+    """Return matplotlib.pyplot without a display. Raises InputError when it is not installed."""
     matplotlib = _matplotlib()
     matplotlib.use("Agg")
     matplotlib.rcParams["svg.hashsalt"] = "hpcred"
@@ -63,7 +63,7 @@ def pyplot():
 
 
 def new_figure(**keywords):
-    """An empty matplotlib Figure of which pyplot knows nothing, and which notebooks show. Raises InputError when
+    """Return an empty matplotlib Figure of which pyplot knows nothing, and which notebooks show. Raises InputError when
     matplotlib is not installed."""
     _matplotlib()
     import matplotlib.figure
@@ -78,7 +78,7 @@ def new_figure(**keywords):
 
 
 def error_figure(stem, frequencies, curves, title):
-    """eps over frequency, logarithmic: stem.png and stem.svg. `curves`: (label, errors) pairs."""
+    """Draw eps over frequency, logarithmic, as stem.png and stem.svg. `curves`: (label, errors) pairs."""
     plt = pyplot()
     figure, axes = plt.subplots(figsize=(7.5, 5.0), layout="constrained")
     for (label, errors), colour, dash in zip(curves, COLOURS, DASHES, strict=False):
@@ -92,7 +92,7 @@ def error_figure(stem, frequencies, curves, title):
 
 
 def cut_figure(stem, t, curves, title):
-    """Displacements in mm over time, and below a cut-out where they differ most: stem.png and stem.svg.
+    """Draw displacements in mm over time, and below a cut-out where they differ most: stem.png and stem.svg.
 
     `curves`: (label, values in m) pairs, the reference first.
     """
@@ -118,7 +118,7 @@ def cut_figure(stem, t, curves, title):
 
 
 def motion_figure(path, motion):
-    """Displacements, rotations, forces and moments of constraints and springs, and energies over time, as PNG."""
+    """Draw displacements, rotations, forces and moments of constraints and springs, and energies over time, as PNG."""
 
     def curves(names, values, least=0.0):
         """Of values (nt, k, 3), but for those that change by no more than `least`."""
@@ -143,13 +143,13 @@ def motion_figure(path, motion):
 
 
 def _without_jumps(vectors):
-    """Rotation vectors (nt, k, 3), NaN behind a jump, so that no line is drawn there."""
+    """Return rotation vectors (nt, k, 3), NaN behind a jump, so that no line is drawn there."""
     jump = np.linalg.norm(np.diff(vectors, axis=0), axis=-1) > np.pi
     return np.concatenate([vectors[:1], np.where(jump[..., None], np.nan, vectors[1:])])
 
 
 def time_figure(path, t, panels):
-    """Curves over time as PNG, one panel below the other. `panels`: (label of the axis, [(label, values)])."""
+    """Draw curves over time as PNG, one panel below the other. `panels`: (label of the axis, [(label, values)])."""
     plt = pyplot()
     figure, axes = plt.subplots(len(panels), figsize=(9.0, 2.9 * len(panels)), sharex=True, squeeze=False,
                                 layout="constrained")  # fmt: skip
@@ -176,7 +176,7 @@ def check_figure_name(path):
 
 
 def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=None):
-    """Magnitude and phase of responses over frequency on an empty figure, and below their estimated relative error.
+    """Draw magnitude and phase of responses over frequency on an empty figure, and below their estimated error.
 
     `curves`: (output, input, complex (F,)), of which the largest MOST are drawn. `errors`: frequencies (S,) and eps
     (S,), or None where nothing is known.
@@ -209,7 +209,7 @@ def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=No
 
 
 def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"):
-    """The figure of draw_responses as a file, with `eps` (F,). `kind`: png, svg or pdf."""
+    """Write the figure of draw_responses as a file, with `eps` (F,). `kind`: png, svg or pdf."""
     plt = pyplot()
     figure = plt.figure(figsize=(9.0, 8.0), layout="constrained")
     draw_responses(figure, frequencies, curves, title, (frequencies, eps), tolerance)
@@ -218,7 +218,7 @@ def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"
 
 
 def draw_response(size, phase, frequencies, values, label, **style):
-    """One curve: the magnitude on the axes `size`, the angle on the axes `phase`."""
+    """Draw one curve: the magnitude on the axes `size`, the angle on the axes `phase`."""
     size.semilogy(frequencies, np.where(values != 0, np.abs(values), np.nan), label=label, **style)
     angle = np.angle(values, deg=True)
     jump = np.flatnonzero(np.abs(np.diff(angle)) > 180) + 1  # no line from one end of the circle to the other
@@ -276,7 +276,7 @@ def _error_panel(axes, curves, tolerance=None, places=None):
 
 
 def _limits(frequencies):
-    """From 0 Hz where the band begins beside it, so that the axis has it."""
+    """Begin the axis at 0 Hz if the band begins close to it."""
     low, high = frequencies[0], frequencies[-1]
     return (low if low > 0.05 * high else 0.0), high
 
@@ -294,7 +294,7 @@ def _finish(figure, panels, frequencies, path, kind):
 
 
 def save(figure, stem):
-    """PNG and SVG, without a date, so that the same numbers give the same file."""
+    """Write PNG and SVG, without a date, so that the same numbers give the same file."""
     for kind, metadata in (("png", None), ("svg", {"Date": None})):
         with atomic_output(f"{stem}.{kind}", MPI.COMM_SELF) as path:
             figure.savefig(path, format=kind, dpi=150, metadata=metadata)

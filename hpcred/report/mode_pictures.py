@@ -1,6 +1,6 @@
-"""Shapes to look at: those of a result with their points and elements enter, pictures and moving pictures leave.
+"""Draw pictures and animations of the shapes of a result.
 
-The surface is drawn with a depth buffer, so that hidden parts are hidden and 10^5 nodes take seconds; titles, colour
+The surface is drawn with a depth buffer, which removes hidden surfaces and draws 10^5 nodes in seconds; titles, colour
 bar, axes and scale bar are matplotlib's.
 """
 
@@ -48,7 +48,7 @@ class Picture(Writer):
 
 
 def draw_shapes(path, shapes, modes=None, kind="png") -> list[str]:
-    """A picture of shapes on the surface of the body; call it on one rank. Returns their names.
+    """Return a picture of shapes on the surface of the body; call it on one rank. Returns their names.
 
     `shapes` as for writers.vtk.write_vtk, with `frequencies` in Hz, `first`, and points that are marked (see
     files.result_file.Shapes). `modes`: numbers from 1, by default the first six elastic ones. Colour is the size of
@@ -62,7 +62,7 @@ def draw_shapes(path, shapes, modes=None, kind="png") -> list[str]:
 
 
 def figure_of_shapes(shapes, modes=None):
-    """The picture of draw_shapes as a matplotlib Figure. Raises InputError."""
+    """Return the picture of draw_shapes as a matplotlib Figure. Raises InputError."""
     return _figure(shapes, _chosen(shapes, modes, FIRST))
 
 
@@ -75,7 +75,7 @@ def _figure(shapes, chosen):
 
 
 def animate_shapes(path, shapes, modes=None, kind="gif") -> list[str]:
-    """As draw_shapes, moving: one period of each, without end; by default of the first shape only."""
+    """Draw animations like draw_shapes: one period of each shape, repeated; by default of the first shape only."""
     pyplot()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
@@ -99,7 +99,7 @@ def animate_shapes(path, shapes, modes=None, kind="gif") -> list[str]:
 
 
 def _chosen(shapes, modes, first):
-    """Columns, counted from 0."""
+    """Return Columns, counted from 0."""
     count = len(shapes.names)
     if modes is None:
         start = first_elastic(shapes.frequencies)
@@ -111,7 +111,8 @@ def _chosen(shapes, modes, first):
 
 
 def first_elastic(frequencies) -> int:
-    """The place of the first elastic shape: rigid-body motions come first in interface coordinates of a free body."""
+    """Return the place of the first elastic shape: rigid-body motions come first in interface coordinates of a free
+    body."""
     elastic = np.flatnonzero(frequencies > RIGID * frequencies.max(initial=0.0))
     return int(elastic[0]) if elastic.size else 0
 
@@ -128,13 +129,13 @@ class View:
     height: int
 
     def screen(self, points):
-        """Pixels right and down, and depth in pixels (v, 3)."""
+        """Return pixels right and down, and depth in pixels (v, 3)."""
         return (points - self.middle) @ self.axes.T * self.scale + [self.width / 2, self.height / 2, 0.0]
 
 
 def axes_of_view(points, behind=False) -> np.ndarray:
-    """Right, down and away (3, 3) for a body, z upwards; a flat body is seen from its broad side. `behind`: from the
-    opposite side."""
+    """Return Right, down and away (3, 3) for a body, z upwards; a flat body is seen from its broad side. `behind`: from
+    the opposite side."""
     extent = np.ptp(points, axis=0)
     thin = int(extent.argmin())
     flat = extent[thin] < 0.2 * np.sort(extent)[1]
@@ -173,7 +174,7 @@ class _Stage:
         self.view = View(axes, min(width / room[0], height / room[1]), (low + high) / 2 @ axes, width, height)
 
     def _columns(self, aspect):
-        """As many panels beside each other as make the figure nearly square."""
+        """Return the number of panels per row that makes the figure nearly square."""
         if len(self.modes) == 1:
             return 1
         heights = {c: -(-len(self.modes) // c) * (TITLE + WIDTH / c / aspect) for c in (1, 2, 3)}
@@ -181,7 +182,8 @@ class _Stage:
         return min(fitting or [3], default=3) if len(self.modes) > 1 else 1
 
     def figure(self):
-        """An empty matplotlib figure with titles, axes, scale bar and colour bar, and its images, one a shape."""
+        """Return an empty matplotlib figure with titles, axes, scale bar and colour bar, and its images, one a
+        shape."""
         tall = self.rows * (self.panel[1] + TITLE) + FOOT
         figure = new_figure(figsize=(WIDTH, tall), dpi=self.dots)
         images = []
@@ -228,7 +230,7 @@ class _Stage:
             spine.set_linewidth(0.4)
 
     def picture(self, place, amplitude) -> np.ndarray:
-        """Pixels (h, w, 3) of a shape that is deflected by `amplitude` from -1 to 1."""
+        """Return pixels (h, w, 3) of a shape that is deflected by `amplitude` from -1 to 1."""
         field, size = self.fields[place], self.sizes[place] * abs(amplitude)
         moved = self.surface.points + amplitude * field[self.surface.nodes]
         marks = self.shapes.mark_points + amplitude * self.marks[place]
@@ -237,7 +239,7 @@ class _Stage:
 
 
 def render(surface: Surface, moved, values, view: View, marks=()) -> np.ndarray:
-    """The pixels (h, w, 3), 0 to 1, of a surface whose points have moved to `moved` (v, 3).
+    """Return the pixels (h, w, 3), 0 to 1, of a surface whose points have moved to `moved` (v, 3).
 
     `values` (v,), 0 to 1, are its colour; `marks` (k, 3): points that are marked, hidden or not.
     """
@@ -273,7 +275,7 @@ def render(surface: Surface, moved, values, view: View, marks=()) -> np.ndarray:
 
 
 def normals_on_screen(screen, triangles):
-    """Unit normals (t, 3), towards the viewer."""
+    """Return unit normals (t, 3), towards the viewer."""
     a, b, c = (screen[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals *= np.where(normals[:, 2:] > 0, -1.0, 1.0)
@@ -289,7 +291,7 @@ def paint(image, pixels, colour, cover):
 
 
 def _splats(image, screen, colours, size):
-    """Round dots from back to front, the rim darker."""
+    """Draw round dots from back to front, with a darker rim."""
     half = (size - 1) / 2
     height, width = image.shape[:2]
     dots = [(dx - half, dy - half) for dy in range(size) for dx in range(size)]
@@ -304,18 +306,18 @@ def _splats(image, screen, colours, size):
 
 
 def in_hertz(frequency) -> str:
-    """A frequency in four digits."""
+    """Return a frequency in four digits."""
     return f"{frequency:.0f} Hz" if frequency >= 1000 else f"{frequency:.4g} Hz"
 
 
 def round_length(length) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above a length."""
+    """Return the largest of 1, 2, 5 times a power of ten that is not above a length."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(max(step for step in (1, 2, 5) if step * power <= length * (1 + 1e-12)) * power)
 
 
 def in_metres(length) -> str:
-    """A round length with its unit."""
+    """Return a round length with its unit."""
     for size, unit in ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")):
         if length >= size * (1 - 1e-9):
             return f"{length / size:g} {unit}"

@@ -1,4 +1,4 @@
-"""One HTML file that works without a network: a page (plain values and arrays) enters, its text leaves."""
+"""Write a report (plain values and arrays) as one HTML file that needs no network."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KINDS = {"f4": "<f4", "f8": "<f8", "u4": "<u4"}
 
 
 def render_page(page: dict, data: dict) -> str:
-    """The text of the page: `page` is what its template shows, `data` what its plots and pictures draw."""
+    """Return the text of the page: `page` is what its template shows, `data` what its plots and pictures draw."""
     try:
         import jinja2
     except ImportError as error:
@@ -33,13 +33,13 @@ def render_page(page: dict, data: dict) -> str:
 
 
 def packed(array, dtype="f8") -> dict:
-    """An array for the page: its type (f4, f8, u4), shape and base64 of its numbers."""
+    """Return an array for the page: its type (f4, f8, u4), shape and base64 of its numbers."""
     array = np.ascontiguousarray(array, dtype=KINDS[dtype])
     return {"dtype": dtype, "shape": list(array.shape), "bdata": base64.b64encode(array.tobytes()).decode()}
 
 
 def body_for_page(shapes, modes: int, most: int = MOST_POINTS) -> tuple[dict, str]:
-    """The surface of a body and its first `modes` elastic shapes for the page, with at most `most` points, and a
+    """Return the surface of a body and its first `modes` elastic shapes for the page, with at most `most` points, and a
     sentence.
 
     Displacements are relative to the largest of each shape; `swing` is what that is drawn as, in m. Rigid-body shapes

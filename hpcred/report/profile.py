@@ -1,4 +1,4 @@
-"""`--profile`: what PETSc's events took in each stage of a run, the slowest rank of each."""
+"""Print the times of PETSc events in each stage of a run, of the slowest rank (`--profile`)."""
 
 from ..parallel.petsc import PETSc
 from .tables import show_table
@@ -21,7 +21,7 @@ def start_profile():
 
 
 def show_profile(comm, progress):
-    """One row an event and stage, in the order of time. Collective."""
+    """Print one row per event and stage, in the order of time. Collective."""
     progress.timing()
     rows, total = [], sum(progress.seconds.values())
     # groups of ranks may have come through different stages

@@ -1,7 +1,7 @@
-"""Triangles and lines become pixels with a depth buffer: screen coordinates enter, what each pixel shows leaves.
+"""Rasterise triangles and lines with a depth buffer.
 
-Screen coordinates: x to the right and y down in pixels, z the depth, smaller in front. No loop over triangles: all
-rows of pixels of many triangles are looked at together.
+Screen coordinates: x to the right and y down in pixels, z the depth, smaller in front. There is no loop over triangles:
+the pixel rows of many triangles are processed together.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ NOTHING = -1
 
 
 class Canvas:
-    """What is in front at each pixel: `depth` (h, w), inf where nothing is, and the `triangle` (h, w) or NOTHING."""
+    """The front surface at each pixel: `depth` (h, w), inf without one, and the `triangle` (h, w) or NOTHING."""
 
     def __init__(self, width: int, height: int):
         self.width, self.height = width, height
@@ -62,14 +62,14 @@ class Canvas:
         self.triangle.ravel()[pixel[far_first]] = numbers[triangle[row[far_first]]]
 
     def weights(self, points, triangles):
-        """Pixels (2, k) that show a triangle, its number (k,), and weights (3, k) of its corners there."""
+        """Return pixels (2, k) that show a triangle, its number (k,), and weights (3, k) of its corners there."""
         y, x = place = np.nonzero(self.triangle != NOTHING)
         number = self.triangle[place]
         return place, number, _weights(points[triangles[number]], x[:, None], y[:, None])[..., 0].clip(0, 1)
 
     def strokes(self, points, pairs, width: int, towards: float) -> np.ndarray:
-        """Pixels (h, w) that lines show, `width` pixels wide, and not hidden; `towards`: by how much lines are put in
-        front of the surfaces that they lie in."""
+        """Return pixels (h, w) that lines show, `width` pixels wide, and not hidden; `towards`: by how much lines are
+        put in front of the surfaces that they lie in."""
         shown = np.zeros((self.height, self.width), dtype=bool)
         ends = points[pairs]
         count = np.ceil(np.abs(ends[:, 1, :2] - ends[:, 0, :2]).max(axis=1, initial=0)).astype(int) + 1
@@ -83,7 +83,7 @@ class Canvas:
         return shown
 
     def discs(self, points, width: int, towards: float = 0.0) -> np.ndarray:
-        """As strokes, for single points."""
+        """Return the pixels of single points, like strokes."""
         shown = np.zeros((self.height, self.width), dtype=bool)
         self._stamp(shown, points, width, towards)
         return shown
@@ -103,7 +103,7 @@ class Canvas:
 
 
 def _ramp(counts):
-    """0, 1, ... counts - 1 for each count, end to end."""
+    """Return 0, 1, ... counts - 1 for each count, end to end."""
     ends = np.cumsum(counts)
     return np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - counts, counts)
 

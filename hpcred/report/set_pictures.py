@@ -83,7 +83,7 @@ def draw_sets(path, surface: Surface, nodes: np.ndarray, sets: list, marks=(), k
 
 
 def _legend(foot, sets, colours, columns, legend):
-    """Names and numbers of nodes beside their colours, line by line."""
+    """Draw names and numbers of nodes beside their colours, line by line."""
     rows = [(f"{name}: {len(members)} nodes", colour) for (name, members), colour in zip(sets, colours, strict=True)]
     if len(rows) > MOST:
         rows = [*rows[:MOST], (f"and {len(rows) - MOST} more", None)]
@@ -96,7 +96,7 @@ def _legend(foot, sets, colours, columns, legend):
 
 
 def _colours(count, plt):
-    """Colours (count, 3) that differ as far as they can."""
+    """Return colours (count, 3) that differ as far as they can."""
     if count <= len(PALETTE):
         return [tuple(int(word[k : k + 2], 16) / 255 for k in (1, 3, 5)) for word in PALETTE[:count]]
     hues = plt.get_cmap("hsv")(np.arange(count) * 0.618034 % 1.0)[:, :3]  # neighbours far from each other
@@ -104,7 +104,8 @@ def _colours(count, plt):
 
 
 def _render(surface, nodes, sets, colours, view):
-    """The pixels (h, w, 3): faces with all corners in a set have its colour, the smaller set before the larger one."""
+    """Return the pixels (h, w, 3): faces with all corners in a set have its colour, the smaller set before the larger
+    one."""
     canvas = Canvas(view.width, view.height)
     image = np.ones((view.height, view.width, 3))
     screen = view.screen(surface.points)

@@ -1,6 +1,6 @@
-"""What is seen of a body: points and elements enter; the triangles, edges and outline of its surface leave.
+"""Extract the visible surface of a body: triangles, edges and outline.
 
-Faces of solid elements that occur once bound the body; shells are seen from both sides; beams become tubes. Without
+Faces of solid elements that occur once bound the body; shells are visible from both sides; beams become tubes. Without
 elements every node is a point.
 """
 
@@ -32,7 +32,7 @@ class Surface:
 
 
 def surface_of(points, cells: dict) -> Surface:
-    """The surface of a body: `points` (k, 3), `cells` by kind (of model.elements) as indices of points."""
+    """Return the surface of a body: `points` (k, 3), `cells` by kind (of model.elements) as indices of points."""
     corners, middles, solid = all_faces(cells)
     seen = free(corners, solid)
     corners, middles = corners[seen], middles[seen]
@@ -53,7 +53,7 @@ def surface_of(points, cells: dict) -> Surface:
 
 
 def _sides(points, corners, middles):
-    """Edges of faces, each once, and those of the outline: of one face only, or with an angle between faces."""
+    """Return edges of faces, each once, and those of the outline: of one face only, or with an angle between faces."""
     if not len(corners):
         return np.zeros((0, 2), dtype=int), np.zeros((0, 2), dtype=int)
     last = np.where(corners[:, 3] < 0, corners[:, 2], corners[:, 3])
@@ -76,7 +76,7 @@ def _sides(points, corners, middles):
 
 
 def _through_middles(pairs, middle):
-    """Straight pieces of edges: one, or two where there is a node in the middle."""
+    """Return straight pieces of edges: one, or two for edges with a midpoint node."""
     curved = middle >= 0
     halves = [np.stack([pairs[curved, k], middle[curved]], axis=1) for k in (0, 1)]
     return np.concatenate([pairs[~curved], *halves])
@@ -89,7 +89,7 @@ def _lines(cells):
 
 
 def _tubes(points, axes):
-    """Points (l * 2 SIDES, 3), the end that each belongs to, and triangles of the tubes around lines (l, 2)."""
+    """Return points (l * 2 SIDES, 3), the end that each belongs to, and triangles of the tubes around lines (l, 2)."""
     if not len(axes):
         return np.zeros((0, 3)), np.zeros(0, dtype=int), np.zeros((0, 3), dtype=int)
     along = points[axes[:, 1]] - points[axes[:, 0]]
@@ -113,7 +113,8 @@ def _tubes(points, axes):
 
 
 def thinned(surface: Surface, most: int) -> Surface:
-    """A surface with at most `most` points: in each cell of a grid, the one nearest to their middle stands for all."""
+    """Return a surface with at most `most` points: in each cell of a grid, the one nearest to their middle stands for
+    all."""
     if len(surface.points) <= most:
         return surface
     low, size = surface.points.min(axis=0), np.ptp(surface.points, axis=0).max()

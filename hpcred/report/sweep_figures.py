@@ -1,4 +1,4 @@
-"""Figures of a sweep: rows of its table and error curves enter; error over size, over each key, and eps(f) leave."""
+"""Draw figures of a sweep: error over size, over each key, and eps(f)."""
 
 import re
 
@@ -9,8 +9,10 @@ MOST = 16  # curves that a legend can tell apart
 
 
 def size_figure(stem, rows, series, error):
-    """`error` over the size, logarithmic, one colour for each text of `series(row)`; the line joins the best of each
-    size, so that the lowest one wins there, and has its worst direction. stem.png and stem.svg."""
+    """Draw `error` over the size, logarithmic, one colour for each `series(row)`, as stem.png and stem.svg.
+
+    A line joins the best results of each size; the lowest one shows its worst direction.
+    """
     figure, axes = _axes("coordinates", error, "Error over size")
     for i, (label, group) in enumerate(_grouped(rows, series)):
         best = {}
@@ -31,7 +33,7 @@ def size_figure(stem, rows, series, error):
 
 
 def key_figure(stem, rows, key, series, error):
-    """`error` over the values of a swept key, one line for each text of `series(row)`. stem.png and stem.svg."""
+    """Draw `error` over the values of a swept key, one line for each `series(row)`, as stem.png and stem.svg."""
     figure, axes = _axes(key, error, f"Error over {key}")
     groups = _grouped(rows, series)
     for i, (label, group) in enumerate(groups):
@@ -46,7 +48,7 @@ def key_figure(stem, rows, key, series, error):
 
 
 def curves_figure(stem, curves):
-    """eps over frequency of all runs, {label: (frequencies, eps)}. stem.png and stem.svg."""
+    """Draw eps over frequency of all runs, {label: (frequencies, eps)}, as stem.png and stem.svg."""
     figure, axes = _axes("frequency (Hz)", "relative error", f"Relative error of {len(curves)} reduced models")
     for i, (label, (frequencies, eps)) in enumerate(curves.items()):
         style = _style(i) | {"marker": "." if len(frequencies) <= FEW else None}  # of what was solved
@@ -55,7 +57,7 @@ def curves_figure(stem, curves):
 
 
 def stem_of(key):
-    """A key of a job in the name of a file."""
+    """Return a key of a job in the name of a file."""
     return re.sub(r"[^\w.-]+", "_", key)
 
 

@@ -1,4 +1,4 @@
-"""Tables and JSON for people and scripts: what a workflow gave enters; text of rank 0, or a file, leaves."""
+"""Print tables, and write the results of workflows as text or JSON, on rank 0."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ def show_table(title, rows: list[dict]):
 
 
 def _widths(least, rows, room) -> dict[str, int]:
-    """The widths of columns: the `least`, and fair shares of the room that is left for those with longer texts."""
+    """Return the widths of columns: the `least`, and fair shares of the room that is left for those with longer
+    texts."""
     wanted = {} if room < 0 else {
         column: max(len(column), *(len(_cell(row[column])) for row in rows)) - width for column, width in least.items()
         if not _numeric(column, rows)
@@ -55,8 +56,8 @@ def _widths(least, rows, room) -> dict[str, int]:
 
 
 def told_apart(names: list[str]) -> list[str]:
-    """Names of runs (see settings.sweep_file) by what tells them apart: basis-modal_order-1 among orders is 1, among
-    bases and orders modal_1. Names of other forms stay as they are."""
+    """Return names of runs (see settings.sweep_file) by what tells them apart: basis-modal_order-1 among orders is 1,
+    among bases and orders modal_1. Names of other forms stay as they are."""
     parts = [[part.partition("-") for part in name.split("_")] for name in names]
     if len({tuple(key for key, _, _ in row) for row in parts}) > 1 or len(set(names)) < 2:
         return names
@@ -69,7 +70,7 @@ def _numeric(column, rows):
 
 
 def _widest(column, rows) -> int:
-    """The longest word of a column."""
+    """Return the longest word of a column."""
     return max(map(len, " ".join([column, *(_cell(row[column]) for row in rows)]).split()), default=1)
 
 
@@ -99,7 +100,7 @@ def _cell(value) -> str:
 
 
 def in_words(value) -> str:
-    """A number, text, list or dict of a report in a line."""
+    """Return a number, text, list or dict of a report in a line."""
     if isinstance(value, dict):
         return ", ".join(f"{key} {in_words(item)}" for key, item in value.items())
     if isinstance(value, list):
@@ -121,7 +122,7 @@ def write_json(path, data, comm=MPI.COMM_WORLD):
 
 
 def as_json(data) -> str:
-    """Plain data as JSON, which has no NaN and no Inf: null stands for them."""
+    """Return plain data as JSON, which has no NaN and no Inf: null stands for them."""
     return json.dumps(_finite(data), indent=1, allow_nan=False)
 
 
@@ -134,7 +135,7 @@ def _finite(data):
 
 
 def show_timing(timing: Timing, factorisations=()):
-    """Where the time of a run went, the share of factors in it, and their memory."""
+    """Print the time of each stage of a run, the share of factors in it, and their memory."""
     if MPI.COMM_WORLD.rank:
         return
     parts = sorted(timing.seconds.items(), key=lambda item: -item[1])

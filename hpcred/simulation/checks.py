@@ -1,4 +1,4 @@
-"""Numbers of a simulation's tables enter; what cannot be is refused with its key."""
+"""Check the numbers in the tables of a simulation; errors name the key."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ def require_node(where, node):
 
 
 def require_sine(where, frequency, phase):
-    """Raise InputError for what is no frequency in Hz above 0 and phase in rad."""
+    """Raise InputError unless the frequency (Hz) is above 0 and the phase (rad) in its range."""
     require_positive(where, frequency=frequency)
     within(f"{where}frequency", frequency, FREQUENCY)
     within(f"{where}phase", phase, (-1e6, 1e6, "rad"))
@@ -53,13 +53,14 @@ def require_times(where, times, values):
 
 
 def shortest_interval(times, end) -> float:
-    """The shortest interval (s) of ascending times that has a part between 0 and `end`; inf where there is none."""
+    """Return the shortest interval (s) of ascending times that has a part between 0 and `end`; inf where there is
+    none."""
     times = np.asarray(times)
     return np.diff(times)[(times[1:] > 0) & (times[:-1] < end)].min(initial=np.inf)
 
 
 def unit(where, key, vector) -> np.ndarray:
-    """The unit vector (3,) of an axis. Raises InputError for one without length."""
+    """Return the unit vector (3,) of an axis. Raises InputError for one without length."""
     require_finite(where, **{key: vector})
     length = np.linalg.norm(vector)
     if length == 0:

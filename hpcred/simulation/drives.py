@@ -1,4 +1,4 @@
-"""Prescribed displacements and rotations: a time enters, the value and its rate leave (m, m/s or rad, rad/s)."""
+"""Define prescribed displacements and rotations: their value and rate at a time (m, m/s or rad, rad/s)."""
 
 from __future__ import annotations
 
@@ -25,11 +25,23 @@ from .loads import Vector
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """The support of a node moves `along` a direction (m) or turns `about` an axis (rad), one of them; inertial axes.
+    """Base class of drives: the support of a node moves along a direction or rotates about an axis, in inertial axes.
 
-    It holds the node to itself in that direction, beside what the joints at the node hold. `through`: a point of the
-    axis, by default where the node is held. Drives of one node add up. Kinds of drives have `longest_step`, in s, that
-    misses nothing of the motion, and `travel(end)`, about how far it goes to and fro until `end`, in m or rad.
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    along : tuple of three floats, optional
+        Direction of the displacement (m).
+    about : tuple of three floats, optional
+        Axis of the rotation (rad); exactly one of `along` and `about`.
+    through : tuple of three floats, optional
+        A point of the axis in m; by default where the node is held.
+
+    Notes
+    -----
+    A drive also holds the node in its direction. Drives of one node add up. Subclasses have `longest_step`, the
+    longest time step (s) that resolves the motion, and `travel(end)`, the distance or angle covered until `end`.
     """
 
     node: int | str
@@ -58,7 +70,19 @@ class Drive:
 
 @dataclass(frozen=True, kw_only=True)
 class ConstantDrive(Drive):
-    """Displaced by `value` from the beginning."""
+    """A constant displacement or rotation from the beginning.
+
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    along, about : tuple of three floats, optional
+        Direction of a displacement, or axis of a rotation; exactly one of the two.
+    through : tuple of three floats, optional
+        A point of the axis in m; by default where the node is held.
+    value : float
+        In m or rad.
+    """
 
     value: float
     kind: Literal["constant"] = field(default="constant", repr=False)
@@ -79,9 +103,24 @@ class ConstantDrive(Drive):
 
 @dataclass(frozen=True, kw_only=True)
 class RampDrive(Drive):
-    """The rate grows smoothly from 0 to `rate` in `duration` (s), and stays.
+    """A motion whose rate grows smoothly from 0 to a constant value.
 
-    With a = t / duration it is rate (a - sin(2 pi a) / (2 pi)), so that the acceleration begins and ends with 0.
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    along, about : tuple of three floats, optional
+        Direction of a displacement, or axis of a rotation; exactly one of the two.
+    through : tuple of three floats, optional
+        A point of the axis in m; by default where the node is held.
+    rate : float
+        Final rate in m/s or rad/s.
+    duration : float, default 0.0
+        Time of the growth in s.
+
+    Notes
+    -----
+    With a = t / duration the rate is rate (a - sin(2 pi a) / (2 pi)): the acceleration begins and ends with 0.
     """
 
     rate: float
@@ -111,7 +150,23 @@ class RampDrive(Drive):
 
 @dataclass(frozen=True, kw_only=True)
 class SineDrive(Drive):
-    """amplitude sin(2 pi frequency t + phase); Hz, rad."""
+    """A sinusoidal motion, amplitude sin(2 pi frequency t + phase).
+
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    along, about : tuple of three floats, optional
+        Direction of a displacement, or axis of a rotation; exactly one of the two.
+    through : tuple of three floats, optional
+        A point of the axis in m; by default where the node is held.
+    amplitude : float
+        In m or rad.
+    frequency : float
+        In Hz.
+    phase : float, default 0.0
+        In rad.
+    """
 
     amplitude: float
     frequency: float
@@ -137,7 +192,21 @@ class SineDrive(Drive):
 
 @dataclass(frozen=True, kw_only=True)
 class TableDrive(Drive):
-    """Values at ascending times (s): a cubic spline through them, at rest before the first and after the last."""
+    """A motion by a cubic spline through a table, at rest before the first and after the last time.
+
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    along, about : tuple of three floats, optional
+        Direction of a displacement, or axis of a rotation; exactly one of the two.
+    through : tuple of three floats, optional
+        A point of the axis in m; by default where the node is held.
+    times : sequence of float
+        In s, ascending; two or more.
+    values : sequence of float
+        One value for each time, in m or rad.
+    """
 
     times: tuple[float, ...]
     values: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""One flexible body in the floating frame of reference: its equations of motion with constraints on nodes (12, 13).
+"""Form the equations of motion of a flexible body in the floating frame, with constraints on nodes (12, 13).
 
 Coordinates: position r of the body frame (inertial axes), unit quaternion p, elastic coordinates q; velocities in body
 axes v, w, and u = q'. With the momenta P = M(q) (v, w, u) and the kinetic energy T the equations are those of Lagrange
@@ -7,10 +7,10 @@ in quasi-velocities,
     P_v' + w x P_v = F,   P_w' + w x P_w + v x P_v = L,   P_u' - dT/dq = Q - K q - D u,
 
 in which M(q) is exact for a displacement field linear in q, so that a free undamped body keeps energy and momentum.
-Constraints enter with multipliers on velocity level, as an index-2 system (Section 5.2 of the paper). The multipliers
-are the derivatives of unknown impulses, which the integrator can control as well as the motion. Loads, springs and
-constraints act on nodes by B (6, 6 + m), which makes (v, w, u) the velocity and angular velocity of a node; see joints
-for its kinematics.
+Constraints are added with multipliers on velocity level, as an index-2 system (Section 5.2 of the paper). The
+multipliers are the derivatives of unknown impulses, whose error the integrator controls like that of the motion. Loads,
+springs and constraints act on nodes by B (6, 6 + m), which maps (v, w, u) to the velocity and angular velocity of a
+node; see joints for its kinematics.
 """
 
 from dataclasses import dataclass
@@ -26,19 +26,19 @@ ROUND_OFF = 1e-14
 
 
 def _moved(r, p, q, step):
-    """r, p, q after a small motion (6 + m,) in the coordinates of (v, w, u)."""
+    """Return r, p, q after a small motion (6 + m,) in the coordinates of (v, w, u)."""
     p = p + quaternion_rate(p, step[3:6])
     return r + rotation(p) @ step[:3], p / np.linalg.norm(p), q + step[6:]
 
 
 def _beyond_round_off(values, size):
-    """Values, and zero where they are round-off of what they are the difference of, `size`."""
+    """Return Values, and zero where they are round-off of what they are the difference of, `size`."""
     return np.where(np.abs(values) > ROUND_OFF * size, values, 0.0)
 
 
 @dataclass
 class NodeMotion:
-    """Where a node is, x (3,), how it has turned, R (3, 3), and B (6, 6 + m) to its velocity; inertial axes."""
+    """Position x (3,) and rotation R (3, 3) of a node, and B (6, 6 + m) to its velocity; inertial axes."""
 
     x: np.ndarray
     R: np.ndarray
@@ -46,7 +46,7 @@ class NodeMotion:
 
 
 def node_motion(shape: NodeShape, origin, r, A, q) -> NodeMotion:
-    """The motion of a node of a body with a frame at `origin` (3,) of the model, r (3,), A (3, 3) and q (m,)."""
+    """Return the motion of a node of a body with a frame at `origin` (3,) of the model, r (3,), A (3, 3) and q (m,)."""
     arm = shape.position - origin + shape.phi @ q
     B = np.zeros((6, 6 + len(q)))
     B[:3, :3], B[:3, 3:6], B[:3, 6:] = A, -A @ skew(arm), A @ shape.phi
@@ -73,18 +73,19 @@ class FlexibleBody:
 
     # The state y: r, p, q | v, w, u | impulses of the constraints | work of the loads and of the drives, losses
     def split(self, y):
-        """Views r, p, q, z = (v, w, u), impulses and energies of a state (size, ...); of y', multipliers and powers."""
+        """Return views r, p, q, z = (v, w, u), impulses and energies of a state (size, ...); of y', multipliers and
+        powers."""
         m = self.size
         cuts = np.cumsum([3, 4, m, 6 + m, self.multipliers])
         return np.split(y, cuts)
 
     def node_motions(self, r, A, q) -> dict:
-        """NodeMotion of every node with a load, spring or constraint, by number."""
+        """Return the NodeMotion of every node with a load, spring or constraint, by number."""
         origin = self.floating_frame.origin
         return {node: node_motion(shape, origin, r, A, q) for node, shape in self._shapes.items()}
 
     def inertia_forces(self, q, z, M):
-        """M' z + (w x P_v, w x P_w + v x P_v, -dT/dq): what stands beside M z'."""
+        """Return M' z + (w x P_v, w x P_w + v x P_v, -dT/dq): what stands beside M z'."""
         v, w, u = z[:3], z[3:6], z[6:]
         body, P = self.floating_frame, M @ z
         slope = body.dJ + 2 * np.tensordot(body.J2, q, axes=(1, 0))  # dJ/dq_k (m, 3, 3)
@@ -97,7 +98,7 @@ class FlexibleBody:
         return h
 
     def applied(self, t, A, q, z, motions):
-        """Generalised forces of gravity, loads and springs (6 + m,); powers of loads and of springs' dampers."""
+        """Return generalised forces of gravity, loads and springs (6 + m,); powers of loads and of springs' dampers."""
         body = self.floating_frame
         g = A.T @ self.gravity
         total = np.concatenate([self.mass * g, cross(self.floating_frame.first_moment(q), g), body.Ct @ g])
@@ -115,7 +116,7 @@ class FlexibleBody:
         return total, power, loss
 
     def constraints(self, t, motions):
-        """G (c, 6 + m) and rates (c,): the constraints on velocity level are G z = rates."""
+        """Return G (c, 6 + m) and rates (c,): the constraints on velocity level are G z = rates."""
         G, rates = [np.zeros((0, 6 + self.size))], [np.zeros(0)]
         for hold in self.holds:
             node = motions[hold.shape.node]
@@ -125,12 +126,12 @@ class FlexibleBody:
         return np.concatenate(G), np.concatenate(rates)
 
     def gaps(self, t, motions):
-        """How far (c,) the held nodes are from where they are to be, in m and rad."""
+        """Return how far (c,) the held nodes are from where they are to be, in m and rad."""
         parts = [hold.gap(t, motions[hold.shape.node].x, motions[hold.shape.node].R) for hold in self.holds]
         return np.concatenate([np.zeros(0), *parts])
 
     def reactions(self, t, motions, multipliers) -> dict:
-        """Force and moment (6,) of the constraints on each held node, by number; inertial axes."""
+        """Return force and moment (6,) of the constraints on each held node, by number; inertial axes."""
         found, first = {}, 0
         for hold in self.holds:
             node = hold.shape.node
@@ -140,7 +141,7 @@ class FlexibleBody:
         return found
 
     def residual(self, t, y, yp):
-        """F(t, y, y') of the index-2 system."""
+        """Return F(t, y, y') of the index-2 system."""
         r, p, q, z, _, _ = self.split(y)
         rp, pp, qp, zp, multipliers, powers = self.split(yp)
         A = rotation(p)
@@ -166,7 +167,7 @@ class FlexibleBody:
         )
 
     def jacobians(self, t, y, yp):
-        """dF/dy and dF/dy' for the Newton steps, which need no exact ones.
+        """Return dF/dy and dF/dy' for the Newton steps, which need no exact ones.
 
         The columns of r, the quaternion, v and w are differences; those of q and u hold stiffness and damping, which
         outweigh the inertia forces there.
@@ -195,7 +196,7 @@ class FlexibleBody:
         return dy, dyp
 
     def _tangents(self, motions):
-        """Stiffness and damping (6 + m, 6 + m) of the elastic coordinates and of the springs."""
+        """Return stiffness and damping (6 + m, 6 + m) of the elastic coordinates and of the springs."""
         stiffness, damping = np.zeros((6 + self.size,) * 2), np.zeros((6 + self.size,) * 2)
         stiffness[6:, 6:], damping[6:, 6:] = self.K, self.D
         for spring in self.springs:
@@ -205,7 +206,7 @@ class FlexibleBody:
         return stiffness, damping
 
     def assemble(self, r, p, q):
-        """r, p, q after the least rigid motion that brings the held nodes to their places, and whether it moved.
+        """Return r, p, q after the least rigid motion that brings the held nodes to their places, and whether it moved.
 
         Raises InputError where no rigid motion does.
         """
@@ -225,7 +226,7 @@ class FlexibleBody:
         )
 
     def start(self, r, p, q, z):
-        """A consistent state and its derivative: velocities projected onto the constraints.
+        """Return a consistent state and its derivative: velocities projected onto the constraints.
 
         Returns y, y' and the largest change of a velocity. Raises InputError for dependent constraints.
         """
@@ -250,7 +251,7 @@ class FlexibleBody:
         return y, np.concatenate(state), float(np.abs(projected - z).max(initial=0.0))
 
     def _drift_rates(self, r, p, q, z):
-        """(G z - rates)' (c,) at t = 0 for z' = 0, by differences of second order towards later times."""
+        """Return (G z - rates)' (c,) at t = 0 for z' = 0, by differences of second order towards later times."""
         drives = [drive for hold in self.holds for drive in (*hold.support.shifts, *hold.support.turns)]
         times = [drive.longest_step() for drive in drives]
         step = 1e-4 * min([1.0, 1 / (1.0 + np.linalg.norm(z[3:6])), *times])
@@ -293,7 +294,8 @@ class FlexibleBody:
             )
 
     def equilibrium(self, r, p):
-        """r, p, q at rest under gravity, loads and drives at t = 0. Raises InputError where a rigid motion is free."""
+        """Return r, p, q at rest under gravity, loads and drives at t = 0. Raises InputError where a rigid motion is
+        free."""
         m, c, q = self.size, self.multipliers, np.zeros(self.size)
         multipliers = np.zeros(c)
         for _ in range(50):
@@ -314,7 +316,7 @@ class FlexibleBody:
         raise ComputationError("start: no static equilibrium was found in 50 steps")
 
     def _static_force(self, r, p, q, multipliers):
-        """Generalised forces (6 + m,) on the body at rest at t = 0."""
+        """Return generalised forces (6 + m,) on the body at rest at t = 0."""
         A = rotation(p)
         motions = self.node_motions(r, A, q)
         total, _, _ = self.applied(0.0, A, q, np.zeros(6 + self.size), motions)
@@ -323,7 +325,7 @@ class FlexibleBody:
         return total
 
     def energies(self, r, p, q, z):
-        """Kinetic, elastic, gravity and springs' energy in J."""
+        """Return Kinetic, elastic, gravity and springs' energy in J."""
         A = rotation(p)
         kinetic = 0.5 * z @ self.floating_frame.mass_matrix(q) @ z
         moment = self.mass * r + A @ self.floating_frame.first_moment(q)

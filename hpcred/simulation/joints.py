@@ -1,10 +1,10 @@
-"""Joints between nodes and the ground: tables of a simulation enter, holonomic constraints on single nodes leave.
+"""Define joints between nodes and the ground, and make holonomic constraints of them.
 
-A node with shapes phi, psi is at x = r + A (c + phi q) and has turned by R = A exp(skew(psi q)), with an exact rotation
-of the small vector psi q. Its velocities are v = x' and omega with R' = skew(omega) R. A joint holds x and R to a
-support, which stands still, or moves as the drives at the node say: it turns by G(t) about an axis through a point and
-is displaced. Every constraint is a function of x, R and t that is to be zero, and N (v, omega) = N (v, omega of the
-support) is its derivative, so that velocities that fulfil the one keep the other.
+A node with shapes phi, psi is at x = r + A (c + phi q) and has the rotation R = A exp(skew(psi q)), exact for the small
+vector psi q. Its velocities are v = x' and omega with R' = skew(omega) R. A joint holds x and R to a support, which is
+fixed or moved by the drives at the node: it rotates by G(t) about an axis through a point, and is displaced. A
+constraint is a function of x, R and t that must be zero; N (v, omega) = N (v, omega of the support) is its derivative,
+so that velocities that satisfy this preserve the constraint.
 """
 
 from __future__ import annotations
@@ -30,12 +30,29 @@ Kind = Literal["point", "spherical", "fixed", "revolute", "universal", "prismati
 
 @dataclass(frozen=True)
 class Joint:
-    """A node held to the ground, at the point `at` (m) or where it starts, with the rotation that it starts with.
+    """A joint between a node and the ground. The node keeps its initial rotation in the held directions.
 
-    kind: "point" holds its displacements in inertial `directions`, by default in all; "spherical" in all; "fixed" also
-    its rotations; "revolute" all but the rotation about `axis`; "prismatic" all but the displacement along `axis`;
-    "cylindrical" all but both; "universal" its displacements, and the angle between the first of two `axes`, of the
-    ground, and the second, of the node. Axes are inertial ones at the start.
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    directions : sequence of {"x", "y", "z"}, optional
+        Held displacements of kind "point"; by default all.
+    at : tuple of three floats, optional
+        The point in m where the node is held; by default its initial position.
+    kind : str, default "point"
+        "point": holds displacements in `directions`; "spherical": all displacements; "fixed": everything; "revolute":
+        all but the rotation about `axis`; "prismatic": all but the displacement along `axis`; "cylindrical": all but
+        both; "universal": all displacements, and the angle between two axes.
+    axis : tuple of three floats, optional
+        Of kinds "revolute", "prismatic" and "cylindrical": inertial axis at the start, of any length.
+    axes : tuple of two axes, optional
+        Of kind "universal": inertial axes at the start, the first fixed to the ground, the second to the node.
+
+    Raises
+    ------
+    InputError
+        For a missing axis, and keys that do not belong to the kind.
     """
 
     node: int | str
@@ -73,18 +90,18 @@ class Joint:
 
     @property
     def unit_axes(self) -> list[np.ndarray]:
-        """Of the axis or axes that it has."""
+        """Unit vectors of its axis or axes."""
         if self.axes is not None:
             return [unit("constraint.", "axes", axis) for axis in self.axes]
         return [] if self.axis is None else [unit("constraint.", "axis", self.axis)]
 
     @property
     def turns_with(self) -> bool:
-        """Whether it holds rotations."""
+        """True if it holds rotations."""
         return self.kind not in ("point", "spherical")
 
     def held(self) -> tuple[np.ndarray, np.ndarray]:
-        """Directions (k, 3) of displacements and (j, 3) of rotations that it holds, but for a universal joint's."""
+        """Return held directions (k, 3) of displacements and (j, 3) of rotations, without that of a universal joint."""
         every, none = np.eye(3), np.zeros((0, 3))
         if self.kind in ONE_AXIS:
             across = _complement(self.unit_axes[0][None])
@@ -94,7 +111,7 @@ class Joint:
 
 
 def _complement(rows):
-    """Orthonormal rows (3 - k, 3) perpendicular to the k directions that rows span."""
+    """Return orthonormal rows (3 - k, 3) perpendicular to the k directions that rows span."""
     if not len(rows):
         return np.eye(3)
     _, values, right = np.linalg.svd(rows)
@@ -103,7 +120,7 @@ def _complement(rows):
 
 @dataclass
 class Support:
-    """What a node is held to: `shifts` and `turns` are drives, the latter about one axis through `centre` (3,)."""
+    """The support of a node: `shifts` and `turns` are drives, the latter about one axis through `centre` (3,)."""
 
     shifts: tuple[Drive, ...] = ()
     turns: tuple[Drive, ...] = ()
@@ -114,7 +131,7 @@ class Support:
         return self.turns[0].direction
 
     def state(self, t):
-        """Displacement (3,), its rate (3,), rotation G (3, 3) and angular velocity (3,) in inertial axes."""
+        """Return displacement (3,), its rate (3,), rotation G (3, 3) and angular velocity (3,) in inertial axes."""
         moved = np.array([np.outer(drive(t), drive.direction) for drive in self.shifts]).reshape(-1, 2, 3).sum(axis=0)
         if not self.turns:
             return *moved, np.eye(3), np.zeros(3)
@@ -124,7 +141,7 @@ class Support:
 
 @dataclass
 class Hold:
-    """Constraints of one joint, or of a drive, on one node: c = k + j numbers that are to be zero.
+    """Constraints of one joint, or of a drive, on one node: c = k + j numbers that must be zero.
 
     translations (k, 3) and rotations (j, 3): directions of the support at t = 0 without drives, in which the node is
     held at `place` (3,) with rotation `turned` (3, 3). cross: the two axes of a universal joint instead of rotations.
@@ -143,11 +160,11 @@ class Hold:
         return len(self.translations) + (len(self.rotations) if self.cross is None else 1)
 
     def _cross(self, R, G):
-        """Axes of the cross now: of the support and of the node."""
+        """Return the current axes of the cross, of the support and of the node."""
         return G @ self.cross[0], R @ self.turned.T @ self.cross[1]
 
     def directions(self, t, R):
-        """N (c, 6): what it holds of the velocity and angular velocity of the node, in inertial axes."""
+        """Return N (c, 6): the held components of velocity and angular velocity of the node, in inertial axes."""
         G = self.support.state(t)[2]
         N = np.zeros((len(self), 6))
         k = len(self.translations)
@@ -160,14 +177,14 @@ class Hold:
         return N
 
     def velocity(self, t, x):
-        """Velocity and angular velocity (6,) of the support where the node is, x (3,)."""
+        """Return velocity and angular velocity (6,) of the support at the position x (3,) of the node."""
         shift, rate, _, omega = self.support.state(t)
         if not omega.any():
             return np.concatenate([rate, omega])
         return np.concatenate([rate + cross(omega, x - self.support.centre - shift), omega])
 
     def gap(self, t, x, R):
-        """How far (c,) the node is from where it is held: m for displacements, rad for rotations."""
+        """Return the constraint violations (c,): m for displacements, rad for rotations."""
         shift, _, G, _ = self.support.state(t)
         centre = self.place if self.support.centre is None else self.support.centre
         place = centre + shift + G @ (self.place - centre)
@@ -186,7 +203,7 @@ class Hold:
         return np.concatenate([away, self.rotations @ G.T @ turned])
 
     def components(self) -> np.ndarray:
-        """Which components (6,) of force and moment in inertial axes it can transmit."""
+        """Return which components (6,) of force and moment in inertial axes it can transmit."""
         if self.support.turns:
             return np.repeat([len(self.translations) > 0, len(self) > len(self.translations)], 3)
         forces = np.abs(self.translations).sum(axis=0) > PARALLEL
@@ -195,7 +212,8 @@ class Hold:
 
 
 def holds_of(joints, drives, start) -> list[Hold]:
-    """The constraints of joints and drives. `start`: for each node its shape, place (3,) and rotation (3, 3) at first.
+    """Return the constraints of joints and drives. `start`: for each node its shape, place (3,) and rotation (3, 3) at
+    first.
 
     Raises InputError for joints at nodes without rotations, and drives of rotations that no joint at the node holds.
     """
@@ -237,7 +255,7 @@ def _support(node, drives, place) -> Support:
 
 
 def _driven(node, joints, support):
-    """Directions of displacements and rotations that drives hold beside the joints at their node."""
+    """Return directions of displacements and rotations that drives hold beside the joints at their node."""
     rows = [item.held() for item in joints]
     held, turned = (np.concatenate([np.zeros((0, 3)), *parts]) for parts in zip(*rows, strict=True)) if rows else (
         np.zeros((0, 3)), np.zeros((0, 3)))  # fmt: skip

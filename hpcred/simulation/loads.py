@@ -1,4 +1,4 @@
-"""Forces and moments over time at the nodes of a body: tables of a simulation enter, wrenches (6,) leave."""
+"""Define forces and moments over time at the nodes of a body, and compute their wrenches (6,)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,17 @@ def _kind(name):
 
 @dataclass(frozen=True)
 class ConstantForce:
-    """A force in N at a node; in inertial axes, or with axes = "body" in those of the node, which turn with it."""
+    """A constant force at a node.
+
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    value : tuple of three floats
+        In N, for moments in N m.
+    axes : {"inertial", "body"}, default "inertial"
+        Axes of the components; "body": they rotate with the node, which needs rotations.
+    """
 
     node: int | str
     value: Vector
@@ -45,7 +55,21 @@ class ConstantForce:
 
 @dataclass(frozen=True)
 class SineForce:
-    """amplitude sin(2 pi frequency t + phase) at a node; N, Hz, rad. `axes`: see ConstantForce."""
+    """A sinusoidal force at a node, amplitude sin(2 pi frequency t + phase).
+
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    amplitude : tuple of three floats
+        In N, for moments in N m.
+    frequency : float
+        In Hz.
+    phase : float, default 0.0
+        In rad.
+    axes : {"inertial", "body"}, default "inertial"
+        Axes of the components; "body": they rotate with the node, which needs rotations.
+    """
 
     node: int | str
     amplitude: Vector
@@ -70,9 +94,18 @@ class SineForce:
 
 @dataclass(frozen=True)
 class TableForce:
-    """Forces in N at ascending times in s, linear between them, constant before the first and after the last.
+    """A force at a node from a table, linear between the times, constant before the first and after the last.
 
-    `axes`: see ConstantForce.
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    times : sequence of float
+        In s, ascending.
+    values : sequence of three floats each
+        One force for each time, in N, for moments in N m.
+    axes : {"inertial", "body"}, default "inertial"
+        Axes of the components; "body": they rotate with the node, which needs rotations.
     """
 
     node: int | str
@@ -97,21 +130,21 @@ class TableForce:
 
 @dataclass(frozen=True)
 class ConstantMoment(ConstantForce):
-    """A moment in N m at a node with rotations; otherwise like ConstantForce."""
+    """A constant moment in N m at a node with rotations, with the parameters of ConstantForce."""
 
     key: ClassVar[str] = "moment"
 
 
 @dataclass(frozen=True)
 class SineMoment(SineForce):
-    """A moment in N m at a node with rotations; otherwise like SineForce."""
+    """A sinusoidal moment in N m at a node with rotations, with the parameters of SineForce."""
 
     key: ClassVar[str] = "moment"
 
 
 @dataclass(frozen=True)
 class TableMoment(TableForce):
-    """Moments in N m at a node with rotations; otherwise like TableForce."""
+    """A moment in N m from a table at a node with rotations, with the parameters of TableForce."""
 
     key: ClassVar[str] = "moment"
 
@@ -122,7 +155,7 @@ AnyMoment = Annotated[ConstantMoment | SineMoment | TableMoment, Field(discrimin
 
 @dataclass(frozen=True)
 class Load:
-    """A force or a moment at a node: `value(t)` (3,) in inertial axes, or in those of the node where it `follows`."""
+    """A force or moment at a node: `value(t)` (3,) in inertial axes, or in axes of the node if it `follows`."""
 
     shape: NodeShape
     value: object
@@ -130,7 +163,7 @@ class Load:
     follows: bool = False
 
     def wrench(self, t, R):
-        """Force and moment (6,) on the node in inertial axes; R (3, 3): its rotation."""
+        """Return force and moment (6,) on the node in inertial axes; R (3, 3): its rotation."""
         value = self.value(t)
         result = np.zeros(6)
         result[3 * self.moment :][:3] = R @ value if self.follows else value
@@ -138,7 +171,7 @@ class Load:
 
 
 def load_of(item, shape: NodeShape) -> Load:
-    """The load that a table says. Raises InputError for a node without the rotations that it needs."""
+    """Return the load of a table at a node. Raises InputError if the node lacks the rotations that it needs."""
     moment = item.key == "moment"
     if not shape.rotates and (moment or item.axes == "body"):
         needs = "a moment" if moment else "axes = 'body'"

@@ -1,4 +1,4 @@
-"""Time simulation of one flexible body: a Body and a Simulation enter, motion, forces and energies over time leave."""
+"""Simulate one flexible body in time, and compute its motion, forces and energies."""
 
 from __future__ import annotations
 
@@ -32,12 +32,44 @@ MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
 
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
-    """One simulation; SI units, inertial axes.
+    """Settings of a simulation. SI units, inertial axes; nodes are numbers, or names of interfaces.
 
-    end: last time; steps: output intervals. start: "given" by position, rotation (vector, rad), velocity,
-    angular_velocity of the body frame and the elastic coordinates, or "static": the rest position under gravity, loads
-    and drives at t = 0. observe: nodes whose displacements are found beside those of the tables below. The tolerances
-    are those of the integrator. Nodes are numbers, or names of interfaces.
+    Parameters
+    ----------
+    end : float
+        Last time in s.
+    steps : int, default 500
+        Number of output intervals; the integrator chooses its own steps.
+    gravity : tuple of three floats, default (0, 0, 0)
+        In m/s^2.
+    start : {"given", "static"}, default "given"
+        Initial state: "given" by the values below, or "static", the rest position under gravity, loads and drives at
+        t = 0.
+    position : tuple of three floats, default (0, 0, 0)
+        Initial position of the body frame in m.
+    rotation : tuple of three floats, default (0, 0, 0)
+        Initial rotation vector of the body frame in rad.
+    velocity, angular_velocity : tuple of three floats, default (0, 0, 0)
+        Initial velocity (m/s) and angular velocity (rad/s) of the body frame.
+    elastic, elastic_velocity : sequence of float, default ()
+        Initial elastic coordinates and their rates; by default zero.
+    observe : sequence of int or str, default ()
+        Nodes whose motion is computed, beside those of the tables below.
+    relative_tolerance, absolute_tolerance : float, default 1e-5 and 1e-8
+        Tolerances of the integrator.
+    force, moment : sequence of loads, default ()
+        Forces and moments at nodes.
+    constraint : sequence of Joint, default ()
+        Joints between nodes and the ground.
+    drive : sequence of drives, default ()
+        Prescribed motions of the ground to which nodes are held.
+    spring : sequence of LineSpring or Bushing, default ()
+        Springs and dampers between nodes and the ground.
+
+    Raises
+    ------
+    InputError
+        For values out of range, and initial velocities of a static start.
     """
 
     end: float
@@ -79,7 +111,7 @@ class Simulation:
 
     @property
     def doubts(self) -> list[str]:
-        """What looks like numbers in mm; in sentences."""
+        """Warnings of numbers that look like mm."""
         size = float(np.linalg.norm(self.gravity))
         return [f"gravity: found {size:g} m/s^2; in SI it is 9.81"] if size > LARGE_GRAVITY else []
 
@@ -91,7 +123,7 @@ class Simulation:
         return sorted(found, key=lambda node: (isinstance(node, str), node))
 
     def numbered(self, body: Body) -> Simulation:
-        """The same with the numbers of nodes for their names. Raises InputError for a name that the body has not."""
+        """Return the settings with numbers of nodes for their names. Raises InputError for an unknown name."""
         tables = {
             key: tuple(replace(item, node=body.number(item.node)) for item in getattr(self, key))
             for key in ("force", "moment", "constraint", "drive", "spring")
@@ -101,18 +133,47 @@ class Simulation:
 
 @dataclass
 class Motion:
-    """What a simulation found at its output times t (nt,); SI units.
+    """The result of a simulation with nt output times, m elastic coordinates and k nodes. SI units, inertial axes.
 
-    position (nt, 3) of the body frame and quaternion (nt, 4), scalar first; velocity (nt, 3) and angular_velocity
-    (nt, 3) in body axes; elastic, elastic_velocity (nt, m). For k nodes with node_names (texts): node_position
-    (nt, k, 3), node_displacement from the undeformed place at the start, and node_rotation from the undeformed
-    rotation there, a rotation vector that goes on beyond pi (that of the body where node_rotates is false), inertial
-    axes. constraint_force (nt, c) in N and constraint_moment (nt, d) in N m on the body with `constraint_names` and
-    `moment_names`, inertial axes. spring_force, spring_moment (nt, s, 3) on the body and spring_energy (nt, s), with
-    `spring_names`. energies: kinetic, elastic, gravity, springs, work (of forces and moments), drives (their work),
-    dissipated (nt,). drift, rotation_drift: largest distance (m) and angle (rad) of a held node from where it is held.
-    balance: largest defect of the energy relative to the largest energy. notes: what was changed or approximated.
-    factorisations: of the integrator's Newton matrices.
+    Attributes
+    ----------
+    t : ndarray, shape (nt,)
+        Output times in s.
+    position : ndarray, shape (nt, 3)
+        Position of the body frame.
+    quaternion : ndarray, shape (nt, 4)
+        Orientation of the body frame, scalar first.
+    velocity, angular_velocity : ndarray, shape (nt, 3)
+        Of the body frame, in body axes.
+    elastic, elastic_velocity : ndarray, shape (nt, m)
+        Elastic coordinates and their rates.
+    nodes, node_names, node_rotates : list
+        Numbers and names of the nodes, and whether they have rotations.
+    node_position : ndarray, shape (nt, k, 3)
+        Positions of the nodes.
+    node_displacement : ndarray, shape (nt, k, 3)
+        Displacements from the undeformed positions at the start.
+    node_rotation : ndarray, shape (nt, k, 3)
+        Rotation vectors from the undeformed orientation at the start, continued beyond pi; those of the body for nodes
+        without rotations.
+    constraint_names, moment_names, spring_names : list of str
+        Names of the columns of forces, of moments, and of springs.
+    constraint_force, constraint_moment : ndarray, shape (nt, c) and (nt, d)
+        Forces (N) and moments (N m) of joints and drives on the body.
+    spring_force, spring_moment : ndarray, shape (nt, s, 3)
+        Forces and moments of springs on the body.
+    spring_energy : ndarray, shape (nt, s)
+        Energies of the springs.
+    energies : dict of str to ndarray, shape (nt,)
+        kinetic, elastic, gravity, springs, work (of forces and moments), drives (their work), dissipated.
+    drift, rotation_drift : float
+        Largest distance (m) and angle (rad) of a held node from where it is held.
+    balance : float
+        Largest defect of the energy balance, relative to the largest energy.
+    notes : list of str
+        What was changed or approximated.
+    factorisations : int
+        Number of factorisations of Newton matrices.
     """
 
     t: np.ndarray
@@ -145,11 +206,35 @@ class Motion:
 
 
 def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
-    """Simulate a Body whose `nodes` hold those of the setup, as an index-2 system by Radau IIA of order 5.
+    """Simulate a body in time.
 
-    On one rank. Raises InputError (dependent constraints, free rigid motion in a static start, structural damping, no
-    mass in a direction, rigid-body motions in the basis, an unknown node, a joint or moment at a node without
-    rotations) or ComputationError.
+    On one rank.
+
+    Parameters
+    ----------
+    body : Body
+        Its nodes must include those of the settings.
+    setup : Simulation
+        The settings.
+    progress : Progress, optional
+        Reports the progress.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    InputError
+        For dependent constraints, free rigid-body motion in a static start, structural damping, no mass in some
+        direction, rigid-body motions in the basis, an unknown node, and joints or moments at nodes without rotations.
+    ComputationError
+        If the integrator fails.
+
+    Notes
+    -----
+    The equations of motion (12, 13) with constraints are a differential-algebraic system of index 2, integrated by
+    Radau IIA of order 5.
     """
     check_moving(body, "a simulation")
     if has_no_inertia(body):
@@ -210,7 +295,8 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
 
 
 def doubts_of_places(body: Body, setup: Simulation, start: dict) -> list[str]:
-    """Sentences on places so far from their nodes, which start at `start` {number: (3,)}, that they look like mm."""
+    """Return sentences on places so far from their nodes, which start at `start` {number: (3,)}, that they look like
+    mm."""
     frame = body.floating_frame
     centre = frame.mc / frame.mass
     size = np.sqrt(max(np.trace(frame.J) / frame.mass / 2 - centre @ centre, 0.0))  # radius of gyration
@@ -266,7 +352,8 @@ def _integrate(system, setup, y0, yp0, progress):
 
 
 def _steps_of_turns(setup) -> float:
-    """About how many steps rotations take: those of the drives, and that of a body on which nothing else acts."""
+    """Return about how many steps rotations take: those of the drives, and that of a body on which nothing else
+    acts."""
     turned = sum(drive.travel(setup.end) for drive in setup.drive if drive.about is not None)
     if not (setup.constraint or setup.drive):
         turned += float(np.linalg.norm(setup.angular_velocity)) * setup.end
@@ -278,7 +365,8 @@ def _too_many(found: str, advice: str) -> InputError:
 
 
 def _pace(end):
-    """An event of the integrator that refuses a simulation whose steps stay so short that it takes far too many."""
+    """Return an event of the integrator that refuses a simulation whose steps stay so short that it takes far too
+    many."""
     last, count = 0.0, 0
 
     def watch(t, y, yp):
@@ -298,18 +386,18 @@ def _pace(end):
 
 
 def _steps(system, t, states):
-    """Time, r, A, q and z, one output time after the other."""
+    """Return Time, r, A, q and z, one output time after the other."""
     r, p, q, z, _, _ = (part.T for part in system.split(states))
     return zip(t, r, rotation(p), q, z, strict=True)
 
 
 def _names(body) -> dict:
-    """The name of each node, or its number where it has none, by number."""
+    """Return the name of each node, or its number where it has none, by number."""
     return {shape.node: shape.label for shape in body.nodes}
 
 
 def _motion(system, t, states):
-    """What a Motion says of the body frame, elastic coordinates, energies and errors."""
+    """Return the fields of a Motion on the body frame, elastic coordinates, energies and errors."""
     r, p, q, z, _, powers = (part.T for part in system.split(states))
     p = p / np.linalg.norm(p, axis=1)[:, None]
     stored = np.array([system.energies(*state) for state in zip(r, p, q, z, strict=True)])
@@ -329,7 +417,7 @@ def _motion(system, t, states):
 
 
 def _nodes(body, undeformed, t, states, system):
-    """What a Motion says of nodes."""
+    """Return the fields of a Motion on nodes."""
     origin = body.floating_frame.origin
     steps = [state for _, *state, _ in _steps(system, t, states)]
     moved = [[node_motion(shape, origin, *state) for shape in body.nodes] for state in steps]
@@ -349,7 +437,7 @@ def _nodes(body, undeformed, t, states, system):
 
 
 def _reactions(body, system, t, states, rates):
-    """What a Motion says of the forces and moments of constraints: the components that a joint can transmit."""
+    """Return the fields of a Motion on forces and moments of constraints: the components that joints can transmit."""
     multipliers = system.split(rates)[4].T
     found = [
         system.reactions(now, system.node_motions(*state), mine)
@@ -370,7 +458,7 @@ def _reactions(body, system, t, states, rates):
 
 
 def _twists(system):
-    """An event of the integrator that refuses bushings which a step twists too far, also between output times.
+    """Return an event of the integrator that refuses bushings which a step twists too far, also between output times.
 
     Rotation vectors go round at pi: one that a step takes beyond comes back from the other side.
     """
@@ -393,7 +481,7 @@ def _twists(system):
 
 
 def _springs(body, setup, system, t, states):
-    """What a Motion says of springs."""
+    """Return the fields of a Motion on springs."""
     names_of, count = _names(body), len(system.springs)
     wrenches, energies = np.zeros((len(t), count, 6)), np.zeros((len(t), count))
     for i, (_, r, A, q, z) in enumerate(_steps(system, t, states)):

@@ -1,4 +1,4 @@
-"""Spring-dampers between nodes and the ground: tables of a simulation enter, wrenches, tangents and energies leave.
+"""Define spring-dampers between nodes and the ground, and compute their wrenches, tangents and energies.
 
 A bushing's rotation is the vector t with exp(skew(t)) = R R_start^T. Its energy t^T k t / 2 gives the moment
 -J(t)^-T k t, because omega = J(t) t'; see joints for x, R, v and omega, and rotations.rate_matrix for J.
@@ -24,9 +24,20 @@ ZERO = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class LineSpring:
-    """A spring-damper along the line from the ground at `at` (m) to a node.
+    """A spring-damper along the line from the ground to a node.
 
-    stiffness (N/m), damping (N s/m) against the change of length, free `length` (m), by default that at the start.
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    at : tuple of three floats
+        The other end, in m.
+    stiffness : float
+        Along the line, in N/m.
+    damping : float, default 0.0
+        Along the line, in N s/m.
+    length : float, optional
+        Free length in m; by default that at the start.
     """
 
     node: int | str
@@ -46,10 +57,18 @@ class LineSpring:
 
 @dataclass(frozen=True)
 class Bushing:
-    """Springs and dampers in inertial x, y, z against displacement from `at` (m), and against rotation from the start.
+    """Springs and dampers in inertial x, y, z against displacement of a node from a point, and against its rotation.
 
-    stiffness (N/m), damping (N s/m), rotational_stiffness (N m/rad), rotational_damping (N m s/rad), each for three
-    directions. at: by default where the node starts.
+    Parameters
+    ----------
+    node : int or str
+        Number of the node, or name of an interface.
+    stiffness, damping : tuple of three floats, default (0, 0, 0)
+        In N/m and N s/m.
+    rotational_stiffness, rotational_damping : tuple of three floats, default (0, 0, 0)
+        Against the rotation vector from the start, in N m/rad and N m s/rad.
+    at : tuple of three floats, optional
+        The point in m; by default the initial position of the node.
     """
 
     node: int | str
@@ -71,7 +90,7 @@ class Bushing:
 
     @property
     def turns_with(self) -> bool:
-        """Whether it acts on rotations."""
+        """True if it acts on rotations."""
         return bool(np.any([self.rotational_stiffness, self.rotational_damping]))
 
 
@@ -95,18 +114,19 @@ class LineElement:
     length: float
 
     def _line(self, x):
-        """Direction (3,) from the ground to the node, and length."""
+        """Return the direction (3,) from the ground to the node, and the length."""
         length = np.linalg.norm(x - self.at)
         return (x - self.at) / (length or 1.0), length
 
     def wrench(self, x, R, v, omega):
-        """Force and moment (6,) on the node in inertial axes."""
+        """Return force and moment (6,) on the node in inertial axes."""
         line, length = self._line(x)
         tension = self.stiffness * (length - self.length) + self.damping * line @ v
         return np.concatenate([-tension * line, np.zeros(3)])
 
     def tangents(self, x, R):
-        """Stiffness and damping (6, 6): minus the derivatives of the wrench by displacement and velocity at rest."""
+        """Return stiffness and damping (6, 6): minus the derivatives of the wrench by displacement and velocity at
+        rest."""
         line, length = self._line(x)
         K, C = np.zeros((6, 6)), np.zeros((6, 6))
         along = np.outer(line, line)
@@ -120,15 +140,15 @@ class LineElement:
         return 0.5 * self.stiffness * (self._line(x)[1] - self.length) ** 2
 
     def dissipation(self, x, v, omega):
-        """Power of its damper in W."""
+        """Return power of its damper in W."""
         return self.damping * (self._line(x)[0] @ v) ** 2
 
     def held(self, x):
-        """Directions (k, 6) in which it resists displacement and rotation of the node."""
+        """Return directions (k, 6) in which it resists displacement and rotation of the node."""
         return np.append(self._line(x)[0], np.zeros(3))[None] if self.stiffness else np.zeros((0, 6))
 
     def twist(self, R):
-        """Rotation vector (3,) in rad that it is twisted by."""
+        """Return the rotation vector (3,) of its twist in rad."""
         return np.zeros(3)
 
 
@@ -147,14 +167,14 @@ class BushingElement:
         return np.concatenate([x - self.at, turned])
 
     def wrench(self, x, R, v, omega):
-        """Force and moment (6,) on the node in inertial axes."""
+        """Return force and moment (6,) on the node in inertial axes."""
         away = self._deflection(x, R)
         force = -self.stiffness * away
         force[3:] = np.linalg.solve(rate_matrix(away[3:]).T, force[3:])
         return force - self.damping * np.concatenate([v, omega])
 
     def tangents(self, x, R):
-        """Stiffness and damping (6, 6) for small rotations."""
+        """Return stiffness and damping (6, 6) for small rotations."""
         return np.diag(self.stiffness), np.diag(self.damping)
 
     def energy(self, x, R):
@@ -162,20 +182,20 @@ class BushingElement:
         return 0.5 * self.stiffness @ self._deflection(x, R) ** 2
 
     def dissipation(self, x, v, omega):
-        """Power of its dampers in W."""
+        """Return power of its dampers in W."""
         return self.damping @ np.concatenate([v, omega]) ** 2
 
     def held(self, x):
-        """Directions (k, 6) in which it resists displacement and rotation of the node."""
+        """Return directions (k, 6) in which it resists displacement and rotation of the node."""
         return np.eye(6)[self.stiffness > 0]
 
     def twist(self, R):
-        """Rotation vector (3,) in rad that it is twisted by, zero where it does not resist."""
+        """Return rotation vector (3,) in rad that it is twisted by, zero where it does not resist."""
         return self._deflection(self.at, R)[3:]
 
 
 def element_of(spring, shape: NodeShape, place, turned):
-    """The element of a spring; place (3,) and rotation `turned` (3, 3) of its node at the start.
+    """Return the element of a spring; place (3,) and rotation `turned` (3, 3) of its node at the start.
 
     Raises InputError for a line without length, and for rotations of a node that has none.
     """

@@ -160,6 +160,36 @@ def test_keys_are_taken_from_dataclasses():
     assert "| `sides` | list of number | `[1.0, 2.0]` |" in page
 
 
+@dataclass(frozen=True, kw_only=True)
+class Plate:
+    """A plate.
+
+    Parameters
+    ----------
+    length, width : float
+        In m; a <b.
+    name : str, optional
+        Its name,
+        in two lines.
+
+    Notes
+    -----
+    It is thin.
+    """
+
+    length: float
+    width: float = 1.0
+    name: str | None = None
+
+
+def test_numpydoc_sections_become_meanings_of_keys():
+    page = reference.keys_of_file("a plate", Plate)
+    assert "| key | value | default | meaning |" in page and "-----" not in page.replace("| --- ", "")
+    assert "| `width` | number | `1.0` | In m; a &lt;b. |" in page
+    assert "| `name` | text | - | Its name, in two lines. |" in page
+    assert "A plate.\n\nIt is thin.\n\n|" in page
+
+
 def test_pages_do_not_send_readers_to_the_code():
     """The page on Python is looked at when the site is built, with the docstrings in it."""
     texts = {path.name: path.read_text() for path in PAGES} | GENERATED

@@ -1,4 +1,4 @@
-"""Read input files of Abaqus and CalculiX with the matrices beside them, which tell whose they are."""
+"""Read input files of Abaqus and CalculiX with the matrix files beside them, which determine the program."""
 
 from ...parallel.failures import InputError, agreed
 from ...settings.source import Source
@@ -9,7 +9,8 @@ from . import input_file, matrices
 
 
 def abaqus_source(path) -> Source:
-    """The matrices that Abaqus wrote beside an input file: block.inp with block_STIF1.mtx and block_MASS1.mtx."""
+    """Return the matrices that Abaqus wrote beside an input file: block.inp with block_STIF1.mtx and
+    block_MASS1.mtx."""
     return Source(**matrices.files_beside(path), nodes=str(path))
 
 

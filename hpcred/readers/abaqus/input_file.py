@@ -1,8 +1,8 @@
-"""Abaqus input files (.inp): a file enters; nodes at their places in the assembly, elements and sets leave.
+"""Read nodes, elements and sets of Abaqus input files (.inp), at their positions in the assembly.
 
-Each rank looks for keywords in its range of bytes; rank 0 walks through the keywords (parts, instances, includes),
-and all ranks share the data lines. Read are *Node, *Element, *Nset, *Elset, *Part, *Instance, *Assembly, *Include and
-*System; what else would change nodes, or the directions of dofs, is refused.
+Each rank looks for keywords in its range of bytes; rank 0 walks through the keywords (parts, instances, includes), and
+all ranks share the data lines. *Node, *Element, *Nset, *Elset, *Part, *Instance, *Assembly, *Include and *System are
+read; other keywords that change nodes, or directions of dofs, are refused.
 """
 
 import re
@@ -99,7 +99,7 @@ class Block:
 
 @dataclass
 class Mesh:
-    """What an input file says of the mesh; each rank has a share.
+    """The mesh of an input file; each rank has a share.
 
     `nodes` ascending by number over the ranks; `elements`: node numbers (elements, nodes) by kind, but for kinds that
     are not known; `sets`: node numbers by name, see abaqus_sets. `sections`: all keywords, the same on all ranks;
@@ -114,12 +114,12 @@ class Mesh:
 
 
 def begins(start: bytes) -> bool:
-    """Whether a text that starts so is an input file: its first line that is no comment is a keyword."""
+    """Test whether a text that starts so is an input file: its first line that is no comment is a keyword."""
     return first_line(REDIRECTED.sub(b"", start))[:1] == b"*"
 
 
 def read(path, comm, calculix=False) -> Mesh:
-    """The mesh of an input file. Collective. Raises InputError.
+    """Return the mesh of an input file. Collective. Raises InputError.
 
     `calculix`: whether it is read as CalculiX does. Then matrices are in global directions in spite of *Transform;
     what stands on a line behind the nodes of an element does not count, nor do keywords that CalculiX does not know
@@ -145,7 +145,7 @@ def read(path, comm, calculix=False) -> Mesh:
 
 
 def _sections(path, comm, including, calculix):
-    """All keywords of a file and of those it includes, in order. Collective."""
+    """Return all keywords of a file and of those it includes, in order. Collective."""
     with agreed(comm):
         require_file(path)
         refuse_packed(path)
@@ -174,8 +174,8 @@ def _sections(path, comm, including, calculix):
 
 
 def _keywords(path, positions, calculix):
-    """The Sections of a file from the bytes where its keywords begin; for Abaqus a line that ends with a comma goes on.
-    """
+    """Return the Sections of a file from the bytes where its keywords begin; for Abaqus a line that ends with a comma
+    goes on."""
     sections, size = [], path.stat().st_size
     with open_input(path) as file:
         head = file.read(positions[0] if positions else size).removeprefix(BYTE_ORDER_MARK)
@@ -212,17 +212,17 @@ def _require_keyword(section, line, calculix):
 
 
 def _fields(line):
-    """The parts of a line between commas; commas in quotes do not count."""
+    """Return the parts of a line between commas; commas in quotes do not count."""
     return re.findall(r'(?:"[^"]*"|[^",])+', line)
 
 
 def _word(text):
-    """Keywords and parameters count without blanks and in any case."""
+    """Return a keyword or parameter without blanks and in one case."""
     return re.sub(r"[ \t\r\n]", "", text.lower())  # of ASCII: other blanks are signs like others
 
 
 def _data_lines(section):
-    """The few data lines of a keyword, without comments and blank lines, as lists of fields."""
+    """Return the few data lines of a keyword, without comments and blank lines, as lists of fields."""
     with open_input(section.path) as file:
         file.seek(section.start)
         text = without_comments(file.read(section.stop - section.start))
@@ -231,7 +231,7 @@ def _data_lines(section):
 
 
 def _numbers(section, fields, count):
-    """`count` numbers of a data line; what is left out is zero."""
+    """Return `count` numbers of a data line; what is left out is zero."""
     fields = [item.lower().replace("d", "e") for item in fields]
     while fields and not fields[-1]:
         fields.pop()
@@ -247,7 +247,7 @@ def _numbers(section, fields, count):
 
 
 def _blocks(path, sections, calculix):
-    """The data lines of nodes and elements that are in the model, each with its place."""
+    """Return the data lines of nodes and elements that are in the model, each with its place."""
     parts, blocks, instances = {}, [], {}
     scope, name, placement, system = "model", "", Placement(), Placement()
     for section in sections:
@@ -346,7 +346,7 @@ def _system(section):
 
 
 def _placement(section):
-    """The translation, and then the rotation about the axis from a to b, of the data lines of an *Instance."""
+    """Return the translation, and then the rotation about the axis from a to b, of the data lines of an *Instance."""
     lines = _data_lines(section)
     if len(lines) > 2:
         raise section.refusal(f"found {len(lines)} lines below *Instance, expected a translation and a rotation")
@@ -365,7 +365,8 @@ def _placement(section):
 
 
 def _nodes(path, comm, blocks, named, least):
-    """The nodes of all blocks, ascending by number over the ranks; each number once. Fills `named`, see abaqus_sets.
+    """Return the nodes of all blocks, ascending by number over the ranks; each number once. Fills `named`, see
+    abaqus_sets.
 
     `least`: how many numbers a line has.
     """
@@ -404,7 +405,7 @@ def _nodes(path, comm, blocks, named, least):
 
 
 def _node_lines(piece, block, least):
-    """Labels, and Cartesian coordinates in the system of the part, of data lines; what is left out is zero.
+    """Return Labels, and Cartesian coordinates in the system of the part, of data lines; what is left out is zero.
 
     Behind the coordinates may stand the normal of a beam or shell, which does not count.
     """
@@ -430,9 +431,8 @@ def _name(named, block, kind, numbers):
 
 
 def _elements(comm, blocks, groups, named, calculix):
-    """Node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind; the number of all
-    elements by type. Fills `named`.
-    """
+    """Return node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind; the number of
+    all elements by type. Fills `named`."""
     found, keys, counts = {}, {}, Counter()
     with agreed(comm):
         for block in blocks:
@@ -512,7 +512,7 @@ def _with_more_nodes(piece, width, more):
 
 
 def _lines_joined(piece, lines, counts, width, more):
-    """Of each element: the first of its lines, and how many numbers they have together."""
+    """Return for each element the first of its lines, and the total of their numbers."""
     text = without_comments(piece.text).split(b"\n")
     goes_on = [text[line].rstrip().endswith(b",") for line in lines]
     first, total = [], []
@@ -526,7 +526,7 @@ def _lines_joined(piece, lines, counts, width, more):
 
 
 def _element_lines(piece, width, surplus=False):
-    """The numbers of elements and of their nodes, each of one or more whole lines of together `width` numbers.
+    """Return the numbers of elements and of their nodes, each of one or more whole lines of together `width` numbers.
 
     With `surplus` an element is the first numbers of each line.
     """

@@ -1,7 +1,7 @@
-"""Matrices as Abaqus' *MATRIX OUTPUT writes them: a text enters, entries leave, some on each rank.
+"""Read matrices in the formats of Abaqus' *MATRIX OUTPUT; each rank returns a share of the entries.
 
-FORMAT=COORDINATE has lines of row, column, value with numbers from 1 and both triangles. FORMAT=MATRIX INPUT has
-lines of node, dof, node, dof, value; of a symmetric matrix one triangle, of others both.
+FORMAT=COORDINATE has lines of row, column, value with numbers from 1 and both triangles. FORMAT=MATRIX INPUT has lines
+of node, dof, node, dof, value; one triangle of a symmetric matrix, both of others.
 """
 
 import re
@@ -23,7 +23,7 @@ MATRIX_MARKET = (  # compiled when a file has a %
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so has lines of numbers."""
+    """Test whether a file that starts so has lines of numbers."""
     return first_line(start)[:1].isdigit() or first_line(start)[:1] == b"-"
 
 
@@ -101,7 +101,7 @@ def _read_matrix_input(path, comm):
 
 
 def is_one_triangle(comm, i, j):
-    """Whether no entry has its mirror image; the order of Abaqus' rows need not be that of the node numbers."""
+    """Test whether no entry has its mirror image; the order of Abaqus' rows need not be that of the node numbers."""
     below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
     if not (below and above):
         return True
@@ -115,12 +115,12 @@ def is_one_triangle(comm, i, j):
 
 
 def is_beside(path) -> bool:
-    """Whether a matrix file that Abaqus wrote is beside an input file."""
+    """Test whether a matrix file that Abaqus wrote is beside an input file."""
     return bool(_matrices_beside(Path(path)))
 
 
 def _matrices_beside(path):
-    """Files by step and by kind (STIF, MASS, ...)."""
+    """Return files by step and by kind (STIF, MASS, ...)."""
     found = {}
     pattern = re.compile(re.escape(path.stem) + r"_?(STIF|MASS|DMPV|DMPS)(\d+)\.mtx(\.gz)?")
     folder = path.parent
@@ -132,7 +132,7 @@ def _matrices_beside(path):
 
 
 def files_beside(path) -> dict[str, str]:
-    """The matrix files K, M and perhaps D that Abaqus wrote beside an input file block.inp. Raises InputError.
+    """Return the matrix files K, M and perhaps D that Abaqus wrote beside an input file block.inp. Raises InputError.
 
     Their names are block_STIF1.mtx or blockSTIF1.mtx, with the number of the step; also .mtx.gz.
     """

@@ -1,7 +1,7 @@
-"""Sets of an Abaqus input file: its *Nset and *Elset blocks and its elements enter, node numbers by name leave.
+"""Make node sets from the *Nset and *Elset blocks and the elements of an Abaqus input file.
 
-A set of elements becomes the set of their nodes, "elements of NAME". Sets inside of an instance are named as Abaqus
-does, INSTANCE.NAME; those that Abaqus/CAE made for itself (internal) are left out.
+A set of elements becomes the set of their nodes, "elements of NAME". Sets in an instance are named as in Abaqus,
+INSTANCE.NAME; internal sets of Abaqus/CAE are left out.
 """
 
 import re
@@ -32,7 +32,7 @@ NOTHING = np.zeros(0, np.int64)
 
 @dataclass
 class Members:
-    """What a rank found of one set: numbers of nodes, or keys of elements, and names of sets that belong to it.
+    """The part of one set on a rank: numbers of nodes, or keys of elements, and names of sets that belong to it.
 
     `parts`: of each such name the ways to write it in full.
     """
@@ -43,7 +43,7 @@ class Members:
 
 
 def read_sets(path, comm, blocks, groups, named, elements, keys) -> dict[str, np.ndarray]:
-    """Node numbers by name of the set, each once over all ranks, ascending. Collective. Raises InputError.
+    """Return node numbers by name of the set, each once over all ranks, ascending. Collective. Raises InputError.
 
     `blocks` of *Nset and *Elset; `groups`: the instances, in the order of their numbers in keys. `named`: numbers of
     this rank by ("nset" or "elset", name), of *Node and *Element with such a parameter. `elements`, `keys`: node
@@ -102,7 +102,7 @@ def _read_block(comm, block, offset, found):
 
 
 def _ranges(piece):
-    """The numbers of lines of first, last, step; a step that is left out is 1."""
+    """Return the numbers of lines of first, last, step; a step that is left out is 1."""
     values, counts, lines = ragged(piece, blanks=False, expected="first, last and step of numbers")
     wrong = np.flatnonzero((counts < 2) | (counts > 3))
     if wrong.size:
@@ -118,7 +118,7 @@ def _ranges(piece):
 
 
 def _with_their_parts(path, comm, found):
-    """(name, numbers of this rank) of every set of any rank, with those of the sets that it names."""
+    """Return (name, numbers of this rank) of every set of any rank, with those of the sets that it names."""
     table = {}
     for part in comm.allgather({key: (members.name, members.parts) for key, members in found.items()}):
         for key, (name, parts) in part.items():
@@ -135,7 +135,8 @@ def _with_their_parts(path, comm, found):
 
 
 def _named_in(path, key, table):
-    """The keys of the sets that a set names. Elements of kinds that are not known have no sets, nodes always have."""
+    """Yield the keys of the sets that a set names. Elements of kinds that are not known have no sets, nodes always
+    have."""
     kind, (name, parts) = key[0], table[key]
     for words in sorted(parts):
         there = [(kind, word) for word in words if (kind, word) in table]

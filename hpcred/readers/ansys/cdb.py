@@ -1,7 +1,7 @@
-"""ANSYS' archive of a model (.cdb, of CDWRITE): a text enters; nodes, angles of their axes and elements leave.
+"""Read nodes, angles of nodal axes and elements of an ANSYS archive (.cdb, of CDWRITE).
 
-Read are the blocks NBLOCK and EBLOCK, whose second line is the Fortran format of their fields, and ET or ETBLOCK, the
-types of elements. Each rank looks for them in its range of bytes, then all share the lines of each block.
+The blocks NBLOCK and EBLOCK, whose second line is the Fortran format of their fields, and ET or ETBLOCK, the types of
+elements, are read. Each rank looks for them in its range of bytes, then all share the lines of each block.
 """
 
 import re
@@ -44,12 +44,13 @@ class Block:
 
 
 def begins(start: bytes) -> bool:
-    """Whether a text that starts so may be an archive: one of its lines is a command that stands above the blocks."""
+    """Test whether a text that starts so may be an archive: one of its lines is a command that stands above the
+    blocks."""
     return b"\0" not in start and bool(START.search(start))
 
 
 def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict]:
-    """Node numbers, coordinates, angles in degrees and elements of this rank. Collective. Raises InputError.
+    """Return node numbers, coordinates, angles in degrees and elements of this rank. Collective. Raises InputError.
 
     Elements: node numbers (elements, nodes) by kind; those of other types than solids, shells and beams are left out.
     """
@@ -89,7 +90,7 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict]:
 
 
 def _blocks(path, found):
-    """The Blocks of the commands that were found (byte, kind, line), in order."""
+    """Return the Blocks of the commands that were found (byte, kind, line), in order."""
     blocks = []
     with open_input(path) as file:
         for index, (position, kind, line) in enumerate(found):
@@ -138,14 +139,14 @@ def _blocks(path, found):
 
 
 def _fits(fields, words):
-    """Whether an NBLOCK has node number, perhaps two more integers, x, y, z and perhaps angles."""
+    """Test whether an NBLOCK has node number, perhaps two more integers, x, y, z and perhaps angles."""
     count = {"6": 3, "3": 1}.get("".join(words[1:2]))
     whole_numbers = [field.whole for field in fields]
     return count is not None and whole_numbers in [[True] * count + [False] * k for k in range(3, 7)]
 
 
 def _types(path, found):
-    """The numbers of ANSYS' element types (185 of SOLID185) by the type numbers that elements name."""
+    """Return the numbers of ANSYS' element types (185 of SOLID185) by the type numbers that elements name."""
     types = {}
     for index, (position, kind, line) in enumerate(found):
         words = [word.strip() for word in line.split("!")[0].split(",")]
@@ -159,7 +160,7 @@ def _types(path, found):
 
 
 def _types_of_block(path, position, after):
-    """The types in the lines of an ETBLOCK: number, type, key options."""
+    """Return the types in the lines of an ETBLOCK: number, type, key options."""
     number = line_number(path, position)
     if not after or after[0][1] != "end":
         raise InputError(f"{path}, line {number}: found no end of ETBLOCK; the file is cut off or damaged")
@@ -173,7 +174,8 @@ def _types_of_block(path, position, after):
 
 
 def _nodes(piece, fields):
-    """Labels, coordinates and angles of the lines of an NBLOCK; numbers that are left out at the end are zero."""
+    """Return Labels, coordinates and angles of the lines of an NBLOCK; numbers that are left out at the end are
+    zero."""
     table, lines = numbers(separated(piece, fields, fill=True), len(fields), commas=False)
     label = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
     reals = table[:, sum(field.whole for field in fields) :]
@@ -226,7 +228,7 @@ def _elements(path, comm, block, types, elements):
 
 
 def followed(after: np.ndarray, first: int) -> np.ndarray:
-    """The places on the way first, after[first], after[after[first]], ..., ascending, up to the end."""
+    """Return the places on the way first, after[first], after[after[first]], ..., ascending, up to the end."""
     size = len(after)
     jump = np.append(np.minimum(after, size), size)
     path = np.array([first] if first < size else [], dtype=np.int64)
@@ -240,7 +242,8 @@ def followed(after: np.ndarray, first: int) -> np.ndarray:
 
 
 def kinds_of(type_: int | None, nodes: np.ndarray):
-    """Pairs of a kind (see model.elements) and node numbers, of elements of one type; repeated nodes make wedges."""
+    """Yield pairs of a kind (see model.elements) and node numbers, of elements of one type; repeated nodes make
+    wedges."""
     count = nodes.shape[1]
     if type_ in BEAMS and count >= 2:
         yield ("line3", nodes[:, :3]) if type_ == 189 and count >= 3 else ("line", nodes[:, :2])

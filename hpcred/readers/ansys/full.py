@@ -1,8 +1,8 @@
-"""ANSYS' assembled matrices (.full): a file enters; K, M and D without held dofs, and the nodes beside it, leave.
+"""Read K, M and D without held dofs from ANSYS' assembled matrices (.full), with the nodes of a file beside it.
 
-Each rank reads a share of the columns. The file keeps rows of held dofs (1 on the diagonal of K, all of M), and rows
-of dofs that constraint equations and couplings have eliminated (decoupled, 1 on the diagonal): both are left out.
-A distributed run writes a file of each process, body0.full, body1.full, ..., with what its elements add to the sum.
+Each rank reads a share of the columns. The file has rows of held dofs (1 on the diagonal of K, all of M), and rows of
+dofs that constraint equations and couplings have eliminated (decoupled, 1 on the diagonal); both are left out. A
+distributed run writes a file for each process, body0.full, body1.full, ..., whose contributions are added up.
 """
 
 import re
@@ -35,7 +35,7 @@ MODAL_LINES = "run ANTYPE,MODAL with WRFULL,1"
 
 @dataclass
 class Header:
-    """What the header of a .full file says; places in words."""
+    """The header of a .full file; positions in words."""
 
     equations: int
     active: int
@@ -51,12 +51,13 @@ class Header:
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is a binary file of ANSYS; all but .full are refused when they are read."""
+    """Test whether a file that starts so is a binary file of ANSYS; all but .full are refused when they are read."""
     return ansys_records.begins(start)
 
 
 def read_parts(path, comm):
-    """K, M and D of a .full file, with the nodes of the .rst or .cdb file beside it. Collective. Raises InputError."""
+    """Return K, M and D of a .full file, with the nodes of the .rst or .cdb file beside it. Collective. Raises
+    InputError."""
     with agreed(comm):
         files, base = _files(path)
     found = [_read(comm, *item) for item in files]
@@ -86,7 +87,8 @@ def read_parts(path, comm):
 
 
 def _files(path):
-    """The file, or the parts of a distributed run to which it belongs, with their headers; and the name of the whole.
+    """Return the file, or the parts of a distributed run to which it belongs, with their headers; and the name of the
+    whole.
 
     Raises InputError.
     """
@@ -122,8 +124,8 @@ def _files(path):
 
 
 def _read(comm, file, header):
-    """Matrices, labels and numbers of the rows of this rank, labels of removed ones, and how many dofs follow others.
-    """
+    """Return Matrices, labels and numbers of the rows of this rank, labels of removed ones, and how many dofs follow
+    others."""
     label, held, slaves = _rows(comm, file, header)
     removed = np.union1d(held, slaves)
     matrices = {}
@@ -136,7 +138,7 @@ def _read(comm, file, header):
 
 
 def _joined(comm, files, found):
-    """As _read, of the sum of the parts of a distributed run. Collective. Raises InputError."""
+    """Read the sum of the parts of a distributed run, like _read. Collective. Raises InputError."""
     names, place = number_over_ranks(comm, np.concatenate([label for _, label, *_ in found]))
     size = comm.allreduce(len(names))
     gone, _ = number_over_ranks(comm, np.concatenate([removed for *_, removed, _ in found]))
@@ -240,7 +242,8 @@ def _header(file):
 
 
 def _rows(comm, file, header):
-    """Labels of the rows of this rank's nodes, and all rows (from 0) of held dofs and of those that follow others."""
+    """Return labels of the rows of this rank's nodes, and all rows (from 0) of held dofs and of those that follow
+    others."""
     with agreed(comm):
         kinds, after = file.integers(header.place, header.directions, "the list of dofs")
         if file.count(after) != header.nodes:
@@ -296,7 +299,7 @@ def _require_mechanical(file, direction, node):
 
 
 def _slaves(file, header):
-    """Rows (from 0) of the dofs that constraint equations and couplings have eliminated."""
+    """Return rows (from 0) of the dofs that constraint equations and couplings have eliminated."""
     if not header.equations_of_constraint:
         return np.zeros(0, np.int64)
     if not header.constraints:
@@ -308,7 +311,7 @@ def _slaves(file, header):
 
 
 def _matrix(comm, file, header, key, place, terms, removed, slaves):
-    """Both triangles of a matrix, rows numbered (from 0) without the removed ones."""
+    """Return both triangles of a matrix, rows numbered (from 0) without the removed ones."""
     size = header.equations - len(removed)
     with agreed(comm):
         is_diagonal = not file.frame(place)[1] & INTEGER
@@ -333,7 +336,7 @@ def _matrix(comm, file, header, key, place, terms, removed, slaves):
 
 
 def _mirrored(comm, parts, size):
-    """Entries of both triangles from pieces of one and of the diagonal, which are emptied on the way."""
+    """Return entries of both triangles from pieces of one and of the diagonal, which are emptied on the way."""
     with agreed(comm):
         total = sum(2 * len(i) + len(k) for i, _, _, k, _ in parts)
         entries = Entries((size, size), np.empty(total, np.int32), np.empty(total, np.int32), np.empty(total))
@@ -348,7 +351,7 @@ def _mirrored(comm, parts, size):
 
 
 def _kept(file, pieces, key, header, removed, slaves):
-    """Rows, columns and values of pieces below the diagonal, rows and values on it; and what the pieces cover.
+    """Return Rows, columns and values of pieces below the diagonal, rows and values on it; and what the pieces cover.
 
     Rows are numbered (from 0) without the removed ones.
     """
@@ -393,7 +396,7 @@ def _require_decoupled(file, i, j, values, slaves, key):
 
 
 def _among(rows, some):
-    """Which rows are among some, which ascend."""
+    """Return which rows are among some, which ascend."""
     return some[np.minimum(np.searchsorted(some, rows), len(some) - 1)] == rows
 
 
@@ -413,7 +416,7 @@ def _require_all(comm, file, header, key, place, terms, chain):
 
 
 def _diagonal(comm, file, header, key, place, removed):
-    """A lumped matrix, written as one record of its diagonal."""
+    """Return a lumped matrix, written as one record of its diagonal."""
     with agreed(comm):
         if file.count(place) != header.equations:
             raise file.damaged(place, f"a diagonal of {file.count(place)} numbers, expected {header.equations},")

@@ -1,8 +1,8 @@
-"""Texts of ANSYS about nodes and rows: lists of nodes, HBMAT's mapping, and node numbers in the order of the rows.
+"""Read ANSYS' lists of nodes and rows: nodes, HBMAT's mapping, and node numbers in the order of the rows.
 
-Lists of nodes are those of NLIST (with headings on each page), NWRITE (without trailing zeros) and Workbench (a
-heading in any language, tabs, perhaps decimal commas). A .mapping file has lines of equation, node and name of the
-dof. A vector of nodes comes from *VEC,...,BACK and *EXPORT,...,MMF.
+Lists of nodes are those of NLIST (with headings on each page), NWRITE (without trailing zeros) and Workbench (a heading
+in any language, tabs, decimal points or commas). A .mapping file has lines of equation, node and name of the dof. A
+vector of nodes comes from *VEC,...,BACK and *EXPORT,...,MMF.
 """
 
 import re
@@ -40,22 +40,22 @@ COMMA = re.compile(rb"(?<=[0-9]),")
 
 
 def begins_nodes(start: bytes) -> bool:
-    """Whether a text that starts so is a list of nodes with headings, or without trailing zeros."""
+    """Test whether a text that starts so is a list of nodes with headings, or without trailing zeros."""
     return bool(NLIST.search(start[:2000]) or WORKBENCH.match(start) or NWRITE.match(start))
 
 
 def begins_mapping(start: bytes) -> bool:
-    """Whether a text that starts so is HBMAT's mapping."""
+    """Test whether a text that starts so is HBMAT's mapping."""
     return bool(MAPPING.match(start.split(b"\n", 1)[0]))
 
 
 def begins_vector(start: bytes) -> bool:
-    """Whether a text that starts so is a vector of whole numbers of *EXPORT,...,MMF."""
+    """Test whether a text that starts so is a vector of whole numbers of *EXPORT,...,MMF."""
     return bool(VECTOR.match(start)) and CREATOR in start
 
 
 def read_nodes(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Node numbers, coordinates (share, 3) and angles (share, 3) in degrees. Collective. Raises InputError."""
+    """Return node numbers, coordinates (share, 3) and angles (share, 3) in degrees. Collective. Raises InputError."""
     with agreed(comm):
         start = first_bytes(path)
         headed, listed, written = WORKBENCH.match(start), NLIST.search(start), NWRITE.match(start)
@@ -90,7 +90,8 @@ def read_nodes(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def read_mapping(path, comm) -> tuple[np.ndarray, np.ndarray]:
-    """Labels (see entries.label_of) of the lines of a .mapping file, and the row (from 0) of each. Collective."""
+    """Return labels (see entries.label_of) of the lines of a .mapping file, and the row (from 0) of each.
+    Collective."""
     with agreed(comm):
         labels, rows = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
         for piece in pieces(path, comm):
@@ -114,7 +115,7 @@ def read_mapping(path, comm) -> tuple[np.ndarray, np.ndarray]:
 
 
 def read_vector(path, comm, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Labels and rows (from 0) where a file has the node numbers in the order of `size` rows. Collective.
+    """Return labels and rows (from 0) where a file has the node numbers in the order of `size` rows. Collective.
 
     Every node has the same dofs: x, y, z or all six. Raises InputError.
     """

@@ -1,4 +1,4 @@
-"""Nodes for matrices of ANSYS: the matrix file enters; nodes, turned axes and elements of a file beside it leave."""
+"""Find the nodes, nodal axes and elements that belong to a matrix file of ANSYS, in a file beside it."""
 
 from dataclasses import dataclass, field
 from os.path import commonprefix
@@ -38,12 +38,12 @@ class FoundNodes:
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is a result file, a list of nodes or an archive of ANSYS."""
+    """Test whether a file that starts so is a result file, a list of nodes or an archive of ANSYS."""
     return ansys_rst.begins(start) or ansys_lists.begins_nodes(start) or ansys_cdb.begins(start)
 
 
 def find_nodes(path, comm, lists=False) -> FoundNodes | None:
-    """The nodes of the .cdb or .rst file beside a file: of the same name, else the only one. Collective.
+    """Return the nodes of the .cdb or .rst file beside a file: of the same name, else the only one. Collective.
 
     `lists`: a list of nodes (NLIST, NWRITE, Workbench) will do as well. None where there is no such file. Raises
     InputError.
@@ -55,7 +55,7 @@ def find_nodes(path, comm, lists=False) -> FoundNodes | None:
 
 
 def read_nodes(file, comm) -> FoundNodes:
-    """The nodes of a result file, an archive or a list of nodes. Collective. Raises InputError."""
+    """Return the nodes of a result file, an archive or a list of nodes. Collective. Raises InputError."""
     with agreed(comm):
         start = first_bytes(file)
     elements = {}
@@ -86,7 +86,7 @@ def turn_found(comm, parts, found: FoundNodes):
 
 
 def _file_beside(path, lists):
-    """The file with the nodes, or None."""
+    """Return the file with the nodes, or None."""
     for suffix in SUFFIXES:
         same = path.with_suffix(suffix)
         if same.is_file():
@@ -108,7 +108,7 @@ def _file_beside(path, lists):
 
 
 def _start(path):
-    """The first bytes of a file; nothing where it cannot be read."""
+    """Return the first bytes of a file; nothing where it cannot be read."""
     try:
         return first_bytes(path)
     except InputError:

@@ -1,8 +1,8 @@
-"""Binary files of ANSYS (.full, .rst): a file enters; its records leave, one by one, or many columns of a matrix.
+"""Read the records of ANSYS' binary files (.full, .rst), one by one, or many columns of a matrix at once.
 
-A record is a word of its length n, a word of flags, n words, and its length again; words have 4 bytes, places in the
-file count words. Integers take a word, floating-point numbers two. Flags say which of them it is, and whether zeros
-were squeezed out: by a mask of bits, or as windows of what is not zero.
+A record is a word with its length n, a word of flags, n words, and its length again. Words have 4 bytes, positions in
+the file count words. Integers take one word, floating-point numbers two. The flags tell which of them it is, and
+whether zeros are omitted: by a bit mask, or as windows of nonzeros.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ BEFORE = np.int32(-(2**31))  # the flags of plain integers, as a word
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is a binary file of ANSYS, in either order of bytes."""
+    """Test whether a file that starts so is a binary file of ANSYS, in either order of bytes."""
     words = np.frombuffer(start[: 4 * (STANDARD + 3)], WORD) if len(start) >= 4 * (STANDARD + 3) else []
     return len(words) > 0 and any(
         item[0] == item[-1] == STANDARD and item[1] == BEFORE for item in (words, words.byteswap())
@@ -35,7 +35,7 @@ def begins(start: bytes) -> bool:
 
 
 def file_number(start: bytes) -> int:
-    """What the file is: a key of NUMBERS."""
+    """Return the kind of the file, a key of NUMBERS."""
     return int(np.frombuffer(start[8:12], WORD)[0])
 
 
@@ -72,7 +72,7 @@ class RecordFile:
         return InputError(f"{self.path}: found {found} at word {position}; the file is damaged")
 
     def words(self, position: int, count: int) -> np.ndarray:
-        """Some words (count,) as integers."""
+        """Return some words (count,) as integers."""
         if not 0 <= position <= position + count <= self.size:
             raise self.damaged(position, f"a record that reaches beyond the end of the file ({self.size} words)")
         if count < FEW:
@@ -80,7 +80,7 @@ class RecordFile:
         return read_numbers(self.path, WORD, count, offset=4 * position)
 
     def frame(self, position: int) -> tuple[int, int]:
-        """Length and flags of a record, whose end is where it must be."""
+        """Return length and flags of a record, whose end is where it must be."""
         length, flags = (int(item) for item in self.words(position, 2))
         flags &= 0xFFFFFFFF
         if length < 0 or flags & 0x07FFFFFF:
@@ -90,12 +90,12 @@ class RecordFile:
         return length, flags
 
     def record(self, position: int) -> tuple[np.ndarray, int]:
-        """The numbers of a record, integers or floating-point, and where the next one begins."""
+        """Return the numbers of a record, integers or floating-point, and where the next one begins."""
         length, flags = self.frame(position)
         return self.decoded(self.words(position + 2, length), flags, position), position + length + 3
 
     def part(self, position: int, low: int, high: int) -> np.ndarray:
-        """The numbers low..high of a record; one with zeros squeezed out is small, and is unfolded whole."""
+        """Return the numbers low..high of a record; one with zeros squeezed out is small, and is unfolded whole."""
         length, flags = self.frame(position)
         if flags & (BITS | WINDOWS | ZIPPED | SHORT):
             return self.record(position)[0][low:high]
@@ -103,14 +103,14 @@ class RecordFile:
         return self.decoded(self.words(position + 2 + width * low, width * (high - low)), flags, position)
 
     def count(self, position: int) -> int:
-        """How many numbers a record holds."""
+        """Return how many numbers a record holds."""
         length, flags = self.frame(position)
         if flags & (BITS | WINDOWS) and length:
             return int(self.words(position + 2, 1)[0])
         return length if flags & INTEGER else length // 2
 
     def integers(self, position: int, count: int, what: str) -> tuple[np.ndarray, int]:
-        """A record of `count` integers, and where the next one begins."""
+        """Return a record of `count` integers, and where the next one begins."""
         numbers, after = self.record(position)
         if len(numbers) != count or numbers.dtype.kind != "i":
             kind = "integers" if numbers.dtype.kind == "i" else "floating-point numbers"
@@ -118,7 +118,7 @@ class RecordFile:
         return numbers, after
 
     def decoded(self, words, flags, position):
-        """The numbers that the words of a record mean."""
+        """Return the numbers that the words of a record mean."""
         if flags & ZIPPED or (flags & SHORT and flags & (WINDOWS | BITS)):
             raise InputError(
                 f"{self.path}: found a packed record at word {position}, expected plain ones or such without zeros; "
@@ -139,7 +139,7 @@ class RecordFile:
 
 
 def _from_bits(words, kind, width):
-    """Numbers of which only those are stored whose bit is set; None where that does not fit."""
+    """Return numbers of which only those are stored whose bit is set; None where that does not fit."""
     size, mask = int(words[0]), int(words[1]) & 0xFFFFFFFF
     set_ = np.array([k for k in range(32) if mask >> k & 1], dtype=np.int64)
     if size > 32 or (set_ >= size).any() or len(words) != 2 + width * len(set_):
@@ -150,7 +150,8 @@ def _from_bits(words, kind, width):
 
 
 def _from_windows(words, kind, width):
-    """Numbers given where they are not zero: one alone, a window, or a window of one value; None where it cannot be."""
+    """Return numbers given where they are not zero: one alone, a window, or a window of one value; None where it cannot
+    be."""
     size, windows = int(words[0]), int(words[1])
     numbers, at = np.zeros(size, kind), 2
     for _ in range(windows):
@@ -192,7 +193,7 @@ class Squeezed(InputError):
 
 
 def columns(file: RecordFile, start: int, count: int, terms: int, rank: int, ranks: int):
-    """The share of one rank of `count` columns with together `terms` entries: pairs of records, rows and values.
+    """Yield the share of one rank of `count` columns with together `terms` entries: pairs of records, rows and values.
 
     Generates Columns. A rank finds its first column by what a pair of records looks like; whether the shares meet is
     for the caller to see. All records must be plain, and are `6 count + 3 terms` words; where they are not, raises
@@ -233,7 +234,7 @@ def columns(file: RecordFile, start: int, count: int, terms: int, rank: int, ran
 
 
 def _no_column(file, position):
-    """Why there is no plain column at a place."""
+    """Return why there is no plain column at a place."""
     try:
         length, flags = file.frame(position)
         flags |= file.frame(position + length + 3)[1]
@@ -245,7 +246,7 @@ def _no_column(file, position):
 
 
 def _plain_columns(words):
-    """Where columns begin that lie in the words as a whole, and their numbers of entries."""
+    """Return where columns begin that lie completely in the words, and their numbers of entries."""
     first = np.flatnonzero(words == BEFORE) - 1
     first = first[first >= 0]
     lengths = words[first].astype(np.int64)
@@ -259,7 +260,7 @@ def _plain_columns(words):
 
 
 def _chained(first, lengths):
-    """Without what looks like a column but lies inside of one."""
+    """Return the candidates that are columns, and not inside of another column."""
     after = first + 3 * lengths + 6
     while (inside := np.flatnonzero(first[1:] < after[:-1])).size:
         first, lengths, after = (np.delete(item, inside[0] + 1) for item in (first, lengths, after))
@@ -285,7 +286,8 @@ def squeezed_columns(file: RecordFile, start: int, count: int, rank: int, ranks:
 
 
 def short_records(file: RecordFile, start: int, count: int, size: int, rank: int, ranks: int) -> np.ndarray:
-    """The share of one rank of `count` records, one after the other, of `size` floating-point numbers (share, size)."""
+    """Return the share of one rank of `count` records, one after the other, of `size` floating-point numbers (share,
+    size)."""
     low, high = (count * k // ranks for k in (rank, rank + 1))
     position, number, shares = start, 0, [np.zeros((0, size))]
     while number < high:
@@ -312,7 +314,7 @@ def short_records(file: RecordFile, start: int, count: int, size: int, rank: int
 
 
 def _unfolded(file, words, first, lengths, size, position):
-    """Numbers (records, size) of short records; those with the same mask of bits in one step."""
+    """Return numbers (records, size) of short records; those with the same mask of bits in one step."""
     numbers = np.full((len(first), size), np.nan)
     flags = words[first + 1]
     plain = np.flatnonzero((flags == 0) & (lengths == 2 * size))

@@ -1,4 +1,4 @@
-"""ANSYS' result file (.rst): a file enters; its nodes and the angles of their axes leave, each rank its share."""
+"""Read nodes and the angles of their axes from ANSYS' result file (.rst); each rank reads a share."""
 
 import numpy as np
 
@@ -14,12 +14,13 @@ ITEMS = 7  # of a node: number, x, y, z, three angles in degrees
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is a result file."""
+    """Test whether a file that starts so is a result file."""
     return begins_binary(start) and FILE in (file_number(start), int.from_bytes(start[8:12], "big"))
 
 
 def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Node numbers (share,), coordinates (share, 3), angles (share, 3) in degrees. Collective. Raises InputError."""
+    """Return node numbers (share,), coordinates (share, 3), angles (share, 3) in degrees. Collective. Raises
+    InputError."""
     with agreed(comm):
         file = RecordFile(path, FILE)
         header, _ = file.integers(STANDARD + 3, file.frame(STANDARD + 3)[0], "the header")
@@ -40,6 +41,6 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _wide(header, low, high):
-    """A place of two words."""
+    """Return a place of two words."""
     upper = int(header[high]) if len(header) > high else 0
     return (upper << 32) | (int(header[low]) & 0xFFFFFFFF)

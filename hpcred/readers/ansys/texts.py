@@ -1,8 +1,8 @@
-"""Matrices that ANSYS wrote as texts: one of them enters; it, the others, their rows and the nodes beside it leave.
+"""Read the matrices that ANSYS wrote as texts, given one of them, with their rows and the nodes beside them.
 
-HBMAT writes Harwell-Boeing files, whose title says which matrix it is, and a .mapping file of the rows. *EXPORT of
-APDL Math writes Matrix Market files; their names say which matrix they are, and the rows come from a .mapping file of
-HBMAT, or, where no dof is held, from a vector of node numbers.
+HBMAT writes Harwell-Boeing files, whose title tells which matrix it is, and a .mapping file of the rows. *EXPORT of
+APDL Math writes Matrix Market files, whose names tell which matrices they are; the rows come from a .mapping file of
+HBMAT, or, if no dof is held, from a vector of node numbers.
 """
 
 import re
@@ -26,12 +26,12 @@ COORDINATE = re.compile(rb"^%%matrixmarket +matrix +coordinate +real", re.IGNORE
 
 
 def begins(start: bytes) -> bool:
-    """Whether a text that starts so is a matrix of HBMAT or of *EXPORT,...,MMF."""
+    """Test whether a text that starts so is a matrix of HBMAT or of *EXPORT,...,MMF."""
     return _is_hbmat(start) or _is_mmf(start)
 
 
 def read_parts(path, comm):
-    """The matrices of a set, told by one of them. Collective. Raises InputError."""
+    """Return the matrices of a set, told by one of them. Collective. Raises InputError."""
     path = Path(path)
     with agreed(comm):
         found = _set_of(path) if comm.rank == 0 else None
@@ -79,7 +79,7 @@ def _is_mmf(start):
 
 
 def _set_of(path):
-    """The files K, M and perhaps D, and those of the rows: a mapping, or a vector of nodes, or None."""
+    """Return the files K, M and perhaps D, and those of the rows: a mapping, or a vector of nodes, or None."""
     start = first_bytes(path)
     kind = _is_hbmat if _is_hbmat(start) else _is_mmf
     matrices, mappings, vectors = {}, [], []
@@ -125,7 +125,8 @@ def _set_of(path):
 
 
 def _key(path, start):
-    """K, M or D: by the title of HBMAT, else by the name of the file; None where it says nothing or two things."""
+    """Return K, M or D: by the title of HBMAT, else by the name of the file; None where it says nothing or two
+    things."""
     match = TITLE.match(harwell_boeing.title(start))
     if match:
         return KEYS[match[1].lower()]

@@ -1,8 +1,7 @@
-"""Read nodes and elements of a file of results of CalculiX (.frd), as text or, of *NODE OUTPUT, binary.
+"""Read nodes and elements of result files of CalculiX (.frd), text or binary (*NODE OUTPUT).
 
-A block of nodes (2C) and one of elements (3C) stand in front of all results; their heads say how many there are, and in
-which form: 0 and 1 are texts with fields of 5 or 10 columns for a number, 2 and 3 are binary, with places of four and
-of eight bytes.
+A block of nodes (2C) and one of elements (3C) precede all results. Their headers have the counts and the form: 0 and 1
+are texts with fields of 5 or 10 columns for a number, 2 and 3 are binary, with coordinates of four and eight bytes.
 """
 
 import mmap
@@ -39,8 +38,8 @@ class Results:
     elements: dict[str, np.ndarray]
     rough: bool
 
-    def said(self, path) -> list[str]:
-        """A remark on places of few digits."""
+    def notes(self, path) -> list[str]:
+        """Return a remark on places of few digits."""
         return [f"{path}: its places have 6 digits only, in which rigid-body motions of the nodes meet forces; give "
                 "the input file, or results of *NODE OUTPUT in place of *NODE FILE"] * self.rough  # fmt: skip
 
@@ -58,12 +57,12 @@ class Block:
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so has results of CalculiX."""
+    """Test whether a file that starts so has results of CalculiX."""
     return start.startswith(b"    1C")
 
 
 def read(path, comm) -> Results | None:
-    """What a file says of the mesh; None where it has no nodes, as of a run that only writes matrices. Collective.
+    """Read the mesh of a file; None if it has no nodes, as after a run that only writes matrices. Collective.
 
     Raises InputError.
     """
@@ -96,7 +95,7 @@ def read(path, comm) -> Results | None:
 
 
 def _blocks(path) -> dict[int, Block]:
-    """The blocks of nodes (2) and elements (3). Raises InputError."""
+    """Return the blocks of nodes (2) and elements (3). Raises InputError."""
     found = {}
     with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
 
@@ -138,7 +137,7 @@ def _blocks(path) -> dict[int, Block]:
 
 
 def _shares(data, at, count, damaged):
-    """Bytes where each SHARE-th of so many binary elements begins, and where the last one ends."""
+    """Return bytes where each SHARE-th of so many binary elements begins, and where the last one ends."""
     shares, done, ahead = [], 0, 1
     while done < count:
         words = np.frombuffer(data[at : at + 4 * LONGEST * ahead][: (len(data) - at) // 4 * 4], "<i4")
@@ -151,7 +150,7 @@ def _shares(data, at, count, damaged):
 
 
 def _alike(words, most):
-    """How many words each of the first elements has, and how many of them, at most so many, are of one type."""
+    """Return how many words each of the first elements has, and how many of them, at most so many, are of one type."""
     kind = KINDS.get(int(words[1])) if len(words) > 1 else None
     if kind is None:
         return 0, 0
@@ -161,7 +160,7 @@ def _alike(words, most):
 
 
 def _nodes(path, comm, block):
-    """Numbers and places of the nodes of this rank, in any order."""
+    """Return numbers and places of the nodes of this rank, in any order."""
     if block.form in (SINGLE, DOUBLE):
         kind = np.dtype([("number", "<i4"), ("place", "<f8" if block.form == DOUBLE else "<f4", 3)])
         low, high = (block.count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
@@ -186,7 +185,7 @@ def _no_number(path, values):
 
 
 def _elements(path, comm, block):
-    """Node numbers of the elements of this rank by kind."""
+    """Return node numbers of the elements of this rank by kind."""
     if block.form in (SHORT, LONG):
         found = records(path, comm, block.start, block.stop, ELEMENT)
         parts = [_elements_of_text(piece, block.form) for piece in found]
@@ -204,14 +203,14 @@ def _elements(path, comm, block):
 
 
 def _sizes(types):
-    """How many nodes elements of these types have."""
+    """Return how many nodes elements of these types have."""
     known = np.zeros(max(KINDS) + 1, np.int64)
     known[list(KINDS)] = [NODES[kind] for kind in KINDS.values()]
     return known[types]
 
 
 def _binary_elements(path, low, high):
-    """Types of the elements in the bytes low..high, and their nodes one after the other."""
+    """Return types of the elements in the bytes low..high, and their nodes one after the other."""
     words = read_numbers(path, "<i4", (high - low) // 4, low).astype(np.int64)
     heads, at, ahead = [np.zeros(0, np.int64)], 0, 1
     while at < len(words):
@@ -226,7 +225,7 @@ def _binary_elements(path, low, high):
 
 
 def _elements_of_text(piece, form):
-    """Types of elements, and their nodes one after the other."""
+    """Return types of elements, and their nodes one after the other."""
     width, most = (5, 15) if form == SHORT else (10, 10)
     heads = Piece(piece.path, re.sub(rb"(?m)^ -2.*$", b"", piece.text), piece.start)
     below = Piece(piece.path, re.sub(rb"(?m)^ -1.*$", b"", piece.text), piece.start)

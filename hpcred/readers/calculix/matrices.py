@@ -1,8 +1,8 @@
-"""Matrices as CalculiX writes them (.sti, .mas, also .gz): a text enters, entries of both triangles leave.
+"""Read matrices in the text format of CalculiX (.sti, .mas, also .gz); the entries have both triangles.
 
 Each line has row, column, value with numbers from 1, of the upper triangle with its whole diagonal, ascending by column
-and then by row. The text has no counts, so that these rules, the last line break, and the other matrix with the same
-places show damage.
+and then by row. The text has no counts: damage is detected by these rules, by the last line break, and by the other
+matrix, which has the same pattern.
 """
 
 import re
@@ -31,12 +31,13 @@ class Triangle:
     places: tuple[int, int]
 
     def mirrored(self) -> Entries:
-        """The entries of both triangles."""
+        """Return the entries of both triangles."""
         return Entries((self.size, self.size), *both_triangles(self.rows, self.columns, self.values))
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is of CalculiX: its first lines are those of an upper triangle as it writes one."""
+    """Test whether a file that starts so is of CalculiX: its first lines are those of an upper triangle as it writes
+    one."""
     lines = start.split(b"\n")
     lines = [line.rstrip(b"\r") for line in (lines[:-1] if len(lines) > 1 else lines)]
     if not all(map(LINE.fullmatch, lines)):

@@ -1,7 +1,7 @@
-"""What CalculiX writes with *FREQUENCY, SOLVER=MATRIXSTORAGE: one of its files enters, the parts of a model leave.
+"""Read the model that CalculiX writes with *FREQUENCY, SOLVER=MATRIXSTORAGE, given one of its files.
 
-beam.sti and beam.mas are K and M without the dofs of supports and of dependent nodes; beam.dof names node and direction
-of each row; beam.inp beside them has nodes, elements, sets, supports (*Boundary) and rigid bodies. Without it beam.frd
+beam.sti and beam.mas are K and M without the dofs of supports and of dependent nodes; beam.dof has node and direction
+of each row; beam.inp beside them has nodes, elements, sets, supports (*Boundary) and rigid bodies. Without it, beam.frd
 of another run has nodes and elements.
 """
 
@@ -41,19 +41,19 @@ SUFFIXES = {"K": ".sti", "M": ".mas", "dofs": ".dof"}
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is a .sti, .mas or .dof file."""
+    """Test whether a file that starts so is a .sti, .mas or .dof file."""
     return begins_dofs(start) or calculix_matrices.begins(start)
 
 
 def begins_dofs(start: bytes) -> bool:
-    """Whether a text that starts so has lines of node.direction only."""
+    """Test whether a text that starts so has lines of node.direction only."""
     cut = start.rfind(b"\n") + 1
     return cut > 0 and DOF_LINES.fullmatch(start[:cut]) is not None
 
 
 def files_of(path) -> dict[str, str]:
-    """The files K, M, dofs and, where they are there, input and results of the set to which a file belongs; also packed
-    ones."""
+    """Return the files K, M, dofs and, where they are there, input and results of the set to which a file belongs; also
+    packed ones."""
     path = Path(path)
     stem = path.with_suffix("") if path.suffix == ".gz" else path
     found = {}
@@ -67,7 +67,8 @@ def files_of(path) -> dict[str, str]:
 
 
 def read_parts(path, comm) -> Parts:
-    """K, M, row labels, nodes, elements, sets, held dofs of the files beside `path`. Collective. Raises InputError."""
+    """Return K, M, row labels, nodes, elements, sets, held dofs of the files beside `path`. Collective. Raises
+    InputError."""
     with agreed(comm):
         files = files_of(path)
         for key, suffix in SUFFIXES.items():
@@ -103,7 +104,7 @@ def read_parts(path, comm) -> Parts:
 
 
 def read_dofs(path, comm) -> tuple[np.ndarray, np.ndarray]:
-    """Labels of the lines node.direction of this rank, and the row of each. Collective. Raises InputError."""
+    """Return labels of the lines node.direction of this rank, and the row of each. Collective. Raises InputError."""
     with agreed(comm):
         require_last_line(path)
         parts, counts = [], []
@@ -160,7 +161,7 @@ def name_rows(comm, parts, files, label, row):
 
 
 def _mesh_of(comm, parts, files, label):
-    """What the input file or results have, for rows with these labels. Raises Unnamed where it does not say what they
+    """Read the input file or results, for rows with these labels. Raises Unnamed where it does not say what they
     are."""
     twice = repeated_key(comm, label)
     if twice is not None:
@@ -179,7 +180,8 @@ def _mesh_of(comm, parts, files, label):
 
 
 def _mesh_of_results(comm, parts, files, label):
-    """The nodes and elements of results. Raises Unnamed where the rows may be others than those of their nodes."""
+    """Return the nodes and elements of results. Raises Unnamed where the rows may be others than those of their
+    nodes."""
     found = calculix_frd.read(files["results"], comm) if "results" in files else None
     if found is None:
         stem = Path(files["dofs"]).stem
@@ -197,7 +199,7 @@ def _mesh_of_results(comm, parts, files, label):
             f"the node {min(other)} is not in {files['results']}, as those of rigid bodies and couplings, whose "
             "directions only the input file tells"
         )
-    parts.warnings += found.said(files["results"])
+    parts.warnings += found.notes(files["results"])
     parts.warnings.append(
         f"{files['results']}: nodes and elements are those of this file; supports and sets of nodes only the input "
         "file tells"
@@ -206,8 +208,8 @@ def _mesh_of_results(comm, parts, files, label):
 
 
 def _turning(comm, files, mesh, label):
-    """The REF node by ROT node of all rigid bodies whose rows have these labels. Raises Unnamed where rows are those
-    of other nodes that CalculiX made."""
+    """Return the REF node by ROT node of all rigid bodies whose rows have these labels. Raises Unnamed where rows are
+    those of other nodes that CalculiX made."""
     turning, without = rigid_bodies(mesh.sections)
     node, _ = node_and_direction(label)
     found, _ = look_up(comm, mesh.nodes.label, [], node)
@@ -230,7 +232,8 @@ def _turning(comm, files, mesh, label):
 
 
 def _inside_elements(comm, label, count):
-    """Which of the rows are incompatible modes of `count` elements: nine each, of the nodes with the largest numbers.
+    """Return which of the rows are incompatible modes of `count` elements: nine each, of the nodes with the largest
+    numbers.
 
     CalculiX makes three nodes for each such element, behind all others, when the whole file is read. None where the
     rows are others. Collective.
@@ -241,7 +244,8 @@ def _inside_elements(comm, label, count):
 
 
 def _as_scalars(comm, label, inside, nodes):
-    """Labels in which rows `inside` of elements are scalars with numbers of their own, and the nodes with these."""
+    """Return labels in which rows `inside` of elements are scalars with numbers of their own, and the nodes with
+    these."""
     node, direction = node_and_direction(label[inside])
     number = 3 * node + direction
     first = comm.allreduce(int(number.min(initial=np.iinfo(np.int64).max)), op=MPI.MIN)
@@ -289,7 +293,8 @@ def _refuse_local_directions(sections):
 
 
 def rigid_bodies(sections) -> tuple[dict[int, int], list[int]]:
-    """The REF node by ROT node of *Rigid Body, and the REF nodes of those and of *Kinematic without ROT node, in order.
+    """Return the REF node by ROT node of *Rigid Body, and the REF nodes of those and of *Kinematic without ROT node, in
+    order.
 
     Displacements of the ROT node are rotations of the REF node.
     """
@@ -309,7 +314,7 @@ def rigid_bodies(sections) -> tuple[dict[int, int], list[int]]:
 
 
 def with_rotations(label, turning: dict[int, int]):
-    """Labels in which 1 to 3 of a ROT node are 4 to 6 of its REF node."""
+    """Return labels in which 1 to 3 of a ROT node are 4 to 6 of its REF node."""
     node, direction = node_and_direction(label)
     turned = np.array(sorted(turning), np.int64)
     mine = np.isin(node, turned) & (direction < 3)
@@ -320,9 +325,8 @@ def with_rotations(label, turning: dict[int, int]):
 
 
 def _held(comm, mesh, turning, rows):
-    """Labels of dofs of *Boundary that have no row, each once, and the number of all nodes that are held in other
-    directions than x, y, z. Collective.
-    """
+    """Return labels of dofs of *Boundary that have no row, each once, and the number of all nodes that are held in
+    other directions than x, y, z. Collective."""
     sets = {name.lower(): nodes for name, nodes in mesh.sets.items()}
     with agreed(comm):
         found, inclined = [NO_NODES], [NO_NODES]
@@ -346,7 +350,7 @@ def _held(comm, mesh, turning, rows):
 
 
 def _supports(comm, section, sets):
-    """Labels of the dofs that a *Boundary names: of its lines of nodes on this rank, and its part of sets."""
+    """Return labels of the dofs that a *Boundary names: of its lines of nodes on this rank, and its part of sets."""
     found = []
     for piece in pieces(section.path, comm, section.start, section.stop):
         text = EMPTY_FIELD.sub(b",0", NAMED_LINE.sub(b"", piece.text))
@@ -375,13 +379,13 @@ def _supports(comm, section, sets):
 
 
 def _labels(node, first, last):
-    """Labels of the directions (1 to 6) from first to last of each node."""
+    """Return labels of the directions (1 to 6) from first to last of each node."""
     inside = [(direction, (first <= direction) & (direction <= last)) for direction in range(1, 7)]
     return [label_of(node[mask], np.full(np.count_nonzero(mask), direction - 1)) for direction, mask in inside]
 
 
 class MatrixStorage(Reader):
-    """What SOLVER=MATRIXSTORAGE writes."""
+    """Reader of the files that SOLVER=MATRIXSTORAGE writes."""
 
     name = "CalculiX .sti, .mas or .dof"
     told_by = "lines of an upper triangle, or of node.direction"

@@ -1,7 +1,7 @@
-"""MATLAB files of version 4 and 5 (also 6 and 7): a file enters; its variables, and columns or rows of one, leave.
+"""Read the variables of MATLAB files of version 4 and 5 (also 6 and 7), and columns or rows of one.
 
-Version 5 is a list of elements, each perhaps packed by zlib, which is then unpacked up to what is wanted; what is not
-packed is read at its place. Structs and cells are looked into, up to a depth.
+Version 5 is a list of elements, optionally compressed by zlib. A compressed element is unpacked up to the wanted
+part; others are read in place. Structs and cells are searched up to a depth.
 """
 
 import zlib
@@ -27,12 +27,12 @@ BYTES_AT_A_TIME = 2**22  # bytes unpacked at a time
 
 
 def begins_version_5(start: bytes) -> bool:
-    """Whether a file that starts so is of version 5."""
+    """Test whether a file that starts so is of version 5."""
     return len(start) >= 128 and start[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
 
 
 def begins_version_4(start: bytes) -> bool:
-    """Whether a file that starts so is of version 4: the header of a matrix with a name."""
+    """Test whether a file that starts so is of version 4: the header of a matrix with a name."""
     return _header_4(start[:20]) is not None and _name_4(start) is not None
 
 
@@ -109,7 +109,7 @@ class _Element:
             count -= len(self.read(min(count, BYTES_AT_A_TIME)))
 
     def numbers(self, run, first, last) -> np.ndarray:
-        """The numbers first..last of a run that begins at or behind the present position."""
+        """Return the numbers first..last of a run that begins at or behind the present position."""
         dtype = np.dtype(run.dtype)
         self.skip(run.offset + first * dtype.itemsize - self.position)
         return np.frombuffer(self.read((last - first) * dtype.itemsize), dtype)
@@ -128,7 +128,7 @@ def damaged(path, position, found) -> InputError:
 
 
 def variables(path) -> list[Variable]:
-    """All numeric matrices of a file, those in structs and cells included. Raises InputError."""
+    """Return all numeric matrices of a file, those in structs and cells included. Raises InputError."""
     with open_input(path) as file:
         start = file.read(128)
         if not begins_version_5(start):
@@ -172,7 +172,7 @@ class _Level5:
         return damaged(self._path, self._place.start + (0 if self._place.packed else self._stream.position), what)
 
     def _tag(self):
-        """Type, number of bytes, and how many bytes of padding follow them."""
+        """Return Type, number of bytes, and how many bytes of padding follow them."""
         word = self._stream.read(4)
         number = int(np.frombuffer(word, f"{self._order}u4")[0])
         if number >> 16:  # type, number of bytes, and the data in eight bytes
@@ -183,7 +183,7 @@ class _Level5:
         return number, count, -count % 8
 
     def _small(self, expected, most=2**20) -> np.ndarray:
-        """The numbers of an element that has few, as one of the expected types."""
+        """Return the numbers of an element that has few, as one of the expected types."""
         kind, count, padding = self._tag()
         if kind not in expected or count > most or count % np.dtype(NUMBERS[kind]).itemsize:
             raise self._wrong(f"an element of type {kind} and {count} bytes, where type {expected[0]} is expected,")
@@ -195,7 +195,8 @@ class _Level5:
         return self._run_and_last(truths)[0]
 
     def _run_and_last(self, truths=None) -> tuple[Run, int]:
-        """A run of numbers and the last of them, as a whole number; `truths`: how many, of a sparse logical matrix."""
+        """Return a run of numbers and the last of them, as a whole number; `truths`: how many, of a sparse logical
+        matrix."""
         kind, count, padding = self._tag()
         if kind == DOUBLES and count == truths:  # MATLAB says doubles, and writes a byte each
             kind = 2
@@ -290,7 +291,7 @@ class _Level5:
 
 
 def _header_4(header):
-    """Byte order, type of numbers, text or sparse, rows, columns, complex, length of the name; or None."""
+    """Return byte order, type of numbers, text or sparse, rows, columns, complex, length of the name; or None."""
     if len(header) < 20:
         return None
     for order, machine in (("<", 0), (">", 1)):
@@ -305,7 +306,7 @@ def _header_4(header):
 
 
 def _name_4(start):
-    """The name behind a header of version 4, or None where it is none."""
+    """Return the name behind a header of version 4, or None where it is none."""
     length = _header_4(start[:20])[-1]
     name = start[20 : 20 + length]
     text = name.rstrip(b"\0").decode("latin-1")
@@ -343,7 +344,7 @@ def _variables_4(path, file):
 
 
 def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows, columns (from 0) and values of the share of one of `size` ranks. Raises InputError."""
+    """Return Rows, columns (from 0) and values of the share of one of `size` ranks. Raises InputError."""
     place = variable.place
     rows, columns = variable.shape
     with open_input(path) as file:
@@ -371,7 +372,8 @@ def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def dense_entries(rows, first, last, numbers):
-    """Rows, columns and values that are not zero of the columns first..last; `numbers(low, high)` in column order."""
+    """Return Rows, columns and values that are not zero of the columns first..last; `numbers(low, high)` in column
+    order."""
     parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
     step = max(1, BYTES_AT_A_TIME // max(rows, 1))
     for low in range(first, last, step):
@@ -414,7 +416,8 @@ def _whole(path, variable, values, low, high):
 
 
 def table_of(path, variable, first, last, across) -> np.ndarray:
-    """The rows, or with `across` the columns, first..last of a dense matrix, one in each row. Raises InputError."""
+    """Return the rows, or with `across` the columns, first..last of a dense matrix, one in each row. Raises
+    InputError."""
     rows, columns = variable.shape
     with open_input(path) as file:
         element, values = _Element(path, file, variable.place), variable.place.values

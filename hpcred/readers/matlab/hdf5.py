@@ -1,8 +1,8 @@
-"""MATLAB files of version 7.3, which are HDF5: a file enters; its variables, and columns or rows of one, leave.
+"""Read the variables of MATLAB files of version 7.3, which are HDF5, and columns or rows of one.
 
 A sparse matrix is a group with the attribute MATLAB_sparse (its rows) and the arrays data, ir, jc, of which the first
-two are missing where it is empty; a dense one is an array with its columns as rows; a struct is a group; cells and
-struct arrays hold references.
+two are missing if it is empty; a dense one is an array with its columns as rows; a struct is a group; cells and struct
+arrays contain references.
 """
 
 from contextlib import contextmanager
@@ -18,7 +18,7 @@ LISTS = {"jc": "iu", "ir": "iu", "data": "fiuV"}  # of a sparse matrix, with kin
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is of version 7.3."""
+    """Test whether a file that starts so is of version 7.3."""
     return start[:15] == b"MATLAB 7.3 MAT-"
 
 
@@ -52,7 +52,7 @@ def _require_own_numbers(path, item):
 
 
 def variables(path) -> list[Variable]:
-    """All numeric matrices of a file, those in structs and cells included. Raises InputError."""
+    """Return all numeric matrices of a file, those in structs and cells included. Raises InputError."""
     found = []
     with _opened(path) as file:
         for name in file:
@@ -118,7 +118,7 @@ def _sparse(path, group, name):
 
 
 def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows, columns (from 0) and values of the share of one of `size` ranks. Raises InputError."""
+    """Return Rows, columns (from 0) and values of the share of one of `size` ranks. Raises InputError."""
     rows, columns = variable.shape
     first, last = columns * rank // size, columns * (rank + 1) // size
     with _opened(path) as file:
@@ -140,7 +140,8 @@ def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def table_of(path, variable, first, last, across) -> np.ndarray:
-    """The rows, or with `across` the columns, first..last of a dense matrix, one in each row. Raises InputError."""
+    """Return the rows, or with `across` the columns, first..last of a dense matrix, one in each row. Raises
+    InputError."""
     if variable.place is None:
         return np.zeros((0, variable.shape[not across]))
     with _opened(path) as file:

@@ -1,8 +1,8 @@
-"""Models in MATLAB files (.mat of version 4 to 7.3): a file enters, matrices or the parts of a model leave.
+"""Read matrices or models from MATLAB files (.mat of version 4 to 7.3).
 
-Matrices are taken by usual names (K, KAA, KGG, ...), alone or in structs, or by those that the user gives. `nodes` has
-rows (or columns) of number, x, y, z, or of x, y, z of the nodes 1, 2, 3, ...; `dofs` has rows (or columns) of node,
-direction (1 to 6), one for each row of K.
+Matrices have usual names (K, KAA, KGG, ...), alone or in structs, or names that the user gives. `nodes` has rows (or
+columns) of number, x, y, z, or of x, y, z of the nodes 1, 2, 3, ...; `dofs` has rows (or columns) of node, direction
+(1 to 6), one for each row of K.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ USES = {"nodes": ("numbered", "places", "numbered across", "places across"), "do
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is of MATLAB."""
+    """Test whether a file that starts so is of MATLAB."""
     return mat_hdf5.begins(start) or mat_binary.begins_version_5(start) or mat_binary.begins_version_4(start)
 
 
 def contents(path) -> dict[str, str]:
-    """Names and sizes of the matrices of a file, without reading them. Raises InputError."""
+    """Return names and sizes of the matrices of a file, without reading them. Raises InputError."""
     return {variable.name: variable.in_words() for variable in _reader(path).variables(path)}
 
 
@@ -59,7 +59,7 @@ def read(path, comm, key="K", variables=None) -> Entries:
 
 
 def read_parts(path, comm, variables=None) -> Parts:
-    """K, M and, where there is one, D; nodes and names of the rows where there are such arrays. Collective."""
+    """Return K, M and, where there is one, D; nodes and names of the rows where there are such arrays. Collective."""
     found = _variables(path, comm)
     with agreed(comm):
         unknown = sorted(set(variables or {}) - {"K", "M", "D"})
@@ -89,8 +89,8 @@ def read_parts(path, comm, variables=None) -> Parts:
         parts.warnings.append(
             f"{path}: took {taken}; not read, though of the same size or of such a name: {names}; choose by --variables"
         )
-    if ports := _ports(found, chosen["K"].shape[0]):
-        parts.warnings.append(f"{path}: not read as inputs and outputs: {ports}; {_by_options(path)}")
+    if unread := _inputs_and_outputs(found, chosen["K"].shape[0]):
+        parts.warnings.append(f"{path}: not read as inputs and outputs: {unread}; {_by_options(path)}")
     with agreed(comm):
         tables = {name: _table(path, found, name, parts.warnings) for name in USES}
     if tables["nodes"]:
@@ -102,8 +102,8 @@ def read_parts(path, comm, variables=None) -> Parts:
     return parts
 
 
-def _ports(found, rows) -> str:
-    """B (n, p) and C (r, n), in words; those of the size of K may be anything."""
+def _inputs_and_outputs(found, rows) -> str:
+    """Return B (n, p) and C (r, n), in words; those of the size of K may be anything."""
     fitting = [
         item
         for key, along in (("B", 0), ("C", 1))
@@ -126,7 +126,7 @@ def _reader(path):
 
 
 def _variables(path, comm) -> list[Variable]:
-    """All matrices of a file, looked for by one rank. Collective."""
+    """Return all matrices of a file, looked for by one rank. Collective."""
     found = None
     with agreed(comm):
         if comm.rank == 0:
@@ -140,8 +140,8 @@ def _entries(path, comm, variable) -> Entries:
 
 
 def _chosen(path, found, key, name, needed=True, residual=True) -> tuple[Variable | None, list[Variable]]:
-    """The variable of a key: that of the name, or the only one with a usual name in the fewest structs; and others with
-    such a name that were passed over. `residual`: whether k0 may stand for several. Raises InputError."""
+    """Return the variable of a key: that of the name, or the only one with a usual name in the fewest structs; and
+    others with such a name that were passed over. `residual`: whether k0 may stand for several. Raises InputError."""
     listed = ", ".join(f"{item.name} ({item.in_words()})" for item in found[:12]) or "no numeric matrix"
     if name:
         fitting = [item for item in found if item.name == name] or [
@@ -169,8 +169,8 @@ def _chosen(path, found, key, name, needed=True, residual=True) -> tuple[Variabl
 
 
 def _by_preference(usual, names):
-    """Groups of matrices with a usual name: those in the fewest structs first, of these the names in their order, and
-    last those of which a struct has the name."""
+    """Yield groups of matrices with a usual name: those in the fewest structs first, of these the names in their order,
+    and last those of which a struct has the name."""
     for last_only in (True, False):
         words = [(item, _words(item.name)) for item in usual]
         for depth in sorted({len(parts) for _, parts in words}):
@@ -182,7 +182,7 @@ def _by_preference(usual, names):
 
 
 def _words(name):
-    """The parts of a name, without numbers of items, in small letters."""
+    """Return the parts of a name, without numbers of items, in small letters."""
     return re.sub(r"[({]\d+[)}]", "", name).lower().split(".")
 
 
@@ -198,8 +198,8 @@ def _real(path, variable, key):
 
 
 def _table(path, found, name, warnings) -> tuple[Variable, str] | None:
-    """The dense array of a name, and how it is to be read: a key of FORMS. None where there is none; what has the name
-    but no such shape is spoken of. Raises InputError."""
+    """Return the dense array of a name, and how it is to be read: a key of FORMS. None where there is none; what has
+    the name but no such shape is spoken of. Raises InputError."""
     named = [item for item in found if _words(item.name)[-1] == name]
     fitting = [item for item in named if _forms(name, item)]
     depth = min((len(_words(item.name)) for item in fitting), default=0)
@@ -223,7 +223,7 @@ def _table(path, found, name, warnings) -> tuple[Variable, str] | None:
 
 
 def _forms(name, item) -> list[str]:
-    """The keys of FORMS that the shape of an array allows; the documented one goes first, and alone."""
+    """Return the keys of FORMS that the shape of an array allows; the documented one goes first, and alone."""
     if item.sparse or item.complex or len(item.shape) != 2:
         return []
     rows, columns = item.shape
@@ -232,7 +232,7 @@ def _forms(name, item) -> list[str]:
 
 
 def _share(path, comm, variable, form):
-    """The first node or row of this rank, and its numbers (share, width), of an array."""
+    """Return the first node or row of this rank, and its numbers (share, width), of an array."""
     across = FORMS[form][0] < 0
     count = variable.shape[across]
     first, last = count * comm.rank // comm.size, count * (comm.rank + 1) // comm.size

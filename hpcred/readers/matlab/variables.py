@@ -1,4 +1,4 @@
-"""What a .mat file holds: the variables of MATLAB files of all versions, by name, shape and place."""
+"""List the variables of MATLAB files of all versions, by name, shape and position."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ class Variable:
     place: object = None
 
     def in_words(self) -> str:
-        """Such as "54 x 54 sparse, 606 entries"."""
+        """Return such as "54 x 54 sparse, 606 entries"."""
         size = " x ".join(str(number) for number in self.shape)
         entries = f", {self.nonzeros} entries" if self.nonzeros is not None else ""
         return f"{size} {'sparse' if self.sparse else 'dense'}{entries}{', complex' if self.complex else ''}"

@@ -1,7 +1,7 @@
-"""Harwell-Boeing and Rutherford-Boeing files: a text enters, entries leave, some on each rank.
+"""Read Harwell-Boeing and Rutherford-Boeing files; each rank returns a share of the entries.
 
-Three lists (where columns begin, row numbers, values), each in lines of fixed format, which a header of four or five
-lines announces. Each rank reads a range of bytes; then each gets the entries of its share with their columns.
+A file has three lists (column starts, row numbers, values) in lines of fixed format, which a header of four or five
+lines declares. Each rank reads a range of bytes; then each gets the entries of its share with their columns.
 """
 
 import re
@@ -37,7 +37,8 @@ class Header:
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is one: counts in the second line, a type and counts in the third, then formats."""
+    """Test whether a file that starts so is one: counts in the second line, a type and counts in the third, then
+    formats."""
     lines = start.split(b"\n")
     return (
         len(lines) > 4 and _counts(lines[1]) is not None and len(_counts(lines[1])) in (4, 5)
@@ -46,13 +47,13 @@ def begins(start: bytes) -> bool:
 
 
 def _counts(line):
-    """Whole numbers of a line, or None where there is something else."""
+    """Return whole numbers of a line, or None where there is something else."""
     words = line.split()
     return [int(word) for word in words] if words and all(word.isdigit() for word in words) else None
 
 
 def title(start: bytes) -> bytes:
-    """The first line."""
+    """Return the first line."""
     return start.split(b"\n", 1)[0].strip()
 
 
@@ -140,7 +141,8 @@ def _header(path):
 
 
 def _sections(piece, line, header):
-    """(section, number of the first, numbers) of the parts of a piece whose first line is number `line` from 0."""
+    """Yield (section, number of the first, numbers) of the parts of a piece whose first line is number `line` from
+    0."""
     newlines = np.flatnonzero(np.frombuffer(piece.text, np.uint8) == ord("\n")) + 1
     ends = np.concatenate([[0], newlines, [len(piece.text)] * (not piece.text.endswith(b"\n"))]).astype(np.int64)
     lines = len(ends) - 1
@@ -185,14 +187,15 @@ def _sections(piece, line, header):
 
 
 def _entries(path, comm, header, parts):
-    """Entries from the numbers of the three sections, each somewhere: they meet where the share of an entry lies."""
+    """Return entries from the numbers of the three sections, each somewhere: they meet where the share of an entry
+    lies."""
     shares = np.array([row_share(header.entries, rank, comm.size)[0] for rank in range(comm.size)])
 
     def owner(entry):
         return np.clip(np.searchsorted(shares, entry, side="right") - 1, 0, comm.size - 1)
 
     def met(section, kind):
-        """The numbers of a section that belong to the entries of this rank, in order."""
+        """Return the numbers of a section that belong to the entries of this rank, in order."""
         place = np.concatenate([np.zeros(0, np.int64), *(begin + np.arange(len(v)) for begin, v in parts[section])])
         values = np.concatenate([np.zeros(0, kind), *(v for _, v in parts[section])])
         parts[section].clear()
@@ -242,7 +245,7 @@ def _damaged(path, found):
 
 
 def _repeated(rows, columns, height):
-    """A row and column that two entries of this rank share, or None."""
+    """Return a row and column that two entries of this rank share, or None."""
     if not ((np.diff(rows) <= 0) & (np.diff(columns) == 0)).any():
         return None
     key = np.sort(columns * height + rows)

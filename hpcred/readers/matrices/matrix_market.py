@@ -1,4 +1,4 @@
-"""Matrix Market files (also .gz): a coordinate or array file enters, entries leave, some on each rank."""
+"""Read Matrix Market files (also .gz), coordinate or array; each rank returns a share of the entries."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ SYMMETRIES = ("general", "symmetric", "skew-symmetric")
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is Matrix Market."""
+    """Test whether a file that starts so is Matrix Market."""
     return start[:14].lower() == b"%%matrixmarket"
 
 
@@ -57,7 +57,8 @@ def _check_range(piece: Piece, i, j, lines, shape):
 
 
 def _read_array(path, comm, symmetry, shape, start):
-    """A dense matrix, one number a line, column by column; of symmetric ones from the diagonal, or below it, down."""
+    """Return a dense matrix, one number a line, column by column; of symmetric ones from the diagonal, or below it,
+    down."""
     with agreed(comm):
         parts, counts = [], []
         for piece in pieces(path, comm, start):
@@ -83,7 +84,7 @@ def _read_array(path, comm, symmetry, shape, start):
 
 
 def _header(path):
-    """Format, symmetry, shape, number of entries in the file and the byte where they begin."""
+    """Return Format, symmetry, shape, number of entries in the file and the byte where they begin."""
     with open_unpacked(path) as file:
         line = file.readline().removeprefix(BYTE_ORDER_MARK)
         words = [word.decode("latin-1") for word in line.lower().split()]

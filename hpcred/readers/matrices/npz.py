@@ -1,6 +1,6 @@
-"""Files of scipy.sparse.save_npz (CSR, CSC or COO): a file enters, entries leave, each rank its share of rows.
+"""Read files of scipy.sparse.save_npz (CSR, CSC or COO); each rank reads its share of rows.
 
-The arrays lie packed in a zip archive: each rank unpacks them up to the end of its share, and keeps its share.
+The arrays are compressed in a zip archive: each rank unpacks them up to the end of its share, and keeps its share.
 """
 
 import struct
@@ -24,7 +24,7 @@ NEEDED = {"coo": ("row", "col"), "csr": ("indptr", "indices"), "csc": ("indptr",
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is a zip archive."""
+    """Test whether a file that starts so is a zip archive."""
     return start[:2] == b"PK"
 
 
@@ -100,7 +100,7 @@ def _require(path, name, found, expected):
 
 
 def _length(path, archive, name, kinds):
-    """Length of a one-dimensional array of numbers of some kinds of numpy."""
+    """Return length of a one-dimensional array of numbers of some kinds of numpy."""
     with archive.open(f"{name}.npy") as file:
         shape, dtype = _header(path, name, file)
     if len(shape) != 1 or dtype.kind not in kinds:
@@ -124,7 +124,7 @@ def _header(path, name, file):
 
 
 def _whole_array(path, archive, name, largest):
-    """A scalar or an array of at most `largest` items."""
+    """Return a scalar or an array of at most `largest` items."""
     with archive.open(f"{name}.npy") as file:
         shape, dtype = _header(path, name, file)
         size = int(np.prod(shape, dtype=np.int64))
@@ -135,7 +135,7 @@ def _whole_array(path, archive, name, largest):
 
 
 def _part(path, archive, name, low, high):
-    """Elements low..high of a one-dimensional array."""
+    """Return elements low..high of a one-dimensional array."""
     with archive.open(f"{name}.npy") as file:
         _, dtype = _header(path, name, file)
         file.seek(file.tell() + low * dtype.itemsize)
@@ -143,7 +143,7 @@ def _part(path, archive, name, low, high):
 
 
 def _exactly(path, name, file, count):
-    """So many bytes. Raises InputError where they do not fit: a small archive may hold anything."""
+    """Read so many bytes. Raises InputError if they do not fit: a small archive may claim any size."""
     if count > MB * (free := node_mb()):
         raise InputError(
             f"{path}: found {count / MB:.0f} MB in the array '{name}', and {free:.0f} MB are free; take more ranks on "

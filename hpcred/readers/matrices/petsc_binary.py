@@ -1,4 +1,4 @@
-"""PETSc binary files, real AIJ, indices of 32 or 64 bits: a file enters, entries leave, each rank its share of rows."""
+"""Read PETSc binary files, real AIJ with indices of 32 or 64 bits; each rank reads its share of rows."""
 
 import os
 
@@ -15,17 +15,17 @@ HEADER = 4  # whole numbers: that, rows, columns and entries
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is a PETSc matrix."""
+    """Test whether a file that starts so is a PETSc matrix."""
     return _whole(start) is not None
 
 
 def _whole(start):
-    """The type of the whole numbers of a file, that of PetscInt where PETSc wrote it, or None."""
+    """Return the type of the whole numbers of a file, that of PetscInt where PETSc wrote it, or None."""
     return next((kind for kind in (">i4", ">i8") if start.startswith(np.array(CLASS_ID, kind).tobytes())), None)
 
 
 def row_share(rows: int, rank: int, ranks: int) -> tuple[int, int]:
-    """First and last row of a rank. Python's integers: 10^7 rows times 215 ranks does not fit 32 bits."""
+    """Return first and last row of a rank. Python's integers: 10^7 rows times 215 ranks does not fit 32 bits."""
     rows, rank, ranks = int(rows), int(rank), int(ranks)
     return rows * rank // ranks, rows * (rank + 1) // ranks
 

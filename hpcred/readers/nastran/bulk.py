@@ -1,7 +1,7 @@
-"""Input files of Nastran and OptiStruct (.bdf, .dat, .fem): a file enters, its points, elements and few cards leave.
+"""Read points, elements and constraint cards of input files of Nastran and OptiStruct (.bdf, .dat, .fem).
 
-Read are the grid and scalar points, coordinate systems, elements as far as pictures need them, and the cards that tell
-which dofs have no row (see nastran_sets). Each rank reads its share of the lines; the cards of systems and constraints,
+Grid and scalar points, coordinate systems, elements as far as pictures need them, and the cards that determine which
+dofs have no row (see sets) are read. Each rank reads its share of the lines; the cards of systems and constraints,
 which are few, are collected on all ranks.
 """
 
@@ -63,30 +63,30 @@ class Card:
     line: int
 
     def error(self, sentence: str) -> InputError:
-        """An InputError that names the line."""
+        """Return an InputError that names the line."""
         line = line_number(self.file, self.start) + self.line
         return InputError(f"{self.file}, line {line}: {self.name}: {sentence}")
 
     def text(self, k: int) -> str:
-        """The field k, from 0 behind the name; empty where there is none."""
+        """Return the field k, from 0 behind the name; empty where there is none."""
         return self.fields[k] if k < len(self.fields) else ""
 
     def whole(self, k: int, what: str, empty: int | None = None) -> int:
-        """The whole number in the field k."""
+        """Return the whole number in the field k."""
         return whole_of(self.text(k), self.error, what, empty)
 
     def real(self, k: int, what: str) -> float:
-        """The number in the field k, 0 where it is empty."""
+        """Return the number in the field k, 0 where it is empty."""
         return number_of(self.text(k), self.error, what, 0.0)
 
     def directions(self, k: int) -> np.ndarray:
-        """Which of the directions 1 to 6 (6,) the field k names."""
+        """Return which of the directions 1 to 6 (6,) the field k names."""
         if not set(self.text(k)) <= set("0123456"):
             raise self.error(f"found the directions '{self.text(k)}', expected digits of 1 to 6")
         return np.array([str(d) in self.text(k) for d in range(1, 7)])
 
     def points(self, first: int) -> tuple[list[int], list[int]]:
-        """Lowest and highest numbers of a list of points that may say THRU, from the field `first` on."""
+        """Return lowest and highest numbers of a list of points that may say THRU, from the field `first` on."""
         words = [word for word in self.fields[first:] if word]
         low, high = [], []
         k = 0
@@ -108,7 +108,7 @@ class Card:
 
 @dataclass
 class Deck:
-    """What the bulk data say; grids are those of this rank, as `Points` but in the systems of the file.
+    """The contents of the bulk data; grids are those of this rank, as `Points` but in the systems of the file.
 
     `cards`: the few other ones, on all ranks. `case`: the numbers that the case control
     gives by SPC and MPC, or None where there is no case control. `other`: node numbers of what has nodes and is no
@@ -137,19 +137,19 @@ class Deck:
 
 
 def begins(start: bytes) -> bool:
-    """Whether a text that starts so is an input file of Nastran."""
+    """Test whether a text that starts so is an input file of Nastran."""
     return first_line(start)[:1] != b"*" and b"\0" not in start and START.search(start) is not None
 
 
 def beside(path) -> list[Path]:
-    """The other files of the same name in the folder of a file, in any case of letters."""
+    """Return the other files of the same name in the folder of a file, in any case of letters."""
     path = Path(path)
     return [file for file in sorted(path.parent.iterdir())
             if file.stem.lower() == path.stem.lower() and file != path and file.is_file()]  # fmt: skip
 
 
 def companions(path) -> list[Path]:
-    """The input files beside a file, that of an external superelement first."""
+    """Return the input files beside a file, that of an external superelement first."""
     suffixes = (".pch", ".bdf", ".dat", ".nas", ".fem", ".blk", ".asm")
     found = [file for file in beside(path) if file.suffix.lower() in suffixes and begins(first_bytes(file))]
     return sorted(found, key=lambda file: suffixes.index(file.suffix.lower()))
@@ -192,7 +192,7 @@ def read_deck(path, comm) -> Deck:
 
 
 def _segments(path, comm, including=()):
-    """Bytes of bulk data (file, start, stop), in order, and what the case control says. Collective."""
+    """Return bytes of bulk data (file, start, stop), in order, and what the case control says. Collective."""
     with agreed(comm):
         require_file(path)
         refuse_packed(path)
@@ -236,7 +236,8 @@ def _segments(path, comm, including=()):
 
 
 def _name_in_quotes(path, start, quote):
-    """The name from the byte `start` to the next quote, perhaps on a later line, and the byte where that stands."""
+    """Return the name from the byte `start` to the next quote, perhaps on a later line, and the byte where that
+    stands."""
     with open_input(path) as file:
         file.seek(start)
         name, end, _ = file.read(LONGEST_NAME).partition(quote)
@@ -246,7 +247,8 @@ def _name_in_quotes(path, start, quote):
 
 
 def _included(path, name, including):
-    """The file of an INCLUDE: beside the main file or the including one, in any case of letters where none has that."""
+    """Return the file of an INCLUDE: beside the main file or the including one, in any case of letters where none has
+    that."""
     name = name.decode("latin-1").strip().replace("\\", "/")
     for folder in dict.fromkeys([path.parent, *(file.parent for file in including)]):
         file = folder / name
@@ -260,7 +262,7 @@ def _included(path, name, including):
 
 
 def _case(path, stop):
-    """Numbers of SPC and MPC of the case control; more than one where subcases differ."""
+    """Return numbers of SPC and MPC of the case control; more than one where subcases differ."""
     with open_input(path) as file:
         text = file.read(stop)
     text = text[text.upper().rfind(b"CEND") + 4 if b"CEND" in text.upper() else 0 :]
@@ -272,7 +274,7 @@ def _case(path, stop):
 
 
 def _grids(lines):
-    """Label, CP, CD, whether PS is given, coordinates and PS of GRID cards; -2 where a system is left out."""
+    """Return Label, CP, CD, whether PS is given, coordinates and PS of GRID cards; -2 where a system is left out."""
     table, number = lines.table(7)
     piece = lines.piece
     if (more := lines.beyond(8)).size:
@@ -315,7 +317,7 @@ def _elements(lines, name, elements, other, unknown):
 
 
 def _defaults(cards):
-    """CP, CD and PS of GRDSET."""
+    """Return CP, CD and PS of GRDSET."""
     card, *more = [card for card in cards if card.name == "GRDSET"] or [None]
     if card is None:
         return 0, 0, np.zeros(6, bool)
@@ -325,7 +327,7 @@ def _defaults(cards):
 
 
 def points_of(deck: Deck, comm) -> Points:
-    """All grid and scalar points, ascending by number, without marks but those of permanent supports.
+    """Return all grid and scalar points, ascending by number, without marks but those of permanent supports.
 
     Collective. Raises InputError.
     """
@@ -376,7 +378,7 @@ def _known(deck, systems, number):
 
 
 def _scalars(cards):
-    """Numbers of the scalar points."""
+    """Return numbers of the scalar points."""
     found = []
     for card in cards:
         if card.name == "SPOINT":
@@ -386,7 +388,7 @@ def _scalars(cards):
 
 
 def _systems(comm, deck, label, system, coordinates):
-    """All coordinate systems by number. Collective."""
+    """Return all coordinate systems by number. Collective."""
     with agreed(comm):
         wanted = [card.whole(start + k, "a grid point") for card in deck.cards if card.name.startswith("CORD1")
                   for start in _halves(card) for k in (1, 2, 3)]  # fmt: skip
@@ -415,12 +417,12 @@ def _systems(comm, deck, label, system, coordinates):
 
 
 def _halves(card):
-    """Fields where the systems of a CORD1 card begin: it may define two."""
+    """Return fields where the systems of a CORD1 card begin: it may define two."""
     return (0, 4) if card.text(4) else (0,)
 
 
 def _definitions(deck, grids):
-    """Kind, three points (system, coordinates) and card of the systems by number."""
+    """Return Kind, three points (system, coordinates) and card of the systems by number."""
     found = {}
 
     def define(card, number, points):

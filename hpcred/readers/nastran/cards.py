@@ -1,6 +1,6 @@
-"""Bulk data of Nastran: pieces of text enter, the fields of their cards leave, in small, large and free form.
+"""Split bulk data of Nastran into cards and fields, in small, large and free field format.
 
-A card begins where a line begins with a letter; the lines below it that do not continue it.
+A card begins with a line that begins with a letter, and has the continuation lines after it.
 """
 
 import re
@@ -36,13 +36,13 @@ class Lines:
     total: int
 
     def of(self, name: str) -> "Lines":
-        """Only those of the cards of one name."""
+        """Return only those of the cards of one name."""
         mine = self.name == name.encode()
         parts = (getattr(self, key)[mine] for key in ("card", "name", "starts", "number", "count", "fields"))
         return Lines(self.piece, *parts, self.total)
 
     def table(self, width: int) -> tuple[np.ndarray, np.ndarray]:
-        """The first `width` fields (cards, width) of each card, and the lines (cards,) where they begin."""
+        """Return the first `width` fields (cards, width) of each card, and the lines (cards,) where they begin."""
         first = np.flatnonzero(self.starts)
         which, place = self._places()
         have = (np.arange(SMALL) < self.count[:, None]) & (place < width)
@@ -51,17 +51,17 @@ class Lines:
         return table, self.number[first]
 
     def beyond(self, width: int) -> np.ndarray:
-        """The lines of the piece with a field, not empty, behind the first `width` of its card."""
+        """Return the lines of the piece with a field, not empty, behind the first `width` of its card."""
         return self.number[((self._places()[1] >= width) & (self.fields != b"")).any(axis=1)]
 
     def _places(self):
-        """Which of the cards a line belongs to, and the places (lines, 8) of its fields in that card."""
+        """Return which of the cards a line belongs to, and the places (lines, 8) of its fields in that card."""
         which = np.cumsum(self.starts) - 1
         before = np.cumsum(self.count) - self.count
         return which, (before - before[np.flatnonzero(self.starts)][which])[:, None] + np.arange(SMALL)
 
     def listed(self) -> list[tuple[str, list[str], int]]:
-        """Name, fields without the empty ones at the end, and line of each card; of cards that are few."""
+        """Return Name, fields without the empty ones at the end, and line of each card; of cards that are few."""
         found = []
         for name, starts, number, count, fields in zip(
             self.name, self.starts, self.number, self.count, self.fields, strict=True
@@ -76,7 +76,7 @@ class Lines:
 
 
 def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
-    """The lines of cards whose name (upper case) `wanted` matches wholly. Raises InputError.
+    """Return the lines of cards whose name (upper case) `wanted` matches wholly. Raises InputError.
 
     A line that is no card continues one, and begins with a blank, +, * or a comma, or is refused. `strict`: for cards
     that a program wrote: refused are also remarks that do not begin their line, what is behind the 80th column, and
@@ -135,7 +135,8 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
 
 
 def _apart(text, start, stop, head, starts):
-    """Which lines continue another card than that above them, by their name (field 1) and that of the line above."""
+    """Return which lines continue another card than that above them, by their name (field 1) and that of the line
+    above."""
     named = ((head[:, 0] == ord("+")) | (head[:, 0] == ord("*"))) & (head[:, 1] > ord(" ")) & (head[:, 1] != ord(","))
     child = np.flatnonzero(named & ~starts)
     own = _name(np.where(np.logical_or.accumulate(head[child] == ord(","), axis=1), ord(" "), head[child]))
@@ -149,19 +150,19 @@ def _apart(text, start, stop, head, starts):
 
 
 def _name(characters):
-    """The names of continuations in characters (lines, width)."""
+    """Return the names of continuations in characters (lines, width)."""
     characters = np.ascontiguousarray(characters, np.uint8)
     return np.char.strip(characters.view(f"S{characters.shape[1]}").ravel(), b" +*")
 
 
 def _is_large(head):
-    """Whether lines (n,), by their first field (n, 8), have large fields: a star in front of the first comma."""
+    """Test whether lines (n,), by their first field (n, 8), have large fields: a star in front of the first comma."""
     comma, star = (np.where((head == ord(sign)).any(axis=1), (head == ord(sign)).argmax(axis=1), 8) for sign in ",*")
     return star < comma
 
 
 def _fields(piece, text, start, stop, head, number):
-    """Number of data fields (lines,) and the fields (lines, 8) without blanks around."""
+    """Return number of data fields (lines,) and the fields (lines, 8) without blanks around."""
     commas = np.concatenate([[0], np.cumsum(text == ord(","))])
     free = commas[stop] > commas[start]
     star = _is_large(head)
@@ -199,13 +200,13 @@ def _fields(piece, text, start, stop, head, number):
 
 
 def _gather(text, low, high, width):
-    """Characters (lines, width) of the places low..high of a text, with blanks behind."""
+    """Return characters (lines, width) of the places low..high of a text, with blanks behind."""
     at = low[:, None] + np.arange(width)
     return np.where(at < high[:, None], text[np.minimum(at, len(text) - 1)], ord(" ")).astype(np.uint8)
 
 
 def reals(piece: Piece, fields: np.ndarray, lines: np.ndarray, what: str, empty=0.0) -> np.ndarray:
-    """Finite numbers of fields (n,); `lines` (n,) for messages. Raises InputError that names the line."""
+    """Return finite numbers of fields (n,); `lines` (n,) for messages. Raises InputError that names the line."""
     filled = np.where(fields == b"", str(empty).encode(), fields)
     values = parse_fortran(b"\n".join(filled.tolist()))
     if values is None or len(values) != len(fields) or not np.isfinite(values).all():
@@ -217,12 +218,12 @@ def reals(piece: Piece, fields: np.ndarray, lines: np.ndarray, what: str, empty=
 
 
 def _characters(fields):
-    """Fields (n,) as codes (n, width), 0 behind the last character."""
+    """Return fields (n,) as codes (n, width), 0 behind the last character."""
     return np.ascontiguousarray(fields).view(np.uint8).reshape(len(fields), fields.dtype.itemsize)
 
 
 def wholes(piece, fields, lines, what, low=0, high=LARGEST_LABEL, empty=None) -> np.ndarray:
-    """Whole numbers low..high of fields (n,); an empty field is `empty`, or refused. Raises InputError."""
+    """Return whole numbers low..high of fields (n,); an empty field is `empty`, or refused. Raises InputError."""
     filled = fields if empty is None else np.where(fields == b"", str(empty).encode(), fields)
     characters = _characters(filled)
     digit = (characters >= ord("0")) & (characters <= ord("9"))
@@ -237,7 +238,7 @@ def wholes(piece, fields, lines, what, low=0, high=LARGEST_LABEL, empty=None) ->
 
 
 def components(piece, fields, lines, what) -> np.ndarray:
-    """Which of the directions 1 to 6 (n, 6) the digits of fields (n,) name; 0 or none: no direction."""
+    """Return which of the directions 1 to 6 (n, 6) the digits of fields (n,) name; 0 or none: no direction."""
     characters = _characters(fields)
     wrong = np.flatnonzero(~((characters == 0) | ((characters >= ord("0")) & (characters <= ord("6")))).all(axis=1))
     if wrong.size:
@@ -246,7 +247,8 @@ def components(piece, fields, lines, what) -> np.ndarray:
 
 
 def number_of(field: str, where, what: str, empty=None) -> float:
-    """The number in a field of a card of which there are few. Raises InputError; `where` makes it from a sentence."""
+    """Return the number in a field of a card of which there are few. Raises InputError; `where` makes it from a
+    sentence."""
     text = field or ("" if empty is None else str(empty))
     value = parse_fortran(text.encode())
     if not text or value is None or len(value) != 1 or not np.isfinite(value[0]):
@@ -255,7 +257,7 @@ def number_of(field: str, where, what: str, empty=None) -> float:
 
 
 def whole_of(field: str, where, what: str, empty=None) -> int:
-    """The whole number, not negative, in a field of a card of which there are few. Raises InputError."""
+    """Return the whole number, not negative, in a field of a card of which there are few. Raises InputError."""
     text = field or ("" if empty is None else str(empty))
     if not (text.isascii() and text.isdigit() and len(text) < 11):
         raise where(f"found '{field}' for {what}, expected a whole number")

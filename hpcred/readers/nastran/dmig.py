@@ -1,6 +1,6 @@
-"""Matrices on DMIG cards of Nastran and OptiStruct (.pch): a text enters, entries with labels leave, some on each rank.
+"""Read matrices on DMIG cards of Nastran and OptiStruct (.pch); each rank returns a share of labelled entries.
 
-A matrix has a card NAME, 0, form, type, then one card a column: NAME, node, direction, and for each entry node,
+A matrix has a card NAME, 0, form, type, then one card per column: NAME, node, direction, and for each entry node,
 direction, real part, imaginary part. Of a symmetric matrix one half is given. The numbers have few digits.
 """
 
@@ -51,7 +51,7 @@ class Lacking:
     there: int
 
     def error(self, sentence: str) -> InputError:
-        """An InputError on the number of columns."""
+        """Return an InputError on the number of columns."""
         return InputError(
             f"{self.path}: found {self.there} columns of the matrix {self.matrix.name}, expected {self.matrix.columns}"
             + sentence
@@ -59,12 +59,12 @@ class Lacking:
 
 
 def begins(start: bytes) -> bool:
-    """Whether a text that starts so has DMIG cards."""
+    """Test whether a text that starts so has DMIG cards."""
     return first_line(start)[:1] != b"*" and b"\0" not in start and START.search(start) is not None
 
 
 def contents(path, comm) -> list[Matrix]:
-    """The matrices of a file, in order. Collective. Raises InputError."""
+    """Return the matrices of a file, in order. Collective. Raises InputError."""
     with agreed(comm):
         first_bytes(path)
         refuse_packed(path, "DMIG cards")
@@ -115,7 +115,7 @@ def _check_order(path, pieces):
 
 
 def read(path, comm, key="K", variables=None) -> LabelledEntries:
-    """One matrix of a file, for -K and the like. Collective. Raises InputError."""
+    """Read one matrix of a file, for -K and the like. Collective. Raises InputError."""
     found = contents(path, comm)
     place = single(path, [item.name for item in found], key, variables)
     entries, _, lacking = read_matrices(path, comm, {key: found[place]})
@@ -125,8 +125,8 @@ def read(path, comm, key="K", variables=None) -> LabelledEntries:
 
 
 def read_matrices(path, comm, wanted: dict[str, Matrix]) -> tuple[dict, list[str], Lacking | None]:
-    """The entries of matrices by key, from one pass through a file, warnings, and what K lacks of the columns that it
-    announces. Collective. Raises InputError."""
+    """Return the entries of matrices by key, from one pass through a file, warnings, and what K lacks of the columns
+    that it announces. Collective. Raises InputError."""
     with agreed(comm):
         for matrix in wanted.values():
             if matrix.form not in (SQUARE, SYMMETRIC) or matrix.kind not in (1, 2, 3, 4):
@@ -214,13 +214,14 @@ def _require_end(path, comm):
 
 
 def _last_line(file):
-    """The last 200 bytes of a file at most, from the beginning of its last line on."""
+    """Return the last 200 bytes of a file at most, from the beginning of its last line on."""
     file.seek(max(os.path.getsize(file.name) - 200, 0))
     return file.read().splitlines(keepends=True)[-1]
 
 
 def _entries(piece, lines, matrix):
-    """Labels of rows and columns and values of the entries of one matrix in a piece, and the digits of the longest."""
+    """Return labels of rows and columns and values of the entries of one matrix in a piece, and the digits of the
+    longest."""
     # each line is two fours of fields, or one in large form; the first four of a card name the column
     fours = lines.fields.reshape(-1, 2, 4)
     have = np.arange(2) < (lines.count // 4)[:, None]
@@ -263,7 +264,7 @@ def _labels(piece, nodes, directions, lines, what):
 
 
 def _digits(fields):
-    """The most digits that a number has in front of its exponent."""
+    """Return the most digits that a number has in front of its exponent."""
     if not len(fields):
         return 0
     codes = np.ascontiguousarray(fields).view(np.uint8).reshape(len(fields), fields.dtype.itemsize)

@@ -1,8 +1,8 @@
-"""Exports of Nastran, OptiStruct and MYSTRAN: a file with its companions enters, the parts of a model leave.
+"""Read exports of Nastran, OptiStruct and MYSTRAN, a file with its companions, to the parts of a model.
 
-Matrices stand on OP4, in OP2 or on DMIG cards; which dofs their rows are, and where the nodes lie, is said by an OP2 of
-the same name beside them (USET, BGPDT), or by the input file. Rows in displacement systems of the nodes (CD) are turned
-to x, y, z.
+The matrices are in OP4, in OP2 or on DMIG cards. The dofs of their rows and the nodes come from an OP2 of the same name
+beside them (USET, BGPDT), or from the input file. Rows in displacement systems of the nodes (CD) are rotated to
+x, y, z.
 """
 
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ LOOSE = (
 
 @dataclass
 class _Rows:
-    """What is known of the rows of matrices: `points` and `mask` (points, 6) of the dofs that have rows, in order."""
+    """The known rows of matrices: `points` and `mask` (points, 6) of the dofs that have rows, in order."""
 
     points: Points
     mask: np.ndarray
@@ -60,12 +60,13 @@ class _Rows:
 
 
 def begins_bulk(start: bytes) -> bool:
-    """Whether a text that starts so is a punch file with matrices, or an input file with them beside it."""
+    """Test whether a text that starts so is a punch file with matrices, or an input file with them beside it."""
     return nastran_dmig.begins(start) or nastran_bulk.begins(start)
 
 
 def read_op4(path, comm, variables=None) -> Parts:
-    """The model of an OP4 file, or of an OP2 with matrices. `variables`: names of matrices by K, M, D. Collective.
+    """Return the model of an OP4 file, or of an OP2 with matrices. `variables`: names of matrices by K, M, D.
+    Collective.
 
     Raises InputError.
     """
@@ -80,18 +81,18 @@ def read_op4(path, comm, variables=None) -> Parts:
     matrices = {key: _read_matrix(files[choice.places[key]], comm, matrix) for key, matrix in taken.items()}
     if "D" in matrices and not comm.allreduce(len(matrices["D"].values)):
         del matrices["D"]
-    said = {key: f"{files[choice.places[key]]}, matrix {taken[key].name}" for key in matrices}
-    warnings = [_taken(path, said, names), *warnings]
-    _check(comm, matrices, said)
+    origins = {key: f"{files[choice.places[key]]}, matrix {taken[key].name}" for key in matrices}
+    warnings = [_taken(path, origins, names), *warnings]
+    _check(comm, matrices, origins)
     matrices, number = _without_empty_rows(comm, matrices, warnings)
-    parts = Parts(matrices, said, warnings=warnings)
+    parts = Parts(matrices, origins, warnings=warnings)
     if rows is not None:
         _label_rows(comm, parts, rows, number)
     return parts
 
 
 def _op4_files(path, comm):
-    """All matrices of a file, and the file of each; those of OP4 files of the same name where it has no pair."""
+    """Return all matrices of a file, and the file of each; those of OP4 files of the same name where it has no pair."""
     with agreed(comm):
         is_op2 = nastran_op2.begins(first_bytes(path))
     contents = (nastran_op2_matrices if is_op2 else nastran_op4).contents(path, comm)
@@ -116,7 +117,7 @@ def _read_matrix(file, comm, matrix):
 
 
 def _superelements(files, contents, comm):
-    """The number of the superelement to which each matrix belongs, where matrices SE_START say so, else None.
+    """Return the number of the superelement to which each matrix belongs, where matrices SE_START say so, else None.
 
     Raises InputError where LOOP_END is missing, which ends the file of a run that writes them.
     """
@@ -133,7 +134,7 @@ def _superelements(files, contents, comm):
 
 
 def _choices(path, names, se, variables):
-    """Pairs of matrices, the best first. Raises InputError."""
+    """Return pairs of matrices, the best first. Raises InputError."""
     if variables:
         places = named(path, names, variables)
         if not {"K", "M"} <= set(places):
@@ -166,22 +167,22 @@ def _choices(path, names, se, variables):
     return found
 
 
-def _taken(path, said, names):
-    text = ", ".join(f"{key} is {where.rsplit(' ', 1)[-1]}" for key, where in said.items())
-    others = sorted(set(names) - {where.rsplit(" ", 1)[-1] for where in said.values()})
+def _taken(path, origins, names):
+    text = ", ".join(f"{key} is {where.rsplit(' ', 1)[-1]}" for key, where in origins.items())
+    others = sorted(set(names) - {where.rsplit(" ", 1)[-1] for where in origins.values()})
     left = f"; not read: {', '.join(others)}" if others else ""
     structural = [name for name in others if name.startswith(STRUCTURAL)]
     hint = f" ({structural[0]} is structural damping: give a loss factor in the job)" if structural else ""
     return f"{path}: {text}{left}{hint}"
 
 
-def _check(comm, matrices, said):
+def _check(comm, matrices, origins):
     """Refuse matrices that do not fit each other, or a stiffness or mass that is not symmetric. Collective."""
     for key in ("K", "M"):
         defect = asymmetry(comm, matrices[key])
         if not defect <= SYMMETRIC_IN_FILE:
             raise InputError(
-                f"{said[key]}: found ||A - A^T|| / ||A|| = {defect:.1e} (scaled to a diagonal of 1), expected a "
+                f"{origins[key]}: found ||A - A^T|| / ||A|| = {defect:.1e} (scaled to a diagonal of 1), expected a "
                 "symmetric matrix; the file is damaged, or the model has follower forces or the like"
             )
     if isinstance(matrices["K"], LabelledEntries):
@@ -190,13 +191,13 @@ def _check(comm, matrices, said):
     for key, item in matrices.items():
         if item.shape != size or size[0] != size[1]:
             raise InputError(
-                f"{said[key]}: found {item.shape[0]} x {item.shape[1]}, but {said['K']} is {size[0]} x {size[1]}, "
-                "expected square matrices of one size"
+                f"{origins[key]}: found {item.shape[0]} x {item.shape[1]}, but {origins['K']} is "
+                f"{size[0]} x {size[1]}, expected square matrices of one size"
             )
 
 
 def _rows_of(path, comm, candidates, insisted):
-    """What is known of the rows of the first candidate (choice, size, superelement) of which that can be told.
+    """Return the rows of the first candidate (choice, size, superelement) whose rows are known.
 
     Returns _Rows or None, the choice, and warnings. Raises InputError where companions contradict the matrices.
     """
@@ -247,13 +248,13 @@ def _rows_of(path, comm, candidates, insisted):
 
 
 def _passed(reasons):
-    """Why matrices that would be better were not taken."""
+    """Return why matrices that would be better were not taken."""
     return [f"matrices with all constraints are there, but {reasons[0]}: their rows cannot be named"] if reasons else []
 
 
 def _rows_of_op2(op2, groups, decks, comm, letter, size):
-    """_Rows of a set from the points of an OP2 by superelement, with the places of input files where those are rough;
-    None where no set has so many rows."""
+    """Return _Rows of a set from the points of an OP2 by superelement, with the places of input files where those are
+    rough; None where no set has so many rows."""
     fitting = [(number, points) for number, points in groups if points.count(comm, points.of_set(letter)) == size]
     if not fitting:
         return None
@@ -266,7 +267,7 @@ def _rows_of_op2(op2, groups, decks, comm, letter, size):
 
 
 def _rows_of_deck(deck, comm, letter, size):
-    """_Rows of a set from the input file, or why not."""
+    """Return _Rows of a set from the input file, or why not."""
     points = nastran_bulk.points_of(deck, comm)
     if letter != "G":
         reason = mark_sets(deck, comm, points)
@@ -299,7 +300,7 @@ def _said_of_rows(comm, rows, letter, source):
 
 
 def _without_empty_rows(comm, matrices, warnings):
-    """The matrices without rows that have no entry, and the old numbers of the new rows of this rank."""
+    """Return the matrices without rows that have no entry, and the old numbers of the new rows of this rank."""
     size = matrices["K"].shape[0]
     used = [np.zeros(0, np.int64)]
     for item in matrices.values():
@@ -341,7 +342,7 @@ def _label_rows(comm, parts, rows, kept):
 
 
 def _finish(comm, parts, rows, turn, mask):
-    """Nodes, elements, held dofs and what to say of turned ones."""
+    """Add nodes, elements, held dofs, and messages on rotated ones."""
     points = rows.points
     parts.nodes, parts.elements = points.nodes(comm), rows.elements
     held = points.there() & ~mask & (points.marks & HELD > 0)
@@ -368,7 +369,7 @@ def _said_of_turn(comm, points, turn):
 
 
 def read_bulk(path, comm, variables=None) -> Parts:
-    """The model of DMIG cards, or of an input file with OP4 or a punch file beside it.
+    """Return the model of DMIG cards, or of an input file with OP4 or a punch file beside it.
 
     `variables`: names of matrices by K, M, D. Collective. Raises InputError.
     """
@@ -383,9 +384,9 @@ def read_bulk(path, comm, variables=None) -> Parts:
     matrices, warnings, lacking = nastran_dmig.read_matrices(path, comm, wanted)
     if "D" in matrices and not comm.allreduce(len(matrices["D"].values)):
         del matrices["D"]
-    said = {key: f"{path}, matrix {wanted[key].name}" for key in matrices}
-    _check(comm, matrices, said)
-    parts = Parts(matrices, said, warnings=[_taken(path, said, names), *warnings], open_ended=set(matrices),
+    origins = {key: f"{path}, matrix {wanted[key].name}" for key in matrices}
+    _check(comm, matrices, origins)
+    parts = Parts(matrices, origins, warnings=[_taken(path, origins, names), *warnings], open_ended=set(matrices),
                   loose=choice.letter == "G")  # fmt: skip
     if choice.letter == "G":
         parts.warnings.append(LOOSE.format("KAAX and MAAX"))
@@ -406,7 +407,7 @@ def read_bulk(path, comm, variables=None) -> Parts:
 
 
 def read_nodes(path, comm) -> tuple[Nodes, dict[str, np.ndarray], Points]:
-    """Nodes, ascending by number, and elements of an input file, for matrices of other files; and its Points.
+    """Return Nodes, ascending by number, and elements of an input file, for matrices of other files; and its Points.
 
     Collective. Raises InputError.
     """
@@ -447,7 +448,7 @@ def turn_rows(comm, parts, points, path):
 
 
 def _read_beside(path, comm, variables):
-    """The matrices beside an input file."""
+    """Return the matrices beside an input file."""
     with agreed(comm):
         beside = nastran_bulk.beside(path)
         op4 = [file for file in beside if nastran_op4.begins(first_bytes(file))]
@@ -517,7 +518,7 @@ def _require_whole_set(comm, parts, deck, points, mask, lacking, reason):
 
 
 def _name_scalars(comm, parts, points):
-    """The direction 1 of a scalar point is that of a scalar."""
+    """Replace direction 1 of scalar points by that of a scalar."""
     if not comm.allreduce(int(points.scalar.sum())):
         return
     mine = points.label[points.scalar]

@@ -1,4 +1,4 @@
-"""The mass that a Nastran run says of itself, to compare with that of a mass matrix without a mark of its end."""
+"""Read the mass that a Nastran run reports, to check a mass matrix from a file without end mark."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ SAME = 0.01
 
 
 def compare_mass(comm, path, deck, M: LabelledEntries) -> list[str]:
-    """Sentences on the mass in x, y, z of M, of a body without supports, against that of the listing beside `path`, or
-    of the point masses of the input file. Collective. Raises InputError where M has less."""
+    """Return sentences on the mass in x, y, z of M, of a body without supports, against that of the listing beside
+    `path`, or of the point masses of the input file. Collective. Raises InputError where M has less."""
     found = _mass(comm, M)
     with agreed(comm):
         told, source = _told(path) if comm.rank == 0 else (None, None)
@@ -38,13 +38,13 @@ def compare_mass(comm, path, deck, M: LabelledEntries) -> list[str]:
 
 
 def _mass(comm, M):
-    """The largest of the masses in x, y, z."""
+    """Return the largest of the masses in x, y, z."""
     same = (M.rows % STRIDE == M.columns % STRIDE) & (M.rows % STRIDE < 3)
     return float(max(comm.allreduce(np.bincount(M.rows[same] % STRIDE, M.values[same], 3))))
 
 
 def _told(path):
-    """The mass of the grid point weight generator in a listing of the same name, and words for it, or None."""
+    """Return the mass of the grid point weight generator in a listing of the same name, and words for it, or None."""
     for file in nastran_bulk.beside(path):
         if file.suffix.lower() == ".f06":
             with open_unpacked(file) as text:

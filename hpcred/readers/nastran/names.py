@@ -1,4 +1,4 @@
-"""Names of matrices in a file of Nastran enter; which of them are K, M and D leaves."""
+"""Decide by their names which matrices of a Nastran file are K, M and D."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ class Choice:
 
 
 def pairs(names: list[str]) -> list[Choice]:
-    """All pairs of stiffness and mass with names that fit, the best first; of equal names the first counts."""
+    """Return all pairs of stiffness and mass with names that fit, the best first; of equal names the first counts."""
     found = []
     for name in dict.fromkeys(names):
         if name in WORDS:
@@ -41,7 +41,7 @@ def pairs(names: list[str]) -> list[Choice]:
 
 
 def _set_of(rest):
-    """How good a set is, and its letter; K2GG counts as KGG."""
+    """Return how good a set is, and its letter; K2GG counts as KGG."""
     rest = rest.lstrip("2")
     for rank, (start, letter) in enumerate(PREFERRED):
         if rest.startswith(start):
@@ -50,7 +50,7 @@ def _set_of(rest):
 
 
 def named(path, names: list[str], variables: dict[str, str]) -> dict[str, int]:
-    """Places of the matrices that a user named by key; KAA:2 is the second of that name. Raises InputError."""
+    """Return places of the matrices that a user named by key; KAA:2 is the second of that name. Raises InputError."""
     found = {}
     for key, wanted in variables.items():
         name, _, which = wanted.upper().partition(":")
@@ -67,12 +67,12 @@ def named(path, names: list[str], variables: dict[str, str]) -> dict[str, int]:
 
 
 def letter_of(name: str) -> str | None:
-    """The set of dofs that the name of a matrix says, or None."""
+    """Return the set of dofs that the name of a matrix says, or None."""
     return _set_of(name[1:])[1]
 
 
 def none_found(path, names) -> InputError:
-    """What is raised where a file has no pair of stiffness and mass."""
+    """Return the error for a file without a pair of stiffness and mass."""
     return InputError(
         f"{path}: found the matrices {', '.join(names) or 'none'}, expected a stiffness and a mass matrix of one set "
         "such as KAA and MAA, or KGG and MGG; name others by --variables K=...,M=..."
@@ -80,7 +80,7 @@ def none_found(path, names) -> InputError:
 
 
 def single(path, names: list[str], key: str, variables: dict[str, str] | None) -> int:
-    """The place of the one matrix that a file is read for: K, M, D, B or C. Raises InputError."""
+    """Return the place of the one matrix that a file is read for: K, M, D, B or C. Raises InputError."""
     if variables and key in variables:
         return named(path, names, {key: variables[key]})[key]
     if len(names) == 1:

@@ -1,7 +1,7 @@
-"""Tables of Nastran's OUTPUT2: a file enters, the points of each superelement, with the sets of their dofs, leave.
+"""Read the points of each superelement, with the sets of their dofs, from tables of Nastran's OUTPUT2.
 
-A file is a chain of Fortran records: single whole numbers (keys) say what follows. Rank 0 follows the chain once; of
-the tables BGPDT (places), USET (sets), EQEXIN (numbers) and CSTM (coordinate systems) each rank reads its share.
+A file is a sequence of Fortran records: single integers (keys) announce what follows. Rank 0 follows the sequence once;
+of the tables BGPDT (positions), USET (sets), EQEXIN (numbers) and CSTM (coordinate systems) each rank reads its share.
 """
 
 import mmap
@@ -35,11 +35,11 @@ class Table:
     records: list
 
     def words(self, record: int, low: int, high: int) -> np.ndarray:
-        """The bytes of words low..high of a record, as array of bytes."""
+        """Return the bytes of words low..high of a record, as array of bytes."""
         return self.bytes(record, low * self.size, high * self.size)
 
     def length(self, record: int) -> int:
-        """Bytes of a record; 0 where there is none."""
+        """Return bytes of a record; 0 where there is none."""
         return sum(count for _, count in self.records[record]) if record < len(self.records) else 0
 
     def bytes(self, record: int, low: int, high: int) -> np.ndarray:
@@ -52,13 +52,13 @@ class Table:
         return np.concatenate(parts)
 
     def integers(self, record: int, low=0, high=None) -> np.ndarray:
-        """Words low..high of a record as whole numbers."""
+        """Return words low..high of a record as whole numbers."""
         high = self.length(record) // self.size if high is None else high
         return self.words(record, low, high).view(f"{self.order}i{self.size}").astype(np.int64)
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is one of OUTPUT2: a record of one word, 3 (a header) or 2 (a name)."""
+    """Test whether a file that starts so is one of OUTPUT2: a record of one word, 3 (a header) or 2 (a name)."""
     return _layout(start) is not None
 
 
@@ -73,7 +73,7 @@ def _layout(start):
 
 
 def points_by_superelement(path, comm) -> list[tuple[int | None, Points]]:
-    """The points, in the order of their rows, of each superelement of a file. Collective. Raises InputError.
+    """Return the points, in the order of their rows, of each superelement of a file. Collective. Raises InputError.
 
     The number of the superelement is None where the file does not say. Points of which the file has not all tables
     (numbers, or coordinate systems) are left out.
@@ -118,7 +118,7 @@ class _Chain:
         )
 
     def record(self) -> tuple[int, int]:
-        """The place of the next record and its bytes."""
+        """Return the place of the next record and its bytes."""
         data, at = self.data, self.at
         if at + 8 > len(data):
             raise self.damaged("record")
@@ -139,7 +139,7 @@ class _Chain:
             raise self.damaged(what)
 
     def pieces(self, words, kind=0) -> list[tuple[int, int]]:
-        """The parts of a record of so many words, each followed by the words of the next one."""
+        """Return the parts of a record of so many words, each followed by the words of the next one."""
         parts = []
         while words > 0:
             place, count = self.record()
@@ -150,7 +150,7 @@ class _Chain:
         return parts
 
     def name(self, words) -> str:
-        """A record with a name of so many words."""
+        """Return a record with a name of so many words."""
         if words < 1:
             raise self.damaged("name of a table")
         place, count = self.pieces(words)[0]
@@ -160,7 +160,8 @@ class _Chain:
         return letters.decode("latin-1").strip()
 
     def next_record(self) -> tuple[int, int]:
-        """The kind of the next record (1: a column of a matrix) and its words; both 0 at the end of the table."""
+        """Return the kind of the next record (1: a column of a matrix) and its words; both 0 at the end of the
+        table."""
         self.pass_key(1, "start of a record")
         kind = self.key()
         if kind not in (0, 1):
@@ -182,7 +183,7 @@ class Block:
 
 
 def walk(path):
-    """Generate the Blocks of a file, from one walk along its records on one rank. Raises InputError."""
+    """Yield generate the Blocks of a file, from one walk along its records on one rank. Raises InputError."""
     start = first_bytes(path)
     if not begins(start):
         raise InputError(f"{path}: found a file that begins with {start[:12]!r}, expected one of OUTPUT2")
@@ -221,7 +222,7 @@ def walk(path):
 
 
 def columns_of(path, data, matrix, share):
-    """Generate number (from 0) and strings (byte, bytes) of each column of a share of a matrix."""
+    """Yield generate number (from 0) and strings (byte, bytes) of each column of a share of a matrix."""
     chain = _Chain(data, path, *matrix.layout)
     chain.at = matrix.starts[share]
     for column in range(matrix.columns[share], matrix.columns[share + 1]):
@@ -230,13 +231,14 @@ def columns_of(path, data, matrix, share):
 
 
 def _tables(path):
-    """The wanted tables of a file."""
+    """Return the wanted tables of a file."""
     return [Table(str(path), block.name, block.order, block.size, block.records[1:])  # the first one is the name again
             for block in walk(path) if block.name.startswith(NAMES)]  # fmt: skip
 
 
 def _points(path, comm, group):
-    """The Points of one set of tables: this rank's share of the places, in order. None where tables are missing."""
+    """Return the Points of one set of tables: this rank's share of the places, in order. None where tables are
+    missing."""
     table = group["BGPDT"]
 
     def damaged(what):
@@ -301,7 +303,7 @@ def _points(path, comm, group):
 
 
 def _form(table, numbers, damaged):
-    """How many points a BGPDT has, and bytes of each: with its numbers and doubles, or only system and place."""
+    """Return how many points a BGPDT has, and bytes of each: with its numbers and doubles, or only system and place."""
     long, short = 6 * table.size + 24, 4 * table.size
     length = table.length(0)
     if numbers is None:  # the short form may have the length of the long one, but has no kinds of points
@@ -315,7 +317,7 @@ def _form(table, numbers, damaged):
 
 
 def _places(data, table, damaged):
-    """System, first dof, number, whether scalar, and place of points from the long form of BGPDT."""
+    """Return System, first dof, number, whether scalar, and place of points from the long form of BGPDT."""
     kind = np.dtype([("whole", f"{table.order}i{table.size}", 6), ("place", f"{table.order}f8", 3)])
     rows = data.view(kind)
     system, dof, label, code = (rows["whole"][:, k].astype(np.int64) for k in range(4))
@@ -326,7 +328,8 @@ def _places(data, table, damaged):
 
 
 def _old_places(comm, data, numbers, first, damaged):
-    """The same from the short form, with EQEXIN: number and place in the order, number and 10 times dof plus kind."""
+    """Return the same from the short form, with EQEXIN: number and place in the order, number and 10 times dof plus
+    kind."""
     kind = np.dtype([("system", f"{numbers.order}i{numbers.size}"), ("place", f"{numbers.order}f{numbers.size}", 3)])
     rows = data.view(kind)
     label, dof, scalar = _numbered(comm, numbers, first, len(rows), damaged)
@@ -334,7 +337,7 @@ def _old_places(comm, data, numbers, first, damaged):
 
 
 def _numbered(comm, numbers, first, count_here, damaged):
-    """Number, first dof and whether scalar of the points `first` and so on, by EQEXIN. Collective."""
+    """Return Number, first dof and whether scalar of the points `first` and so on, by EQEXIN. Collective."""
     with agreed(comm):
         count = numbers.length(0) // (2 * numbers.size)
         low, high = (count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
@@ -352,7 +355,8 @@ def _numbered(comm, numbers, first, count_here, damaged):
 
 
 def _systems(table):
-    """Coordinate systems by number: pairs of whole numbers with 12 reals each, or both in a record of its own."""
+    """Return coordinate systems by number: pairs of whole numbers with 12 reals each, or both in a record of its
+    own."""
     if len(table.records) > 1:
         heads = table.integers(0).reshape(-1, 4)
         reals = table.bytes(1, 0, table.length(1)).view(f"{table.order}f8")

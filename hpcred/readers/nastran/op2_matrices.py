@@ -1,7 +1,7 @@
-"""Read matrices (KGG, MGG, ...) that stand in a file of Nastran's OUTPUT2.
+"""Read matrices (KGG, MGG, ...) of a file of Nastran's OUTPUT2.
 
-A column is a chain of records, each with the number of its first row and the values from there on; keys between them
-say how much follows. Rank 0 follows the chain once, and each rank decodes its share of whole columns.
+A column is a sequence of records, each with the number of its first row and the values from there on; keys between
+them announce their lengths. Rank 0 follows the sequence once, and each rank decodes its share of whole columns.
 """
 
 import mmap
@@ -29,7 +29,7 @@ class Op2Matrix(Matrix):
 
 
 def contents(path, comm) -> list[Op2Matrix]:
-    """The matrices of a file, in order. Collective. Raises InputError."""
+    """Return the matrices of a file, in order. Collective. Raises InputError."""
     with agreed(comm):
         refuse_packed(path, "Nastran OP2")
         found = [_matrix(path, block) for block in walk(path) if block.columns] if comm.rank == 0 else None
@@ -37,7 +37,7 @@ def contents(path, comm) -> list[Op2Matrix]:
 
 
 def _matrix(path, block):
-    """The Op2Matrix of a block with columns. Raises InputError."""
+    """Return the Op2Matrix of a block with columns. Raises InputError."""
     _, columns, rows, form, kind, *_ = block.trailer
     starts, before = zip(*block.columns, strict=True)
     if before[-1] != columns:
@@ -50,7 +50,7 @@ def _matrix(path, block):
 
 
 def read_matrix(path, comm, matrix: Op2Matrix) -> Entries:
-    """The entries of a matrix that `contents` found. Collective. Raises InputError."""
+    """Return the entries of a matrix that `contents` found. Collective. Raises InputError."""
     shares = len(matrix.starts) - 1
     low, high = shares * comm.rank // comm.size, shares * (comm.rank + 1) // comm.size
     with agreed(comm), open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
@@ -59,13 +59,13 @@ def read_matrix(path, comm, matrix: Op2Matrix) -> Entries:
 
 
 def read(path, comm, key="K", variables=None) -> Entries:
-    """One matrix of a file, for -K and the like; `variables`: names by key. Collective. Raises InputError."""
+    """Read one matrix of a file, for -K and the like; `variables`: names by key. Collective. Raises InputError."""
     found = contents(path, comm)
     return read_matrix(path, comm, found[single(path, [item.name for item in found], key, variables)])
 
 
 def _decode(path, data, matrix, share):
-    """Rows and columns (from 0) and values of a share of columns."""
+    """Return rows and columns (from 0) and values of a share of columns."""
     order, size = matrix.layout
     number = size if size == 8 else 8 if matrix.kind in DOUBLE else 4  # bytes
     width = number * (2 if matrix.kind in COMPLEX else 1)

@@ -1,7 +1,7 @@
-"""Matrices of Nastran's OUTPUT4, text or binary: a file enters, its table of contents or the entries of one leave.
+"""Read matrices of Nastran's OUTPUT4, text or binary: the table of contents, or the entries of one.
 
-A matrix is a header of columns, rows, form, type and name, then one record a column (number of the column, first row or
-0, number of words, words), and a last record of a column that does not exist. Where the first row is 0 the words are
+A matrix has a header of columns, rows, form, type and name, then one record per column (number of the column, first row
+or 0, number of words, words), and a last record of a column that does not exist. If the first row is 0, the words are
 strings, each with the length and the first row of its numbers: two words, or (nonbigmat) both packed in one.
 """
 
@@ -20,12 +20,12 @@ TRIANGLES = (4, 5)
 
 
 def begins(start: bytes) -> bool:
-    """Whether a file that starts so is one of OUTPUT4."""
+    """Test whether a file that starts so is one of OUTPUT4."""
     return bool(nastran_op4_binary.layout_of(start) or nastran_op4_text.HEADER.match(start.split(b"\n", 1)[0]))
 
 
 def contents(path, comm) -> list[Matrix]:
-    """The matrices of a file, in order. Collective. Raises InputError."""
+    """Return the matrices of a file, in order. Collective. Raises InputError."""
     with agreed(comm):
         start = first_bytes(path)
         refuse_packed(path, "Nastran OP4")
@@ -40,13 +40,14 @@ def contents(path, comm) -> list[Matrix]:
 
 
 def read_matrix(path, comm, matrix: Matrix) -> Entries:
-    """The entries of a matrix that `contents` found. Collective. Raises InputError."""
+    """Return the entries of a matrix that `contents` found. Collective. Raises InputError."""
     read_shares = nastran_op4_text.read if matrix.is_text else nastran_op4_binary.read
     return completed(path, comm, matrix, read_shares(path, comm, matrix))
 
 
 def completed(path, comm, matrix: Matrix, parts) -> Entries:
-    """The entries of all shares (rows, columns, values) of this rank, with what the form leaves out. Collective."""
+    """Return the entries of all shares (rows, columns, values) of this rank, with what the form leaves out.
+    Collective."""
     if matrix.form in TRIANGLES:
         raise InputError(
             f"{path}: found the matrix {matrix} as a triangular factor (form {matrix.form}), expected a whole matrix"
@@ -67,6 +68,6 @@ def completed(path, comm, matrix: Matrix, parts) -> Entries:
 
 
 def read(path, comm, key="K", variables=None) -> Entries:
-    """One matrix of a file, for -K and the like; `variables`: names by key. Collective. Raises InputError."""
+    """Read one matrix of a file, for -K and the like; `variables`: names by key. Collective. Raises InputError."""
     found = contents(path, comm)
     return read_matrix(path, comm, found[single(path, [item.name for item in found], key, variables)])

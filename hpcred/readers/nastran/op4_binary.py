@@ -1,7 +1,7 @@
-"""Binary files of OUTPUT4: a file enters, its matrices or the entries of one leave.
+"""Read binary files of OUTPUT4: all matrices, or the entries of one.
 
-A file is a chain of Fortran records without table: rank 0 follows it once, and each rank decodes its share of the
-bytes.
+A file is a sequence of Fortran records without a table of contents: rank 0 follows it once, and each rank decodes its
+share of the bytes.
 """
 
 import mmap
@@ -18,7 +18,7 @@ SHARE = 2**22  # bytes of a file decoded at a time
 
 
 def layout_of(start: bytes) -> tuple[str, int] | None:
-    """Byte order and bytes of a whole number of a file that starts so, or None."""
+    """Return byte order and bytes of a whole number of a file that starts so, or None."""
     for order in "<>":
         for size in (4, 8):
             length = 6 * size
@@ -31,7 +31,7 @@ def layout_of(start: bytes) -> tuple[str, int] | None:
 
 
 def contents(path, order: str, size: int) -> list[Matrix]:
-    """The matrices of a file, from one walk along its records on one rank."""
+    """Return the matrices of a file, from one walk along its records on one rank."""
     found, end = [], os.path.getsize(path)
     head = struct.Struct(order + ("ii" if size == 4 else "iq")).unpack_from
     whole = 4 + 6 * size + 4
@@ -77,7 +77,7 @@ def contents(path, order: str, size: int) -> list[Matrix]:
 
 
 def read(path, comm, matrix: Matrix) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Rows and columns (from 0) and values of the shares of this rank. Collective. Raises InputError."""
+    """Return rows and columns (from 0) and values of the shares of this rank. Collective. Raises InputError."""
     starts = matrix.starts
     shares = len(starts) - 1
     low, high = shares * comm.rank // comm.size, shares * (comm.rank + 1) // comm.size
@@ -102,7 +102,7 @@ class _Words:
 
 
 def _decode(path, matrix, low, high):
-    """Rows and columns (from 0) and values of the columns in the bytes low..high."""
+    """Return rows and columns (from 0) and values of the columns in the bytes low..high."""
     order, size = matrix.layout
     rows, columns = matrix.shape
 
@@ -153,7 +153,7 @@ def _decode(path, matrix, low, high):
 
 
 def _records(path, order, low, high):
-    """The words, counted from low, at which the records of the bytes low..high begin."""
+    """Return the words, counted from low, at which the records of the bytes low..high begin."""
     unpack = struct.Struct(order + "i").unpack_from
     with open_input(path) as file:
         file.seek(low)
@@ -168,7 +168,8 @@ def _records(path, order, low, high):
 
 
 def _strings(words, big, column, at, end, damaged):
-    """(column, row, first word, last word) of the strings of sparse columns: the k-th of all columns in one step."""
+    """Return (column, row, first word, last word) of the strings of sparse columns: the k-th of all columns in one
+    step."""
     step = words.size // 4
     found = []
     while len(at):

@@ -1,4 +1,4 @@
-"""The header of a matrix in a file of OUTPUT4: its numbers and name enter, a Matrix leaves."""
+"""Read the header of a matrix in a file of OUTPUT4."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ DOUBLE = (2, 4)
 
 @dataclass(frozen=True)
 class Matrix:
-    """What the header of a matrix says, and where its columns lie in the file.
+    """The header of a matrix, and the position of its columns in the file.
 
     `form` and `kind` (1 and 2 real, 3 and 4 complex; even ones of two words a number) as OUTPUT4 numbers them. `starts`
     (shares + 1,): bytes where shares of whole columns begin and, last, where the closing record does; of a text, where
@@ -35,7 +35,7 @@ class Matrix:
 
 
 def matrix_of(path, where: str, numbers, name: bytes, **place) -> Matrix:
-    """The matrix of a header with columns, rows, form and type as `numbers`. Raises InputError."""
+    """Return the matrix of a header with columns, rows, form and type as `numbers`. Raises InputError."""
     columns, rows, form, kind = numbers
     text = name.replace(b"\0", b" ").decode("latin-1").strip()
     if columns < 0 or not 0 < form < 100 or kind not in (1, 2, 3, 4) or not text.isprintable():
@@ -47,7 +47,7 @@ def matrix_of(path, where: str, numbers, name: bytes, **place) -> Matrix:
 
 
 def real_values(path, matrix: Matrix, numbers: np.ndarray) -> np.ndarray:
-    """The values of numbers that may be complex. Raises InputError where they are."""
+    """Return the values of numbers that may be complex. Raises InputError where they are."""
     if matrix.kind not in COMPLEX:
         return numbers
     if numbers[1::2].any():

@@ -1,4 +1,4 @@
-"""Texts of OUTPUT4: a file enters, its matrices or the entries of one leave. Each rank reads its share of the lines."""
+"""Read text files of OUTPUT4: all matrices, or the entries of one. Each rank reads its share of the lines."""
 
 import os
 import re
@@ -20,7 +20,7 @@ COLUMN = re.compile(rb"(?m)^[ 0-9]{17,24}\r?$")
 
 
 def contents(path, comm) -> list[Matrix]:
-    """The matrices of a text: each rank looks for header lines in its share. Collective. Raises InputError."""
+    """Return the matrices of a text: each rank looks for header lines in its share. Collective. Raises InputError."""
     with agreed(comm):
         mine = [(piece.start + match.start(), piece.start + match.end() + 1, match.group())
                 for piece in pieces(path, comm) for match in HEADER.finditer(piece.text)]  # fmt: skip
@@ -51,7 +51,7 @@ def _header(path, start, stop, line, end):
 
 
 def read(path, comm, matrix: Matrix) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Rows and columns (from 0) and values of the pieces of this rank. Collective. Raises InputError."""
+    """Return rows and columns (from 0) and values of the pieces of this rank. Collective. Raises InputError."""
     with agreed(comm):
         parts, last = [], []
         for piece in records(path, comm, *matrix.starts, COLUMN):
@@ -70,7 +70,7 @@ def read(path, comm, matrix: Matrix) -> list[tuple[np.ndarray, np.ndarray, np.nd
 
 
 def _decode(piece, matrix):
-    """Rows and columns (from 0) and values of whole columns of a text, and the numbers of the columns."""
+    """Return rows and columns (from 0) and values of whole columns of a text, and the numbers of the columns."""
     lines = _Lines(piece, matrix)
     (width,) = matrix.layout
     lines.refuse(lines.numbers[lines.size[lines.numbers] % width > 0], f"numbers of {width} characters")
@@ -112,7 +112,7 @@ class _Lines:
             raise self.piece.refusal(int(bad[0]), f"{expected} in the matrix {self.matrix}")
 
     def whole(self, lines, place, width):
-        """The whole numbers in a field of some lines."""
+        """Return the whole numbers in a field of some lines."""
         stop = (self.start + self.size)[lines][:, None]
         at = (self.start[lines] + place * width)[:, None] + np.arange(width)
         fields = np.where(at < stop, self.text[np.minimum(at, stop)], ord(" "))  # at most the end of the line
@@ -146,7 +146,7 @@ class _Heads(NamedTuple):
 
 
 def _heads(lines):
-    """The heads of columns and strings, and the numbers of the columns."""
+    """Return the heads of columns and strings, and the numbers of the columns."""
     heads, size = lines.heads, lines.size
     is_column = (size[heads] > 2 * WHOLE) & (size[heads] <= 3 * WHOLE)
     columns, strings = heads[is_column], heads[~is_column]
@@ -191,8 +191,8 @@ def _check_counts(lines, heads, count, closing):
 
     refuse(~begins & (row[heads.at] > 0), "numbers of a dense column")
     # a dense column counts its numbers, a string words
-    said = np.where(begins, 1, 2 if matrix.kind in DOUBLE else 1) * count
-    refuse((said != heads.words) & ~(closing & (row == 0)), "as many numbers below as it says")
+    announced = np.where(begins, 1, 2 if matrix.kind in DOUBLE else 1) * count
+    refuse((announced != heads.words) & ~(closing & (row == 0)), "as many numbers below as it says")
     inside = np.zeros(len(count), np.int64)
     np.add.at(inside, heads.at, np.where(begins, 0, heads.words + string_words))
     refuse(begins & (row == 0) & (inside != heads.in_all), "as many words below as it says")
@@ -208,7 +208,7 @@ def _check_counts(lines, heads, count, closing):
 
 
 def _fixed_numbers(piece, text, start, counts, width):
-    """The numbers of fields of one width in lines that begin at `start`, each with some of them."""
+    """Return the numbers of fields of one width in lines that begin at `start`, each with some of them."""
     line = np.repeat(np.arange(len(start)), counts)
     place = np.arange(len(line)) - np.repeat(np.cumsum(counts) - counts, counts)
     fields = np.full((len(line), width + 1), ord(" "), np.uint8)

@@ -1,6 +1,6 @@
-"""Grid and scalar points of Nastran: coordinate systems and sets of dofs enter, row labels and turned matrices leave.
+"""Make row labels from grid and scalar points of Nastran, and rotate matrices from their displacement systems.
 
-Each point has positions in the basic system, perhaps a displacement system of its own (CD), in whose directions its
+Each point has a position in the basic system, optionally a displacement system of its own (CD), in whose directions its
 dofs are counted, and marks on dofs that have no row: dependent (m), held (s), omitted (o), and free supports (r).
 """
 
@@ -34,7 +34,7 @@ class System:
 
     @classmethod
     def from_points(cls, kind, origin, on_axis, in_plane):
-        """From the origin, a point on the z axis, and one in the plane of x and z. None where these lie on a line."""
+        """Make a system from the origin, a point on the z axis, and one in the plane of x and z; None if collinear."""
         z = on_axis - origin
         y = np.cross(z, in_plane - origin)
         if not np.linalg.norm(y) > ALIGNED * np.linalg.norm(z) * np.linalg.norm(in_plane - origin):
@@ -43,7 +43,7 @@ class System:
         return cls(kind, origin, np.stack([np.cross(y, z), y, z], axis=1))
 
     def to_basic(self, coordinates: np.ndarray) -> np.ndarray:
-        """Positions (points, 3) in the basic system of coordinates in this one; angles in degrees."""
+        """Return positions (points, 3) in the basic system of coordinates in this one; angles in degrees."""
         first, second, third = coordinates.T
         if self.kind == CYLINDRICAL:
             angle = np.deg2rad(second)
@@ -57,7 +57,8 @@ class System:
         return self.origin + np.stack(local, axis=1) @ self.axes.T
 
     def directions(self, positions: np.ndarray) -> np.ndarray:
-        """The directions 1, 2, 3 of displacements (points, 3, 3) at positions in the basic system, as columns."""
+        """Return the directions 1, 2, 3 of displacements (points, 3, 3) at positions in the basic system, as
+        columns."""
         axes = np.broadcast_to(self.axes, (len(positions), 3, 3))
         if self.kind == RECTANGULAR:
             return axes.copy()
@@ -92,29 +93,29 @@ class Points:
     rough: bool = False
 
     def there(self) -> np.ndarray:
-        """Which dofs (points, 6) there are before any is removed."""
+        """Return which dofs (points, 6) there are before any is removed."""
         return ~self.scalar[:, None] | (np.arange(6) == 0)
 
     def of_set(self, letter: str) -> np.ndarray:
-        """Which dofs (points, 6) have a row in a matrix of a set."""
+        """Return which dofs (points, 6) have a row in a matrix of a set."""
         return self.there() & (self.marks & SETS[letter] == 0)
 
     def count(self, comm, mask) -> int:
-        """How many dofs a mask has. Collective."""
+        """Return how many dofs a mask has. Collective."""
         return comm.allreduce(int(np.count_nonzero(mask)))
 
     def local_labels(self) -> np.ndarray:
-        """Labels (points, 6) of the dofs, in the directions of the points."""
+        """Return labels (points, 6) of the dofs, in the directions of the points."""
         return label_of(self.label[:, None], np.where(self.scalar[:, None], SCALAR, np.arange(6)))
 
     def nodes(self, comm) -> Nodes:
-        """The points as nodes; scalar points at the origin. Collective."""
+        """Return the points as nodes; scalar points at the origin. Collective."""
         first = comm.exscan(len(self.label)) or 0
         return Nodes(self.label, self.position, first + np.arange(len(self.label)))
 
 
 def refined(comm, points: Points, finer: Points) -> Points:
-    """The points with the places and directions of other ones where these have them all, else as they are.
+    """Return the points with the places and directions of other ones where these have them all, else as they are.
 
     Collective.
     """
@@ -130,7 +131,7 @@ def refined(comm, points: Points, finer: Points) -> Points:
 
 @dataclass
 class Turn:
-    """What becomes of dofs: `key` (k,) its row or label, `target` (k, 3) those that it goes to, with `factor` (k, 3).
+    """Targets of dofs: `key` (k,) its row or label, `target` (k, 3) those that it goes to, with `factor` (k, 3).
 
     A target of -1 is none. `label` (points, 6): of all dofs after the turn. `own`: number of dofs that stay in
     directions of their own.
@@ -144,7 +145,7 @@ class Turn:
 
 
 def turn_of(points: Points, mask: np.ndarray, names: np.ndarray, by_label: bool) -> Turn:
-    """How the dofs of a mask (points, 6), which have rows or labels `names` (points, 6), become dofs in x, y, z.
+    """Return how the dofs of a mask (points, 6), which have rows or labels `names` (points, 6), become dofs in x, y, z.
 
     Three directions of a point turn together. Where some have no row, dofs along x, y or z only change their name; the
     others stay in their own directions and are labelled so. `by_label`: whether `names` are labels, which change.
@@ -181,7 +182,7 @@ def turn_of(points: Points, mask: np.ndarray, names: np.ndarray, by_label: bool)
 
 
 def turned_entries(comm, turn: Turn, rows, columns, values):
-    """Rows, columns and values of T A T^T of the entries of this rank of a matrix A. Collective."""
+    """Return Rows, columns and values of T A T^T of the entries of this rank of a matrix A. Collective."""
     if not comm.allreduce(len(turn.key)):
         return rows, columns, values
     parts = [_turned(comm, turn, rows[part], columns[part], values[part]) for part in chunks(comm, len(values))]
@@ -209,7 +210,7 @@ def _turned(comm, turn, rows, columns, values):
 
 
 def _summed(i, j, v):
-    """Entries with those at one place summed."""
+    """Return entries with those at one place summed."""
     order = np.lexsort((j, i))
     i, j, v = i[order], j[order], v[order]
     new = np.ones(len(i), bool)
@@ -218,7 +219,7 @@ def _summed(i, j, v):
 
 
 def present(comm, points: Points, labels: np.ndarray) -> np.ndarray:
-    """Which dofs (points, 6) occur among labels, some on each rank. Collective."""
+    """Return which dofs (points, 6) occur among labels, some on each rank. Collective."""
     distinct, _ = number_over_ranks(comm, labels)
     mine = points.local_labels()
     found, _ = look_up(comm, distinct, [distinct], mine.ravel())

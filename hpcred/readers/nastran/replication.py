@@ -1,8 +1,8 @@
-"""Replicated cards of Nastran: a text of bulk data enters; one in which each card stands in full leaves.
+"""Expand replicated cards of Nastran bulk data.
 
-A line that begins with = is made from the card above it, field by field: = is what stands there, == what stands there
-and in all fields behind, *(x) or *x what stands there plus x, and anything else is itself. =(n) or =n alone in a line
-makes n more cards with the increments of the line above it. That is for cards of one line, in small or free form.
+A line that begins with = is made from the card above it, field by field: = repeats the field, == repeats it and all
+fields after it, *(x) or *x adds x, and anything else replaces it. =(n) or =n alone in a line makes n more cards with
+the increments of the line above it. Cards must have one line, in small or free field format.
 """
 
 import re
@@ -22,8 +22,8 @@ EXPECTED = "a line that repeats the card of one line above it: =, fields with =,
 
 
 def in_full(piece: Piece, plain: bytes) -> tuple[bytes, np.ndarray]:
-    """The text (of the piece, without remarks, in capitals) with all cards in full, and the line of the piece that each
-    of its lines comes from. Raises InputError."""
+    """Return the text (of the piece, without remarks, in capitals) with all cards in full, and the line of the piece
+    that each of its lines comes from. Raises InputError."""
     lines, origin, above, steps = [], [], None, None
     for number, line in enumerate(plain.split(b"\n")):
         if not line.startswith(b"="):
@@ -48,13 +48,13 @@ def in_full(piece: Piece, plain: bytes) -> tuple[bytes, np.ndarray]:
 
 
 def _fields(line):
-    """The name and the eight fields of data of a line in small or free form, without blanks around."""
+    """Return the name and the eight fields of data of a line in small or free form, without blanks around."""
     parts = line.split(b",") if b"," in line else [line[k : k + 8] for k in range(0, 8 * DATA, 8)]
     return [part.strip() for part in [*parts, *DATA * [b""]][:DATA]]
 
 
 def _next(above, steps):
-    """The fields of a card from those of the card above it, or None where they have none."""
+    """Return the fields of a card from those of the card above it, or None where they have none."""
     result = [above[0]]
     for field, old in zip(steps[1:], above[1:], strict=True):
         if field == b"==":
@@ -70,7 +70,7 @@ def _next(above, steps):
 
 
 def _sum(old, step):
-    """A number, an empty one being zero, plus an increment of the same kind; or None."""
+    """Return a number, an empty one being zero, plus an increment of the same kind; or None."""
     old = old or (b"0" if WHOLE.fullmatch(step) else b"0.")
     if WHOLE.fullmatch(old) and WHOLE.fullmatch(step):
         return b"%d" % (int(old) + int(step))

@@ -1,6 +1,7 @@
-"""Sets of dofs of an input file of Nastran: its cards enter; marks on the dofs of points that have no row leave.
+"""Mark the dofs that have no row, from the cards of a Nastran input file.
 
-Supports, rigid elements, multi-point constraints, ASET and OMIT say it, or the EXTRN of an external superelement.
+The cards are supports, rigid elements, multi-point constraints, ASET and OMIT, or the EXTRN of an external
+superelement.
 """
 
 from typing import NamedTuple
@@ -20,7 +21,7 @@ MARKS = {"ASET": ANALYSIS, "BSET": ANALYSIS, "CSET": ANALYSIS, "QSET": ANALYSIS,
 
 
 class Marked(NamedTuple):
-    """What a card says of dofs: the points from `low` to `high` (lists of numbers), their `directions` (6,), a mark."""
+    """The dofs that a card marks: points from `low` to `high` (lists of numbers), their `directions` (6,), a mark."""
 
     low: list[int]
     high: list[int]
@@ -56,7 +57,7 @@ def mark_sets(deck: Deck, comm, points: Points) -> str | None:
 
 
 def _marked(deck) -> tuple[str | None, list[Marked]]:
-    """What all cards mark, or why that is not known."""
+    """Return the marks of all cards, or the reason why they are not known."""
     rows = [_named(card, k, ANALYSIS) for card in deck.cards if card.name == "EXTRN"
             for k in range(0, len(card.fields), 2) if card.text(k)]  # fmt: skip
     if rows:  # what an external superelement says of its rows
@@ -73,7 +74,7 @@ def _marked(deck) -> tuple[str | None, list[Marked]]:
 
 
 def _chosen(deck, key):
-    """Numbers of the sets of SPC or MPC that are in force, or None where that is not known."""
+    """Return numbers of the sets of SPC or MPC that are in force, or None where that is not known."""
     numbers = {_set_of(card) for card in deck.cards if card.name in (key, f"{key}1")}
     added = {_set_of(card): {whole_of(word, card.error, "a set") for word in card.fields[1:] if word}
              for card in deck.cards if card.name == f"{key}ADD"}  # fmt: skip
@@ -88,7 +89,7 @@ def _set_of(card):
 
 
 def _marked_by(card: Card, chosen) -> list[Marked]:
-    """What a card marks; `chosen`: the sets of SPC and of MPC that are in force."""
+    """Return the marks of a card; `chosen`: the sets of SPC and of MPC that are in force."""
     name = card.name
     if name in ("SPC", "SPC1", "MPC") and _set_of(card) not in chosen[name[:3]]:
         return []
@@ -109,7 +110,7 @@ def _marked_by(card: Card, chosen) -> list[Marked]:
 
 
 def _named(card, k, mark=DEPENDENT, what="a point"):
-    """The point in the field k, in the directions of the field behind it."""
+    """Return the point in the field k, in the directions of the field behind it."""
     return _one(card.whole(k, what), card.directions(k + 1), mark)
 
 
@@ -118,7 +119,7 @@ def _one(point, directions, mark=DEPENDENT):
 
 
 def _dependent(card) -> list[Marked]:
-    """The dependent dofs of a rigid element."""
+    """Return the dependent dofs of a rigid element."""
     words, name = card.fields, card.name
     if name == "RBE2":
         # behind the points may stand the thermal expansion and its temperature

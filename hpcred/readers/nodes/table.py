@@ -1,4 +1,4 @@
-"""Text tables of nodes (lines of node, x, y, z) and of rows (lines of node, direction): this rank's lines leave."""
+"""Read text tables of nodes (node, x, y, z) and of rows (node, direction); each rank reads a share of the lines."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,7 +46,7 @@ def read(path, comm) -> Nodes:
 
 
 def read_node_numbers(path) -> tuple[int, ...]:
-    """The numbers of nodes in a text, one or several a line, in their order; on this rank. Raises InputError."""
+    """Return the numbers of nodes in a text, one or several a line, in their order; on this rank. Raises InputError."""
     if not Path(path).is_file():
         raise InputError(
             f"{path}: no such file of node numbers; a node set is {{set = \"{Path(path).name}\"}}"
@@ -68,7 +68,7 @@ def finite(piece, values, lines):
 
 
 def read_row_labels(path, comm) -> tuple[np.ndarray, np.ndarray]:
-    """Labels (see entries.label_of) of the lines node, direction (1 to 6) on this rank, and the row of each.
+    """Return labels (see entries.label_of) of the lines node, direction (1 to 6) on this rank, and the row of each.
 
     Collective. Raises InputError.
     """

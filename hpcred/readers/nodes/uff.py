@@ -1,7 +1,7 @@
 """Read nodes and elements of universal files (UFF, .unv).
 
-Read are the nodes of datasets 15, 781 and 2411 and the elements of 780 and 2412, and of coordinate systems (18, 2420)
-which are the global one. A dataset stands between two lines of -1.
+The nodes of datasets 15, 781 and 2411 and the elements of 780 and 2412 are read, and of coordinate systems (18, 2420)
+which of them are the global one. A dataset is between two lines of -1.
 """
 
 import os
@@ -44,12 +44,12 @@ ABOVE = 1000  # lines above the bytes of functions, of which there are 11
 
 
 def begins(start: bytes) -> bool:
-    """Whether a text that starts so is a universal file: a line of -1 and the number of a dataset."""
+    """Test whether a text that starts so is a universal file: a line of -1 and the number of a dataset."""
     return START.match(start) is not None
 
 
 def read(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
-    """Nodes in the order of the file, and elements (node numbers (elements of this rank, nodes) by kind).
+    """Return nodes in the order of the file, and elements (node numbers (elements of this rank, nodes) by kind).
 
     Collective. Raises InputError.
     """
@@ -81,7 +81,7 @@ def read(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
 
 
 def _datasets(path, marks):
-    """Number, first and last byte of the lines of the datasets of text."""
+    """Return Number, first and last byte of the lines of the datasets of text."""
     found, at, size = [], 0, os.path.getsize(path)  # at: the byte up to which all is understood
     with open_input(path) as file:
         while (place := bisect_left(marks, at)) < len(marks):
@@ -118,7 +118,8 @@ def _require_nothing(path, file, low, high):
 
 
 def _end_of_functions(path, file, line):
-    """The byte behind a dataset of binary functions (58b), whose first line says how many lines and bytes it has."""
+    """Return the byte behind a dataset of binary functions (58b), whose first line says how many lines and bytes it
+    has."""
     words = line.split()[1:]
     if len(words) < 4 or not all(word.isdigit() and len(word) < 16 for word in words[:4]) or int(words[2]) > ABOVE:
         raise InputError(f"{path}: found the binary dataset '{shown(line)}', expected its number of lines and bytes")
@@ -133,7 +134,7 @@ def _end_of_functions(path, file, line):
 
 
 def _global_systems(path, sets):
-    """The numbers of the coordinate systems that are the global one."""
+    """Return the numbers of the coordinate systems that are the global one."""
     found = dict.fromkeys(GLOBAL.tolist(), True)
     for number, start, stop in sets:
         with open_input(path) as file:
@@ -153,13 +154,14 @@ def _global_systems(path, sets):
 
 
 def _is_global_18(head, values):
-    """Whether a system is the global one: by its origin, a point on its x axis, and one in its plane of x and z."""
+    """Test whether a system is the global one: by its origin, a point on its x axis, and one in its plane of x and
+    z."""
     x, z = np.array(values[3:6]), np.array(values[6:9])
     return head[2] == 0 and values[:3] == [0, 0, 0] and x[0] > 0 and z[2] > 0 and not (x[1:].any() or z[1])
 
 
 def _nodes(path, comm, systems, number, start, stop):
-    """Numbers and coordinates of the nodes of this rank; `systems`: those that are the global one."""
+    """Return numbers and coordinates of the nodes of this rank; `systems`: those that are the global one."""
     widths = NODE_LINES[number]
     # a node begins where a line holds no point
     first = re.compile(rb"(?m)^") if len(widths) == 1 else re.compile(rb"(?m)^[ \t0-9+-]*\r?$")
@@ -191,7 +193,8 @@ def _nodes(path, comm, systems, number, start, stop):
 
 
 def _elements(path, sets):
-    """Node numbers (elements, nodes) by kind, read on one rank: where an element begins is seen from the one before."""
+    """Return node numbers (elements, nodes) by kind, read on one rank: where an element begins is seen from the one
+    before."""
     found = {}
     for number, start, stop in sets:
         with open_input(path) as file:
