@@ -7,7 +7,7 @@ import scipy.io
 import scipy.linalg
 import scipy.sparse
 
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.examples.beam import Rod, beam_element
 from hpcred.examples.linkage import linkage
 from hpcred.examples.solid import solid

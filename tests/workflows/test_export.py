@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 import hpcred as package
 from hpcred import Buckens, Modes, read_sid
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.files.outputs import kind_of
 from hpcred.parallel.failures import InputError
 from hpcred.report import mode_pictures

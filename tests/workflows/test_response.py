@@ -23,7 +23,7 @@ from hpcred import (
     words,
 )
 from hpcred.analysis.error_check import Check
-from hpcred.cli import run
+from hpcred.cli.main import run
 
 BAND = (0.0, 9000.0)
 

@@ -11,7 +11,7 @@ from conftest import DATA
 from helpers import MODES_JOB, SIMULATION
 
 from hpcred import InputError
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.model.elements import NODES
 from hpcred.workflows.export import export_result
 from hpcred.writers import vtk
