@@ -33,6 +33,7 @@ OTHER = "file of another kind"
 GIF, WEBP, HTML = "GIF picture", "WebP picture", "HTML report"
 PICTURES = {".png": PNG, ".svg": SVG, ".pdf": PDF, ".gif": GIF, ".webp": WEBP}
 BEGINNINGS = (
+    (b"PK\x03\x04", ZIP), (b"MATLAB", MATLAB),
     (b"\x89PNG", PNG), (b"%PDF", PDF), (b"GIF8", GIF), (b"RIFF", WEBP), (b"<!DOCTYPE html>", HTML),
     (b"    -1\n", UFF), (b"%%MatrixMarket matrix array", DENSE), (b"%%MatrixMarket", MARKET),
     (b"** superelement", SUPERELEMENT), (b"! superelement", SUPERELEMENT), (b"$ superelement", SUPERELEMENT),
@@ -90,10 +91,14 @@ def kind_of(path) -> str:
                 return hdf5_kind(str(file.attrs.get("format", "none")))
         except (OSError, RuntimeError, KeyError):
             return "damaged HDF5 file"
+    kind = kind_of_start(start)
+    return _archive_kind(path, kind) if kind in (ZIP, MATLAB) else kind
+
+
+def kind_of_start(start: bytes) -> str:
+    """What a file is that begins so, in words; of HDF5 files and archives without what is in them."""
     if start.startswith(b"<?xml"):
         return SVG if b"<svg" in start else VTK if b"<VTKFile" in start else "XML file"
-    if start.startswith((b"PK\x03\x04", b"MATLAB")):
-        return _archive_kind(path, ZIP if start.startswith(b"PK") else MATLAB)
     kind = next((kind for begins, kind in BEGINNINGS if start.startswith(begins)), None)
     kind = kind or next((kind for begins, kind in PATTERNS if begins.match(start)), None)
     if kind is None and TITLES.match(start):

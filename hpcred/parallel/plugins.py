@@ -75,23 +75,27 @@ class Registry:
             self._loaded[entry] = item
         return self._loaded[entry]
 
-    def first(self, fits: Callable[..., bool], entries=None) -> Entry | None:
-        """Return the first entry whose instance fits; what fails in another package does not fit."""
+    def fitting(self, fits: Callable[..., bool], entries=None) -> Iterator[Entry]:
+        """Yield the entries whose instances fit, of all or of some; what fails in another package does not fit."""
         for entry in self.entries() if entries is None else entries:
             try:
-                if entry not in self._failed and fits(self.load(entry)):
-                    return entry
+                fit = entry not in self._failed and fits(self.load(entry))
             except Exception as error:
                 if entry.package == OWN:
                     raise
                 if entry not in self._failed:
                     self._failed[entry] = str(_blame(self._loaded[entry], error))
-        return None
+                continue
+            if fit:
+                yield entry
+
+    def first(self, fits: Callable[..., bool], entries=None) -> Entry | None:
+        """Return the first entry whose instance fits, or None."""
+        return next(self.fitting(fits, entries), None)
 
     def all(self) -> list:
         """Return the instances of all entries that can be loaded."""
-        self.first(lambda _: False)
-        return [self._loaded[entry] for entry in self.entries() if entry in self._loaded]
+        return [self._loaded[entry] for entry in self.fitting(lambda _: True)]
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..files.outputs import PICTURES
+from ..files.outputs import PDF, PICTURES, SVG
 from ..parallel.failures import InputError
 from ..writers.base import Writer
 from .figures import COLOURS, INK, new_figure, pyplot
@@ -46,13 +46,22 @@ class Picture(Writer):
         with source.shapes() as shapes:
             return draw(target, shapes, source.modes, self.name)
 
+    def describe(self, path):
+        if self.kind in (SVG, PDF):
+            return {"format": self.kind}
+        from PIL import Image
+
+        with Image.open(path) as image:
+            size = f"{image.width} x {image.height} pixels"
+            frames = getattr(image, "n_frames", 1)
+            return {"format": f"{image.format} picture", "size": size, **({"frames": frames} if frames > 1 else {})}
+
 
 def draw_shapes(path, shapes, modes=None, kind="png") -> list[str]:
     """A picture of shapes on the surface of the body; call it on one rank. Returns their names.
 
-    `shapes` as for writers.vtk.write_vtk, with `frequencies` in Hz, `first`, and points that are marked (see
-    files.result_file.Shapes). `modes`: numbers from 1, by default the first six elastic ones. Colour is the size of
-    the displacement; the undeformed outline is grey. Raises InputError where there is no such shape.
+    `shapes`: see files.result_file.Shapes. `modes`: numbers from 1, by default the first six elastic ones. Colour is
+    the size of the displacement; the undeformed outline is grey. Raises InputError where there is no such shape.
     """
     pyplot()
     chosen = _chosen(shapes, modes, FIRST)

@@ -7,8 +7,8 @@ from ..parallel.plugins import Registry
 
 WRITERS = Registry("writers.base:Writer", "hpcred.writers", {
     "sid": "writers.sid:SidFile",
-    "matlab": "writers.matlab:MatFile",
-    "npz": "writers.body_npz:BodyNpz",
+    "matlab": "writers.arrays:BodyMat",
+    "npz": "writers.arrays:BodyNpz",
     "exudyn": "writers.exudyn:Exudyn",
     "mbdyn": "writers.mbdyn:MbdynFile",
     "statespace-mat": "writers.state_space:StateSpaceMat",
