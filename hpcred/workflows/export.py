@@ -145,8 +145,8 @@ def _ending(writer) -> str:
 def _write(writer, source, target) -> dict:
     """Write one format, and say what was written; on one rank."""
     needs = writer.needs
-    if needs == "body" and not source.body.nodes:
-        raise InputError("no interface nodes, since no input or output belongs to a node; name some by --nodes")
+    if needs == "body":
+        _require_nodes(source)
     with blamed(writer):
         remarks = list(writer.write(target, source))
     if needs == "shapes":
@@ -159,6 +159,20 @@ def _write(writer, source, target) -> dict:
         found = source.body.nodes if needs == "body" else source.superelement.interfaces
         named = {"nodes": [item.node for item in found]}
     return {"coordinates": source.reduced.size, **named, "remarks": remarks}
+
+
+def _require_nodes(source):
+    """Raise InputError for a body without interface nodes; it names the formats that need none."""
+    others = ", ".join(item.name for item in map(WRITERS.load, WRITERS.own) if item.needs == "reduced")
+    try:
+        nodes = source.body.nodes
+    except InputError as error:
+        if source.result.floating_frame is not None:
+            raise
+        raise InputError(f"{error}; formats without nodes: {others}") from error
+    if not nodes:
+        raise InputError("no interface nodes, since no input or output belongs to a node; name some by --nodes, or "
+                         f"choose a --format without nodes: {others}")  # fmt: skip
 
 
 @contextmanager
