@@ -271,13 +271,14 @@ class CheckedDataset:
             self._guarded(partial(self._read, part, [*ends, (start, stop)]))
             sums.append(self._guarded(partial(sums_of, part, self.axis, self._tag)))
         chunks = (place[0] if place else slice(None), slice(begin // ROWS_OF_SUM, -(-end // ROWS_OF_SUM)))
-        self._compare(np.concatenate(sums, axis=1), chunks)
+        self._compare(found, np.concatenate(sums, axis=1), chunks)
         return found[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
 
     def _whole(self):
         """What has one sum for all of it."""
         found = self._guarded(lambda: self._dataset[()])
-        self._compare(self._guarded(lambda: sums_of(np.asarray(found, self.dtype).reshape(-1), 0, self._tag)), ())
+        values = np.asarray(found, self.dtype)
+        self._compare(values, self._guarded(lambda: sums_of(values.reshape(-1), 0, self._tag)), ())
         return found
 
     def _steps(self, begin, end):
@@ -295,10 +296,12 @@ class CheckedDataset:
             there.select_hyperslab((*(low for low, _ in ends), *[0] * (self.ndim - len(ends))), part.shape)
             self._dataset.id.read(h5py.h5s.create_simple(part.shape), there, part)
 
-    def _compare(self, sums, chunks):
-        """Compare sums with those of the file."""
+    def _compare(self, values, sums, chunks):
+        """Compare the sums of values with those of the file."""
         if not np.array_equal(sums, self._guarded(lambda: self._sums[chunks])):
-            raise damaged(self.path, f"{self.name} does not have its checksum")
+            others = values.dtype.kind in "fc" and not np.isfinite(values).all()
+            raise damaged(self.path, f"{self.name} does not have its checksum"
+                                     f"{', and has entries that are not finite' * others}")  # fmt: skip
 
     def _guarded(self, read):
         try:

@@ -1,4 +1,4 @@
-"""Arrays enter; sums over chunks of their rows leave, which any part of the rows can be checked by, on any ranks.
+"""Compute sums over chunks of the rows of an array, by which any part of the rows can be checked, on any ranks.
 
 The sum of a chunk is the hash XXH3 (64 bits; Y. Collet's xxHash) of its bytes, exclusive or a number for the type and
 the shape of the whole. Damage goes unseen once in 2^64 times.

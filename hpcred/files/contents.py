@@ -1,4 +1,4 @@
-"""Files of any kind enter; one short text that stands for what is in them leaves, the same on any number of ranks."""
+"""Compute a digest of a file of any kind, the same on any number of ranks."""
 
 from xxhash import xxh3_128, xxh3_128_digest
 
