@@ -160,7 +160,7 @@ def measured(name):
     import numpy as np
 
     import hpcred
-    from hpcred.reduction.tolerance.accuracy import law_of
+    from hpcred.reduction.tolerance.accuracy import measured_damping
 
     body, rows = BODIES[name], []
     frame = hpcred.Buckens() if body.free else None
@@ -168,7 +168,7 @@ def measured(name):
     given = {"frame": frame, "damping": damping, "band": body.band}
     solvers = ("direct",) if name in ("linkage", "frame") else ("direct", "multigrid")
     with model_of(name) as model:
-        truth = Truth(model, body, law_of(damping or hpcred.NoDamping(), 1e-3, body.band)[0])
+        truth = Truth(model, body, measured_damping(damping or hpcred.NoDamping(), 1e-3, body.band)[0])
         for tolerance in TOLERANCES:
             for solver in solvers:
                 factoring = hpcred.Factoring(solver=hpcred.LinearSolver(kind=solver))

@@ -39,12 +39,12 @@ def reference(name):
 
     import hpcred
     from hpcred.model.frames import apply_frame
-    from hpcred.reduction.tolerance.accuracy import law_of
+    from hpcred.reduction.tolerance.accuracy import measured_damping
 
     hpcred.start("complex")
     row, frame = MODELS[name], frame_of(MODELS[name])
     damping = hpcred.Rayleigh(*row.rayleigh) if row.rayleigh else hpcred.NoDamping()
-    law = law_of(damping, 1e-3, row.band)[0]
+    law = measured_damping(damping, 1e-3, row.band)[0]
     with model_of(row) as model:
         with hpcred.reduce(model, frame=frame, damping=damping, tolerance=1e-4, band=row.band) as reduced:
             poles = reduced.frequencies[reduced.frequencies < 0.99 * row.band[1]]

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hpcred import GivenDamping, NoDamping, NoFrame, Rayleigh, SecondOrderModel
-from hpcred.reduction.tolerance.accuracy import law_of
-from hpcred.reduction.tolerance.pseudo_modal import coefficients
+from hpcred.reduction.tolerance.accuracy import measured_damping
 
 
 @dataclass
@@ -43,7 +42,7 @@ class Case:
         return np.sqrt(np.maximum(np.linalg.eigvalsh(root @ self.K @ root.T), 0.0)) / (2 * np.pi)
 
     def law(self, zeta0=1e-3):
-        return law_of(self.damping, zeta0, self.band)[0]
+        return measured_damping(self.damping, zeta0, self.band)[0]
 
     def truth(self, frequencies):
         """H (S, r, p) with the damping that is measured with, by dense elimination with a step of refinement."""
@@ -68,7 +67,7 @@ def dynamic(K, M, D, law, frequencies):
     for coefficient in law.higher:
         power = K @ np.linalg.solve(M, power)
         higher = higher + coefficient * power
-    for a, b, s in zip(*coefficients(law, frequencies), strict=True):
+    for a, b, s in zip(*law.coefficients(frequencies), strict=True):
         yield a * K + b * M + s * higher + (0.0 if D is None else s * D)
 
 

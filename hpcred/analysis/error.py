@@ -8,9 +8,9 @@ import numpy as np
 
 from ..model.damping import Damping, ModalDamping, Structural
 from ..parallel.failures import InputError
-from ..reduction.measure import IDLE, NO_INPUT, PAPER, SILENT, Measure, directions
+from ..reduction.measure import IDLE, NO_INPUT, PAPER, SILENT, Directions, Measure, directions, measure_called
 from ..reduction.reduced_model import ReducedModel
-from ..reduction.tolerance.accuracy import Direction, directions_table, law_of
+from ..reduction.tolerance.accuracy import Direction, directions_table, measured_damping
 
 
 def relative_error(full, reduced, measure: Measure | str = "directions", *, drive=None, frequencies=None) -> np.ndarray:
@@ -44,9 +44,8 @@ def relative_error(full, reduced, measure: Measure | str = "directions", *, driv
             f"relative_error: found arrays {full.shape} and {reduced.shape}, expected two (frequencies, outputs, "
             "inputs) of one shape"
         )
-    if measure == "paper":
-        measure = PAPER
-    if measure != PAPER:
+    measure = measure_called(measure)
+    if isinstance(measure, Directions):
         measure, drive = _by_directions(measure, full, drive, frequencies)
     unknown = ~(np.isfinite(full).all(axis=(1, 2)) & np.isfinite(reduced).all(axis=(1, 2)))
     with np.errstate(invalid="ignore"):
@@ -67,9 +66,7 @@ def _by_directions(measure, full, drive, frequencies):
         drive, of = np.asarray(drive), (np.full(outputs, NO_INPUT), np.ones(outputs))
         if drive.shape != full.shape[::2]:
             raise InputError(f"relative_error: found drive {drive.shape}, expected {full.shape[::2]}")
-    if not isinstance(measure, Measure):
-        if measure != "directions":
-            raise InputError(f"measure: found {measure!r}, expected 'directions' or 'paper'")
+    if not measure.inputs:  # it has no floors yet
         measure = directions(np.ones(1) if frequencies is None else np.asarray(frequencies), full, drive, of)
     return measure, drive
 
@@ -84,7 +81,7 @@ class Errors:
 
 
 def errors_of(
-    reduced: ReducedModel, frequencies, full, found, drive, measure: str | None = None, anew=False
+    reduced: ReducedModel, frequencies, full, found, drive, measure: str | Measure | None = None, anew=False
 ) -> Errors:
     """The errors of responses `found` (F, r, p) of a reduced model, of those of the full one, at frequencies (F,) in
     Hz, ascending.
@@ -92,12 +89,11 @@ def errors_of(
     `drive` (F, p): drive-point responses of the full model. `measure`: by default that which the model was reduced
     with, else "directions", whose floors are those of `full` where the reduction states none; with `anew` always.
     """
-    if measure not in (None, "directions", "paper"):
-        raise InputError(f"measure: found '{measure}', expected 'directions' or 'paper'")
+    asked = None if measure is None else measure_called(measure)
     record = reduced.record
     accuracy = record.accuracy if record is not None else None
     known = accuracy.measure if accuracy is not None else PAPER
-    if known.kind == "directions" and not anew:
+    if isinstance(known, Directions) and not anew:
         by = known
     else:
         nothing = np.flatnonzero((full == 0).all(axis=(0, 2)))
@@ -106,8 +102,8 @@ def errors_of(
         by = replace(by, inputs=tuple(
             IDLE if k < len(known.inputs) and known.inputs[k] == IDLE else value for k, value in enumerate(by.inputs)
         ))  # fmt: skip
-    kind = measure or ("directions" if accuracy is None or anew else known.kind)
-    used = PAPER if kind == "paper" else by
+    used = asked or (by if accuracy is None or anew else known)
+    used = by if isinstance(used, Directions) else used
     table = directions_table(
         by, [(frequencies, by.each(full - found, full, drive), full)], reduced.output_names, reduced.input_names
     )
@@ -138,9 +134,9 @@ def as_compared(reduced: ReducedModel, band) -> tuple[ReducedModel, Damping, str
     damping = reduced.record.damping
     if not isinstance(damping, ModalDamping):
         return reduced, damping, ""
-    law, _, words = law_of(damping, 0.0, band)
-    other = replace(reduced, D=np.zeros_like(reduced.D), loss_factor=law.eta, columns=None, left_columns=None)
-    return other, Structural(law.eta), words
+    by, _, words = measured_damping(damping, 0.0, band)
+    other = replace(reduced, D=np.zeros_like(reduced.D), loss_factor=by.eta, columns=None, left_columns=None)
+    return other, Structural(by.eta), words
 
 
 def error_integral(frequencies: np.ndarray, errors: np.ndarray) -> float:

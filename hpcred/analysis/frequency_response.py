@@ -16,7 +16,7 @@ from ..model.damping import Damping, ModalDamping, caughey_terms, damping_or_giv
 from ..model.definiteness import check_definite
 from ..model.frames import Frame, apply_frame
 from ..model.port_counts import require_room
-from ..model.scales import scaled, scales_of, unscaled
+from ..model.scales import in_usual_units, unscaled
 from ..model.second_order_model import SecondOrderModel, require_inputs, require_model
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned, agreed
@@ -61,25 +61,20 @@ def frequency_response(
     damping = damping_or_given(model, damping)
     if isinstance(damping, ModalDamping):
         raise InputError("damping: modal ratios belong to a reduced model; the full model has no such response")
-    inputs, outputs = scales_of(model)
-    if (inputs, outputs) != (1.0, 1.0):
-        with scaled(model, inputs, outputs) as usual:
-            found = frequency_response(
-                usual, frequencies, frame, damping, factoring=factoring, progress=progress, groups=groups
-            )
-        return unscaled(found, inputs * outputs)
     groups = declared("groups", groups, int | None) or (model.comm.size if model.size <= SMALL else 1)
     if not 1 <= groups <= model.comm.size:
         raise InputError(f"groups: found {groups}, expected 1 to {model.comm.size}, the number of ranks")
     check_definite(model)
     require_inputs(model)
     require_room(model, len(frequencies))
-    with Owned(model.comm) as owned:
-        framed = owned.owns(apply_frame(model, frame, damping))
+    with in_usual_units(model) as (usual, inputs, outputs), Owned(model.comm) as owned:
+        framed = owned.owns(apply_frame(usual, frame, damping))
         check_free_motions(framed.model, framed.rigid, factoring)
         if groups == 1:
-            return _full(framed, frequencies, factoring, progress)
-        return _in_groups(framed, frequencies, factoring, progress, groups)
+            found = _full(framed, frequencies, factoring, progress)
+        else:
+            found = _in_groups(framed, frequencies, factoring, progress, groups)
+    return unscaled(found, inputs * outputs)
 
 
 def response_and_drive(model, frequencies, frame=None, damping=None, **keywords) -> tuple[np.ndarray, np.ndarray]:

@@ -22,17 +22,19 @@ from ..model.digits import doubts_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.port_counts import FREQUENCIES, require_room
 from ..model.rigid_body_modes import RigidBodyModes
-from ..model.scales import scaled, scales_of, unscaled
+from ..model.scales import in_usual_units, unscaled
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.decisions import decided
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
-from ..reduction.reduce import ROOM, check_model, warnings_of
+from ..reduction.checks import check_model, warnings_of
 from ..reduction.run import Run
 from ..reduction.tolerance.accuracy import Accuracy, Adaptive
 from ..reduction.tolerance.error_estimate import FINE, Comparison, grid, largest, resonances
-from ..reduction.tolerance.pseudo_modal import Law, nested, response, responses
+from ..reduction.tolerance.outcome import accuracy_of
+from ..reduction.tolerance.pseudo_modal import UNDAMPED, Proportional, nested
+from ..reduction.tolerance.reductor import ROOM
 from ..reduction.tolerance.round_off import projected_again
 from ..reduction.tolerance.search import Search, deflation_of_search
 from .error_check import Check, bound_of, fresh_frequencies, measuring_damping
@@ -68,7 +70,7 @@ class FullResponse:
     def to_draw(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """`frequencies`, `response` and `eps` with more of them between, so that curves show all peaks."""
         ends = self.frequencies[0], self.frequencies[-1]
-        fine = frequencies_to_draw(ends, resonances(self.models.pair.outer, self.models.law), self.frequencies)
+        fine = frequencies_to_draw(ends, self.models.resonances_of_response, self.frequencies)
         H, eps = self.models.at(fine)
         return fine, self.scale * H, eps
 
@@ -109,17 +111,6 @@ def full_response(
     """
     require_model(model)
     declared("factoring", factoring, Factoring | None)
-    inputs, outputs = scales_of(model)
-    if (inputs, outputs) != (1.0, 1.0):
-        with scaled(model, inputs, outputs) as usual:
-            found = full_response(
-                usual, frequencies, frame, damping, tolerance=tolerance, band=band, adaptive=adaptive, check=check,
-                seed=seed, groups=groups, factoring=factoring, progress=progress,
-            )  # fmt: skip
-        return replace(
-            found, response=unscaled(found.response, inputs * outputs), accuracy=found.accuracy.times(inputs, outputs),
-            scale=found.scale * inputs * outputs,
-        )  # fmt: skip
     frequencies = np.unique(checked_frequencies(frequencies))
     if not len(frequencies):
         raise InputError("frequencies: found none, expected at least one, in Hz")
@@ -129,19 +120,26 @@ def full_response(
     frame, damping = frame or NoFrame(), damping_or_given(model, damping)
     progress = progress or Progress(model.comm, show=False)
     factoring = factoring or Factoring()
-    found, models = _by_search(model, frequencies, frame, damping, adaptive, factoring, progress)
-    if not check:
+    with in_usual_units(model) as (usual, inputs, outputs):
+        found, models = _by_search(usual, frequencies, frame, damping, adaptive, factoring, progress)
+        if check:
+            with progress.stage("check"):
+                accuracy = found.accuracy
+                seed, fresh = fresh_frequencies(accuracy.band, models.resonances, check, seed, model.comm)
+                exact = frequency_response(
+                    usual, fresh, frame, measuring_damping(accuracy, damping), factoring=factoring, groups=groups,
+                    progress=progress,
+                )  # fmt: skip
+                said, errors = decided(model.comm, models.against, fresh, exact)
+            checked = Check(
+                seed=seed, bound=bound_of(accuracy), frequencies=tuple(fresh.tolist()), said=said, exact=errors
+            )
+            found = replace(found, check=checked, timing=progress.timing())
+    if usual is model:
         return found
-    with progress.stage("check"):
-        accuracy = found.accuracy
-        seed, fresh = fresh_frequencies(accuracy.band, models.resonances, check, seed, model.comm)
-        exact = frequency_response(
-            model, fresh, frame, measuring_damping(accuracy, damping), factoring=factoring, groups=groups,
-            progress=progress,
-        )  # fmt: skip
-        said, errors = decided(model.comm, models.against, fresh, exact)
-    checked = Check(seed=seed, bound=bound_of(accuracy), frequencies=tuple(fresh.tolist()), said=said, exact=errors)
-    return replace(found, check=checked, timing=progress.timing())
+    scale = inputs * outputs
+    return replace(found, response=unscaled(found.response, scale), accuracy=found.accuracy.times(inputs, outputs),
+                   scale=scale)  # fmt: skip
 
 
 def _asked_accuracy(frequencies, tolerance, band, adaptive) -> Adaptive:
@@ -159,7 +157,7 @@ def _asked_accuracy(frequencies, tolerance, band, adaptive) -> Adaptive:
 
 def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress) -> tuple[FullResponse, _Models]:
     """The response from the basis of a search, and the models that say its error. Collective."""
-    law = _law_of_response(damping)
+    damping_of_response = _damping_of_response(damping)
     check_model(model)
     require_room(model, max(len(frequencies), FREQUENCIES))
     warnings = warnings_of(model, frame)
@@ -172,17 +170,18 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
         run = owned.owns(Run(framed, progress, deflation, factoring, inertia=True, columns=room))
         basis = owned.owns(Basis(run.mass, framed.rigid_columns, deflation, room, run.keeps_images))
         search = Search(basis, run, adaptive)
-        reason, projections = search.search(), search.projections
+        search.run_to_end()
+        projections = search.projections
         with progress.stage("evaluate"):
             outer = decided(model.comm, projections.model)
-            seen = decided(model.comm, _seen, search, reason, outer)
+            seen = decided(model.comm, _seen, search, outer)
             basis.multiply(outer.vectors)
-            run.remarks += doubts_of_digits(model, framed.model.K, outer.squares, basis.columns)
+            run.notes.remarks += doubts_of_digits(model, framed.model.K, outer.eigenvalues, basis.columns)
             again = tuple(projected_again(projections))
             pair = search.judge.compare(outer if seen is None else seen, outer, _embedding(seen, outer))
-            models = _Models(pair, again, seen is not None, law)
-            values, eps, accuracy = decided(model.comm, _evaluate, search, reason, frequencies, models)
-        factorisations, warnings = tuple(run.factorisations), (*warnings, *run.warnings)
+            models = _Models(pair, again, seen is not None, damping_of_response)
+            values, eps, accuracy = decided(model.comm, _evaluate, search, frequencies, models)
+        factorisations, warnings = tuple(run.factorisations), (*warnings, *run.notes.warnings)
     return FullResponse(
         frequencies=frequencies, response=values, eps=eps, accuracy=accuracy, input_names=model.input_names,
         output_names=model.output_names, factorisations=factorisations, warnings=warnings,
@@ -190,14 +189,14 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
     ), models  # fmt: skip
 
 
-def _law_of_response(damping) -> Law:
+def _damping_of_response(damping) -> Proportional:
     """The proportional part of the damping of the response."""
     if isinstance(damping, ModalDamping) or caughey_terms(damping) is not None:
         kind = "modal ratios belong" if isinstance(damping, ModalDamping) else "a Caughey series of more terms belongs"
         raise InputError(f"damping: {kind} to a reduced model; reduce to a tolerance and take its frequency response")
     if isinstance(damping, Structural):
-        return Law(eta=damping.loss_factor)
-    return Law(*(*damping.coefficients, 0.0)[:2]) if isinstance(damping, Rayleigh | Caughey) else Law()
+        return Proportional(eta=damping.loss_factor)
+    return Proportional(*(*damping.coefficients, 0.0)[:2]) if isinstance(damping, Rayleigh | Caughey) else UNDAMPED
 
 
 def _check_support(model, frame, frequencies):
@@ -214,73 +213,78 @@ def _check_support(model, frame, frequencies):
 @dataclass(frozen=True, eq=False)
 class _Models:
     """The models of a search, to tell their difference anywhere in the band: the basis beside what its error is seen
-    from (`pair`), which may not be `known`, and the basis projected `again`, which shows the round-off; `law`: the
-    damping of the response; local."""
+    from (`pair`), which may not be `known`, and the basis projected `again`, which shows the round-off; `damping`: of
+    the response, which may be less than that which errors are measured with; local."""
 
     pair: Comparison
     again: tuple
     known: bool
-    law: Law
+    damping: Proportional
 
     @property
     def resonances(self):
-        return resonances(self.pair.outer, self.pair.law)
+        return resonances(self.pair.outer)
+
+    @property
+    def resonances_of_response(self):
+        return resonances(replace(self.pair.outer, damping=self.damping))
 
     def at(self, frequencies):
         """The response (S, r, p) and its estimated error (S,), round-off included."""
-        values = response(self.pair.outer, self.law, frequencies, self.pair.ports)
-        return values, sum(self.curve(self.law, frequencies))
+        values = replace(self.pair.outer, damping=self.damping).response(frequencies)
+        return values, sum(self.curve(self.damping, frequencies))
 
-    def curve(self, law, frequencies):
-        """Estimated errors and their noise (S,), with a law of damping."""
+    def curve(self, damping, frequencies):
+        """Estimated errors and their noise (S,), with a proportional damping."""
         if not self.known:
             nothing = np.full(len(frequencies), np.inf)
             return nothing, nothing
-        pair = replace(self.pair, law=law)
+        pair = self.pair.with_damping(damping)
         curve, noise = pair.curve(frequencies), pair.noise(frequencies)
-        H, drive = pair.responses(frequencies)
+        H, drive = pair.outer.responses(frequencies)
         for one in self.again:
-            noise = np.maximum(noise, pair.measure.eps(response(one, law, frequencies, pair.ports) - H, H, drive))
+            other = replace(one, damping=damping).response(frequencies)
+            noise = np.maximum(noise, pair.measure.eps(other - H, H, drive))
         return curve, noise
 
     def against(self, frequencies, exact):
         """What is said at frequencies (S,), and the error against exact responses (S, r, p)."""
         pair = self.pair
-        H, drive = responses(pair.outer, pair.law, frequencies, pair.ports)
-        said = sum(self.curve(pair.law, frequencies))
+        H, drive = pair.outer.responses(frequencies)
+        said = sum(self.curve(pair.outer.damping, frequencies))
         return tuple(said.tolist()), tuple(pair.measure.eps(exact - H, exact, drive).tolist())
 
 
 def _embedding(seen, outer):
-    return np.eye(len(outer.squares)) if seen is None else nested(seen, outer)
+    return np.eye(len(outer)) if seen is None else nested(seen, outer)
 
 
-def _seen(search, reason, outer):
+def _seen(search, outer):
     """The model of a search that the error of `outer`, its whole basis, is seen from, or None."""
-    framed, hold = search.run.framed, search.projections.hold
+    framed, held_back = search.run.framed, search.projections.first_held_back
     elastic = framed.model.size - framed.rigid_size
-    complete = len(outer.squares) >= elastic or not (hold or reason)  # no column was left to be held back for
-    return outer if complete else search.projections.model(hold) if hold else None
+    complete = len(outer) >= elastic or not (held_back or search.reason)  # no column was left to be held back for
+    return outer if complete else search.projections.model(np.arange(held_back)) if held_back else None
 
 
-def _evaluate(search, reason, frequencies, models):
+def _evaluate(search, frequencies, models):
     """Response and estimated error at the frequencies, and the accuracy over the band."""
-    outer, law = models.pair.outer, models.law
-    if law == Law() and outer.D is None:
-        squares = outer.squares / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
+    outer = models.pair.outer
+    if models.damping == UNDAMPED and outer.D is None:
+        squares = outer.eigenvalues / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
         gap = np.abs(frequencies[:, None] ** 2 - squares).min(axis=1, initial=np.inf)
         poles = frequencies[gap <= POLE * frequencies**2]
         if len(poles):
             raise InputError(f"frequency {poles[0]:.10g} Hz is a pole of the full model; leave it out or add damping")
-    return *models.at(frequencies), _accuracy(search, models, reason)
+    return *models.at(frequencies), _accuracy(search, models)
 
 
-def _accuracy(search, models, reason) -> Accuracy:
+def _accuracy(search, models) -> Accuracy:
     """What is known of the whole basis of a search, which is not compressed."""
     pair = models.pair
-    S = grid([pair.outer], pair.law, search.settings.band, step=FINE)
+    S = grid([pair.outer], search.settings.band, step=FINE)
     if models.known:
         S, _ = largest(pair, S)
-    curve, roundoff = models.curve(pair.law, S)
+    curve, roundoff = models.curve(pair.outer.damping, S)
     noise = max(search.judge.noise, float(roundoff.max()))
-    return search.accuracy(reason, pair, S, curve, largest=float(curve.max()), noise=noise)
+    return accuracy_of(search, search.reason, pair, S, curve, largest=float(curve.max()), noise=noise)

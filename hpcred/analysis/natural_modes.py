@@ -20,8 +20,9 @@ from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
+from ..reduction.checks import check_symmetric
 from ..reduction.components.modes import lowest, residuals
-from ..reduction.reduce import check_symmetric, everywhere
+from ..reduction.projection import everywhere
 from ..reduction.run import Run
 
 SHIFT = 1e-6  # of trace(K) / trace(M), where K is singular

@@ -1,7 +1,9 @@
-"""Inputs and outputs in units far from those of the rest enter; a model leaves whose squares of them are numbers."""
+"""Scale inputs and outputs whose units are far from those of the rest, so that their squares are numbers."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from math import frexp, inf
 
 import numpy as np
@@ -11,14 +13,20 @@ from ..parallel.failures import ComputationError
 USUAL = 2.0**160  # largest entries up to this, and down to its inverse, are left as they are
 
 
-def scales_of(model) -> tuple[float, float]:
-    """Powers of 2 that the inputs and the outputs of a model are to be divided by, mostly 1. Collective."""
+@contextmanager
+def in_usual_units(model) -> Iterator[tuple]:
+    """The model with B / inputs, and C / outputs where it is not B^T, and these factors: powers of 2, mostly 1.
+    Collective."""
     scales = [_scale(model, mat) for mat in (model.B, model.Ct) if mat is not None]
-    return (scales[0], scales[-1]) if scales else (1.0, 1.0)
+    inputs, outputs = (scales[0], scales[-1]) if scales else (1.0, 1.0)
+    if (inputs, outputs) == (1.0, 1.0):
+        yield model, 1.0, 1.0
+        return
+    with _scaled(model, inputs, outputs) as usual:
+        yield usual, inputs, outputs
 
 
-def scaled(model, inputs: float, outputs: float):
-    """The model with B / inputs, and C / outputs where it is not B^T. Collective; the caller closes it."""
+def _scaled(model, inputs: float, outputs: float):
     other = model.with_input_columns(model.B.getDenseArray().real / inputs, model.input_names)
     if model.Ct is None:
         return other
@@ -28,6 +36,8 @@ def scaled(model, inputs: float, outputs: float):
 
 def unscaled(values: np.ndarray, factor: float) -> np.ndarray:
     """values * factor. Raises ComputationError beyond what double precision holds."""
+    if factor == 1:
+        return values
     with np.errstate(over="ignore", invalid="ignore"):
         values = values * factor
     if not np.isfinite(values).all():

@@ -49,7 +49,7 @@ class TangentialPoints(Component):
         return True
 
     def extend(self, basis, run) -> None:
-        solver, found = run.complex_solver, 0
+        solver, found = run.solvers.complex, 0
         with Owned(run.model.comm) as owned, run.progress.stage("solve"):
             loads = owned.owns(from_dense(run.model.B))
             load, solution = (owned.owns(create_block(run.model.K, 2)) for _ in range(2))

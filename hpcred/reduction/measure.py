@@ -12,10 +12,16 @@ docs/theory/error.md. The paper's eps (55) is ||E||_F / ||H||_F.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Literal
+from functools import partial
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import PlainSerializer, PlainValidator
+
+from ..parallel.failures import InputError
+from .kinds import UnknownKind, from_table, table_of
 
 PARALLEL = 1e-9  # sine of the angle between a load and a measure of the same direction
 STATIC = 1e-3  # of the median, below which a response at 0 Hz is a zero and no floor
@@ -25,32 +31,40 @@ IDLE = 1e300  # floor of an input that moves nothing, beside which no error coun
 NO_INPUT, FEELS_NOTHING = -1, -2  # of an output that no input acts at, and of one that feels no input
 
 
-@dataclass(frozen=True, kw_only=True)
-class Measure:
-    """How errors of r outputs under p inputs are measured.
+class Measure(ABC):
+    """Base class of error measures; derive from it to add another, as a frozen dataclass with a field `kind`.
 
-    `kind`: "directions", or "paper" (55), which needs none of the others. `inputs` (p,): floors of the drive-point
-    responses |b_i^T A^-1 b_i|. `drive` (r,): the input (from 0) where an output measures, else NO_INPUT or
-    FEELS_NOTHING. `outputs` (r,): |c_j| / |b_i| of a drive point, and the floor of any other output.
+    eps(f) is `total` of the errors |E_ji| / (h_j g_i) of all responses, with the `scales` h and g. An instance is the
+    argument `measure` of hpcred.reduce.
     """
 
-    kind: Literal["directions", "paper"] = "paper"
-    inputs: tuple[float, ...] = ()
-    outputs: tuple[float, ...] = ()
-    drive: tuple[int, ...] = ()
+    kind: str
 
+    @abstractmethod
     def scales(self, H: np.ndarray, drive: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """h (S, r) and g (S, p), of the responses H (S, r, p) and the drive-point responses `drive` (S, p)."""
-        if self.kind == "paper":
-            size = np.sqrt(np.linalg.norm(H, axis=(1, 2)))[:, None]
-            return np.broadcast_to(size, H.shape[:2]), np.broadcast_to(size, H.shape[::2])
-        g = np.sqrt(np.maximum(np.abs(drive), self.inputs))
-        h = np.maximum(_divided(np.abs(H), g[:, None, :]).max(axis=2, initial=0.0), self.outputs)
-        which = np.array(self.drive, dtype=int)
-        at = which >= 0
-        h[:, at] = g[:, which[at]] * np.array(self.outputs)[at]
-        h[:, which == FEELS_NOTHING] = np.inf
-        return h, g
+
+    def over(self, frequencies, H, drive, drive_of, silent=()) -> Measure:
+        """The measure with what it takes from responses over a band (see directions); by default nothing."""
+        return self
+
+    def total(self, each: np.ndarray) -> np.ndarray:
+        """eps (S,) of the errors of all responses (S, r, p); by default the largest."""
+        return each.max(axis=(1, 2), initial=0.0)
+
+    def times(self, inputs: float, outputs: float) -> Measure:
+        """The measure of responses whose inputs and outputs are multiplied by factors."""
+        return self
+
+    @property
+    def floors(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """The least h (r,) and g (p,) that scales() gives, where there is one."""
+        return None
+
+    @property
+    def silent(self) -> tuple[int, ...]:
+        """The outputs (from 0) that feel no input, and do not count."""
+        return ()
 
     def each(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:
         """The error of every response (S, r, p), for errors E of the responses H."""
@@ -61,37 +75,94 @@ class Measure:
         """eps (S,); 0 where E and H vanish."""
         return self.total(self.each(E, H, drive))
 
-    def total(self, each: np.ndarray) -> np.ndarray:
-        """eps (S,) of the errors of all responses (S, r, p)."""
-        return np.linalg.norm(each, axis=(1, 2)) if self.kind == "paper" else each.max(axis=(1, 2), initial=0.0)
 
-    def times(self, inputs: float, outputs: float) -> Measure:
-        """The measure of responses whose inputs and outputs are multiplied by factors."""
-        if self.kind == "paper":
-            return self
+@dataclass(frozen=True)
+class UnknownMeasure(UnknownKind, Measure):
+    """A measure whose class is not known here, as of a result that another program made."""
+
+    def scales(self, H, drive):
+        raise InputError(f"measure: found the kind '{self.kind}', whose class is not known here; import it first")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paper(Measure):
+    """||E||_F / ||H||_F (55)."""
+
+    kind: Literal["paper"] = "paper"
+
+    def scales(self, H, drive):
+        size = np.sqrt(np.linalg.norm(H, axis=(1, 2)))[:, None]
+        return np.broadcast_to(size, H.shape[:2]), np.broadcast_to(size, H.shape[::2])
+
+    def total(self, each):
+        return np.linalg.norm(each, axis=(1, 2))
+
+
+PAPER = Paper()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Directions(Measure):
+    """Each response over the drive points of its input and output.
+
+    `inputs` (p,): floors of the drive-point responses |b_i^T A^-1 b_i|. `drive` (r,): the input (from 0) where an
+    output measures, else NO_INPUT or FEELS_NOTHING. `outputs` (r,): |c_j| / |b_i| of a drive point, and the floor of
+    any other output. All are empty before over().
+    """
+
+    kind: Literal["directions"] = "directions"
+    inputs: tuple[float, ...] = ()
+    outputs: tuple[float, ...] = ()
+    drive: tuple[int, ...] = ()
+
+    def over(self, frequencies, H, drive, drive_of, silent=()):
+        found = directions(frequencies, H, drive, drive_of, silent)
+        # an input that moves nothing elastic, which a warning names, has no response that could be wrong
+        return replace(found, inputs=tuple(value or IDLE for value in found.inputs))
+
+    def scales(self, H, drive):
+        g = np.sqrt(np.maximum(np.abs(drive), self.inputs))
+        h = np.maximum(_divided(np.abs(H), g[:, None, :]).max(axis=2, initial=0.0), self.outputs)
+        which = np.array(self.drive, dtype=int)
+        at = which >= 0
+        h[:, at] = g[:, which[at]] * np.array(self.outputs)[at]
+        h[:, which == FEELS_NOTHING] = np.inf
+        return h, g
+
+    def times(self, inputs, outputs):
         at = np.array(self.drive, dtype=int) >= 0
         found = np.array(self.outputs) * np.where(at, outputs / inputs, outputs)
         floors = np.clip(np.array(self.inputs) * inputs * inputs, TINY, IDLE)
         return replace(self, inputs=tuple(floors.tolist()), outputs=tuple(found.tolist()))
 
     @property
-    def floors(self) -> tuple[np.ndarray, np.ndarray]:
-        """The least h (r,) and g (p,) that scales() gives."""
+    def floors(self):
         g, which = np.sqrt(np.array(self.inputs)), np.array(self.drive, dtype=int)
         h = np.array(self.outputs)
         h[which >= 0] *= g[which[which >= 0]]
         return h, g
 
     @property
-    def silent(self) -> tuple[int, ...]:
-        """The outputs (from 0) that feel no input."""
+    def silent(self):
         return tuple(j for j, which in enumerate(self.drive) if which == FEELS_NOTHING)
 
 
-PAPER = Measure(kind="paper")
+MEASURES = {item.kind: item for item in (Directions(), PAPER)}  # by the words of a job file
+AnyMeasure = Annotated[  # in records
+    Measure, PlainValidator(partial(from_table, Measure, UnknownMeasure)), PlainSerializer(table_of)
+]
 
 
-def directions(frequencies, H, drive, drive_of, silent=()) -> Measure:
+def measure_called(word: str | Measure) -> Measure:
+    """The measure that a word of a job file stands for, or the one given. Raises InputError."""
+    if isinstance(word, Measure):
+        return word
+    if word not in MEASURES:
+        raise InputError(f"measure: found {word!r}, expected {' or '.join(map(repr, MEASURES))}")
+    return MEASURES[word]
+
+
+def directions(frequencies, H, drive, drive_of, silent=()) -> Directions:
     """The measure by directions, with floors from responses at frequencies (U,) in Hz, ascending, over a band.
 
     H (U, r, p), drive (U, p); `drive_of` (r,): the input at each output and the ratio of the two (see drive_points);
@@ -104,8 +175,9 @@ def directions(frequencies, H, drive, drive_of, silent=()) -> Measure:
     g = np.sqrt(np.maximum(np.abs(drive), inputs))
     outputs = _floors(frequencies, _divided(np.abs(H), g[:, None, :]).max(axis=2, initial=0.0))
     outputs = np.where(which >= 0, ratio, np.where(which == FEELS_NOTHING, 0.0, outputs))
-    return Measure(kind="directions", inputs=tuple(inputs.tolist()), outputs=tuple(outputs.tolist()),
-                   drive=tuple(which.tolist()))  # fmt: skip
+    return Directions(
+        inputs=tuple(inputs.tolist()), outputs=tuple(outputs.tolist()), drive=tuple(which.tolist())
+    )
 
 
 def drive_points(B: np.ndarray, Ct: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,8 +1,8 @@
-"""Galerkin projection (20 with W = V) and diagonalisation of the reduced model (52-54)."""
+"""Project matrices on bases (20), and diagonalise the reduced stiffness (52-54)."""
 
 import numpy as np
 
-from ..linalg.blocks import apply, create_block, from_dense, inner
+from ..linalg.blocks import apply, copy_of, create_block, from_dense, inner
 from ..linalg.eigensolver import symmetric_eigenpairs
 
 WIDTH = 64  # columns projected at a time, which bounds the memory
@@ -35,6 +35,16 @@ def project_columns(columns, mat) -> np.ndarray:
 
 def diagonalise(basis, stiffness: np.ndarray):
     """V <- V X with the eigenvectors X of V^T K V (53, 54), which diagonalise it; returns omega^2 (m,). Collective."""
-    squares, vectors = symmetric_eigenpairs(stiffness, basis.comm)
+    eigenvalues, vectors = symmetric_eigenpairs(stiffness, basis.comm)
     basis.multiply(vectors)
-    return squares
+    return eigenvalues
+
+
+def everywhere(model, framed, columns):
+    """A basis of the framed model in all dofs of `model`, as a new block. Collective."""
+    if framed.restore is None:
+        return copy_of(columns, model.K)
+    first, last = columns.getActiveColumns()
+    result = create_block(model.K, last - first)
+    apply(framed.restore, columns, result)
+    return result

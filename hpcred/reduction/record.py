@@ -21,7 +21,7 @@ from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ..parallel.progress import Timing, counted
 from .components.component import AnyKind
-from .run import ComponentRecord
+from .notes import ComponentRecord
 from .tolerance.accuracy import Accuracy
 
 SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
@@ -159,7 +159,7 @@ def difference_of(signature, record) -> str | None:
 
 def make_record(model, framed, runs, progress, **known) -> Record:
     """The Record of a reduction; `known`: what the caller has at hand. Collective."""
-    factorisations = [record for run in runs for record in run.factorisations]
+    notes = [run.recorded for run in runs if run.owns_solvers]
     record = Record(
         date=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         versions=versions(),
@@ -177,10 +177,10 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         outputs=model.output_names,
         interfaces=tuple(item.definition for item in model.interfaces),
         interface_nodes=tuple(replace(item, definition=None) for item in model.interfaces),
-        components=tuple(runs[0].components),
-        factorisations=tuple(factorisations),
-        factorisations_saved=sum(run.factorisations_saved for run in runs),
-        symbolic_analyses=sum(run.analyses for run in runs),
+        components=tuple(notes[0].components),
+        factorisations=tuple(record for item in notes for record in item.factorisations),
+        factorisations_saved=sum(item.factorisations_saved for item in notes),
+        symbolic_analyses=sum(item.analyses for item in notes),
         timing=progress.timing(),
         hints=processor.hints(model.comm),
         **known,

@@ -51,7 +51,7 @@ class RunSolvers:
     def _memory(self):
         return {"factoring": self._factoring, "reserved_mb": self._reserved_mb()}
 
-    def factored(self, mass: float, name: str, damping: float, may_give_up: bool) -> Solver:
+    def factored(self, mass: float, name: str, damping: float = 0.0, may_give_up: bool = True) -> Solver:
         """The solver with the factor of K + damping D + mass M, or of M (mass = inf), made unless it is there.
 
         Raises SingularMatrix. Where the factor does not fit, solver.kind is "auto" and the matrix is positive definite,

@@ -1,12 +1,67 @@
-"""Bi-orthogonal bases for the two-sided projection: W^T M V = I."""
+"""Reduce a model by a two-sided projection (20), with bi-orthogonal bases: W^T M V = I."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..linalg.blocks import inner
+from ..model.damping import ModalDamping
+from ..model.digits import doubts_of_digits
 from ..parallel.decisions import decided
-from ..parallel.failures import ComputationError
+from ..parallel.failures import ComputationError, InputError
+from .basis_reductor import BasisReductor, reduced_model
+from .projection import diagonalise, everywhere, project, project_columns
+from .reduced_damping import reduced_damping
 
 LOST = 1e-10  # singular value of W^T M V below which a pair of directions cannot be made bi-orthogonal
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoSidedReductor(BasisReductor):
+    """Reduce by a two-sided projection: W from the output Krylov subspaces (33), so that more moments match."""
+
+    projection = "two_sided"
+
+    def _check(self, model):
+        if self.settings.drop_above is not None or isinstance(self.damping, ModalDamping):
+            raise InputError(
+                "projection: 'two_sided' leaves no diagonal model, which drop_above and modal damping need; "
+                "take 'one_sided'"
+            )
+        if self.settings.coordinates == "interface":
+            raise InputError("projection: interface coordinates belong to a one-sided projection; leave it out")
+        return super()._check(model)
+
+    def _more_runs(self, run):
+        return (run.dual(),)
+
+    def _project(self, model, framed, bases, run):
+        return projected_two_sided(model, framed, *bases, run, self.settings)
+
+
+def projected_two_sided(model, framed, right, left, run, settings):
+    """The reduced model of a two-sided projection (20), its poles checked, and the biorthonormality defect."""
+    full = framed.model
+    eigenvalues = diagonalise(right, project(full.K, right.columns))
+    run.notes.remarks += doubts_of_digits(model, full.K, eigenvalues, right.columns)
+    defect = biorthogonal(left, right, run)
+    V, W = right.columns, left.columns
+    small = {key: project(mat, V, W) for key, mat in full.matrices.items()}
+    frequencies = np.sort(np.sqrt(np.abs(np.linalg.eigvals(small["K"])))) / (2 * np.pi)
+    if "D" not in small:
+        small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
+    inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
+    reduced = reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
+    unstable = decided(model.comm, reduced.unstable_poles)
+    if len(unstable) and not settings.allow_unstable:
+        listed = ", ".join(f"{pole.real:.3g}{pole.imag:+.4g}i" for pole in unstable[:6])
+        raise InputError(
+            f"projection: the two-sided reduced model is unstable, with {len(unstable)} poles in the right "
+            f"half-plane ({listed}{', ...' if len(unstable) > 6 else ''} rad/s); take projection = 'one_sided', "
+            "which keeps stability, or allow_unstable = true for frequency responses only"
+        )
+    reduced.columns, reduced.left_columns = (everywhere(model, framed, block) for block in (V, W))
+    return reduced, defect
 
 
 def biorthogonal(left, right, run) -> float:

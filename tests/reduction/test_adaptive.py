@@ -38,8 +38,8 @@ from hpcred.examples.linkage import FRAME, LOAD
 from hpcred.model.dofs import Dofs
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.petsc import is_complex
-from hpcred.reduction.tolerance.accuracy import Adaptive, law_of
-from hpcred.reduction.tolerance.pseudo_modal import Law
+from hpcred.reduction.tolerance.accuracy import Adaptive, measured_damping
+from hpcred.reduction.tolerance.pseudo_modal import Proportional
 
 BAND = (0.0, 30000.0)  # of the clamped block with 144 dofs: three modes
 CASES = hard_cases()
@@ -250,15 +250,17 @@ def test_all_damping_laws(solid, damping):
 
 
 def test_damping_that_is_measured_with():
-    band = (0.0, 100.0)
-    assert law_of(NoDamping(), 1e-3, band)[0] == law_of(Rayleigh(), 1e-3, band)[0] == Law(eta=2e-3)
-    assert law_of(Rayleigh(2.0, 1e-5), 1e-3, band)[0] == law_of(Caughey((2.0, 1e-5)), 1e-3, band)[0] == Law(2.0, 1e-5)
-    assert law_of(Structural(0.04), 1e-3, band)[0] == Law(eta=0.04)
-    assert law_of(ModalDamping(table=((0.0, 0.03), (50.0, 0.01))), 1e-3, band)[0].eta == pytest.approx(0.02)
-    assert law_of(Caughey((2.0, 1e-5, 1e-12)), 1e-3, band)[0] == Law(2.0, 1e-5, higher=(1e-12,))
-    assert law_of(Rayleigh(0.0, 1e-13), 1e-3, band)[0] == Law(eta=2e-3)  # no damping to speak of
-    assert law_of(Rayleigh(1e-10, 1e-13), 1e-3, band)[0] == Law(eta=2e-3)  # a ratio of 3e-12 at least
-    assert law_of(Rayleigh(1e-3, 1e-8), 1e-3, band)[0] == Law(1e-3, 1e-8)  # of 3e-6
+    def measured(damping):
+        return measured_damping(damping, 1e-3, (0.0, 100.0))[0]
+
+    assert measured(NoDamping()) == measured(Rayleigh()) == Proportional(eta=2e-3)
+    assert measured(Rayleigh(2.0, 1e-5)) == measured(Caughey((2.0, 1e-5))) == Proportional(2.0, 1e-5)
+    assert measured(Structural(0.04)) == Proportional(eta=0.04)
+    assert measured(ModalDamping(table=((0.0, 0.03), (50.0, 0.01)))).eta == pytest.approx(0.02)
+    assert measured(Caughey((2.0, 1e-5, 1e-12))) == Proportional(2.0, 1e-5, higher=(1e-12,))
+    assert measured(Rayleigh(0.0, 1e-13)) == Proportional(eta=2e-3)  # no damping to speak of
+    assert measured(Rayleigh(1e-10, 1e-13)) == Proportional(eta=2e-3)  # a ratio of 3e-12 at least
+    assert measured(Rayleigh(1e-3, 1e-8)) == Proportional(1e-3, 1e-8)  # of 3e-6
 
 
 def test_the_curve_its_mean_and_its_largest_value_belong_together(solid):
@@ -375,7 +377,7 @@ def test_free_body_in_the_buckens_frame(comm, damping):
     band = (0.0, 60000.0)
     with hpcred.solid((4, 2, 3), inputs=3, clamped=False, comm=comm) as model:
         with reduced(model, band=band, frame=Buckens(), damping=damping) as rom:
-            accuracy, law = rom.record.accuracy, law_of(damping, 1e-3, band)[0]
+            accuracy, law = rom.record.accuracy, measured_damping(damping, 1e-3, band)[0]
             frequencies = np.append(np.random.default_rng(0).uniform(*band, 20), accuracy.worst)
             H = free_truth(model, law, frequencies)
             s = 2j * np.pi * frequencies

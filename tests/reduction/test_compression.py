@@ -7,15 +7,16 @@ import pytest
 from adaptive_models import chain, unit
 
 import hpcred
+from hpcred.reduction.measure import MEASURES
 from hpcred.reduction.tolerance import compression
 from hpcred.reduction.tolerance.compression import TRIALS, compressed, snapshots
-from hpcred.reduction.tolerance.error_estimate import Comparison, grid, measure_of
-from hpcred.reduction.tolerance.pseudo_modal import Law, columns, diagonalised, response, responses, restricted
+from hpcred.reduction.tolerance.error_estimate import Comparison, grid, measure_over
+from hpcred.reduction.tolerance.pseudo_modal import UNDAMPED, InputsOutputs, Proportional, columns, diagonalised
 
 BAND = (0.0, 10.0)
 
 
-def model_and_ports(kind, law):
+def model_of(kind, law):
     n = 60
     rng = np.random.default_rng(0)
     K = chain(n, rng=rng, spread=0.2)[0]
@@ -27,34 +28,33 @@ def model_and_ports(kind, law):
             D[5, 9], D[9, 5] = 4.0, -4.0
     same = np.eye(3)
     other = np.eye(3)[:, :1] * 1e6, np.eye(3)[:, 1:] * 1e-6
-    return diagonalised(K, L, D, law), other if "outputs" in kind else (same, same)
+    return diagonalised(K, L, D, law, InputsOutputs(*(other if "outputs" in kind else (same, same))))
 
 
-def whole(model, law, ports, kind):
-    settings = hpcred.Adaptive(tolerance=1e-2, band=BAND, measure=kind)
-    return Comparison(model, model, np.eye(len(model.squares)), law, ports, measure_of(settings, model, law, ports))
+def whole(model, kind):
+    return Comparison(model, model, np.eye(len(model)), measure_over(MEASURES[kind], BAND, model))
 
 
 @pytest.mark.parametrize("measured", ["directions", "paper"])
 @pytest.mark.parametrize("goal", [1e-2, 1e-5])
 @pytest.mark.parametrize("kind", ["plain", "outputs", "D", "unsymmetric D, outputs"])
 def test_goal_is_reached(kind, goal, measured):
-    law = Law() if "D" in kind else Law(eta=2e-3)
-    model, ports = model_and_ports(kind, law)
-    S = grid([model], law, BAND)
-    pair = whole(model, law, ports, measured)
+    law = UNDAMPED if "D" in kind else Proportional(eta=2e-3)
+    model = model_of(kind, law)
+    S = grid([model], BAND)
+    pair = whole(model, measured)
     U = compressed(pair, S, goal)
     assert np.allclose(U.T @ U, np.eye(U.shape[1]), atol=1e-12)
     assert U.shape[1] < 45
-    H, drive = responses(model, law, S, ports)
+    H, drive = model.responses(S)
 
     def error(columns):
-        wrong = H - response(restricted(model, columns, law)[0], law, S, ports)
+        wrong = H - model.restricted(columns)[0].response(S)
         return pair.measure.eps(wrong, H, drive).max()
 
     assert error(U) <= goal + 1e-9
     # at least as good as the plain singular vectors
-    flat = columns(snapshots(model, law, S, ports, pair.measure))
+    flat = columns(snapshots(model, S, pair.measure))
     plain = np.linalg.svd(flat, full_matrices=False)[0]
     assert error(plain[:, : U.shape[1] - 1]) > goal or U.shape[1] == 1
     few = compressed(pair, S, goal, most=4)
@@ -62,24 +62,24 @@ def test_goal_is_reached(kind, goal, measured):
 
 
 def test_no_goal_keeps_everything_and_a_zero_response_harms_nothing():
-    law = Law(eta=2e-3)
-    model, ports = model_and_ports("plain", law)
-    S = grid([model], law, BAND, 30)
-    assert compressed(whole(model, law, ports, "directions"), S, 0.0).shape[1] == 60
+    law = Proportional(eta=2e-3)
+    model = model_of("plain", law)
+    S = grid([model], BAND, 30)
+    assert compressed(whole(model, "directions"), S, 0.0).shape[1] == 60
     # two bodies without a tie: nothing arrives
     K = np.kron(np.eye(2), chain(10)[0])
-    apart = diagonalised(K, unit(20, 2, 13))
-    silent = np.eye(2)[:, :1], np.eye(2)[:, 1:]
-    S = grid([apart], law, BAND, 30)
+    silent = InputsOutputs(np.eye(2)[:, :1], np.eye(2)[:, 1:])
+    apart = diagonalised(K, unit(20, 2, 13), None, law, silent)
+    S = grid([apart], BAND, 30)
     for measured in ("directions", "paper"):
-        assert np.isfinite(compressed(whole(apart, law, silent, measured), S, 1e-3)).all()
+        assert np.isfinite(compressed(whole(apart, measured), S, 1e-3)).all()
 
 
 def test_the_big_model_is_kept_where_no_compression_reaches_the_goal(monkeypatch):
     """After TRIALS of them, each with more frequencies than the one before."""
-    law, tried = Law(eta=2e-3), []
-    model, ports = model_and_ports("plain", law)
-    pair = whole(model, law, ports, "directions")
+    law, tried = Proportional(eta=2e-3), []
+    model = model_of("plain", law)
+    pair = whole(model, "directions")
     monkeypatch.setattr(compression, "compressed", lambda _, S, *__: (tried.append(len(S)), np.eye(60)[:, :1])[1])
     judge = SimpleNamespace(settings=hpcred.Adaptive(tolerance=1e-2, band=BAND), noise=1e-12)
     found, _, curve, limited = compression._reach(judge, pair, 1e-3, np.zeros((60, 0)), 0)

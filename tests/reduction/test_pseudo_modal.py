@@ -1,24 +1,26 @@
 """Small projected models against dense matrices: solves, responses, and the exact difference of nested models."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hpcred.reduction.measure import PAPER
 from hpcred.reduction.tolerance.pseudo_modal import (
-    Law,
+    UNDAMPED,
+    InputsOutputs,
+    Proportional,
     PseudoModal,
     diagonalised,
     difference,
     nested,
-    poles,
-    response,
-    restricted,
-    solve,
+    poles_of,
 )
 
 relative = PAPER.eps  # of differences and what they are of
 F = np.linspace(0.0, 8.0, 23)
-LAWS = {"Rayleigh": Law(alpha=0.3, beta=1e-3), "loss factor": Law(eta=0.02), "all": Law(0.1, 1e-3, 0.01)}
+LAWS = {"Rayleigh": Proportional(alpha=0.3, beta=1e-3), "loss factor": Proportional(eta=0.02),
+        "all": Proportional(0.1, 1e-3, 0.01)}  # fmt: skip
 
 
 def matrices(seed=0, m=12, l=3, damped=False, symmetric=True):
@@ -43,11 +45,11 @@ def dense_response(K, L, D, law, ports):
 
 
 def ports(kind):
-    """(Lb, Lc): B = L Lb and C^T = L Lc."""
+    """B = L Lb and C^T = L Lc."""
     if kind == "other outputs":
-        return np.eye(3)[:, :2], np.array([[0.0], [1.0], [-2.0]])
+        return InputsOutputs(np.eye(3)[:, :2], np.array([[0.0], [1.0], [-2.0]]))
     same = np.eye(3)
-    return same, same
+    return InputsOutputs(same, same)
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
@@ -57,13 +59,13 @@ def test_states_and_responses_are_those_of_the_dense_matrices(law, damped, symme
     model = diagonalised(K, L, D, law)
     assert np.allclose(model.vectors.T @ model.vectors, np.eye(12), atol=1e-13)
     for transposed in (False, True):
-        states = model.vectors @ solve(model, law, F, model.L, transposed)
+        states = model.vectors @ model.solve(F, model.L, transposed)
         for f, state in zip(F, states, strict=True):
             A = dense(K, D, law, f)
             expected = np.linalg.solve(A.T if transposed else A, L)
             assert np.linalg.norm(state - expected) < 1e-11 * np.linalg.norm(expected)
     for kind in ("same", "other outputs"):
-        H = response(model, law, F, ports(kind))
+        H = replace(model, io=ports(kind)).response(F)
         assert relative(H - dense_response(K, L, D, law, ports(kind)), H, None).max() < 1e-11
 
 
@@ -72,10 +74,10 @@ def test_states_and_responses_are_those_of_the_dense_matrices(law, damped, symme
 @pytest.mark.parametrize("damped, symmetric", [(False, True), (True, True), (True, False)])
 def test_difference_of_nested_models_is_exact(law, kind, damped, symmetric):
     K, L, D = matrices(1, damped=damped, symmetric=symmetric)
-    outer = diagonalised(K, L, D, law)
+    outer = diagonalised(K, L, D, law, ports(kind))
     k = 7
-    inner = diagonalised(K[:k, :k], L[:k], None if D is None else D[:k, :k], law)
-    E = difference(inner, outer, nested(inner, outer), law, F, ports(kind))
+    inner = diagonalised(K[:k, :k], L[:k], None if D is None else D[:k, :k], law, ports(kind))
+    E = difference(inner, outer, nested(inner, outer), F)
     part = dense_response(K[:k, :k], L[:k], None if D is None else D[:k, :k], law, ports(kind))
     H = dense_response(K, L, D, law, ports(kind))
     assert relative(E - (H - part), H, None).max() < 1e-11
@@ -86,24 +88,24 @@ def test_a_subspace_has_the_response_of_its_dense_projection():
     K, L, D = matrices(2, damped=True, symmetric=False)
     outer = diagonalised(K, L, D, law)
     U = np.linalg.qr(np.random.default_rng(3).standard_normal((12, 5)))[0]
-    inner, embedding = restricted(outer, U, law)
+    inner, embedding = outer.restricted(U)
     V = outer.vectors @ embedding
     assert np.allclose(V.T @ V, np.eye(5), atol=1e-13)
-    assert np.allclose(V.T @ K @ V, np.diag(inner.squares), atol=1e-9)
+    assert np.allclose(V.T @ K @ V, np.diag(inner.eigenvalues), atol=1e-9)
     expected = dense_response(V.T @ K @ V, V.T @ L, V.T @ D @ V, law, ports("same"))
-    assert relative(response(inner, law, F, ports("same")) - expected, expected, None).max() < 1e-11
-    E = difference(inner, outer, embedding, law, F, ports("other outputs"))
-    H = [response(model, law, F, ports("other outputs")) for model in (outer, inner)]
+    assert relative(inner.response(F) - expected, expected, None).max() < 1e-11
+    outer, inner = (replace(model, io=ports("other outputs")) for model in (outer, inner))
+    E = difference(inner, outer, embedding, F)
+    H = [model.response(F) for model in (outer, inner)]
     assert relative(E - (H[0] - H[1]), H[0], None).max() < 1e-11
 
 
 def test_difference_has_no_cancellation():
     """Two coordinates coupled by d: H_Q - H_V = (d / a)^2 / (b - d^2 / a) with diagonal entries a, b of A."""
-    law, d = Law(eta=0.01), 1e-7
+    law, d = Proportional(eta=0.01), 1e-7
     K, L = np.array([[400.0, d], [d, 900.0]]), np.array([[1.0], [0.0]])
-    outer, inner = diagonalised(K, L), diagonalised(K[:1, :1], L[:1])
-    one = np.eye(1)
-    E = difference(inner, outer, nested(inner, outer), law, F, (one, one))[:, 0, 0]
+    outer, inner = diagonalised(K, L, None, law), diagonalised(K[:1, :1], L[:1], None, law)
+    E = difference(inner, outer, nested(inner, outer), F)[:, 0, 0]
     s = 2j * np.pi * F
     a, b, c = 400 * (1 + 0.01j) + s**2, 900 * (1 + 0.01j) + s**2, d * (1 + 0.01j)
     expected = (c / a) ** 2 / (b - c**2 / a)
@@ -116,9 +118,9 @@ def test_poles_without_eigenvectors_are_solved_by_elimination():
     K, L = np.diag([4.0, 9.0]), np.eye(2)
     D = 2 * np.sqrt(K)
     model = diagonalised(K, L, D)
-    states = model.vectors @ solve(model, Law(), F, model.L)
+    states = model.vectors @ model.solve(F, model.L)
     for f, state in zip(F, states, strict=True):
-        assert np.allclose(state, np.linalg.inv(dense(K, D, Law(), f)), rtol=1e-10, atol=0)
+        assert np.allclose(state, np.linalg.inv(dense(K, D, UNDAMPED, f)), rtol=1e-10, atol=0)
 
 
 def test_frequencies_come_in_parts_that_fit(monkeypatch):
@@ -126,11 +128,11 @@ def test_frequencies_come_in_parts_that_fit(monkeypatch):
 
     K, L, D = matrices(4, damped=True)
     outer, inner = diagonalised(K, L, D), diagonalised(K[:5, :5], L[:5], D[:5, :5])
-    arguments = inner, outer, nested(inner, outer), Law(), F, ports("same")
-    whole = difference(*arguments), response(outer, Law(), F, ports("same"))
+    arguments = inner, outer, nested(inner, outer), F
+    whole = difference(*arguments), outer.response(F)
     monkeypatch.setattr(pseudo_modal, "NUMBERS_AT_A_TIME", 2000)
-    assert len(pseudo_modal.chunks(outer, F)) > 1
-    parts = difference(*arguments), response(outer, Law(), F, ports("same"))
+    assert len(outer.parts_of(F)) > 1
+    parts = difference(*arguments), outer.response(F)
     for a, b in zip(whole, parts, strict=True):
         assert np.allclose(a, b, rtol=1e-9, atol=0)
 
@@ -139,10 +141,11 @@ def test_a_free_motion_beside_a_given_damping_is_infinite_at_0_hz_and_right_else
     """A(0) is singular there, and elimination had ended the search with an error of NumPy."""
     rng = np.random.default_rng(0)
     squares, D = np.array([0.0, 1.0, 4.0]), rng.standard_normal((3, 3))
-    model = PseudoModal(squares, rng.standard_normal((3, 2)), D, np.eye(3))
+    same = InputsOutputs(*[np.eye(2)] * 2)
+    model = PseudoModal(squares, rng.standard_normal((3, 2)), np.eye(3), same, D=D)
     frequencies = np.array([0.0, 0.3])
-    for inverse in (None, poles(model, Law())):
-        states = solve(model._replace(inverse=inverse), Law(), frequencies, model.L)
+    for poles in (None, poles_of(model)):
+        states = replace(model, poles=poles).solve(frequencies, model.L)
         s = 2j * np.pi * 0.3
         assert np.isinf(states[0]).all()
         assert states[1] == pytest.approx(np.linalg.solve(s * s * np.eye(3) + s * D + np.diag(squares), model.L))

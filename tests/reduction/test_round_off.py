@@ -10,7 +10,8 @@ from hpcred import SecondOrderModel
 from hpcred.analysis.error_check import as_measured
 from hpcred.linalg.solvers.base import SingularMatrix
 from hpcred.parallel.petsc import is_complex
-from hpcred.reduction import reduce, run
+from hpcred.reduction import run
+from hpcred.reduction.tolerance import reductor
 from hpcred.reduction.tolerance.point_solver import PointSolver
 from hpcred.reduction.tolerance.search import Search
 
@@ -93,15 +94,15 @@ def test_round_off_of_a_full_response_counts(comm):
 
 
 def test_the_times_of_the_record_have_it_and_loads_are_made_once(comm, monkeypatch):
-    made, known = [], reduce.with_round_off
-    loads_and_ports = run.loads_and_ports
+    made, known = [], reductor.with_round_off
+    independent_loads = run.independent_loads
 
     def slow(*arguments):
         time.sleep(0.1)
         return known(*arguments)
 
-    monkeypatch.setattr(reduce, "with_round_off", slow)
-    monkeypatch.setattr(run, "loads_and_ports", lambda run: made.append(run) or loads_and_ports(run))
+    monkeypatch.setattr(reductor, "with_round_off", slow)
+    monkeypatch.setattr(run, "independent_loads", lambda run: made.append(run) or independent_loads(run))
     with nearly_free(comm) as model, hpcred.reduce(model, tolerance=1e-1, band=BAND) as rom:
         assert rom.record.timing.seconds["estimate"] >= 0.1
     assert len(made) == 1

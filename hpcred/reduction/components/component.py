@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import asdict, dataclass, is_dataclass
-from typing import Annotated, Any, ClassVar
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, ClassVar
 
-from pydantic import PlainSerializer, PlainValidator, TypeAdapter
+from pydantic import PlainSerializer, PlainValidator
 
 from ...linalg.basis import Basis
 from ...parallel.failures import InputError
+from ..kinds import UnknownKind, from_table, table_of
 from ..run import Run
 from .point_blocks import PointBlocks
 
@@ -41,12 +43,8 @@ class Component(ABC):
 
 
 @dataclass(frozen=True)
-class UnknownKind(Component):
-    """A part of a basis whose class is not known here, as of a result that another program made: its `kind` and the
-    settings that it was made with."""
-
-    kind: str
-    settings: dict[str, Any]
+class UnknownComponent(UnknownKind, Component):
+    """A component whose class is not known here, as of a result that another program made."""
 
     def columns(self, inputs: int, rigid: int) -> int:
         raise InputError(f"basis: found the kind '{self.kind}', whose class is not known here; import it first")
@@ -55,29 +53,9 @@ class UnknownKind(Component):
         self.columns(0, 0)
 
 
-def table_of(item: Component) -> dict[str, Any]:
-    """The kind and the settings of a part of a basis as plain data."""
-    return item.settings | {"kind": item.kind} if isinstance(item, UnknownKind) else asdict(item)
-
-
-def from_table(table) -> Component:
-    """The part of a basis that `table_of` made a table of, of a class that has been defined, or an UnknownKind."""
-    if isinstance(table, Component):
-        return table
-    settings = dict(table)
-    for kind in _subclasses(Component):
-        if is_dataclass(kind) and kind is not UnknownKind and getattr(kind, "kind", None) == settings["kind"]:
-            return TypeAdapter(kind).validate_python(settings)
-    return UnknownKind(settings.pop("kind"), settings)
-
-
-def _subclasses(parent):
-    for kind in parent.__subclasses__():
-        yield kind
-        yield from _subclasses(kind)
-
-
-AnyKind = Annotated[Component, PlainValidator(from_table), PlainSerializer(table_of)]  # in records
+AnyKind = Annotated[  # in records
+    Component, PlainValidator(partial(from_table, Component, UnknownComponent)), PlainSerializer(table_of)
+]
 
 
 class PointComponent(Component):

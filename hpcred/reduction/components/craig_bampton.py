@@ -25,8 +25,8 @@ from ...parallel.declared import as_declared
 from ...parallel.failures import HpcredError, InputError, Owned
 from ...parallel.ranges import COUNT, require_band, within
 from ..run import Run
+from ..store import Entry
 from .component import Component
-from .krylov_sequence import Entry
 from .modes import all_between, kept_modes, lowest_modes_by
 
 DEPENDENT_DIRECTION = 1e-12  # eigenvalue of the scaled G K^+ G^T below which one of the interfaces depends on others
@@ -170,7 +170,7 @@ class InterfaceSolver:
     def _factored(self):
         """The solver of the run with the factor of K."""
         try:
-            return self._run.factored(0.0, "0 Hz")
+            return self._run.solvers.factored(0.0, "0 Hz")
         except SingularMatrix as error:
             raise InputError(
                 f"basis: K of {self._run.model.name} is singular, so the body can move freely; take frame kind "
@@ -182,7 +182,7 @@ class InterfaceSolver:
         run = self._run
         key = {"kind": "attachment modes", **run.identity_of("M", "K")}  # of the interfaces among the nodes
         entry = run.stored(key)
-        run.needs("0.0", "0.0")
+        run.notes.needs("0.0", "0.0")
         if entry is not None:
             with Owned(run.model.comm) as owned, dense(owned.owns(entry).block) as source, dense(self.flexible) as X:
                 source.copy(X)

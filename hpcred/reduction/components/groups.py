@@ -1,4 +1,4 @@
-"""Groups of ranks: the points of a basis enter, each group makes the blocks of its points, and all ranks get them.
+"""Have groups of ranks make the blocks of different points, for the basis of all ranks.
 
 Each group holds a copy of the model, distributed over its ranks, and has factors of its own, so that different points
 are factored at the same time. The blocks enter the basis in the order of the components, as without groups.
@@ -90,11 +90,11 @@ def number_of_groups(wanted, run, points: int) -> int:
             raise InputError(f"groups: found {wanted!r}, expected 1 to {ranks}, the number of ranks, or 'auto'")
         return min(wanted, max(points, 1))
     most = min(points, ranks)
-    if most < 2 or run.multigrid:
+    if most < 2 or run.solvers.multigrid:
         return 1
     with run.progress.stage("estimate"):
         estimate = run.solvers.real.estimate()
-        run.release()
+        run.solvers.release()
     if estimate is None:
         run.progress.say("1 group of ranks: what a factor needs is not known")
         return 1
@@ -151,10 +151,8 @@ def blocks_in_groups(basis, runs, groups) -> dict:
                     with progress.stage("merge"):
                         arrived[i, c] = bring(model, group, made.get((i, c)))
         for c, run in enumerate(runs):
-            for number, told in enumerate(comm.allgather(own[c].told() if group.leads else None)):
-                if told is not None:
-                    # what every group noted of the loads is said once
-                    run.add(*told[:2], told[2] if number == 0 else [], *told[3:])
+            if c == 0 or run.notes is not runs[0].notes:
+                run.take_over(own[c], group.leads, components=c == 0)
     return arrived
 
 

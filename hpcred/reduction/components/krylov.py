@@ -19,11 +19,11 @@ from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, within
 from ..points import laplace, point_name
 from .component import PointComponent
-from .krylov_sequence import Chain
+from .krylov_sequence import KrylovSequence
 from .point_blocks import PointBlocks
 
 
-class PencilChain(Chain):
+class PencilSequence(KrylovSequence):
     """(K + s^2 M)^-1 L, then repeatedly (K + s^2 M)^-1 M; for s^2 = inf M^-1 L, then M^-1 K.
 
     `square`: s^2, real. `loads`: a block L, by default the inputs of the run; `inputs`: what it is in the key.
@@ -41,7 +41,7 @@ class PencilChain(Chain):
         return self._loads.getActiveColumns()[1]
 
     def _factor(self):
-        return self.run.factored(self._square, self._name)
+        return self.run.solvers.factored(self._square, self._name)
 
     def _next_load(self):
         if not self.ends:
@@ -56,14 +56,14 @@ class PencilChain(Chain):
         return load
 
 
-class ComplexPencilChain(PencilChain):
+class ComplexPencilSequence(PencilSequence):
     """The same for a complex s^2."""
 
     kind = ComplexBasis
 
     def _factor(self):
         with self.run.progress.stage("factor", self._name):
-            solver = self.run.complex_solver
+            solver = self.run.solvers.complex
             solver.factor(self._square)
             return solver
 
@@ -128,13 +128,13 @@ class Krylov(PointComponent):
             )
         if not run.loads.getActiveColumns()[1]:
             raise InputError(f"krylov: no input loads the free dofs of {model.name}")
-        kind = ComplexPencilChain if self._is_complex() else PencilChain
+        kind = ComplexPencilSequence if self._is_complex() else PencilSequence
         square = np.inf if self.infinity else self.point**2 if self._is_complex() else (self.point**2).real
-        chain = kind(run, square, self.name, wanted=self.order + 1)
+        sequence = kind(run, square, self.name, wanted=self.order + 1)
         try:
-            return chain.blocks(self.order + 1, f"krylov {self.name}")
+            return sequence.blocks(self.order + 1, f"krylov {self.name}")
         except SingularMatrix as error:
-            chain.close()  # a refusal of all ranks
+            sequence.close()  # a refusal of all ranks
             raise self._refusal(model, run.rigid, error) from error
 
     def _refusal(self, model, rigid, error):

@@ -1,53 +1,21 @@
-"""The chain of blocks of an expansion point: made block by block, or taken from a store; then its factor is not needed.
+"""Make the Krylov sequence of an expansion point block by block, or take it from a store, without a factor.
 
-A chain depends on its point alone: its vectors are orthonormal by themselves, and nothing that a basis has enters.
+A sequence depends on its point alone: its vectors are orthonormal by themselves, and nothing that a basis has enters.
 What is in a store is therefore what would be computed, to the last digit where the ranks are as many.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from ...linalg.basis import Basis
 from ...linalg.blocks import create_block
 from ...parallel.failures import ComputationError, Owned
+from ..store import Entry
 from .point_blocks import Part, PointBlocks
 
 
-@dataclass
-class Entry:
-    """What a store keeps under one key: columns as a block in `widths` columns each, facts (plain types), and small
-    arrays, the same on all ranks. `block` is None where there are no columns; who loads an entry closes it."""
-
-    facts: dict
-    widths: tuple[int, ...] = ()
-    block: object = None
-    arrays: dict[str, np.ndarray] = field(default_factory=dict)
-
-    def close(self):
-        if self.block is not None:
-            self.block.destroy()
-
-
-@runtime_checkable
-class Store(Protocol):
-    """Where columns are kept from one reduction to the next (files.point_store has one in a folder).
-
-    Both methods are collective over the ranks of `model`, whose rows the columns have. They fail for no reason that
-    lies in files: `say` gets a sentence for the user instead.
-    """
-
-    def load(self, model, key: dict, say, most: int | None = None) -> Entry | None:
-        """What was kept under the key, with its first `most` widths; None where there is nothing sound."""
-
-    def save(self, model, key: dict, entry: Entry, say):
-        """Keep an entry, in place of what is there."""
-
-
-class Chain:
+class KrylovSequence:
     """Blocks of one point. A subclass says by which rule one follows from another. Call close(). Collective.
 
     `vectors`: the orthonormal vectors of all blocks; `ends`: the last vector of each, plus one; `offered`: columns that
@@ -98,7 +66,7 @@ class Chain:
     def _go_on_from(self, state):
         """Take over what _state() gave."""
 
-    # the chain
+    # the sequence
 
     def factor(self):
         """Have the point factored. Raises SingularMatrix."""
@@ -135,7 +103,7 @@ class Chain:
                 self.vectors.renew_images(start, self.vectors.size)  # as those that come from a store have them
                 self.complete = self.vectors.size == start
                 self._took(load, block)
-        self.run.massless |= self.massless
+        self.run.notes.massless |= self.massless
         self.offered.append(self._offers(columns))
         self.ends.append(self.vectors.size)
         self._residual = max(self._residual, self._solver.records[-1].residual)
@@ -152,8 +120,8 @@ class Chain:
         return PointBlocks(self.vectors, parts)
 
     def keep(self):
-        """Have the store keep the chain, if it has grown."""
-        self.run.needs(*self.labels)
+        """Have the store keep the sequence, if it has grown."""
+        self.run.notes.needs(*self.labels)
         if len(self.ends) == self.stored:
             return
         width = self.vectors.width
@@ -178,7 +146,7 @@ class Chain:
                 self.vectors = self.kind(self.run.mass, tolerance=self.run.tolerance, keeps=self.run.keeps_images)
                 return
         self.massless = facts["massless"]
-        self.run.massless |= self.massless
+        self.run.notes.massless |= self.massless
         self.ends, self.offered = facts["ends"][:count], facts["offered"][:count]
         if count == len(facts["ends"]):
             self.complete, self._residual = facts["complete"], facts["residual"]

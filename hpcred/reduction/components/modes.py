@@ -17,8 +17,8 @@ from ...parallel.failures import ComputationError, InputError, Owned
 from ...parallel.petsc import is_complex
 from ...parallel.ranges import COUNT, require_band, within
 from ..projection import diagonalise, project, project_columns
+from ..store import Entry
 from .component import Component
-from .krylov_sequence import Entry
 
 INDEPENDENT = 1e-6  # weight of a direction of modes found that is not round-off
 MIXED = 0.01  # share of rigid-body motions in a mode, and weight of what is left of it, that are not round-off
@@ -124,15 +124,15 @@ class Modes(Component):
 
 def _slices(run):
     """Whether the factors that SLEPc makes of its own fit; refused where nothing else would do."""
-    if not run.multigrid:
+    if not run.solvers.multigrid:
         try:
             run.solvers.real.estimate()
         except DoesNotFit as error:
             if not run.solvers.give_up_factors(error):
                 raise
-    if not run.multigrid:
-        run.release()
-    return not run.multigrid
+    if not run.solvers.multigrid:
+        run.solvers.release()
+    return not run.solvers.multigrid
 
 
 def kept_modes(run, rule, count, find):
@@ -141,7 +141,7 @@ def kept_modes(run, rule, count, find):
     key = {"kind": "modes", **rule, **run.identity_of("M", "K")}
     entry = run.stored(key)
     if rule["band"] is None:
-        run.needs("0.0", "0.0")
+        run.notes.needs("0.0", "0.0")
     if entry is not None and len(entry.facts["values"]) >= (count or 0):
         values, block = np.array(entry.facts["values"]), entry.block
         return (values, block, True) if count is None else (values[:count], choose(run, block, np.arange(count)), True)
@@ -184,7 +184,7 @@ def lowest(run, count, shift=0.0):
 
     Found by solves with K + shift M. Raises SingularMatrix.
     """
-    solver = run.factored(shift, "0 Hz" if not shift else "a shift")
+    solver = run.solvers.factored(shift, "0 Hz" if not shift else "a shift")
     return lowest_modes_by(run, count, run.model.size - run.framed.rigid_size, solver.solve)
 
 

@@ -22,7 +22,7 @@ from ...parallel.ranges import COUNT, within
 from ..points import laplace, point_name
 from .component import PointComponent
 from .krylov import Krylov
-from .krylov_sequence import Chain
+from .krylov_sequence import KrylovSequence
 from .point_blocks import PointBlocks
 
 SMALL = 1e-13  # singular value below which a direction of the coefficients is dependent
@@ -74,15 +74,15 @@ class SecondOrderKrylov(PointComponent):
         if model.D is None:
             # without damping these R_l are combinations of (A^-1 M)^k A^-1 B, k <= l: the same span
             return Krylov(s.imag / 2 / np.pi, self.order, s.real or None).blocks(run)
-        chain = SecondOrderChain(run, s, wanted=self.order + 1)
+        sequence = SecondOrderSequence(run, s, wanted=self.order + 1)
         try:
-            return chain.blocks(self.order + 1, f"second-order krylov {point_name(s)}")
+            return sequence.blocks(self.order + 1, f"second-order krylov {point_name(s)}")
         except SingularMatrix as error:
-            chain.close()  # a refusal of all ranks
+            sequence.close()  # a refusal of all ranks
             raise InputError(f"second_order_krylov: the point {point_name(s)} is a pole of the model") from error
 
 
-class SecondOrderChain(Chain):
+class SecondOrderSequence(KrylovSequence):
     """The blocks R_l of the second-order Krylov subspace at `s`.
 
     `upper` and `lower` (size, b): coefficients of R_l and R_(l-1); `states` (2 size, total): all so far. `scale`: time
@@ -108,10 +108,10 @@ class SecondOrderChain(Chain):
     def _factor(self):
         s, run = self._s, self.run
         if self._is_real():
-            return run.factored(s.real**2, point_name(s), s.real)
+            return run.solvers.factored(s.real**2, point_name(s), s.real)
         with run.progress.stage("factor", point_name(s)):
-            run.complex_solver.factor(s * s, s)
-            return run.complex_solver
+            run.solvers.complex.factor(s * s, s)
+            return run.solvers.complex
 
     def _next_load(self):
         """-((2 s M + D) Q upper + M Q lower) as pairs."""

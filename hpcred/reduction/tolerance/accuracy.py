@@ -11,9 +11,9 @@ from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Stru
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
-from ..measure import IDLE, PAPER, TINY, Measure
+from ..measure import IDLE, PAPER, TINY, AnyMeasure, Directions, Measure, Paper, measure_called
 from .error_estimate import UNIFORM
-from .pseudo_modal import Law
+from .pseudo_modal import Proportional
 
 ROUND_OFF = "limited by round-off"  # why a search ended
 UNDAMPED = 1e-8  # damping ratio up to which a mode counts as undamped
@@ -62,8 +62,13 @@ class Adaptive(Limits):
 
     tolerance: float
     band: tuple[float, float]
-    measure: Literal["directions", "paper"] = "directions"
+    measure: Literal["directions", "paper"] | Measure = "directions"
     static: Literal["tolerance", "exact"] = "tolerance"
+
+    @property
+    def error_measure(self) -> Measure:
+        """What `measure` stands for."""
+        return measure_called(self.measure)
 
     def __post_init__(self):
         as_declared(self, keys=("tolerance", "band", "measure", "static"))
@@ -124,7 +129,7 @@ class Direction:
     worst_input: str
 
 
-def directions_table(by: Measure, parts, outputs, inputs) -> tuple[Direction, ...]:
+def directions_table(by: Directions, parts, outputs, inputs) -> tuple[Direction, ...]:
     """How well the `outputs` under the `inputs` (names) are known by themselves, the worst first.
 
     `parts`: of the band, as frequencies (S,) in Hz, errors by the measure, and responses, both (S, r, p).
@@ -203,7 +208,7 @@ class Accuracy:
     beside_damping: bool = False
     unproven: str = ""
     multigrid: bool = False
-    measure: Measure = PAPER
+    measure: AnyMeasure = PAPER
     directions: tuple[Direction, ...] = ()
 
     def with_noise(self, noise: float) -> Accuracy:
@@ -234,7 +239,7 @@ class Accuracy:
         # responses of round-off are compared with each other; without an exact value nothing bounds an estimate
         more = " or more" if self.stopped == ROUND_OFF or self.unproven else ""
         about = f"{self.largest + self.noise:.1e}{more}"
-        eps = "eps (55)" if self.measure.kind == "paper" else "eps"
+        eps = "eps" + (" (55)" if isinstance(self.measure, Paper) else "")
         claim = (
             f"{eps} <= {self.tolerance:g} over {low:g} to {high:g} Hz" if self.reached
             else f"NOT REACHED: {eps} is about {about}, not {self.tolerance:g}, over {low:g} to {high:g} Hz, "
@@ -262,7 +267,7 @@ class Accuracy:
     def warnings(self) -> tuple[str, ...]:
         """What a user of the result has to know: a tolerance that was not reached, and what the measure hides."""
         found = () if self.reached else (self.sentence,)
-        if self.measure.kind == "paper" and self.beyond:
+        if isinstance(self.measure, Paper) and self.beyond:
             named = [f"{item.output} {item.largest:.1g} at {item.frequency:.4g} Hz" for item in self.beyond]
             found += (
                 f"measure: eps is that of the paper (55), the error of all responses together; by themselves "
@@ -273,30 +278,30 @@ class Accuracy:
         return found
 
 
-def law_of(damping, zeta0: float, band) -> tuple[Law, bool, str]:
-    """How the response of a model with a damping law is measured: its proportional part, whether a given D comes on
-    top, and that in words."""
+def measured_damping(damping, zeta0: float, band) -> tuple[Proportional, bool, str]:
+    """With which damping the response of a model is measured: its proportional part, whether a given D comes on top,
+    and that in words."""
     if isinstance(damping, GivenDamping):
-        law, loss = Law(eta=damping.loss_factor), damping.loss_factor
+        law, loss = Proportional(eta=damping.loss_factor), damping.loss_factor
         words = "measured with the damping matrix of the model"
         return law, True, f"{words} and the loss factor {loss:g}" if loss else words
     if isinstance(damping, Structural) and damping.loss_factor:
-        return Law(eta=damping.loss_factor), False, f"measured with the loss factor {damping.loss_factor:g}"
+        return Proportional(eta=damping.loss_factor), False, f"measured with the loss factor {damping.loss_factor:g}"
     if isinstance(damping, Rayleigh | Caughey):
-        law, ratio = law_of_series(damping.coefficients), smallest_ratio(damping.coefficients, band)
+        law, ratio = proportional(damping.coefficients), smallest_ratio(damping.coefficients, band)
         if ratio > UNDAMPED:
             return law, False, "measured with the damping of the model"
     ratio, why = zeta0, "undamped"
     if isinstance(damping, ModalDamping):
         ratio = max(float(damping.at(np.linspace(*band, UNIFORM)).min()), 1e-6)
         why = "the smallest modal ratio"
-    return Law(eta=2 * ratio), False, f"measured with the loss factor {2 * ratio:g} ({why})"
+    return Proportional(eta=2 * ratio), False, f"measured with the loss factor {2 * ratio:g} ({why})"
 
 
-def law_of_series(coefficients) -> Law:
+def proportional(coefficients) -> Proportional:
     """The damping of a Caughey series (39), of which Rayleigh damping is the first two terms."""
     alpha, beta, *higher = (*coefficients, 0.0)[: max(len(coefficients), 2)]
-    return Law(alpha, beta, 0.0, tuple(higher) if any(higher) else ())
+    return Proportional(alpha, beta, 0.0, tuple(higher) if any(higher) else ())
 
 
 def smallest_ratio(coefficients, band) -> float:

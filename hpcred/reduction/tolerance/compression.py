@@ -1,4 +1,4 @@
-"""Compress a big projected model to the few combinations of its coordinates that the tolerance asks for."""
+"""Compress a projected model to the few combinations of its coordinates that the tolerance asks for."""
 
 from __future__ import annotations
 
@@ -11,23 +11,22 @@ from ...parallel.failures import InputError
 from ..measure import Measure
 from .error_estimate import FINE, UNIFORM, Comparison, grid, largest, resolved
 from .judging import Judge
-from .pseudo_modal import Law, PseudoModal, columns, is_symmetric, responses, restricted, solve, times
+from .pseudo_modal import PseudoModal, columns, times
 
-TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until the big model is kept
+TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until nothing is compressed
 LARGE = 1e6  # error that counts as any other above it
 TIE = 0.01  # by how much the first input or output counts less than the last, so that equal directions have an order
 
 
-def snapshots(model: PseudoModal, law: Law, frequencies, ports, measure: Measure) -> np.ndarray:
+def snapshots(model: PseudoModal, frequencies, measure: Measure) -> np.ndarray:
     """States A^-1 L Lb / g and A^-T L Lc / h with the scales of a measure, (S, m, p + r); with C = B^T and symmetric A
     only the first."""
-    Lb, Lc = ports
-    right = solve(model, law, frequencies, model.L @ Lb)
-    h, g = measure.scales(*responses(model, law, frequencies, ports))
+    right = model.solve(frequencies, model.B)
+    h, g = measure.scales(*model.responses(frequencies))
     right *= _inverse(g)[:, None, :]
-    if Lb is Lc and is_symmetric(model.D):
+    if model.is_reciprocal:
         return right
-    left = solve(model, law, frequencies, model.L @ Lc, transposed=True) * _inverse(h)[:, None, :]
+    left = model.solve(frequencies, model.Ct, transposed=True) * _inverse(h)[:, None, :]
     # only the product of the two scales has a meaning: equal parts
     balance = (np.linalg.norm(left) / np.linalg.norm(right)) ** 0.5 or 1.0
     return np.concatenate([right * balance, left / balance], axis=2)
@@ -49,12 +48,12 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
     outputs begin with slightly different weights: singular values of a symmetric body come in equal pairs, of which
     round-off would choose the directions where k parts them.
     """
-    model, law, ports, measure = pair.outer, pair.law, pair.ports, pair.measure
-    fixed = np.zeros((len(model.squares), 0)) if fixed is None else fixed
-    states = snapshots(model, law, frequencies, ports, measure)
+    model, measure = pair.outer, pair.measure
+    fixed = np.zeros((len(model), 0)) if fixed is None else fixed
+    states = snapshots(model, frequencies, measure)
     states = states - times(fixed, times(fixed.T, states))
-    inputs = ports[0].shape[1]
-    known = responses(model, law, frequencies, ports)
+    inputs = model.io.inputs.shape[1]
+    known = model.responses(frequencies)
 
     def leading(weights):
         flat = columns(states * weights)
@@ -72,7 +71,7 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
     even = leading(ties)
     if most is not None:
         return joined(fixed, even[:, : max(most - fixed.shape[1], 0)])
-    low, high = 0, len(model.squares) - fixed.shape[1]
+    low, high = 0, len(model) - fixed.shape[1]
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if fits(even[:, :middle]) else (middle, high)
@@ -96,7 +95,7 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
 
 def inner_of(pair: Comparison, U) -> Comparison:
     """The comparison of a model on orthonormal columns U (m, k) of the coordinates of `pair.outer` with that."""
-    inner, embedding = restricted(pair.outer, U, pair.law)
+    inner, embedding = pair.outer.restricted(U)
     return replace(pair, inner=inner, embedding=embedding)
 
 
@@ -107,7 +106,7 @@ def joined(first, others) -> np.ndarray:
 
 class Compressed(NamedTuple):
     """What a search ends with: the `factor` (m, k) from the basis to the columns of the reduced model; that model
-    beside the big one (`pair`), and its error (`curve`, (S,)) at frequencies (S,) in Hz; the noise of the two; and why
+    in the uncompressed one (`pair`), and its error (`curve`, (S,)) at frequencies (S,) in Hz; the noise; and why
     the tolerance is not reached, or ""."""
 
     factor: np.ndarray
@@ -125,9 +124,9 @@ def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarr
     those of the basis, stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the
     error counts. `beside`: coordinates that join the model later, and count for the size. Raises InputError.
     """
-    eps, est, noise = judge.settings.tolerance, judge.rest, max(judge.noise, judge.lost)
+    eps, est, noise = judge.settings.tolerance, judge.estimate, max(judge.noise, judge.lost)
     outer = judge.projections.model()
-    whole = judge.compare(outer, outer, np.eye(len(outer.squares)))
+    whole = judge.compare(outer, outer, np.eye(len(outer)))
     goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
     fixed = np.linalg.qr(outer.vectors.T @ kept)[0] if kept.shape[1] else kept
     found, frequencies, curve, limited = _reach(judge, whole, goal, fixed, beside)
@@ -141,20 +140,20 @@ def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarr
 
 
 def _reach(judge, whole: Comparison, goal, fixed, beside):
-    """The smallest model whose error stays below the goal between the frequencies as well, beside the big one; a grid
-    and its error on it; and why the size that was asked for does not let it, or ""; `fixed`: see compressed(),
+    """The smallest model whose error stays below the goal between the frequencies as well, in the uncompressed one; a
+    grid and its error on it; and why the size that was asked for does not let it, or ""; `fixed`: see compressed(),
     `beside`: see compress()."""
-    settings, law, outer = judge.settings, whole.law, whole.outer
-    S, limited, most = grid([outer], law, settings.band), "", settings.size
+    settings, outer = judge.settings, whole.outer
+    S, limited, most = grid([outer], settings.band), "", settings.size
     if most is not None:
         most -= beside
     for trial in range(TRIALS + 1):
-        U = compressed(whole, S, goal, fixed) if trial < TRIALS else np.eye(len(outer.squares))
+        U = compressed(whole, S, goal, fixed) if trial < TRIALS else np.eye(len(outer))
         if most is not None and U.shape[1] > most:
             limited = f"with {settings.size} coordinates"
             U = compressed(whole, S, 0.0, fixed, most=most)
         found = inner_of(whole, U)
-        fine, curve = largest(found, grid([outer, found.inner], law, settings.band, 2 * UNIFORM, FINE))
+        fine, curve = largest(found, grid([outer, found.inner], settings.band, 2 * UNIFORM, FINE))
         if curve.max() <= 1.02 * goal or (most is not None and U.shape[1] >= most):
             break
         S = np.unique(np.concatenate([S, fine[curve > 0.8 * goal]]))
@@ -165,6 +164,6 @@ def _without_modes_above(limit, found: Comparison, frequencies):
     kept = found.inner.frequencies <= limit
     if not kept.any():
         raise InputError(f"drop_above: no pseudo-frequency lies below {limit:g} Hz")
-    inner, turn = restricted(found.inner, np.eye(len(kept))[:, kept], found.law)
+    inner, turn = found.inner.restricted(np.eye(len(kept))[:, kept])
     fewer = replace(found, inner=inner, embedding=found.embedding @ turn)
     return fewer, *largest(fewer, frequencies)

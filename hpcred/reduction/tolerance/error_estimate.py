@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..measure import IDLE, PAPER, SILENT, Measure, directions, drive_points
-from .pseudo_modal import Law, PseudoModal, chunks, difference, norms, response, responses, solve
+from ..measure import SILENT, Measure, Paper, drive_points
+from .pseudo_modal import Proportional, PseudoModal, difference
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points
@@ -31,27 +31,24 @@ class Comparison:
     inner: PseudoModal
     outer: PseudoModal
     embedding: np.ndarray
-    law: Law
-    ports: tuple[np.ndarray, np.ndarray]
     measure: Measure
 
     def difference(self, frequencies) -> np.ndarray:
         """H_outer - H_inner (S, r, p)."""
-        return difference(self.inner, self.outer, self.embedding, self.law, frequencies, self.ports)
+        return difference(self.inner, self.outer, self.embedding, frequencies)
 
     def curve(self, frequencies) -> np.ndarray:
         """The error eps (S,) of the inner model."""
-        return self.measure.eps(self.difference(frequencies), *self.responses(frequencies))
+        return self.measure.total(self.each(frequencies))
 
     def curve_and_dips(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
         """curve(), and what it may grow to beside a frequency (S,), 0 where no scale has a minimum."""
-        E, known = self.difference(frequencies), self.responses(frequencies)
+        E, known = self.difference(frequencies), self.outer.responses(frequencies)
         each = self.measure.each(E, *known)
         curve = self.measure.total(each)
-        if self.measure.kind == "paper":
-            return curve, np.zeros_like(curve)
-        most = np.zeros_like(curve)
-        floors = self.measure.floors
+        most, floors = np.zeros_like(curve), self.measure.floors
+        if floors is None:
+            return curve, most
         for scale, floor, error in zip(self.measure.scales(*known), floors, (each.max(2), each.max(1)), strict=True):
             low = maxima(-scale) & (scale > floor) & (floor > 0) & np.isfinite(scale)
             grows = np.divide(scale, floor, out=np.ones_like(scale), where=floor > 0) ** 2
@@ -60,56 +57,52 @@ class Comparison:
 
     def each(self, frequencies) -> np.ndarray:
         """The error of every response (S, r, p)."""
-        return self.measure.each(self.difference(frequencies), *self.responses(frequencies))
-
-    def responses(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
-        """Those of the outer model (see pseudo_modal.responses)."""
-        return responses(self.outer, self.law, frequencies, self.ports)
+        return self.measure.each(self.difference(frequencies), *self.outer.responses(frequencies))
 
     def noise(self, frequencies) -> np.ndarray:
         """The noise (S,) of the two models: what plain subtraction of their responses differs by. A Caughey series of
         more than two terms has no other difference to compare with."""
-        H, drive = self.responses(frequencies)
-        inner = responses(self.inner, self.law, frequencies, self.ports)[0]
+        H, drive = self.outer.responses(frequencies)
+        inner = self.inner.response(frequencies)
         return self.measure.eps(H - inner - self.difference(frequencies), H, drive)
 
     def by(self, measure: Measure) -> Comparison:
         """The same by another measure."""
         return replace(self, measure=measure)
 
-
-def measure_of(settings, model: PseudoModal, law: Law, ports) -> Measure:
-    """The measure of errors that the settings of a search ask for, with floors from a model over the band."""
-    if settings.measure == "paper":
-        return PAPER
-    Lb, Lc = ports
-    frequencies = np.linspace(*settings.band, UNIFORM)
-    H, drive = responses(model, law, frequencies, ports)
-    of = drive_points(Lb, Lc)
-    silent = _silent(model, law, frequencies, ports) if (of[0] < 0).any() else ()
-    found = directions(frequencies, H, drive, of, silent)
-    # an input that moves nothing elastic, which a warning names, has no response that could be wrong
-    return replace(found, inputs=tuple(value or IDLE for value in found.inputs))
+    def with_damping(self, damping: Proportional) -> Comparison:
+        """The same with another proportional damping."""
+        inner, outer = (replace(model, damping=damping) for model in (self.inner, self.outer))
+        return replace(self, inner=inner, outer=outer)
 
 
-def _silent(model, law, frequencies, ports) -> list[int]:
+def measure_over(measure: Measure, band, model: PseudoModal) -> Measure:
+    """A measure with what it takes from the responses of a model over a band (Hz), such as floors."""
+    if isinstance(measure, Paper):
+        return measure
+    frequencies = np.linspace(*band, UNIFORM)
+    of = drive_points(*model.io)
+    silent = _silent(model, frequencies) if (of[0] < 0).any() else ()
+    return measure.over(frequencies, *model.responses(frequencies), of, silent)
+
+
+def _silent(model, frequencies) -> list[int]:
     """The outputs (from 0) that feel no input: |c x| is round-off of |c| |x| at all frequencies."""
-    Lb, Lc = ports
-    left, feels = model.L @ Lc, False
-    for part in chunks(model, frequencies):
-        states = solve(model, law, part, model.L @ Lb)
+    left, feels = model.Ct, False
+    for part in model.parts_of(frequencies):
+        states = model.solve(part, model.B)
         bound = np.linalg.norm(left, axis=0)[:, None] * np.linalg.norm(states, axis=1)[:, None, :]
         feels = feels | (np.abs(left.T @ states) > SILENT * bound).any(axis=(0, 2))
     return np.flatnonzero(~feels).tolist()
 
 
-def poles_of(model: PseudoModal, law: Law) -> np.ndarray:
+def upper_poles(model: PseudoModal) -> np.ndarray:
     """The poles (k,) of a model that are not below the real axis, in rad/s."""
-    if model.inverse is not None:
-        return _upper(model.inverse.poles)
+    if model.poles is not None:
+        return _upper(model.poles.values)
     given = 0.0 if model.D is None else np.diag(model.D)
-    half = (law.damping_at(model.squares) + given) / 2
-    root = np.sqrt(half**2 - (1 + 1j * law.eta) * model.squares + 0j)
+    half = (model.damping.at(model.eigenvalues) + given) / 2
+    root = np.sqrt(half**2 - (1 + 1j * model.damping.eta) * model.eigenvalues + 0j)
     return _upper(np.concatenate([-half + root, -half - root]))
 
 
@@ -117,9 +110,9 @@ def _upper(poles):
     return poles[poles.imag >= 0]
 
 
-def resonances(model: PseudoModal, law: Law) -> tuple[np.ndarray, np.ndarray]:
+def resonances(model: PseudoModal) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (k,) in Hz, ascending, where the response may peak, and their damping ratios (k,)."""
-    return at_poles(poles_of(model, law))
+    return at_poles(upper_poles(model))
 
 
 def at_poles(poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -129,13 +122,13 @@ def at_poles(poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return poles.imag / (2 * np.pi), np.abs(poles.real) / np.abs(poles)
 
 
-def grid(models, law: Law, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray:
+def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray:
     """S: `uniform` points over the band (Hz), and around every pole of the models as many as let the distance of two
     frequencies be `step` times that to the nearest pole; without a step the places of the poles alone."""
     low, high = band
     points = [np.linspace(low, high, uniform)]
     for model in models:
-        poles = poles_of(model, law) / (2 * np.pi)
+        poles = upper_poles(model) / (2 * np.pi)
         poles = poles[np.argsort(poles.imag)]
         at, width = poles.imag, np.maximum(np.abs(poles.real), SHARPEST * np.abs(poles))
         near = np.flatnonzero((at > low - 0.1 * high) & (at < 1.1 * high) & (width > 0) & (width < high))
@@ -254,20 +247,20 @@ def missing(model: PseudoModal, counts) -> int:
     return max((count - int((poles < f).sum()) for f, count in counts), default=0)
 
 
-def is_free(model: PseudoModal, law: Law, frequencies, ports, zero: float) -> bool:
+def is_free(model: PseudoModal, frequencies, zero: float) -> bool:
     """Whether the response at the first of the frequencies, 0 Hz, is infinite but for round-off.
 
-    `zero`: squares of pseudo-frequencies below it, relative to the largest, count as round-off.
+    `zero`: eigenvalues below it, relative to the largest, count as round-off.
     """
-    if not model.squares[0] < zero * model.squares[-1]:
+    if not model.eigenvalues[0] < zero * model.eigenvalues[-1]:
         return False
-    size = norms(response(model, law, np.array([0.0, frequencies[-1] / 200]), ports))
+    size = np.linalg.norm(model.response(np.array([0.0, frequencies[-1] / 200])), axis=(1, 2))
     return not size[0] < 1e6 * size[1]
 
 
-def is_silent(model: PseudoModal, law: Law, frequencies, ports) -> bool:
+def is_silent(model: PseudoModal, frequencies) -> bool:
     """Whether the outputs do not feel the inputs."""
-    return len(_silent(model, law, frequencies, ports)) == ports[1].shape[1]
+    return len(_silent(model, frequencies)) == model.io.outputs.shape[1]
 
 
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:

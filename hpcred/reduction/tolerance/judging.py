@@ -7,45 +7,56 @@ checks the model that was before it, whose error it knows exactly there.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..measure import Measure
 from .accuracy import Adaptive, Proof
-from .error_estimate import UNIFORM, Comparison, grid, largest, measure_of, next_point, rounded
-from .projections import HELD_BACK, Projections, places
+from .error_estimate import UNIFORM, Comparison, grid, largest, measure_over, next_point, rounded
+from .projections import HELD_BACK, Projections
 from .pseudo_modal import nested
 from .search_checks import check_response
 
-MARGIN = 0.1  # of the tolerance that the big basis is made for; the rest is for the compression
+MARGIN = 0.1  # of the tolerance that the basis is made for; the rest is for the compression
 CHAIN = 128  # columns of a point at most, and
 AHEAD = 32  # as many more when the estimate promises to arrive with them
+HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
+
+
+class Candidate(NamedTuple):
+    """A model that a new point is to check: its `columns` (places in the basis), and those that its error was estimated
+    from (`seen_from`), which have them."""
+
+    columns: np.ndarray
+    seen_from: np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """The estimated error over the band of the model without the columns from `hold` on (or, of a list, of these), inf
-    without one; the `noise` of the small models; what was proven of the model before; whether the point is done."""
+    """The estimated error over the band of the model with the `columns` (places in the basis), without those that are
+    held back, inf without such a model; the `noise` of the small models; the proofs of the candidate; whether the point
+    is done."""
 
     estimate: float = np.inf
     noise: float
-    hold: int | list[int]
+    columns: np.ndarray
     proofs: tuple[Proof, ...] = ()
     done: bool = False
 
     @property
-    def exact(self) -> float:
-        """The largest exact error of the model before, inf without one."""
+    def measured(self) -> float:
+        """The largest measured error of the candidate, inf without one."""
         return max((proof.exact for proof in self.proofs), default=np.inf)
 
 
 @dataclass
 class Blocks:
     """The blocks of a point (Hz) so far: `order` of the last one, the columns that are `new` with it, those `added` by
-    all, and the estimates (`history`); `closing`: whether the point is to prove the model before it."""
+    all, and the estimates (`history`); `proving`: whether the point is to prove the candidate."""
 
     frequency: float
-    closing: bool
+    proving: bool
     order: int = -1
     new: int = 0
     added: int = 0
@@ -57,18 +68,44 @@ class Blocks:
 
 
 class Judge:
-    """Judges the models of a search. Methods are local, for one rank to decide by, and change nothing.
+    """Judges the models of a search, and keeps what is known of their errors.
 
-    `goal`: the tolerance of the big basis; `enough`: what serves at 0 Hz, if that is more. The search notes what was
-    judged last, `rest` (the estimate) and `noise`; the error by what the basis has `lost` to round-off; and in `before`
-    the columns (how many, or which) of the model that the next point checks, and of the one that it was seen from.
+    `goal`: the tolerance of the uncompressed basis; `enough`: what serves at 0 Hz, if that is more. Of the last
+    judgement `estimate` and `noise`; `lost`: the error by what the basis has lost to round-off; `candidate`: the model
+    that the next point checks, or None. Methods that judge are local, for one rank to decide by, and change nothing;
+    those that keep something have to be called on all ranks alike.
     """
 
     def __init__(self, projections: Projections, settings: Adaptive):
         self.projections, self.settings = projections, settings
-        self.goal, self.enough = MARGIN * settings.tolerance, 0.0
-        self.rest, self.noise, self.lost = np.inf, 0.0, 0.0
-        self.before: tuple | None = None
+        self.goal, self.enough = MARGIN * settings.tolerance, HAS_MODES if projections.run.solvers.multigrid else 0.0
+        self.estimate, self.noise, self.lost = np.inf, 0.0, 0.0
+        self.candidate: Candidate | None = None
+
+    def keep(self, judged: Judgement):
+        """Keep what was judged last."""
+        self.estimate, self.noise = judged.estimate, judged.noise
+
+    def check_next(self, columns: np.ndarray, size: int | None = None):
+        """Have the next point check the model with the `columns`, which is seen from the first `size` columns, by
+        default from all."""
+        self.candidate = Candidate(columns, np.arange(self.projections.basis.size if size is None else size))
+
+    def forget(self):
+        """Have the next point check nothing: the columns of the candidate are no longer what they were."""
+        self.candidate = None
+
+    def note_loss(self, error: float):
+        """Keep the error by what the basis has lost to round-off."""
+        self.lost = error
+
+    def note_noise(self, noise: float):
+        """Keep round-off that the judgements do not see."""
+        self.noise = max(self.noise, noise)
+
+    def demand_more(self):
+        """Ask for a smaller estimate at 0 Hz, since a basis lacked modes."""
+        self.enough /= 100
 
     @property
     def floor(self) -> float:
@@ -80,32 +117,36 @@ class Judge:
         return bool(value <= 3 * self.floor)
 
     def compare(self, inner, outer, embedding, measure: Measure | None = None) -> Comparison:
-        """A model and one that contains it, by a measure, that of the outer one if None is given."""
-        law, ports = self.projections.law, self.projections.ports
-        measure = measure or measure_of(self.settings, outer, law, ports)
-        return Comparison(inner, outer, embedding, law, ports, measure)
+        """A model and one that contains it, by a measure, by default that of the search."""
+        asked = self.settings
+        return Comparison(inner, outer, embedding, measure or measure_over(asked.error_measure, asked.band, outer))
+
+    def _compared(self, columns, among=None) -> Comparison:
+        """The model of some columns beside that of `among`, by default all of the basis."""
+        inner, outer = self.projections.model(columns), self.projections.model(among)
+        which = columns if among is None else np.searchsorted(among, columns)
+        return self.compare(inner, outer, nested(inner, outer, which))
 
     # one point
 
     def judge(self, blocks: Blocks) -> Judgement:
         """What the basis is worth after a block, and whether the point is done. Raises InputError."""
-        outer, hold = self.projections.model(), self.projections.hold
-        found = Judgement(noise=self.noise, hold=hold)
-        if hold == 0 and blocks.new:
+        columns = np.arange(self.projections.first_held_back)
+        found = Judgement(noise=self.noise, columns=columns)
+        if not columns.size and blocks.new:
             return found
         if not blocks.new:  # nothing new at all: the basis is complete
-            hold = len(outer.squares)
-        inner = self.projections.model(hold)
-        pair = self.compare(inner, outer, nested(inner, outer))
+            columns = np.arange(self.projections.basis.size)
+        pair = self._compared(columns)
         if blocks.order >= 1:
             rough = self._roughly(pair)
             if rough > 10 * max(self.floor, self._goal_at(blocks)) and self._has_room(blocks):
                 return replace(found, estimate=rough)
         S, curve = self._over_band(pair)
-        found = Judgement(estimate=float(curve.max()), noise=float(pair.noise(S).max()), hold=hold)
-        check_response(self.projections, outer, S, found)
-        if self.before is not None:
-            found = replace(found, proofs=(self._proof(blocks.frequency, pair, hold),))
+        found = Judgement(estimate=float(curve.max()), noise=float(pair.noise(S).max()), columns=columns)
+        check_response(self.projections, pair.outer, S, found)
+        if self.candidate is not None:
+            found = replace(found, proofs=(self._proof(blocks.frequency, pair),))
         return replace(found, done=self._is_done(blocks, found))
 
     def _goal_at(self, blocks):
@@ -114,7 +155,7 @@ class Judge:
 
     def _limit(self):
         """Columns of a point at most."""
-        if self.projections.run.multigrid:
+        if self.projections.run.solvers.multigrid:
             return self.settings.columns
         return CHAIN + 2 * self.projections.loads.getActiveColumns()[1]
 
@@ -126,11 +167,11 @@ class Judge:
     def _is_done(self, blocks, found):
         """Whether a point needs no more blocks, or may have none."""
         new = blocks.new
-        if blocks.order < 1 and new and not (blocks.closing and new >= HELD_BACK):
+        if blocks.order < 1 and new and not (blocks.proving and new >= HELD_BACK):
             return False
         goal = max(self._goal_at(blocks), found.noise)
         good = found.estimate <= goal
-        if good and blocks.closing and found.proofs:  # the value that is called exact has to be
+        if good and blocks.proving and found.proofs:  # the value that is called exact has to be
             proof = found.proofs[0]
             good = proof.own <= max(proof.exact / 10, self.goal / 100, found.noise)
         promising = _columns_ahead([*blocks.history, found.estimate], goal, new) <= AHEAD
@@ -138,60 +179,56 @@ class Judge:
         full = blocks.added + (0 if promising else new) > most or self.projections.basis.size >= self.settings.columns
         return bool(not new or good or full)
 
-    def _proof(self, f, pair, hold) -> Proof:
-        """What was said at a new point (Hz) of the model before, and its exact error, seen from `pair.outer`; the rest
-        of what is called exact, seen from `pair.inner`, which is of the columns `hold` of the same basis."""
-        at, outer = np.array([f]), pair.outer
-        old, seen_from = (self.projections.model(columns) for columns in self.before)
-        which, among = (places(columns) for columns in self.before)
+    def _proof(self, f, pair) -> Proof:
+        """What was estimated at a new point (Hz) of the candidate, and its error as measured from `pair.outer`; the
+        uncertainty of that is the error of `pair.inner`."""
+        at, columns, among = np.array([f]), *self.candidate
+        old, seen_from = (self.projections.model(places) for places in self.candidate)
 
-        def error(one, other, columns):
-            return float(self.compare(one, other, nested(one, other, columns), pair.measure).curve(at)[0])
+        def error(outer, which):
+            return float(self.compare(old, outer, nested(old, outer, which), pair.measure).curve(at)[0])
 
         return Proof(
-            frequency=f, exact=error(old, outer, which), said=error(old, seen_from, np.searchsorted(among, which)),
-            own=error(pair.inner, outer, places(hold)),
+            frequency=f, exact=error(pair.outer, columns), said=error(seen_from, np.searchsorted(among, columns)),
+            own=float(pair.curve(at)[0]),
         )  # fmt: skip
 
     # the band
 
     def _over_band(self, pair, band=None):
         """Frequencies of the band (S,), and the error of the inner model estimated at them."""
-        return largest(pair, grid([pair.outer, pair.inner], pair.law, band or self.settings.band), rounds=2)
+        return largest(pair, grid([pair.outer, pair.inner], band or self.settings.band), rounds=2)
 
     def _roughly(self, pair) -> float:
         """The largest estimate at a few frequencies."""
-        S = grid([pair.outer], pair.law, self.settings.band, UNIFORM // 4, None)
+        S = grid([pair.outer], self.settings.band, UNIFORM // 4, None)
         return float(pair.curve(S).max())
 
     def next_points(self, taken, count, band=None) -> list[float]:
         """Up to `count` points (Hz) in the band, by default the whole one, where the estimate is largest."""
         band = band or self.settings.band
-        inner, outer = self.projections.model(self.before[0]), self.projections.model()
-        S, curve = self._over_band(self.compare(inner, outer, nested(inner, outer, places(self.before[0]))), band)
+        pair = self._compared(self.candidate.columns)
+        S, curve = self._over_band(pair, band)
         chosen = []
         for _ in range(count):
-            f = next_point(S, curve, [*taken, *chosen], outer, band)
+            f = next_point(S, curve, [*taken, *chosen], pair.outer, band)
             chosen += [rounded(f, self.settings.band)] if f is not None else []
         return chosen
 
     # several points at once
 
-    def between(self, inner_columns, outer_columns) -> float:
-        """The largest estimate for one part of the basis, seen from another that has it."""
-        inner, outer = self.projections.model(inner_columns), self.projections.model(outer_columns)
-        columns = np.searchsorted(places(outer_columns), places(inner_columns))
-        return float(self._over_band(self.compare(inner, outer, nested(inner, outer, columns)))[1].max())
+    def estimate_of_candidate(self) -> float:
+        """The largest estimate over the band of the candidate, from what it is seen from."""
+        return float(self._over_band(self._compared(*self.candidate))[1].max())
 
-    def judge_round(self, points, hold) -> Judgement:
-        """What the basis is worth after a round of points, without the columns that are not in `hold`; `points` (Hz)
-        check the model before, where there is one: a first round of one point proves nothing."""
-        outer, inner = self.projections.model(), self.projections.model(hold)
-        pair = self.compare(inner, outer, nested(inner, outer, hold))
+    def judge_round(self, points, columns) -> Judgement:
+        """What the basis is worth after a round of points, by the model with the `columns`, without those that are held
+        back; `points` (Hz) check the candidate, where there is one: a first round of one point proves nothing."""
+        pair = self._compared(columns)
         S, curve = self._over_band(pair)
-        proofs = [self._proof(f, pair, hold) for f in points] if self.before is not None else []
+        proofs = tuple(self._proof(f, pair) for f in points) if self.candidate is not None else ()
         noise = float(pair.noise(S).max())
-        return Judgement(estimate=float(curve.max()), noise=noise, hold=hold, proofs=tuple(proofs))
+        return Judgement(estimate=float(curve.max()), noise=noise, columns=columns, proofs=proofs)
 
 
 def _columns_ahead(history, goal, width):

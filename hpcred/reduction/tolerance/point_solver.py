@@ -1,4 +1,4 @@
-"""The solves of a search: a point (Hz) enters; what A^-1 makes of loads there joins the basis.
+"""Solve at the points of a search, and add the solutions to the basis.
 
 A = K - omega^2 M is factored at the point. Where it may be, the factor of another point serves instead, or the
 multigrid of K, by conjugate gradients beside the basis (see linalg.solvers.iterative). What the store knows takes no
@@ -16,8 +16,8 @@ from ...linalg.conjugate_gradients import NegativeCurvature, NotSolved
 from ...linalg.solvers.base import SingularMatrix
 from ...parallel.decisions import decided
 from ...parallel.failures import ComputationError, InputError, Owned
-from ..components.krylov import PencilChain
-from ..components.krylov_sequence import Entry
+from ..components.krylov import PencilSequence
+from ..store import Entry
 from .accuracy import Adaptive, Point
 from .error_estimate import off_poles, rounded
 from .projections import Projections
@@ -30,28 +30,30 @@ class NoRegularPoint(ComputationError):
     """Near a point K - omega^2 M is singular, but for round-off."""
 
 
-class SearchChain(PencilChain):
-    """The chain of a point of a search: of the inputs and outputs together."""
+class SearchSequence(PencilSequence):
+    """The Krylov sequence of a point of a search: of the inputs and outputs together."""
 
     rule = "pencil of inputs and outputs"
 
     def _factor(self):
-        return self.run.factored(self._square, self._name, may_give_up=False)
+        return self.run.solvers.factored(self._square, self._name, may_give_up=False)
 
 
 class PointSolver:
     """Solves at one point after another, begun by open(); `points`: those that are done, a list of the search.
 
     `nearby`: the point (Hz) whose factor solves take, or 0 Hz with multigrid; None where the point has its own.
-    Methods are collective.
+    `failed_nearby`: whether conjugate gradients beside the factor of another point have not come to an end. Methods are
+    collective.
     """
 
     def __init__(self, projections: Projections, settings: Adaptive, points: list[Point]):
         self.projections, self.run = projections, projections.run
         self._settings, self._points = settings, points
-        self.multigrid = self.run.multigrid  # solves at 0 Hz, and elsewhere beside a basis that has the modes below
+        self.multigrid = self.run.solvers.multigrid  # at 0 Hz, and elsewhere beside a basis with the modes below
         self.counts = self.run.solvers.counts
         self.nearby: float | None = 0.0 if self.multigrid else None
+        self.failed_nearby = False
         self._mass = 0.0  # -omega^2 of the point
         self._random, self._smooth = 0, -1  # pairs of random columns; size of the basis that was smoothed
 
@@ -70,10 +72,13 @@ class PointSolver:
         """Whether solves at the point are by conjugate gradients beside the basis."""
         return self._mass != self.factored
 
-    def open(self, f) -> tuple[float, int | None]:
+    def open(self, f, nearby: float | None = None) -> tuple[float, int | None]:
         """Begin a point, off the poles; its place and the modes below it. It is factored here unless the store knows
-        that it can be and how many those are, else when a solve needs it. Raises InputError, NoRegularPoint."""
+        that it can be and how many those are, else when a solve needs it, or with the factor of the point `nearby`.
+        Raises InputError, NoRegularPoint."""
         run = self.run
+        if not self.multigrid:
+            self.nearby = nearby
         if self.projections.basis.size:
             moved = decided(run.model.comm, lambda: off_poles(f, self.projections.model(), self._settings.band))
             f = f if moved in (None, f) else rounded(moved, self._settings.band)
@@ -102,6 +107,11 @@ class PointSolver:
         """Have solves be at a point, which a solve factors where that is not done."""
         self._mass = _mass_at(f)
 
+    def factor_own(self):
+        """Have solves factor the point itself, where there are factors."""
+        if not self.multigrid:
+            self.nearby = None
+
     def _pivots(self):
         """The negative pivots at the point, None where there are none; from the store where that has them."""
         run = self.run
@@ -118,12 +128,12 @@ class PointSolver:
         """The solver with the factor of K - omega^2 M at the point, or at the one near it."""
         mass = self.factored
         # another search begins by multigrid where a factor does not fit
-        return self.run.factored(mass, f"{(-mass) ** 0.5 / (2 * np.pi):.6g} Hz", may_give_up=self.multigrid)
+        return self.run.solvers.factored(mass, f"{(-mass) ** 0.5 / (2 * np.pi):.6g} Hz", may_give_up=self.multigrid)
 
-    def chain(self, f) -> SearchChain:
-        """The chain of blocks of the point, for the caller to close."""
+    def sequence(self, f) -> SearchSequence:
+        """The Krylov sequence of blocks of the point, for the caller to close."""
         loads = self.projections.loads
-        return SearchChain(self.run, self._mass, f"{f:.6g} Hz", None, loads, ("inputs", "outputs"))
+        return SearchSequence(self.run, self._mass, f"{f:.6g} Hz", None, loads, ("inputs", "outputs"))
 
     def goes_on_without(self, error: NotSolved) -> bool:
         """Whether a search goes on where a solve nearby failed: by a factor of its own, or with blocks at 0 Hz."""
@@ -140,6 +150,7 @@ class PointSolver:
         with Owned(run.model.comm) as owned:
             entry = run.stored(key)
             if entry is None and self.is_nearby and run.stored(failed) is not None:
+                self.failed_nearby = True
                 raise NegativeCurvature("as in an earlier run")
             if entry is not None:
                 block = owned.owns(entry).block
@@ -159,6 +170,7 @@ class PointSolver:
         try:
             solver.solve_below(self._mass, load, block, self.projections.basis.columns, self.projections.K)
         except NotSolved as error:
+            self.failed_nearby = True
             if self.goes_on_without(error):
                 self.run.keep(failed, Entry({}))
             raise

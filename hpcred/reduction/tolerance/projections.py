@@ -1,4 +1,4 @@
-"""A basis that grows and what is known of it: blocks enter; V^T K V, V^T L and V^T D V leave, as far as it goes."""
+"""Extend a basis block by block, and project the matrices on what is new each time."""
 
 from __future__ import annotations
 
@@ -9,28 +9,22 @@ from ...linalg.blocks import copy_of, inner
 from ...parallel.failures import Owned
 from ..projection import project
 from ..run import Run
-from .pseudo_modal import Law, PseudoModal, diagonalised
+from .pseudo_modal import Proportional, PseudoModal, diagonalised
 
 HELD_BACK = 3  # columns at least that an estimate sees the model from
-
-
-def places(columns) -> np.ndarray:
-    """The first so many columns of a basis, or a list of them, as their places."""
-    return np.arange(columns) if np.ndim(columns) == 0 else np.array(columns, dtype=int)
 
 
 class Projections:
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
     `K` (m, m) = V^T K V, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) = V^T D V, or None unless
-    `damped`: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `ports`:
-    (Lb (l, p), Lc (l, r)), inputs and outputs in terms of L; `law`: the proportional damping of the models. Raises
-    InputError (see ports).
+    `damped`: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `io`:
+    inputs and outputs in terms of L; `damping`: the proportional damping of the models. Raises InputError (see io).
     """
 
-    def __init__(self, run: Run, basis: Basis, law: Law, damped: bool):
-        self.run, self.basis, self.law = run, basis, law
-        self.loads, self.ports = run.loads_and_ports
+    def __init__(self, run: Run, basis: Basis, damping: Proportional, damped: bool):
+        self.run, self.basis, self.damping = run, basis, damping
+        self.loads, self.io = run.independent_loads
         self._starts: list[int] = []  # first columns of the blocks
         self.K = np.zeros((0, 0))
         self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
@@ -41,11 +35,15 @@ class Projections:
         """Add the span of a block to the basis; returns how many columns are new. `images`: M block where known."""
         start = self.basis.size
         with self.run.progress.stage("orthogonalise"):
-            self.run.massless |= self.basis.extend(block, images).massless > 0
+            self.run.notes.massless |= self.basis.extend(block, images).massless > 0
         self._project(start)
         if self.basis.size > start:
             self._starts.append(start)
         return self.basis.size - start
+
+    def add_loss_factor(self, eta: float):
+        """Measure responses with a loss factor besides the damping matrix; local."""
+        self.damping = self.damping._replace(eta=eta)
 
     def rotate(self, turn):
         """Replace the basis by its combinations `turn` (m, m), orthonormal, and project on these."""
@@ -69,7 +67,7 @@ class Projections:
         return list(zip(self._starts, [*self._starts[1:], self.basis.size], strict=False))
 
     @property
-    def hold(self) -> int:
+    def first_held_back(self) -> int:
         """Where the newest blocks begin that are held back, to see the model of the columns before them; local."""
         return next((start for start in reversed(self._starts) if self.basis.size - start >= HELD_BACK), 0)
 
@@ -95,7 +93,7 @@ class Projections:
         return project(self.run.model.D, self.basis.columns_between(0, start), new)
 
     def model(self, columns=None) -> PseudoModal:
-        """The model of the first so many `columns` of the basis, or of listed ones, by default of all; local."""
-        k = places(self.basis.size if columns is None else columns)
+        """The model of `columns` (places) of the basis, by default of all; local."""
+        k = np.arange(self.basis.size) if columns is None else columns
         D = None if self.D is None else self.D[np.ix_(k, k)]
-        return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self.law)
+        return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self.damping, self.io)

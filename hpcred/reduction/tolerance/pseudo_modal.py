@@ -1,6 +1,6 @@
-"""Projected models in pseudo-modal coordinates: small matrices enter; responses and differences of nested models leave.
+"""Solve projected models in pseudo-modal coordinates, and compute exact differences of nested ones.
 
-Everything is dense numpy, deterministic and local. For V^T M V = I and the columns L of [B, C^T]:
+Everything is dense NumPy, deterministic and local. For V^T M V = I and the columns L of [B, C^T]:
 
     A(s) = a K + b M + s D,   a = 1 + i eta + s beta,   b = s^2 + s alpha,   s = 2 pi i f          (41, 40)
     H(s) = C A(s)^-1 B = Lc^T (L^T A(s)^-1 L) Lb,       B = L Lb,   C^T = L Lc
@@ -12,6 +12,7 @@ In a richer basis Q the difference H_Q - H_V is r^T A_Q^-1 r with r = L_Q - A_Q 
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no
 NUMBERS_AT_A_TIME = 2**22  # complex numbers of states held at a time
 
 
-class Law(NamedTuple):
+class Proportional(NamedTuple):
     """Proportional damping: D = alpha M + beta K and (1 + i eta) K; `higher`: a_2, a_3, ... of a Caughey series."""
 
     alpha: float = 0.0
@@ -28,50 +29,189 @@ class Law(NamedTuple):
     eta: float = 0.0
     higher: tuple[float, ...] = ()
 
-    def damping_at(self, squares: np.ndarray) -> np.ndarray:
-        """The viscous damping (m,) of modes with omega^2 = squares (m,): alpha + beta omega^2 + a_2 omega^4 + ..."""
-        return sum(a * squares**k for k, a in enumerate((self.alpha, self.beta, *self.higher)))
+    def at(self, eigenvalues: np.ndarray) -> np.ndarray:
+        """The viscous damping (m,) of modes with omega^2 = eigenvalues: alpha + beta omega^2 + a_2 omega^4 + ..."""
+        return sum(a * eigenvalues**k for k, a in enumerate((self.alpha, self.beta, *self.higher)))
+
+    def coefficients(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """a, b, s (S,) of A(s) = a K + b M + s D at frequencies (S,) in Hz."""
+        s = 2j * np.pi * np.asarray(frequencies)
+        return 1 + 1j * self.eta + s * self.beta, s * s + s * self.alpha, s
 
 
-UNDAMPED = Law()
+UNDAMPED = Proportional()
 
 
-class PseudoModal(NamedTuple):
-    """A projected model in its pseudo-modal coordinates, V^T M V = I, V^T K V = diag(squares).
+class InputsOutputs(NamedTuple):
+    """Inputs and outputs in terms of independent loads L: B = L `inputs` (l, p), C^T = L `outputs` (l, r), which are
+    one array where C = B^T."""
 
-    `squares` (m,): omega^2; `L` (m, l): the projected loads and measurements; `D` (m, m): a given damping matrix,
-    projected, or None; `vectors` (m, m): from these coordinates to those of the basis; `inverse`: the poles, with D.
+    inputs: np.ndarray
+    outputs: np.ndarray
+
+    @property
+    def are_same(self) -> bool:
+        """Whether C = B^T."""
+        return self.inputs is self.outputs
+
+
+class Poles(NamedTuple):
+    """A(s)^-1 = right diag(1 / (s - values)) left with a given D: values (2m,), right (m, 2m), left (2m, m)."""
+
+    values: np.ndarray
+    right: np.ndarray
+    left: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PseudoModal:
+    """A projected model in its pseudo-modal coordinates, V^T M V = I, V^T K V = diag(eigenvalues).
+
+    `eigenvalues` (m,): omega^2, ascending; `L` (m, l): the projected loads, of which `io` makes inputs and outputs;
+    `damping`: proportional; `D` (m, m): a given damping matrix, projected, or None; `vectors` (m, m): from these
+    coordinates to those of the basis; `poles`: of the first-order form, with D.
     """
 
-    squares: np.ndarray
+    eigenvalues: np.ndarray
     L: np.ndarray
-    D: np.ndarray | None
     vectors: np.ndarray
-    inverse: Poles | None = None
+    io: InputsOutputs
+    damping: Proportional = UNDAMPED
+    D: np.ndarray | None = None
+    poles: Poles | None = None
+
+    def __len__(self) -> int:
+        return len(self.eigenvalues)
 
     @property
     def frequencies(self) -> np.ndarray:
         """Pseudo-frequencies (m,) in Hz (52)."""
-        return np.sqrt(np.maximum(self.squares, 0.0)) / (2 * np.pi)
+        return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
+
+    @property
+    def B(self) -> np.ndarray:
+        """The projected inputs (m, p)."""
+        return self.L @ self.io.inputs
+
+    @property
+    def Ct(self) -> np.ndarray:
+        """The projected outputs (m, r)."""
+        return self.L @ self.io.outputs
+
+    @property
+    def is_reciprocal(self) -> bool:
+        """Whether C = B^T and A(s) is symmetric."""
+        return self.io.are_same and (
+            self.D is None or np.abs(self.D - self.D.T).max(initial=0.0) <= 1e-10 * np.abs(self.D).max(initial=0.0)
+        )
+
+    def without_D(self) -> PseudoModal:
+        """The same without any damping."""
+        return replace(self, D=None, poles=None, damping=UNDAMPED)
+
+    def restricted(self, U: np.ndarray) -> tuple[PseudoModal, np.ndarray]:
+        """The model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated."""
+        K = U.T @ (self.eigenvalues[:, None] * U)
+        D = None if self.D is None else U.T @ self.D @ U
+        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io)
+        return inner, U @ inner.vectors
+
+    def solve(self, frequencies, right: np.ndarray, transposed=False, accuracy=1e-14) -> np.ndarray:
+        """A(s)^-1 right (S, m, l), or A(s)^-T right; `right` (m, l) or (S, m, l).
+
+        With a given D by its poles and at most two steps of refinement until the residual is below `accuracy`; where it
+        stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination.
+        """
+        if self.D is None:
+            return right / self._diagonal(frequencies)[:, :, None]
+        right = np.broadcast_to(right, (len(frequencies), *right.shape[-2:]))
+        states, wrong = np.zeros(right.shape, dtype=complex), np.arange(len(frequencies))
+        s = self.damping.coefficients(frequencies)[2]
+        if (inverse := self.poles) is not None:
+            if transposed:
+                inverse = Poles(inverse.values, inverse.left.T, inverse.right.T)
+            factor = _reciprocal(s[:, None, None] - inverse.values[:, None])
+            size = _column_norms(right)
+            rest = right
+            for _ in range(3):
+                states += times(inverse.right, factor * times(inverse.left, rest))
+                rest = right - self.multiply(frequencies, states, transposed)
+                scale = size + _column_norms(self._diagonal(frequencies)[:, :, None] * states)
+                if (_column_norms(rest) <= accuracy * scale).all():
+                    break
+            wrong = np.flatnonzero(~(_column_norms(rest) <= 1e3 * accuracy * scale).all(axis=1))
+        parts = 1 + len(wrong) * len(self) ** 2 // NUMBERS_AT_A_TIME
+        for part in np.array_split(wrong, parts) if len(wrong) else ():
+            matrices = s[part][:, None, None] * (self.D.T if transposed else self.D)
+            index = np.arange(len(self))
+            matrices[:, index, index] += self._diagonal(frequencies[part])
+            states[part] = _eliminated(matrices, right[part])
+        return states
+
+    def multiply(self, frequencies: np.ndarray, states: np.ndarray, transposed=False) -> np.ndarray:
+        """A(s) states (S, m, l), or A(s)^T states."""
+        result = self._diagonal(frequencies)[:, :, None] * states
+        if self.D is not None:
+            s = self.damping.coefficients(frequencies)[2]
+            result += s[:, None, None] * times(self.D.T if transposed else self.D, states)
+        return result
+
+    def _diagonal(self, frequencies):
+        """a omega^2 + b (S, m): A(s) without D."""
+        law = self.damping
+        a, b, s = law.coefficients(frequencies)
+        found = a[:, None] * self.eigenvalues + b[:, None]
+        if law.higher:
+            found += s[:, None] * (law.at(self.eigenvalues) - law.alpha - law.beta * self.eigenvalues)
+        return found
+
+    def parts_of(self, frequencies: np.ndarray) -> list[np.ndarray]:
+        """Parts of the frequencies whose states (and matrices, with a given D) fit."""
+        m, l = self.L.shape
+        width = l if self.D is None else l + m
+        return np.array_split(frequencies, max(1, -(-len(frequencies) * m * width // NUMBERS_AT_A_TIME)))
+
+    def response(self, frequencies: np.ndarray) -> np.ndarray:
+        """H (S, r, p)."""
+        return self.responses(frequencies)[0]
+
+    def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """H (S, r, p), and the drive-point responses b_i^T A^-1 b_i (S, p) of the inputs."""
+        left, right = self.Ct.T, self.B
+        H, drive = [], []
+        for part in self.parts_of(frequencies):
+            states = self.solve(part, right)
+            H.append(left @ states)
+            by_itself = self.io.are_same
+            drive.append(np.einsum("spp->sp", H[-1]) if by_itself else np.einsum("mp,smp->sp", right, states))
+        return np.concatenate(H), np.concatenate(drive)
 
 
-def diagonalised(K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, law: Law = UNDAMPED) -> PseudoModal:
-    """The model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) in pseudo-modal coordinates (53, 54)."""
-    squares, vectors = np.linalg.eigh((K + K.T) / 2)
+def diagonalised(
+    K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, damping: Proportional = UNDAMPED,
+    io: InputsOutputs | None = None,
+) -> PseudoModal:  # fmt: skip
+    """The model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) in pseudo-modal coordinates (53, 54); by default the
+    columns L are its inputs and outputs."""
+    io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
+    eigenvalues, vectors = np.linalg.eigh((K + K.T) / 2)
     if D is None:
-        return PseudoModal(squares, vectors.T @ L, None, vectors)
-    model = PseudoModal(squares, vectors.T @ L, vectors.T @ D @ vectors, vectors)
+        return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping)
+    model = PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, vectors.T @ D @ vectors)
     try:
-        return model._replace(inverse=poles(model, law))
+        return replace(model, poles=poles_of(model))
     except np.linalg.LinAlgError:
         return model
 
 
-def restricted(model: PseudoModal, U: np.ndarray, law: Law) -> tuple[PseudoModal, np.ndarray]:
-    """The model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated."""
-    K = U.T @ (model.squares[:, None] * U)
-    inner = diagonalised(K, U.T @ model.L, None if model.D is None else U.T @ model.D @ U, law)
-    return inner, U @ inner.vectors
+def poles_of(model: PseudoModal) -> Poles:
+    """The poles of a model with a D, and the eigenvectors of its first-order form with the state (y, s y)."""
+    m, law = len(model), model.damping
+    D = model.D + np.diag(law.alpha + law.beta * model.eigenvalues)
+    below = np.diag(-(1 + 1j * law.eta) * model.eigenvalues) if law.eta else np.diag(-model.eigenvalues)
+    matrix = np.block([[np.zeros((m, m)), np.eye(m)], [below, -D]])
+    values, vectors = np.linalg.eig(matrix)
+    return Poles(values, vectors[:m], np.linalg.inv(vectors)[:, m:])
 
 
 def nested(inner: PseudoModal, outer: PseudoModal, columns=None) -> np.ndarray:
@@ -80,146 +220,25 @@ def nested(inner: PseudoModal, outer: PseudoModal, columns=None) -> np.ndarray:
     return outer.vectors[columns].T @ inner.vectors
 
 
-def coefficients(law: Law, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """a, b, s (S,) of A(s) = a K + b M + s D at frequencies (S,) in Hz."""
-    s = 2j * np.pi * np.asarray(frequencies)
-    return 1 + 1j * law.eta + s * law.beta, s * s + s * law.alpha, s
-
-
-def _diagonal(model, law, frequencies):
-    """a omega^2 + b (S, m): A(s) without D."""
-    a, b, s = coefficients(law, frequencies)
-    found = a[:, None] * model.squares + b[:, None]
-    if law.higher:
-        found += s[:, None] * (law.damping_at(model.squares) - law.alpha - law.beta * model.squares)
-    return found
-
-
-class Poles(NamedTuple):
-    """A(s)^-1 = right diag(1 / (s - poles)) left with a given D: poles (2m,), right (m, 2m), left (2m, m)."""
-
-    poles: np.ndarray
-    right: np.ndarray
-    left: np.ndarray
-
-
-def poles(model: PseudoModal, law: Law) -> Poles:
-    """The eigenvectors of the first-order form with the state (y, s y)."""
-    m = len(model.squares)
-    D = model.D + np.diag(law.alpha + law.beta * model.squares)
-    below = np.diag(-(1 + 1j * law.eta) * model.squares) if law.eta else np.diag(-model.squares)
-    matrix = np.block([[np.zeros((m, m)), np.eye(m)], [below, -D]])
-    values, vectors = np.linalg.eig(matrix)
-    return Poles(values, vectors[:m], np.linalg.inv(vectors)[:, m:])
-
-
-def solve(model: PseudoModal, law: Law, frequencies, right: np.ndarray, transposed=False, accuracy=1e-14) -> np.ndarray:
-    """A(s)^-1 right (S, m, l), or A(s)^-T right; `right` (m, l) or (S, m, l).
-
-    With a given D by its poles and at most two steps of refinement until the residual is below `accuracy`; where it
-    stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination.
-    """
-    if model.D is None:
-        return right / _diagonal(model, law, frequencies)[:, :, None]
-    right = np.broadcast_to(right, (len(frequencies), *right.shape[-2:]))
-    inverse = model.inverse
-    states, wrong = np.zeros(right.shape, dtype=complex), np.arange(len(frequencies))
-    if inverse is not None:
-        if transposed:
-            inverse = Poles(inverse.poles, inverse.left.T, inverse.right.T)
-        factor = _reciprocal(coefficients(law, frequencies)[2][:, None, None] - inverse.poles[:, None])
-        size = _columns(right)
-        rest = right
-        for _ in range(3):
-            states += times(inverse.right, factor * times(inverse.left, rest))
-            rest = right - multiply(model, law, frequencies, states, transposed)
-            scale = size + _columns(_diagonal(model, law, frequencies)[:, :, None] * states)
-            if (_columns(rest) <= accuracy * scale).all():
-                break
-        wrong = np.flatnonzero(~(_columns(rest) <= 1e3 * accuracy * scale).all(axis=1))
-    parts = 1 + len(wrong) * len(model.squares) ** 2 // NUMBERS_AT_A_TIME
-    for part in np.array_split(wrong, parts) if len(wrong) else ():
-        matrices = coefficients(law, frequencies[part])[2][:, None, None] * (model.D.T if transposed else model.D)
-        index = np.arange(len(model.squares))
-        matrices[:, index, index] += _diagonal(model, law, frequencies[part])
-        states[part] = _eliminated(matrices, right[part])
-    return states
-
-
-def _columns(blocks):
-    """Norms (S, l) of the columns of blocks (S, m, l), each of which may have units of its own."""
-    return np.linalg.norm(blocks, axis=1)
-
-
-def _reciprocal(values):
-    """1 / values, 0 for 0: at a pole elimination follows."""
-    return np.divide(1.0, values, out=np.zeros_like(values), where=values != 0)
-
-
-def _eliminated(matrices, right):
-    """matrices^-1 right (S, m, l), infinite where a matrix (m, m) is singular, as that of a free body is at 0 Hz."""
-    try:
-        return np.linalg.solve(matrices, right)
-    except np.linalg.LinAlgError:  # which does not say where
-        if len(matrices) == 1:
-            return np.full(right.shape, np.inf, dtype=complex)
-        return np.concatenate([_eliminated(*one) for one in zip(matrices[:, None], right[:, None], strict=True)])
-
-
-def multiply(model: PseudoModal, law: Law, frequencies: np.ndarray, states: np.ndarray, transposed=False) -> np.ndarray:
-    """A(s) states (S, m, l), or A(s)^T states."""
-    result = _diagonal(model, law, frequencies)[:, :, None] * states
-    if model.D is not None:
-        s = coefficients(law, frequencies)[2]
-        result += s[:, None, None] * times(model.D.T if transposed else model.D, states)
-    return result
-
-
-def chunks(model: PseudoModal, frequencies: np.ndarray):
-    """Parts of the frequencies whose states (and matrices, with a given D) fit."""
-    m, l = model.L.shape
-    width = l if model.D is None else l + m
-    return np.array_split(frequencies, max(1, -(-len(frequencies) * m * width // NUMBERS_AT_A_TIME)))
-
-
-def response(model: PseudoModal, law: Law, frequencies: np.ndarray, ports) -> np.ndarray:
-    """H (S, r, p); `ports` = (Lb (l, p), Lc (l, r))."""
-    return responses(model, law, frequencies, ports)[0]
-
-
-def responses(model: PseudoModal, law: Law, frequencies: np.ndarray, ports) -> tuple[np.ndarray, np.ndarray]:
-    """H (S, r, p), and the drive-point responses b_i^T A^-1 b_i (S, p) of the inputs."""
-    Lb, Lc = ports
-    left, right = (model.L @ Lc).T, model.L @ Lb
-    H, drive = [], []
-    for part in chunks(model, frequencies):
-        states = solve(model, law, part, right)
-        H.append(left @ states)
-        drive.append(np.einsum("mp,smp->sp", right, states) if Lc is not Lb else np.einsum("spp->sp", H[-1]))
-    return np.concatenate(H), np.concatenate(drive)
-
-
-def difference(inner: PseudoModal, outer: PseudoModal, embedding, law: Law, frequencies, ports) -> np.ndarray:
+def difference(inner: PseudoModal, outer: PseudoModal, embedding, frequencies) -> np.ndarray:
     """E = r^T A_Q^-1 r (S, r, p), equal to H_Q - H_V without its cancellation; V = Q embedding.
 
     Not for a Caughey series of more than two terms, whose powers of V^T K V are no projections: E = H_Q - H_V.
     """
-    Lb, Lc = ports
-    if law.higher:
-        return response(outer, law, frequencies, ports) - response(inner, law, frequencies, ports)
-    same = Lb is Lc and is_symmetric(outer.D)
+    if outer.damping.higher:
+        return outer.response(frequencies) - inner.response(frequencies)
     found = []
-    for part in chunks(outer, frequencies):
-        right = _residual(inner, outer, embedding, law, part, Lb)
-        left = right if same else _residual(inner, outer, embedding, law, part, Lc, transposed=True)
-        found.append(left.transpose(0, 2, 1) @ solve(outer, law, part, right, accuracy=ROUGH))
+    for part in outer.parts_of(frequencies):
+        right = _residual(inner, outer, embedding, part, inner.B, outer.B)
+        left = right if outer.is_reciprocal else _residual(inner, outer, embedding, part, inner.Ct, outer.Ct, True)
+        found.append(left.transpose(0, 2, 1) @ outer.solve(part, right, accuracy=ROUGH))
     return np.concatenate(found)
 
 
-def _residual(inner, outer, embedding, law, frequencies, port, transposed=False):
-    """r = L_Q - A_Q U y_V (S, m, p) for the columns L port."""
-    states = times(embedding, solve(inner, law, frequencies, inner.L @ port, transposed, ROUGH))
-    return outer.L @ port - multiply(outer, law, frequencies, states, transposed)
+def _residual(inner, outer, embedding, frequencies, load_of_inner, load, transposed=False):
+    """r = L_Q - A_Q U y_V (S, m, p)."""
+    states = times(embedding, inner.solve(frequencies, load_of_inner, transposed, ROUGH))
+    return load - outer.multiply(frequencies, states, transposed)
 
 
 def times(matrix, states):
@@ -239,10 +258,21 @@ def columns(states: np.ndarray) -> np.ndarray:
     return np.hstack([flat.real, flat.imag]) if np.iscomplexobj(flat) else flat
 
 
-def is_symmetric(D):
-    return D is None or np.abs(D - D.T).max(initial=0.0) <= 1e-10 * np.abs(D).max(initial=0.0)
+def _column_norms(blocks):
+    """Norms (S, l) of the columns of blocks (S, m, l), each of which may have units of its own."""
+    return np.linalg.norm(blocks, axis=1)
 
 
-def norms(blocks: np.ndarray) -> np.ndarray:
-    """Frobenius norms (S,) of blocks (S, r, p)."""
-    return np.linalg.norm(blocks, axis=(1, 2))
+def _reciprocal(values):
+    """1 / values, 0 for 0: at a pole elimination follows."""
+    return np.divide(1.0, values, out=np.zeros_like(values), where=values != 0)
+
+
+def _eliminated(matrices, right):
+    """matrices^-1 right (S, m, l), infinite where a matrix (m, m) is singular, as that of a free body is at 0 Hz."""
+    try:
+        return np.linalg.solve(matrices, right)
+    except np.linalg.LinAlgError:  # which does not say where
+        if len(matrices) == 1:
+            return np.full(right.shape, np.inf, dtype=complex)
+        return np.concatenate([_eliminated(*one) for one in zip(matrices[:, None], right[:, None], strict=True)])

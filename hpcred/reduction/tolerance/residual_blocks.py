@@ -1,7 +1,7 @@
-"""What a basis leaves of the loads over a band enters; the block of loads that it misses most leaves.
+"""Find the block of loads that a basis misses most over a band, from its residuals.
 
-For many inputs, or a given D, whose chain at one point would be blind to the rest of the band. (Halko, Martinsson &
-Tropp, SIAM Review 53(2), 2011, for the random directions and the power step.)
+It serves many inputs, or a given D, whose Krylov sequence at one point would be blind to the rest of the band. (Halko,
+Martinsson & Tropp, SIAM Review 53(2), 2011, for the random directions and the power step.)
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from ...linalg.blocks import add_product, apply, copy_of, create_block, inner, l
 from ...parallel.decisions import decided
 from ...parallel.failures import Owned
 from ...parallel.petsc import PETSc
-from .error_estimate import measure_of
-from .pseudo_modal import UNDAMPED, coefficients, columns, responses, solve
+from .error_estimate import measure_over
+from .pseudo_modal import columns
 
 RESIDUALS = 40  # frequencies at which residuals are taken
 WEAKEST = 1e-14  # of the strongest direction of a block, in squares: below it is round-off
@@ -140,16 +140,16 @@ def _residual_coefficients(projections, settings, S, damped=True):
 
     P: inputs and outputs in terms of L, w: one over their scales, 1 without settings.
     """
-    model, law, ports = projections.model(), projections.law, projections.ports
+    model, io = projections.model(), projections.io
     if not damped:
-        model, law = model._replace(D=None), UNDAMPED
-    P, weights = (ports[0] if ports[0] is ports[1] else np.hstack(ports)), 1.0
+        model = model.without_D()
+    P, weights = (io.inputs if io.are_same else np.hstack(io)), 1.0
     if settings is not None:
-        h, g = measure_of(settings, model, law, ports).scales(*responses(model, law, S, ports))
-        scales = g if ports[0] is ports[1] else np.hstack([g, h])
+        h, g = measure_over(settings.error_measure, settings.band, model).scales(*model.responses(S))
+        scales = g if io.are_same else np.hstack([g, h])
         weights = np.divide(1.0, scales, out=np.zeros_like(scales), where=scales > 0)[:, None, :]
-    states = solve(model, law, S, model.L @ P) * weights
-    a, b, s = coefficients(law, S)
+    states = model.solve(S, model.L @ P) * weights
+    a, b, s = model.damping.coefficients(S)
     loads = columns(np.broadcast_to(P.astype(complex), (len(S), *P.shape)) * weights)
     factors = (b, a, s) if model.D is not None else (b, a)
     return [loads, *(model.vectors @ columns(factor[:, None, None] * states) for factor in factors)]

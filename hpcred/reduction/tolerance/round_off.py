@@ -1,4 +1,4 @@
-"""The round-off of a projection: a basis enters; models of its columns that differ by nothing else leave.
+"""Measure the round-off of a projection by models of one basis that differ by nothing else.
 
 It is large where the response is much softer than the stiffest parts, such as that of a nearly free body close to 0 Hz,
 and no comparison of models made from one projection shows it. The columns times factors have other digits, and so other
@@ -15,7 +15,7 @@ from ...parallel.petsc import MPI
 from ..reduced_model import ReducedModel, as_measured
 from .accuracy import Accuracy
 from .projections import Projections
-from .pseudo_modal import PseudoModal, diagonalised, responses
+from .pseudo_modal import PseudoModal, diagonalised
 
 SAMPLES = 3
 FACTORS = (0.7, 1.4)
@@ -25,15 +25,15 @@ CHUNK = 2**20  # numbers of matrices that are solved with at a time
 def projected_again(projections: Projections) -> Iterator[PseudoModal]:
     """Models of the columns that the basis has now, which changes their lengths, from SAMPLES projections. Collective.
     """
-    basis, law, damped = projections.basis, projections.law, projections.D is not None
+    basis, damping, damped = projections.basis, projections.damping, projections.D is not None
     lengths, random = np.ones(basis.size), np.random.default_rng(0)
     for _ in range(SAMPLES):
         factors = random.uniform(*FACTORS, basis.size)
         basis.multiply(np.diag(factors / lengths))
         lengths = factors
-        again, scale = Projections(projections.run, basis, law, damped), np.outer(lengths, lengths)
+        again, scale = Projections(projections.run, basis, damping, damped), np.outer(lengths, lengths)
         D = None if again.D is None else again.D / scale
-        yield diagonalised(again.K / scale, again.L / lengths[:, None], D, law)
+        yield diagonalised(again.K / scale, again.L / lengths[:, None], D, damping, again.io)
 
 
 def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Projections) -> Accuracy:
@@ -47,6 +47,6 @@ def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Proje
     H = [measured.transfer_function(2j * np.pi * part) for part in parts]
     for again in projected_again(projections):
         for part, values in zip(parts, H, strict=True):
-            found, drive = responses(again, projections.law, part, projections.ports)
+            found, drive = again.responses(part)
             noise = max(noise, float(accuracy.measure.eps(found - values, found, drive).max()))
     return accuracy.with_noise(comm.allreduce(noise, op=MPI.MAX))

@@ -1,4 +1,4 @@
-"""What a search cannot serve is refused: bodies that move freely, silent outputs, bases that lack part of the response.
+"""Refuse what a search cannot serve: free motions, silent outputs, and bases that have lost part of the response.
 
 All functions but check_response are collective.
 """
@@ -29,9 +29,9 @@ def check_support(run, band):
     model = run.model
     if band[0] or run.rigid is not None:
         return
-    loads, ports = run.loads_and_ports
+    loads, io = run.independent_loads
     pushed = pushed_motions(model, loads)
-    of_inputs, of_outputs = (pushed @ part for part in ports)
+    of_inputs, of_outputs = (pushed @ part for part in io)
     infinite = np.abs(of_outputs.T @ of_inputs).max(initial=0.0) > 0
     if not infinite:
         return
@@ -43,11 +43,11 @@ def check_support(run, band):
 def check_response(projections, model, frequencies, found):
     """Refuse an infinite response at 0 Hz, if that is the first of the frequencies (Hz), and one that is zero: of a
     `model` of the basis whose error was `found`. Local."""
-    run, law, ports = projections.run, projections.law, projections.ports
+    run = projections.run
     noisy = found.noise > found.estimate
-    if frequencies[0] == 0 and is_free(model, law, frequencies, ports, NEARLY_ZERO if noisy else ZERO):
+    if frequencies[0] == 0 and is_free(model, frequencies, NEARLY_ZERO if noisy else ZERO):
         raise _infinite(run.model) if run.rigid is None else free_motions_refused(run.model, run.rigid)
-    if is_silent(model, law, frequencies, ports):
+    if is_silent(model, frequencies):
         raise InputError(
             f"{run.model.name}: no output measures what the inputs move; the response is zero but for round-off"
         )
@@ -82,9 +82,9 @@ def extend_by_random(solver, judge) -> int:
     if not new and is_singular(projections.run) and not solver.is_smooth and solver.smooth():
         new = solver.extend_by_random()
         if new:  # the first columns are no longer the model that the next point was to check
-            judge.before = None
+            judge.forget()
     if not new:
-        judge.lost = check_complete(projections, judge.settings.band)
+        judge.note_loss(check_complete(projections, judge.settings.band))
     return new
 
 
@@ -104,7 +104,7 @@ def check_massless(projections, points) -> float:
     if not is_singular(run):
         return 0.0
     error = _error_lost(projections, largest_residual(projections, points, damped=False))
-    run.massless = False  # nothing was lost
+    run.notes.massless = False  # nothing was lost
     return error
 
 
@@ -118,7 +118,7 @@ def _error_lost(projections, residual) -> float:
 
 def is_singular(run) -> bool:
     """Whether M is known to be singular."""
-    return bool(run.massless or massless(run.model))
+    return bool(run.notes.massless or massless(run.model))
 
 
 def _lost(projections):

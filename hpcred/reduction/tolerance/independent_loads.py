@@ -1,4 +1,4 @@
-"""Find the independent loads among the inputs and outputs of a run, and both in terms of these."""
+"""Find the independent loads among the inputs and outputs of a run, and express both in terms of these."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from ...linalg.blocks import create_block, from_dense, inner, local_rows, multip
 from ...model.frames import ONLY_RIGID
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, Owned
+from .pseudo_modal import InputsOutputs
 
 GONE = ONLY_RIGID  # of the norm of a load: what is left without its rigid-body part is round-off
 DEPENDENT_PORT = 1e-13  # of the square of a load: what others leave of it, below which it is a combination of them
 
 
-def loads_and_ports(run):
-    """L, the independent columns of [B, C^T] as a block that the caller destroys, and (Lb (l, p), Lc (l, r)) with
-    B = L Lb, C^T = L Lc. Collective. Raises InputError where inputs or outputs have no part in the elastic motion."""
+def independent_loads(run):
+    """L, the independent columns of [B, C^T] as a block that the caller destroys, and the inputs and outputs in terms
+    of them. Collective. Raises InputError where inputs or outputs have no part in the elastic motion."""
     model = run.model
     with Owned(model.comm) as owned:
         both = [owned.owns(from_dense(mat)) for mat in (model.B, model.Ct) if mat is not None]
@@ -52,7 +53,7 @@ def loads_and_ports(run):
     multiply(L, np.diag(1 / size))
     factor = size[:, None] * factor
     Lb = factor[:, : widths[0]]
-    return L, (Lb, Lb if model.Ct is None else factor[:, widths[0] :])
+    return L, InputsOutputs(Lb, Lb if model.Ct is None else factor[:, widths[0] :])
 
 
 def _independent_columns(gram, before):

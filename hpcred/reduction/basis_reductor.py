@@ -1,0 +1,251 @@
+"""Reduce a model by a one-sided projection onto the span of basis components."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+
+import numpy as np
+
+from ..linalg.basis import Basis
+from ..linalg.solvers.settings import Factoring
+from ..model.damping import Damping, NoDamping, doubts_of_damping, loss_factor_of
+from ..model.definiteness import doubts_of_definiteness, growing
+from ..model.digits import doubts_of_digits
+from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
+from ..model.port_counts import require_room
+from ..model.scales import in_usual_units
+from ..model.second_order_model import require_model
+from ..parallel.failures import ComputationError, InputError, Owned
+from ..parallel.progress import Progress
+from ..parallel.stopping import stop_if_asked
+from .checks import check_model, warnings_of
+from .components.component import Component, PointComponent
+from .components.groups import blocks_in_groups, number_of_groups
+from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
+from .projection import diagonalise, everywhere, project, project_columns
+from .record import make_record, signature_of
+from .reduced_damping import reduced_damping
+from .reduced_model import ReducedModel
+from .reductor import Reductor
+from .run import Run, identity_of_model
+from .settings import Reduction
+from .store import Store
+from .tolerance.accuracy import Accuracy
+
+ORTHONORMAL_TO = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class BasisReductor(Reductor):
+    """Reduce by a one-sided projection onto the span of the components: V^T M V = I, V^T K V diagonal.
+
+    A reductor of another kind of projection replaces the steps of _reduce: what is checked, how large the bases are,
+    how they are filled, and how the model is projected.
+    """
+
+    basis: tuple[Component, ...] = ()
+    frame: Frame = NoFrame()
+    damping: Damping = NoDamping()
+    settings: Reduction = Reduction()
+    factoring: Factoring = Factoring()
+    store: Store | None = None
+    progress: Progress = field(compare=False)
+
+    projection = "one_sided"
+    counts_modes = False  # whether factors count negative pivots on any number of ranks
+
+    def reduce(self, model) -> ReducedModel:
+        require_model(model)
+        with in_usual_units(model) as (usual, inputs, outputs):
+            reduced = self._reduce(usual)
+        if usual is not model:
+            reduced.B, reduced.C = reduced.B * inputs, reduced.C * outputs
+            accuracy = reduced.record.accuracy
+            reduced.record = replace(
+                reduced.record, signature=signature_of(model), accuracy=accuracy and accuracy.times(inputs, outputs)
+            )
+        reduced.model = model.shared()
+        return reduced
+
+    def _reduce(self, model) -> ReducedModel:
+        """reduce() of a model in usual units."""
+        settings, progress = self.settings, self.progress
+        progress.expect(model.size)
+        warnings = self._check(model)
+        with Owned(model.comm) as owned:
+            with progress.stage("frame"):
+                framed = owned.owns(apply_frame(model, self.frame, self.damping))
+                warnings += inputs_without_effect(framed)
+            deflation, columns, identity = self._deflation(framed), self._expected_columns(framed), {}
+            if self.store is not None:
+                with progress.stage("store"):
+                    asked = {"frame": self.frame, "damping": self.damping,
+                             "basis": [asdict(item) for item in self.basis]}  # fmt: skip
+                    identity = identity_of_model(model, framed, **asked)
+            run = owned.owns(Run(
+                framed, progress, deflation, self.factoring, columns, self.counts_modes, self.store, identity,
+            ))  # fmt: skip
+            runs = [run, *(owned.owns(other) for other in self._more_runs(run))]
+            bases = [
+                owned.owns(Basis(run.mass, framed.rigid_columns, deflation, columns, run.keeps_images)) for _ in runs
+            ]
+            groups = number_of_groups(settings.groups, run, self._points(model))
+            search = self._fill(bases, runs, groups)
+            for each in runs:
+                run.notes.massless |= each.notes.massless
+                each.solvers.release()
+            if not all(vectors.size for vectors in bases):
+                raise InputError("basis: no vector is left; no mode lies in the bands and no input loads the body")
+            with progress.stage("project"):
+                reduced, defect = self._project(model, framed, bases, run)
+            accuracy = self._accuracy(search, reduced, framed)
+            if accuracy is None and framed.rigid is not None:
+                run.check_free_motions(float(reduced.frequencies.min()), _highest(self.basis, run))
+            reduced.record = make_record(
+                model, framed, runs, progress, frame=self.frame, damping=self.damping, basis=self.basis, groups=groups,
+                projection=self.projection, deflation_tolerance=deflation, drop_above=settings.drop_above,
+                coordinates=settings.coordinates, orthonormality_defect=defect, accuracy=accuracy,
+                warnings=(*(accuracy.warnings if accuracy is not None else ()), *warnings, *run.notes.warnings),
+                unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
+            )  # fmt: skip
+            return reduced
+
+    # steps that other reductors have their own of
+
+    def _check(self, model) -> tuple[str, ...]:
+        """Refuse what cannot be reduced in this way; returns what is doubtful of the model. Collective."""
+        check_model(model)
+        self._check_room(model)
+        if self.settings.coordinates == "interface":
+            check_interface_coordinates(model, self.frame)
+        doubts = doubts_of_damping(self.damping)
+        if model.D is not None and isinstance(self.damping, NoDamping):
+            doubts += (f"damping: none, though {model.name} has a damping matrix, which kind = 'given' takes",)
+        return warnings_of(model, self.frame) + doubts
+
+    def _check_room(self, model):
+        require_room(model, 0)
+
+    def _deflation(self, framed) -> float:
+        """The deflation tolerance."""
+        return self.settings.deflation_tolerance
+
+    def _expected_columns(self, framed) -> int:
+        """How many columns the basis is expected to have. Raises InputError where it cannot fit."""
+        if not self.basis:
+            raise InputError("basis: the list of components is empty, and no tolerance is asked for")
+        return max(self._component_columns(framed), 1)
+
+    def _component_columns(self, framed) -> int:
+        """How many vectors the components are asked for, at most. Raises InputError where they cannot fit."""
+        model, rigid = framed.model, framed.rigid_size
+        for item in self.basis:
+            item.check(model.size, rigid)
+        columns = sum(item.columns(model.B.getSize()[1], rigid) for item in self.basis)
+        for item in self.basis:
+            if item.per_direction is not None and not model.interfaces:
+                raise InputError(f"basis: {item.kind} needs at least one [[interface]]")
+            columns += 6 * len(model.interfaces) * (item.per_direction or 0)
+        if columns > model.size - rigid:
+            raise InputError(
+                f"basis: {columns} vectors asked for, but {model.name} has only {model.size - rigid} elastic "
+                "coordinates in this frame; ask for fewer modes, points or lower orders"
+            )
+        return columns
+
+    def _more_runs(self, run) -> tuple[Run, ...]:
+        """Runs of other subspaces."""
+        return ()
+
+    def _points(self, model) -> int:
+        """How many points may be factored at the same time."""
+        return sum(isinstance(item, PointComponent) for item in self.basis)
+
+    def _fill(self, bases, runs, groups):
+        """Extend each of the bases, with its run; returns what _accuracy needs."""
+        extend_by_all(self.basis, bases, runs, groups)
+
+    def _accuracy(self, search, reduced, framed) -> Accuracy | None:
+        """What is known of the error of the reduced model, None without a tolerance."""
+        return None
+
+    def _project(self, model, framed, bases, run) -> tuple[ReducedModel, float]:
+        """The reduced model with its basis in all dofs, and the orthonormality defect."""
+        return projected(model, framed, bases[0], run, self.settings)
+
+
+def extend_by_all(basis, bases, runs, groups, last=True):
+    """Extend each of the bases, with its run, by all components; `last`: whether nothing comes after them."""
+    ready = blocks_in_groups(basis, runs, groups) if groups > 1 else {}
+    for i, component in enumerate(basis):
+        runs[0].progress.step("points and modes", i, len(basis), always=True)
+        for r, (vectors, run) in enumerate(zip(bases, runs, strict=True)):
+            if (i, r) in ready:
+                ready[i, r].join(vectors, run)
+            else:
+                component.extend(vectors, run)
+        if i + 1 < len(basis) or not last:
+            stop_if_asked(runs[0].model.comm, f"part {i + 1} of the basis")
+
+
+def _highest(basis, run) -> float:
+    """The highest point or mode (Hz) that a basis was made for."""
+    points = [abs(getattr(item, "point", 0.0)) for item in basis if isinstance(item, PointComponent)]
+    modes = [max(item.frequencies_hz) for item in run.notes.components if item.frequencies_hz]
+    return max([*(point / 2 / np.pi for point in points if np.isfinite(point)), *modes], default=0.0) or np.inf
+
+
+def projected(model, framed, vectors, run, settings):
+    """The diagonalised reduced model with its basis in all dofs, and the orthonormality defect."""
+    full, drop_above = framed.model, settings.drop_above
+    eigenvalues = diagonalise(vectors, project(full.K, vectors.columns))
+    frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
+    if drop_above is not None:
+        kept = int((frequencies <= drop_above).sum())
+        if kept == 0:
+            raise InputError(f"drop_above: no pseudo-frequency lies below {drop_above:g} Hz")
+        run.note(f"pseudo-frequencies up to {drop_above:g} Hz", len(frequencies), kept)
+        vectors.multiply(np.eye(len(frequencies))[:, :kept])
+        eigenvalues, frequencies = eigenvalues[:kept], frequencies[:kept]
+    mass, defect = vectors.gram()
+    if defect > ORTHONORMAL_TO:
+        raise ComputationError(
+            f"the basis has lost its orthonormality: max |V^T M V - I| = {defect:.1e}, allowed is {ORTHONORMAL_TO:g}"
+        )
+    columns = vectors.columns
+    run.notes.remarks += doubts_of_digits(model, full.K, eigenvalues, columns)
+    if not doubts_of_definiteness(model) and (unstable := growing(model, eigenvalues)):
+        run.notes.remarks.append(unstable)
+    small = {"M": mass, "K": np.diag(eigenvalues)}
+    if "D" in full.matrices:
+        small["D"] = project(full.matrices["D"], columns)
+    else:
+        small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
+    for key, value in small.items():
+        if key != "D" or full.symmetric:
+            small[key] = (value + value.T) / 2
+    inputs = project_columns(columns, full.B)
+    outputs = (inputs if full.Ct is None else project_columns(columns, full.Ct)).T.copy()
+    if settings.coordinates == "interface":
+        with Owned(model.comm) as owned:
+            moved = to_interface_coordinates(framed, Projected(columns, **small, B=inputs, C=outputs))
+            owned.owns(moved.columns)
+            small = {"M": moved.M, "D": moved.D, "K": moved.K}
+            frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])
+            reduced = reduced_model(model, framed, small, moved.B, moved.C, frequencies)
+            reduced.interfaces = full.interfaces
+            reduced.columns = everywhere(model, framed, moved.columns)
+            return reduced, defect
+    reduced = reduced_model(model, framed, small, inputs, outputs, frequencies)
+    reduced.columns = everywhere(model, framed, columns)
+    return reduced, defect
+
+
+def reduced_model(model, framed, small, inputs, outputs, frequencies):
+    """The same arrays on all ranks, to the last digit."""
+    small, inputs, outputs, frequencies = model.comm.bcast((small, inputs, outputs, frequencies))
+    loss = loss_factor_of(framed.damping)
+    return ReducedModel(
+        **small, B=inputs, C=outputs, frequencies=frequencies, loss_factor=loss,
+        input_names=model.input_names, output_names=model.output_names,
+    )  # fmt: skip

@@ -1,0 +1,65 @@
+"""Refuse models that cannot be reduced, and tell what is doubtful of the others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..model.definiteness import check_definite, doubts_of_definiteness
+from ..model.frames import Buckens
+from ..model.interfaces import doubts_of_interfaces
+from ..model.rigid_body_modes import doubts_of_nodes, exchange_of_matrices, soft_supports
+from ..model.second_order_model import SYMMETRIC_TO, require_inputs
+from ..parallel.failures import InputError
+from ..parallel.petsc import MPI
+
+BEYOND = 10.0  # times the highest frequency of a single node: a mesh has modes up to about five times that
+
+
+def check_model(model):
+    """Refuse a model that cannot be reduced: an unsymmetric M or K, one of the other sign, no inputs."""
+    check_symmetric(model)
+    check_definite(model)
+    require_inputs(model)
+
+
+def check_symmetric(model):
+    """Refuse an unsymmetric M or K."""
+    for key in ("M", "K"):
+        if model.symmetry_defects[key] > SYMMETRIC_TO:
+            raise InputError(
+                f"{model.name}: matrix {key} is not symmetric: ||A - A^T|| / ||A|| = "
+                f"{model.symmetry_defects[key]:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
+            )
+
+
+def warnings_of(model, frame) -> tuple[str, ...]:
+    """What is doubtful of the model; refused where the frame depends on it."""
+    signs = tuple(doubts_of_definiteness(model))
+    if model.dofs is None:
+        return signs
+    exchanged = exchange_of_matrices(model)
+    doubts = (exchanged,) if exchanged else tuple(doubts_of_nodes(model))  # all else follows from it
+    if doubts and isinstance(frame, Buckens):
+        raise InputError(doubts[0])
+    if isinstance(frame, Buckens) and (soft := soft_supports(model).max(initial=0.0)):
+        doubts += (
+            f"frame: {model.name} counts as free, but K resists translations by up to {soft:.1e} of its diagonal: soft "
+            "springs to the ground, which the Buckens frame leaves out, have to be put into the multibody model",
+        )
+    return (*signs, *doubts, *doubts_of_interfaces(model))
+
+
+def doubts_of_band(model, band) -> tuple[str, ...]:
+    """A band that ends far above all that the mesh follows, as one in other units does. Collective."""
+    K, M = (matrix.getDiagonal() for matrix in (model.K, model.M))
+    stiffness, mass = K.getArray(readonly=True).real, M.getArray(readonly=True).real
+    ratios = stiffness[mass > 0] / mass[mass > 0]
+    highest = np.sqrt(max(model.comm.allreduce(ratios.max(initial=0.0), op=MPI.MAX), 0.0)) / 2 / np.pi
+    K.destroy()
+    M.destroy()
+    if not 0 < BEYOND * highest < band[1]:
+        return ()
+    return (
+        f"band: it ends at {band[1]:g} Hz, while single nodes of {model.name} vibrate at {highest:.2g} Hz at "
+        "most, which no mesh follows; is the band in Hz, and are M and K in the units of one system?",
+    )

@@ -1,0 +1,102 @@
+"""Compress the basis that a search ends with, and state the accuracy of its model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...parallel.decisions import decided
+from ...parallel.progress import counted
+from ..measure import MEASURES
+from .accuracy import Accuracy, Direction, directions_table
+from .compression import compress
+from .error_estimate import grid, measure_over
+from .search import Search
+
+UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
+ENDED = "the search ended before a second point"
+MIXING = 1e-14  # round-off of K on the columns of a basis, relative to the highest eigenvalue
+TOGETHER = 2**22  # errors of single responses that are held at a time
+
+
+def compressed_basis(search: Search, drop_above=None, kept=range(0), beside=0) -> tuple[np.ndarray, Accuracy]:
+    """The columns U (m, k) of the basis that the tolerance asks for, and what is known of their model. Collective.
+
+    The columns `kept` of the basis stay in the span of U. Pseudo-modes above `drop_above` (Hz) are left out, and what
+    that does to the error counts. `beside`: coordinates of rigid-body motion that come later.
+    """
+    kept = np.eye(search.projections.basis.size)[:, list(kept)]
+    with search.run.progress.stage("project"):
+        kept = _project_again(search, kept)
+    with search.run.progress.stage("compress"):
+        return decided(search.run.model.comm, _compressed, search, drop_above, kept, beside)
+
+
+def _compressed(search, drop_above, kept, beside):
+    judge = search.judge
+    found = compress(judge, search.reason, drop_above, kept, beside)
+    rest = judge.estimate if found.reason else min(judge.estimate, 3 * judge.floor)
+    return found.factor, accuracy_of(
+        search, found.reason, found.pair, found.frequencies, found.curve, largest=float(found.curve.max()) + rest,
+        noise=found.noise,
+    )  # fmt: skip
+
+
+def _project_again(search, kept) -> np.ndarray:
+    """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones: what
+    that changes is noise. Returns the columns `kept` in terms of the new basis. Collective."""
+    projections, judge, comm = search.projections, search.judge, search.run.model.comm
+    for _ in range(2):
+        before = decided(comm, projections.model)
+        if MIXING * before.eigenvalues[-1] <= judge.goal * before.eigenvalues[0]:
+            break
+        projections.rotate(before.vectors)
+        kept = before.vectors.T @ kept
+        noise = decided(comm, _changed, judge, before)
+        if noise <= judge.floor:
+            break
+    else:
+        judge.note_noise(noise)
+    return kept
+
+
+def _changed(judge, before) -> float:
+    """How far responses of the model of all columns are from those of one projected before; local."""
+    pair = judge.compare(before, judge.projections.model(), np.eye(len(before)))
+    S = grid([before, pair.outer], judge.settings.band)
+    H, drive = pair.outer.responses(S)
+    return float(pair.measure.eps(H - before.response(S), H, drive).max())
+
+
+def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, noise) -> Accuracy:
+    """What is known of the model that a search ends with, for a `reason` where the tolerance is not reached; local.
+
+    `pair`: it and what its error is seen from; `curve` (S,): its error at frequencies (S,) in Hz, with the `largest` to
+    be claimed.
+    """
+    settings, expansion, missing = search.settings, search.expansion, search.missing_modes
+    multigrid, unproven = expansion.solver.multigrid, []
+    if not search.proofs and (multigrid or reason):  # no exact value stands behind the estimate
+        unproven.append(UNPROVEN if multigrid else ENDED)
+    if reason and missing > 0:
+        unproven.append(f"{counted(missing, 'mode')} of the band not found")
+    low, high = settings.band
+    found = Accuracy(
+        tolerance=settings.tolerance, band=settings.band, reached=not reason, stopped=reason or "reached",
+        largest=largest, worst=float(frequencies[curve.argmax()]), noise=noise, measured=expansion.measured,
+        highest=float(pair.inner.frequencies.max()),
+        mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(frequencies)).sum() / (high - low)),
+        big_size=search.projections.basis.size, missing_modes=max(missing, 0), points=tuple(expansion.points),
+        proofs=tuple(search.proofs), frequencies=tuple(frequencies.tolist()), eps=tuple(curve.tolist()),
+        loss_factor=pair.outer.damping.eta, beside_damping=search.projections.D is not None, multigrid=multigrid,
+        unproven="; ".join(unproven), measure=pair.measure,
+        directions=directions_of(pair, frequencies, settings.band, search.run.model) if np.isfinite(largest) else (),
+    )  # fmt: skip
+    return found.with_noise(noise)
+
+
+def directions_of(pair, frequencies, band, model) -> tuple[Direction, ...]:
+    """How well the outputs of a model are known by themselves, the worst first (see accuracy.Direction); local."""
+    by = measure_over(MEASURES["directions"], band, pair.outer)
+    parts = np.array_split(frequencies, 1 + len(frequencies) * len(by.outputs) * len(by.inputs) // TOGETHER)
+    return directions_table(by, ((part, pair.by(by).each(part), pair.outer.responses(part)[0]) for part in parts),
+                            model.output_names, model.input_names)  # fmt: skip

@@ -1,0 +1,105 @@
+"""Reduce a model to a tolerance over a band."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...linalg.solvers.base import DoesNotFit
+from ...model.port_counts import require_room
+from ...parallel.failures import InputError
+from ..basis_reductor import BasisReductor, extend_by_all
+from ..checks import doubts_of_band
+from ..components.craig_bampton import ConstraintModes
+from ..components.krylov import StaticCorrection
+from ..interface_coordinates import elastic_part
+from .accuracy import Adaptive
+from .outcome import compressed_basis
+from .round_off import with_round_off
+from .search import Search, deflation_of_search
+
+ROOM = 96  # columns that a search is expected to need
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToleranceReductor(BasisReductor):
+    """Reduce until eps(f) <= tolerance over the band is proven (see search). Components of a basis come first.
+
+    `goal`: the tolerance, the band, and what may be taken for it.
+    """
+
+    goal: Adaptive
+
+    counts_modes = True
+
+    def _check(self, model):
+        warnings = super()._check(model)
+        doubts = doubts_of_band(model, self.goal.band)  # before a search that may take long for that reason
+        for doubt in doubts:
+            self.progress.tell(doubt)
+        return warnings + doubts
+
+    def _check_room(self, model):
+        require_room(model)
+
+    def _deflation(self, framed):
+        return deflation_of_search(framed.model)
+
+    def _expected_columns(self, framed):
+        return self._component_columns(framed) + min(ROOM, self.goal.columns)
+
+    def _points(self, model):
+        return model.comm.size
+
+    def _fill(self, bases, runs, groups) -> tuple:
+        """The accuracy and the projections of the search."""
+        (vectors,), (run,), kept = bases, runs, range(0)
+        if self.settings.coordinates == "interface" or self.goal.static == "exact":
+            kept = self._kept_columns(vectors, run)
+        extend_by_all(self.basis, bases, runs, groups, last=False)
+        before = vectors.size
+        try:
+            search, factor, accuracy = self._search(vectors, run, groups, kept)
+        except DoesNotFit as error:
+            if vectors.size > before or not run.solvers.give_up_factors(error):
+                raise
+            search, factor, accuracy = self._search(vectors, run, groups, kept)
+        run.note("compressed", vectors.size, factor.shape[1])
+        vectors.multiply(factor)
+        return accuracy, search.projections
+
+    def _kept_columns(self, vectors, run) -> range:
+        """The columns, first in the basis, that stay in its span: by which interfaces move in interface coordinates, as
+        the responses may not need it, and the deflections at 0 Hz where these are to be exact."""
+        goal, settings = self.goal, self.settings
+        if settings.coordinates == "interface":
+            ConstraintModes().extend(vectors, run)
+        if goal.static == "exact":
+            StaticCorrection().extend(vectors, run)
+        if goal.static == "exact" and settings.drop_above is not None:
+            raise InputError(
+                "drop_above: found it beside static = 'exact', whose deflections it may cut; leave one out"
+            )
+        rigid = self._rigid_beside(run)
+        if goal.size is not None and goal.size < rigid + vectors.size:
+            raise InputError(
+                f"adaptive.size: found {goal.size}, expected at least {rigid + vectors.size}, by which the interfaces "
+                "can move, or deflect at 0 Hz (static = 'exact')"
+            )
+        return range(vectors.size)
+
+    def _rigid_beside(self, run) -> int:
+        """Coordinates of rigid-body motion, which interface coordinates of a free body have besides."""
+        return run.framed.rigid_size if self.settings.coordinates == "interface" else 0
+
+    def _search(self, vectors, run, groups, kept):
+        """The search, the factor that compresses its basis, and what is known of it; the columns `kept` stay in its
+        span."""
+        search = Search(vectors, run, self.goal, groups)
+        search.run_to_end()
+        return search, *compressed_basis(search, self.settings.drop_above, kept, self._rigid_beside(run))
+
+    def _accuracy(self, search, reduced, framed):
+        accuracy, projections = search
+        with self.progress.stage("estimate"):
+            elastic = elastic_part(reduced, framed.rigid_size if reduced.interfaces else 0)
+            return with_round_off(accuracy, elastic, projections)
