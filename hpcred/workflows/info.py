@@ -10,7 +10,6 @@ import numpy as np
 from ..analysis.summary import inspect
 from ..files.checked import CHECKSUM, CheckedFile
 from ..files.hdf5 import opened, require_whole
-from ..files.locks import locks_given_back
 from ..files.model_file import FORMAT as MODEL
 from ..files.model_file import read_model
 from ..files.outputs import HDF5, hdf5_kind
@@ -18,8 +17,7 @@ from ..files.system_errors import reading_from
 from ..files.text import first_bytes, first_line
 from ..model.interface_motion import members
 from ..model.interfaces import doubts_of_interfaces
-from ..parallel import startup
-from ..parallel.declared import nearest, spelled
+from ..parallel.declared import nearest
 from ..parallel.failures import HpcredError, InputError, agreed
 from ..parallel.plugins import OWN, blamed
 from ..parallel.progress import Progress
@@ -39,9 +37,10 @@ from ..writers.registry import WRITERS
 from .info_of_output import OUTPUTS, by_writers, damaged, described, read_whole
 from .model_of_job import with_interfaces_of_job
 from .set_figure import MOST, check_figure, draw_sets_of
+from .workflow import workflow
 
 
-@spelled
+@workflow
 def inspect_file(
     path, *, frequencies=(), band_top=None, modes: int | None = None, comm=None, progress: Progress | None = None
 ) -> dict:  # fmt: skip
@@ -49,8 +48,6 @@ def inspect_file(
 
     Raises InputError.
     """
-    comm = comm or startup.start_mpi()
-    progress = progress or Progress(comm, show=False)
     if (band_top is not None and band_top <= 0) or any(f <= 0 for f in frequencies):
         raise InputError("info: frequencies must be positive")
     within("--below", frequencies, FREQUENCY)
@@ -63,8 +60,7 @@ def inspect_file(
         return inspect(model, frequencies, band_top, modes=modes, progress=progress)
 
 
-@spelled
-@locks_given_back()
+@workflow
 def describe_file(
     path, *, frequencies=(), band_top=None, modes=None, variables=None, figure=None, sets=None, comm=None,
     progress: Progress | None = None,
@@ -75,8 +71,6 @@ def describe_file(
     `variables`: names of matrices by K, M, D in a file that holds several. `figure`: a .png, .svg or .pdf of the node
     sets of a model, or only of those named in `sets`, or of the interfaces of a job. Raises InputError.
     """
-    comm = comm or startup.start_mpi()
-    progress = progress or Progress(comm, show=False)
     job = None
     with agreed(comm):
         if Path(path).suffix == ".toml":
