@@ -17,7 +17,7 @@ NO_INERTIA = 1e-12  # of the largest inertia: round-off
 
 
 @dataclass
-class Surface:
+class BodySurface:
     """What is drawn of a body: `points` (s, 3) in m, their displacements `phi` (s, 3, m), `triangles` (t, 3)."""
 
     points: np.ndarray
@@ -32,7 +32,7 @@ class Body:
     reduced: ReducedModel
     floating_frame: FloatingFrame
     nodes: list[NodeShape]
-    surface: Surface | None = None
+    surface: BodySurface | None = None
 
     def number(self, node) -> int:
         """The number of a node that is given by its number or name. Raises InputError for an unknown name."""

@@ -15,7 +15,7 @@ from .options import (
     DIRECTIONS,
     Band,
     Frequencies,
-    Full,
+    FullFile,
     Groups,
     JsonFile,
     LowRank,
@@ -29,7 +29,7 @@ from .options import (
 
 def evaluate(
     results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
-    full: Full = None,
+    full: FullFile = None,
     frequencies: Frequencies = None,
     band: Band = None,
     points: Points = 61,

@@ -20,7 +20,7 @@ Overrides = Annotated[
 Pairs = Annotated[
     str | None, typer.Option(metavar="OUT/IN,...", help="Responses to draw, such as 20:z/20:z,20:z/1:x.")
 ]
-Full = Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")]
+FullFile = Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")]
 Band = Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")]
 Points = Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")]
 Groups = Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")]

@@ -9,12 +9,12 @@ import typer
 import hpcred
 
 from . import session, values
-from .options import Band, Full, Groups, JsonFile, LowRank, OutOfCore, Package, Pairs
+from .options import Band, FullFile, Groups, JsonFile, LowRank, OutOfCore, Package, Pairs
 
 
 def report(
     results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
-    full: Full = None,
+    full: FullFile = None,
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="The HTML file.")] = "report.html",
     band: Band = None,
     exact: Annotated[int, typer.Option(help="Frequencies at which the full model is solved.")] = 21,

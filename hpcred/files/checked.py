@@ -27,7 +27,7 @@ HAND = 2**19  # bytes that the processor keeps at hand
 PACKED = 1100  # times what is stored is the most that deflate makes of it: a file that says more is not to be believed
 
 
-class Entry(NamedTuple):
+class Array(NamedTuple):
     """A dataset of a kind of file: one of KINDS, its sizes (numbers, or letters that stand for one number throughout
     the file, with +1 perhaps, or ? for any), and whether it is always there."""
 
@@ -95,7 +95,7 @@ class CheckedFile:
         if name in self.datasets:
             return self.datasets[name]
         if name in self:
-            return Group(self, name + "/")
+            return CheckedGroup(self, name + "/")
         raise damaged(self.path, f"/{name} is missing")
 
     def get(self, name, default=None):
@@ -138,7 +138,7 @@ class CheckedFile:
         return InputError(f"{self.path}: {what}; 'files' in the documentation lists all arrays, or make the file again")
 
 
-class Group:
+class CheckedGroup:
     """A group of a CheckedFile: its datasets and groups by their names in it."""
 
     def __init__(self, file, start):

@@ -59,7 +59,7 @@ class Target(FileIO):
             raise self.error
 
 
-class Writer:
+class CheckedWriter:
     """A new HDF5 file that becomes `output`, written by all ranks. Every method is collective, with the same small
     values everywhere.
 
@@ -237,10 +237,10 @@ def atomic_output(path, comm, kind=None):
 
 @contextmanager
 def writing(path, comm):
-    """A Writer on a file that appears under its name when the block ends well. Collective."""
+    """A CheckedWriter on a file that appears under its name when the block ends well. Collective."""
     with atomic_output(path, comm) as temporary:
         with Owned(comm) as owned:
-            file = owned.owns(Writer(temporary, comm, path))
+            file = owned.owns(CheckedWriter(temporary, comm, path))
             yield file
             file.finish()
         with agreed(comm), writing_to(path, temporary):

@@ -30,7 +30,7 @@ from ..parallel.petsc import MPI
 from ..reduction.points import point_name
 from ..reduction.store import Entry
 from .checked import CheckedFile
-from .hdf5 import Writer, reading, require_whole
+from .hdf5 import CheckedWriter, reading, require_whole
 from .seal import seal
 
 FORMAT, VERSION = "hpcred-point", 3
@@ -103,7 +103,7 @@ class PointStore:
         unfinished.add(temporary)
         try:
             with Owned(comm) as owned:
-                file = owned.owns(Writer(temporary, comm, path))
+                file = owned.owns(CheckedWriter(temporary, comm, path))
                 file.attribute("format", FORMAT)
                 file.attribute("version", VERSION)
                 file.small("about", about)

@@ -15,7 +15,7 @@ from ..parallel.failures import InputError
 from ..writers.base import Writer
 from .figures import COLOURS, INK, new_figure, pyplot
 from .rasteriser import Canvas
-from .surface import Surface, surface_of
+from .surface import DrawnSurface, surface_of
 
 RIGID = 1e-6  # of the highest pseudo-frequency, below which a shape is a rigid-body motion
 FIRST = 6  # shapes that a picture shows unless others are named
@@ -245,7 +245,7 @@ class _Stage:
         return fine.reshape(fine.shape[0] // FINE, FINE, fine.shape[1] // FINE, FINE, 3).mean(axis=(1, 3))
 
 
-def render(surface: Surface, moved, values, view: View, marks=()) -> np.ndarray:
+def render(surface: DrawnSurface, moved, values, view: View, marks=()) -> np.ndarray:
     """The pixels (h, w, 3), 0 to 1, of a surface whose points have moved to `moved` (v, 3).
 
     `values` (v,), 0 to 1, are its colour; `marks` (k, 3): points that are marked, hidden or not.

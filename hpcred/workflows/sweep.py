@@ -26,7 +26,7 @@ from ..parallel.failures import InputError
 from ..parallel.progress import MINUTE, Progress, in_time
 from ..parallel.stopping import Stopped
 from ..settings.job_file import plain
-from ..settings.sweep_file import Run, Sweep, read_sweep
+from ..settings.sweep_file import Sweep, SweepRun, read_sweep
 from .children import Child, run_all
 
 SELF = MPI.COMM_SELF
@@ -138,7 +138,7 @@ def _alone(comm, command):
         raise InputError(f"{command}: run it without mpiexec; [launch] of the sweep says on how many ranks each run is")
 
 
-def share(sweep, index, of) -> list[Run]:
+def share(sweep, index, of) -> list[SweepRun]:
     """The runs of a task of an array: every `of`-th from the `index`-th on, which counts from 1. Raises InputError."""
     if index is None and of is None:
         return list(sweep.runs)

@@ -112,7 +112,7 @@ def _op4(name, matrix):
     return b"".join(parts)
 
 
-class Dmig(SuperelementWriter):
+class DmigCards(SuperelementWriter):
     """DMIG cards."""
 
     suffix = ".pch"
@@ -129,7 +129,7 @@ class Dmig(SuperelementWriter):
         return "\n".join(lines) + "\n", {}, [*_said(element, labels), digits, *element.remarks]
 
 
-class Op4(SuperelementWriter):
+class ExternalOp4(SuperelementWriter):
     """Matrices in OP4 with cards beside them."""
 
     suffix, kind = "_external.op4", OP4

@@ -20,7 +20,7 @@ from hpcred.readers.nastran import dmig as nastran_dmig
 from hpcred.workflows.export import export_result
 from hpcred.writers.abaqus import UserElement
 from hpcred.writers.ansys import Matrix50
-from hpcred.writers.nastran import Dmig, Op4, number
+from hpcred.writers.nastran import DmigCards, ExternalOp4, number
 from hpcred.writers.simscape import FlexibleSolid
 from hpcred.writers.superelement import superelement
 
@@ -63,7 +63,7 @@ def check_labels(model, node, direction, places):
 
 
 @kinds
-@pytest.mark.parametrize("writer, suffix, tolerance", [(Dmig, ".pch", 1e-10), (Op4, ".op4", 0.0)])
+@pytest.mark.parametrize("writer, suffix, tolerance", [(DmigCards, ".pch", 1e-10), (ExternalOp4, ".op4", 0.0)])
 def test_nastran_reads_back_with_its_points(tmp_path, comm, kind, writer, suffix, tolerance):
     model = interface_model(**kind)
     path, _ = written(tmp_path, writer, model, suffix=suffix)
@@ -77,7 +77,7 @@ def test_rows_of_op4_ascend_with_the_node_numbers(tmp_path, comm):
     """Whatever the order of the interfaces in the job: the matrices have no numbers of their own."""
     model = interface_model(modes=2, damping=10.0)
     left, right = model.interfaces
-    path, _ = written(tmp_path, Op4, replace(model, interfaces=(replace(left, node=907), right)), suffix=".op4")
+    path, _ = written(tmp_path, ExternalOp4, replace(model, interfaces=(replace(left, node=907), right)), suffix=".op4")
     rows = np.r_[6:12, 0:6, 12 : model.size]
     with load_export(path, comm) as found:
         node, _, places = gathered(comm, found.dofs.node, found.dofs.direction, found.dofs.position)
@@ -99,7 +99,7 @@ def test_nastran_numbers_use_their_sixteen_columns():
 
 def test_structural_damping_for_nastran(tmp_path, comm):
     model = interface_model(loss_factor=0.04)
-    path, remarks = written(tmp_path, Dmig, model, suffix=".pch")
+    path, remarks = written(tmp_path, DmigCards, model, suffix=".pch")
     assert "K42GG = K4AAX" in path.read_text() and "B2GG" not in path.read_text()
     found = nastran_dmig.read(path, comm, "K", {"K": "K4AAX"})
     expected = 0.04 * model.K
@@ -114,11 +114,11 @@ def test_nastran_files_in_pyyeti(tmp_path, kind):
     from pyyeti.nastran import bulk, op4
 
     model = interface_model(**kind)
-    path, _ = written(tmp_path, Op4, model, suffix=".op4")
+    path, _ = written(tmp_path, ExternalOp4, model, suffix=".op4")
     found = op4.read(str(path))
     check(model, found["kxx"], found["mxx"], found.get("bxx"))
     assert len(bulk.rdextrn(str(path.with_suffix(".pch")))) == model.size
-    path, _ = written(tmp_path, Dmig, model, "cards", ".pch")
+    path, _ = written(tmp_path, DmigCards, model, "cards", ".pch")
     found = bulk.rddmig(str(path))
     check(model, *(found[key].to_numpy() if key in found else None for key in ("kaax", "maax", "baax")), 1e-10)
 
@@ -130,10 +130,10 @@ def test_nastran_files_in_pynastran(tmp_path, kind):
     from pyNastran.op4.op4 import read_op4
 
     model = interface_model(**kind)
-    path, _ = written(tmp_path, Op4, model, suffix=".op4")
+    path, _ = written(tmp_path, ExternalOp4, model, suffix=".op4")
     found = read_op4(str(path))
     check(model, *(found[key].data if key in found else None for key in ("KXX", "MXX", "BXX")))
-    path, _ = written(tmp_path, Dmig, model, "cards", ".pch")
+    path, _ = written(tmp_path, DmigCards, model, "cards", ".pch")
     deck = BDF(debug=None)
     deck.read_bdf(str(path), xref=False, punch=True)
     found = {key: card.get_matrix(is_sparse=False)[0] for key, card in deck.dmig.items()}
@@ -336,7 +336,7 @@ def test_what_is_refused():
         superelement(replace(model, D=D))
     far = tuple(replace(item, node=10**8 + k) for k, item in enumerate(model.interfaces))
     with pytest.raises(InputError, match="found the node number 100000001, expected at most 8 digits.*give node = "):
-        Dmig().make(superelement(replace(model, interfaces=far)), "arm")
+        DmigCards().make(superelement(replace(model, interfaces=far)), "arm")
 
 
 def test_inputs_that_are_no_direction_of_an_interface_are_said():

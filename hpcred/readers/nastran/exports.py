@@ -16,7 +16,7 @@ from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, number_over_ranks
 from ..base import Reader
 from ..entries import STRIDE, Entries, LabelledEntries, asymmetry, chunks, label_name, label_of
-from ..nodes.table import Nodes
+from ..nodes.table import NodeTable
 from ..parts import Parts, common_size, labels_in_order
 from . import (
     bulk as nastran_bulk,
@@ -405,7 +405,7 @@ def read_bulk(path, comm, variables=None) -> Parts:
     return parts
 
 
-def read_nodes(path, comm) -> tuple[Nodes, dict[str, np.ndarray], Points]:
+def read_nodes(path, comm) -> tuple[NodeTable, dict[str, np.ndarray], Points]:
     """Nodes, ascending by number, and elements of an input file, for matrices of other files; and its Points.
 
     Collective. Raises InputError.
@@ -413,7 +413,7 @@ def read_nodes(path, comm) -> tuple[Nodes, dict[str, np.ndarray], Points]:
     deck = nastran_bulk.read_deck(path, comm)
     points = nastran_bulk.points_of(deck, comm)
     label, position = points.label[~points.scalar], points.position[~points.scalar]
-    nodes = Nodes(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label)))
+    nodes = NodeTable(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label)))
     return nodes, deck.elements, points
 
 
