@@ -1,4 +1,4 @@
-"""Run a command line: parse it, call one public function, and print what it returns; one module a command."""
+"""Run a command line: parse it, call one public function, and print what it returns; a module a few commands."""
 
 from __future__ import annotations
 
@@ -12,21 +12,15 @@ import hpcred
 from ..parallel.failures import InputError
 from ..report.tables import show_table
 from . import session
-from .bench import bench
-from .bores import bores
-from .convert import convert
-from .evaluate import evaluate
-from .example import crank, linkage, solid
+from .bench import bench, paper
+from .convert import convert, crank, linkage, solid
+from .evaluate import evaluate, response
 from .export import ExportCommand, export
-from .info import info
-from .modes import modes
+from .info import bores, info, modes
 from .options import JsonFile
-from .paper import paper
-from .reduce import reduce
+from .reduce import reduce, store
 from .report import report
-from .response import response
 from .simulate import simulate
-from .store import store
 from .sweep import collect, sweep
 
 HELP = {"help_option_names": ["-h", "--help"]}
