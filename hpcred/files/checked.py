@@ -1,4 +1,4 @@
-"""HDF5 files of hpcred for reading: what leaves was checked against its checksums, and shapes against a table.
+"""Read HDF5 files of hpcred: values are checked against their checksums, shapes against a table.
 
 A file keeps, beside a dataset `a/b`, the sums of its chunks as `checksums/a/b` (leading, chunks), see
 files.checksums, with the attribute `axis` of the rows, -1 for all in a line; and in the attribute `xxh3` that of the

@@ -1,4 +1,4 @@
-"""The rule for files that a run writes: their names and kinds enter; what must not be written over is refused early.
+"""Refuse early what a run must not write over, by the names and kinds of its files.
 
 A file that the run reads is never written, under whatever name. A file of another kind is not replaced, nor what is
 read-only or no file (a pipe, a device). A file of the same kind is, which is said, unless the user keeps what is there.

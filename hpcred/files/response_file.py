@@ -1,4 +1,4 @@
-"""Files of frequency responses: arrays over frequency enter; an HDF5 file or a .csv leaves, or the other way round.
+"""Read and write files of frequency responses, as HDF5 or .csv.
 
 HDF5, with F frequencies, r outputs and p inputs (attributes: format "hpcred-response", version 1):
 frequencies (F) in Hz, ascending; input_names (p), output_names (r), such as 20:z

@@ -1,4 +1,4 @@
-"""All of result.h5: a reduced model, its body and its basis enter; a Result leaves.
+"""Read and write result.h5: a reduced model, its body and its basis.
 
 attributes: format, version; loss_factor of structural damping
 reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names

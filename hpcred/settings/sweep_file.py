@@ -1,4 +1,4 @@
-"""The sweep file: TOML enters, a checked Sweep of named jobs leaves; everything is refused before anything runs.
+"""Read a sweep file (TOML) as a checked Sweep of named jobs; everything is refused before anything runs.
 
     job = "job.toml"                    # or a table [job] with the keys of a job file
     [[vary]]

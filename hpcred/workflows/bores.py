@@ -1,4 +1,4 @@
-"""A model file enters; its holes and pins leave as a table, as lines of a job, and as a picture."""
+"""Find the holes and pins of a model file, as a table, as lines of a job, and as a picture."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import numpy as np
 from ..analysis.bores import TURN, Bore, bores_and_doubts
 from ..files.model_file import read_model
 from ..parallel.progress import Progress
-from .set_figure import check_figure, draw_sets_of
+from .pair_figures import check_figure
+from .set_figure import draw_sets_of
 from .workflow import workflow
 
 

@@ -1,4 +1,4 @@
-"""Several result files of one model enter; their errors and pseudo-modes beside each other, and the model's, leave."""
+"""Compare result files of one model: their errors and pseudo-modes beside each other, and the model's."""
 
 from __future__ import annotations
 

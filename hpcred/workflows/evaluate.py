@@ -25,7 +25,7 @@ from ..reduction.interface_coordinates import elastic_part
 from ..reduction.record import versions
 from ..reduction.tolerance.accuracy import rows_of_directions
 from .full_model import full_of_record
-from .pair_figures import check_figures, figures_of_pairs, pairs_by_name, pairs_to_show
+from .pair_figures import check_figure, figures_of_pairs, pairs_by_name, pairs_to_show
 from .workflow import workflow
 
 MOST = (1, 10**7, "")  # frequencies
@@ -56,8 +56,7 @@ def evaluate_result(
     if output is not None:
         check_response_name(output)
         check_outputs({output: kind_of_responses(output)}, comm, reads, progress=progress)
-    if figure is not None:
-        check_figures(figure, comm, reads, progress)
+    check_figure(figure, comm, reads, progress)
     shown = pairs_by_name(pairs, reduced.output_names, reduced.input_names, result)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     damping, words = record.damping, ""

@@ -36,7 +36,8 @@ from ..settings.toml_file import read_table
 from ..writers.registry import WRITERS
 from .info_of_output import OUTPUTS, by_writers, damaged, described, read_whole
 from .model_of_job import with_interfaces_of_job
-from .set_figure import MOST, check_figure, draw_sets_of
+from .pair_figures import check_figure
+from .set_figure import MOST, draw_sets_of
 from .workflow import workflow
 
 

@@ -1,4 +1,4 @@
-"""A model file enters; its lowest natural frequencies, what mass each mode moves, and a picture of them leave."""
+"""Compute the lowest natural frequencies of a model file, what mass each mode moves, and a picture of them."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ..model.rigid_body_modes import exchange_of_matrices
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
-from ..report.figures import pyplot
 from ..report.mode_pictures import draw_shapes
+from .pair_figures import check_drawing
 from .workflow import workflow
 
 MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
@@ -43,8 +43,7 @@ def modes_of_file(
         if Path(figure).suffix != ".png":  # nor a name that is nothing else
             raise InputError(f"figure {figure}: expected a name that ends in .png")
         check_outputs({figure: PICTURES.get(Path(figure).suffix.lower(), PNG)}, comm, [model], progress=progress)
-        with agreed(comm):
-            pyplot()  # refused early where there is none
+        check_drawing(comm)
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm)

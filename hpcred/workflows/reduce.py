@@ -1,4 +1,4 @@
-"""A job file enters, result.h5 leaves."""
+"""Reduce a model as a job file says, and write result.h5."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results, and perhaps the full model, enter; one HTML file to look at leaves, and figures and tables for papers."""
+"""Write a report on results, and perhaps their full model: one HTML file, and figures and tables for papers."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from ..linalg.solvers.settings import Factoring
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..report.page import MOST_POINTS, body_for_page, render_page
-from .pair_figures import pairs_by_name, pairs_to_show
-from .report_files import check_drawing, draw_files, make_folder, write_tables
+from .pair_figures import check_drawing, pairs_by_name, pairs_to_show
+from .report_files import draw_files, make_folder, write_tables
 from .report_page import page_of
 from .report_sheets import Sheet, sheets_of
 from .workflow import workflow

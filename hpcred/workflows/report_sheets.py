@@ -1,4 +1,4 @@
-"""Results, and perhaps the full model, enter; what a report says of each leaves: a Sheet, with its responses."""
+"""Collect what a report says of each result, as a Sheet with its responses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Harmonic analysis of a model file: a band and a tolerance enter; the response with its proof leaves as files."""
+"""Compute the frequency response of a model file over a band to a tolerance, with its proof, into files."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress, counted
 from ..reduction.record import versions
-from ..report.figures import MOST, check_figure_name, pyplot, response_figure
+from ..report.figures import MOST, check_figure_name, response_figure
 from .evaluate import frequencies_over
 from .model_of_job import with_targets
-from .pair_figures import pairs_to_show
+from .pair_figures import check_drawing, pairs_to_show
 from .workflow import workflow
 
 
@@ -51,8 +51,7 @@ def response_file(
     reads = [model, *(item for item in (inputs, outputs) if isinstance(item, str))]
     check_outputs(written, comm, reads, progress=progress, needed=len(chosen) * 16)
     if figure is not None:
-        with agreed(comm):
-            pyplot()  # refused early where there is none
+        check_drawing(comm)
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm)

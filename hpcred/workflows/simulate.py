@@ -1,4 +1,4 @@
-"""sim.toml enters, with the result.h5 that it names; simulation.h5, a .csv and a picture leave."""
+"""Simulate as sim.toml says, and write simulation.h5, a .csv and a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A folder of expansion points enters; a list of its entries leaves, and those that are not wanted go."""
+"""List and prune the entries of a folder of expansion points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sweep file enters; its jobs run, here or as an array of a batch system, and one result each leaves."""
+"""Run the jobs of a sweep file, here or as an array of a batch system, to one result each."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def run_sweep(
     were skipped and failed, and the numbers of factorisations made and saved. Raises InputError, Interrupted or
     Stopped.
     """
-    _alone(comm, "sweep")
+    refuse_ranks(comm, "sweep")
     sweep = read_sweep(path, store)
     chosen = share(sweep, index, of)
     at_once = parallel if parallel is not None else sweep.launch.parallel
@@ -133,7 +133,8 @@ def run_sweep(
     return _report(sweep, chosen, after, skipped, ended)
 
 
-def _alone(comm, command):
+def refuse_ranks(comm, command):
+    """Raise InputError where there is more than one rank."""
     if (comm or MPI.COMM_WORLD).size > 1:
         raise InputError(f"{command}: run it without mpiexec; [launch] of the sweep says on how many ranks each run is")
 

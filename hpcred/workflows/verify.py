@@ -1,4 +1,4 @@
-"""A file of hpcred enters; whether each of its numbers has its checksum leaves."""
+"""Check all numbers of a file of hpcred against their checksums."""
 
 from __future__ import annotations
 
