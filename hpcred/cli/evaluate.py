@@ -45,7 +45,9 @@ def evaluate(
         str | None, typer.Option(help="What eps is: directions, or paper, the Frobenius norm (55).")
     ] = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
-    check: Annotated[int | None, typer.Option(help="Set said against exact at so many fresh frequencies.")] = None,
+    check: Annotated[
+        int | None, typer.Option(help="Compare the estimate with full solves at N random frequencies.")
+    ] = None,
     seed: Seed = None,
     groups: Groups = None,
     out_of_core: OutOfCore = None,
@@ -156,7 +158,7 @@ def response(
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="A .csv or HDF5 file.")] = None,
     polar: Annotated[bool, typer.Option("--polar", help="Magnitude and phase in the .csv.")] = False,
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png, .svg or .pdf.")] = None,
-    check: Annotated[int, typer.Option(help="Factor at so many fresh frequencies, and compare.")] = 0,
+    check: Annotated[int, typer.Option(help="Compare with full solves at N random frequencies.")] = 0,
     seed: Seed = None,
     groups: Annotated[int | None, typer.Option(help="Groups of ranks that share those of --check.")] = None,
     out_of_core: OutOfCore = None,

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from ..files.contents import content_of
+from ..files.checksums import content_of
 from ..files.hdf5 import atomic_output, check_writable, reading
 from ..files.locks import UNDER_WAY, holder_of
 from ..files.outputs import check_kept
