@@ -14,7 +14,7 @@ def main():
     try:
         signals.hear()
         _alone()
-        from .cli import run
+        from .cli.main import run
         from .parallel.failures import leave
 
         status = run(sys.argv[1:])
@@ -25,7 +25,7 @@ def main():
 
 
 def _alone():
-    """Spare Open MPI what a process needs not that no launcher started.
+    """Skip MPI start-up work that only mpiexec runs need.
 
     That is a daemon, by which others could join it, and 0.2 s for the networks to other ranks. Ranks that this process
     starts or submits need their networks, and so the word for that is gone once MPI has read it.

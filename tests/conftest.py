@@ -55,7 +55,7 @@ def reduced_linkage(folder, comm):
     from helpers import MODES_JOB
 
     import hpcred as package
-    from hpcred.cli import run
+    from hpcred.cli.main import run
 
     with package.linkage(comm) as model:
         package.write_model(folder / "model.h5", model)

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import hpcred.__main__
-import hpcred.cli  # so that the fault is not while modules are loaded
+import hpcred.cli.main  # so that the fault is not while modules are loaded
 from hpcred.parallel import failures
 
 ROOT = str(Path(hpcred.__file__).parent) + os.sep

@@ -1,13 +1,15 @@
 """Small dense second methods for the tests, and command lines that must be refused."""
 
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import scipy.io
 import scipy.linalg
 import scipy.sparse
 
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.examples.beam import Rod, beam_element
 from hpcred.examples.linkage import linkage
 from hpcred.examples.solid import solid
@@ -18,6 +20,7 @@ from hpcred.model.interfaces import Interface, InterfaceNode, Nodes
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.shares import row_range
 from hpcred.reduction.reduced_model import ReducedModel
+from hpcred.writers.base import ExportSource
 
 LINKAGE_JOB = """
 model = "model.h5"
@@ -264,6 +267,13 @@ def interface_model(modes=5, held=False, damping=0.0, loss_factor=0.0):
     interfaces = (InterfaceNode("left", 101, tuple(nodes[0])), InterfaceNode("right", 205, tuple(nodes[-1])))
     return ReducedModel(Mr, (D + D.T) / 2, Kr, np.eye(count)[:, :3], np.eye(count)[6:8], frequencies, loss_factor,
                         ("left x", "left y", "left z"), ("right x", "right y"), interfaces)  # fmt: skip
+
+
+def exported(writer, path, item):
+    """Write a body, a reduced model or shapes by a Writer; its remarks or names of shapes."""
+    source = ExportSource(SimpleNamespace(path=path, reduced=item, shapes=lambda: nullcontext(item)), Path(path).stem)
+    source.body = item
+    return writer().write(path, source)
 
 
 def truss(comm, directions, mass=3.0, places=PLACES, left_out=()):

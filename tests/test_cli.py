@@ -13,7 +13,7 @@ from helpers import refused, write_matrices
 from launch import mpi_environment
 
 import hpcred as package
-from hpcred.cli import run
+from hpcred.cli.main import run
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from helpers import CHORD_JOB, MODES_JOB, reduce_linkage
 from launch import mpi_environment
 
 import hpcred as package
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.files.locks import lock_name, temporary_name
 
 HOSTILE = "</script><script>document.title='ran'</script><img src=x onerror=alert(1)>\"'${1}{{7*7}}"

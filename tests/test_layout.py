@@ -13,7 +13,7 @@ from launch import mpi_environment
 import hpcred
 
 HOUSE = Path(hpcred.__file__).parent
-FLOORS = ["cli", "session", "words", "workflows", "report", "writers", "readers", "settings", "files"]
+FLOORS = ["cli", "workflows", "report", "writers", "readers", "settings", "files"]
 FLOORS += ["examples", "simulation", "body", "analysis", "reduction", "model", "linalg", "parallel"]
 DOORS = ("", "__main__")  # hpcred/__init__.py, which names everything, and `python -m hpcred`
 MODULES = {

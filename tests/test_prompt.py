@@ -13,7 +13,7 @@ from conftest import DATA
 from helpers import SIMULATION, refused
 from launch import mpi_environment
 
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.report.tables import as_json, show_table, told_apart
 from hpcred.workflows import modes as workflow
 

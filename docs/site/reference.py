@@ -18,7 +18,7 @@ from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hin
 import typer.main
 
 import hpcred
-import hpcred.cli
+import hpcred.cli.main
 import hpcred.files
 import hpcred.settings
 
@@ -260,7 +260,7 @@ def hdf5_files() -> str:
 
 def command_line() -> str:
     """A page with every command, argument and option."""
-    group = typer.main.get_command(hpcred.cli.app)
+    group = typer.main.get_command(hpcred.cli.main.app)
     parts = ["# Command line", escaped(group.help or ""), escaped(group.epilog or ""), _options(group)]
     for words, command in commands(group):
         name = " ".join(("hpcred", *words))

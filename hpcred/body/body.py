@@ -17,7 +17,7 @@ NO_INERTIA = 1e-12  # of the largest inertia: round-off
 
 
 @dataclass
-class Surface:
+class BodySurface:
     """The drawn surface of a body: `points` (s, 3) in m, their displacements `phi` (s, 3, m), `triangles` (t, 3)."""
 
     points: np.ndarray
@@ -42,7 +42,7 @@ class Body:
     reduced: ReducedModel
     floating_frame: FloatingFrame
     nodes: list[NodeShape]
-    surface: Surface | None = None
+    surface: BodySurface | None = None
 
     def number(self, node) -> int:
         """Return the number of a node that is given by number or name. Raises InputError for an unknown name."""

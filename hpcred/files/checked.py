@@ -1,4 +1,4 @@
-"""HDF5 files of hpcred for reading: what leaves was checked against its checksums, and shapes against a table.
+"""Read HDF5 files of hpcred: values are checked against their checksums, shapes against a table.
 
 A file keeps, beside a dataset `a/b`, the sums of its chunks as `checksums/a/b` (leading, chunks), see
 files.checksums, with the attribute `axis` of the rows, -1 for all in a line; and in the attribute `xxh3` that of the
@@ -27,7 +27,7 @@ HAND = 2**19  # bytes that the processor keeps at hand
 PACKED = 1100  # times what is stored is the most that deflate makes of it: a file that says more is not to be believed
 
 
-class Entry(NamedTuple):
+class Array(NamedTuple):
     """A dataset of a kind of file: one of KINDS, its sizes (numbers, or letters that stand for one number throughout
     the file, with +1 perhaps, or ? for any), and whether it is always there."""
 
@@ -95,7 +95,7 @@ class CheckedFile:
         if name in self.datasets:
             return self.datasets[name]
         if name in self:
-            return Group(self, name + "/")
+            return CheckedGroup(self, name + "/")
         raise damaged(self.path, f"/{name} is missing")
 
     def get(self, name, default=None):
@@ -138,7 +138,7 @@ class CheckedFile:
         return InputError(f"{self.path}: {what}; 'files' in the documentation lists all arrays, or make the file again")
 
 
-class Group:
+class CheckedGroup:
     """A group of a CheckedFile: its datasets and groups by their names in it."""
 
     def __init__(self, file, start):
@@ -271,13 +271,14 @@ class CheckedDataset:
             self._guarded(partial(self._read, part, [*ends, (start, stop)]))
             sums.append(self._guarded(partial(sums_of, part, self.axis, self._tag)))
         chunks = (place[0] if place else slice(None), slice(begin // ROWS_OF_SUM, -(-end // ROWS_OF_SUM)))
-        self._compare(np.concatenate(sums, axis=1), chunks)
+        self._compare(found, np.concatenate(sums, axis=1), chunks)
         return found[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
 
     def _whole(self):
         """What has one sum for all of it."""
         found = self._guarded(lambda: self._dataset[()])
-        self._compare(self._guarded(lambda: sums_of(np.asarray(found, self.dtype).reshape(-1), 0, self._tag)), ())
+        values = np.asarray(found, self.dtype)
+        self._compare(values, self._guarded(lambda: sums_of(values.reshape(-1), 0, self._tag)), ())
         return found
 
     def _steps(self, begin, end):
@@ -295,10 +296,12 @@ class CheckedDataset:
             there.select_hyperslab((*(low for low, _ in ends), *[0] * (self.ndim - len(ends))), part.shape)
             self._dataset.id.read(h5py.h5s.create_simple(part.shape), there, part)
 
-    def _compare(self, sums, chunks):
-        """Compare sums with those of the file."""
+    def _compare(self, values, sums, chunks):
+        """Compare the sums of values with those of the file."""
         if not np.array_equal(sums, self._guarded(lambda: self._sums[chunks])):
-            raise damaged(self.path, f"{self.name} does not have its checksum")
+            others = values.dtype.kind in "fc" and not np.isfinite(values).all()
+            raise damaged(self.path, f"{self.name} does not have its checksum"
+                                     f"{', and has entries that are not finite' * others}")  # fmt: skip
 
     def _guarded(self, read):
         try:

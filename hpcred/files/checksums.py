@@ -1,4 +1,4 @@
-"""Arrays enter; sums over chunks of their rows leave, which any part of the rows can be checked by, on any ranks.
+"""Compute sums over chunks of the rows of an array, which any part of the rows is checked by, and digests of files.
 
 The sum of a chunk is the hash XXH3 (64 bits; Y. Collet's xxHash) of its bytes, exclusive or a number for the type and
 the shape of the whole. Damage goes unseen once in 2^64 times.
@@ -10,8 +10,13 @@ from math import prod
 
 import numpy as np
 from xxhash import xxh3_64_intdigest as hashed
+from xxhash import xxh3_128, xxh3_128_digest
+
+from ..parallel.failures import agreed
+from .system_errors import open_input
 
 ROWS_OF_SUM = 8192  # files keep sums of so many. Fewer cost more, a call each; more are read for a single row
+BYTES_OF_A_PIECE = 2**25  # bytes of a file of any kind; each rank reads every size-th piece
 MESSAGE = 2**28  # bytes that ranks send of a chunk at a time
 
 
@@ -56,3 +61,15 @@ def sums_of_parts(comm, local: np.ndarray, axis: int, first: int, tag: int) -> n
         tail = np.concatenate([part[:, last:], *(item for item in heads if item is not None)], axis=1)
         tails.append(sums_of(tail, 1, tag))
     return np.hstack([sums_of(local, axis, tag, head, last), np.vstack(tails)])
+
+
+def content_of(path, comm) -> str:
+    """The hash XXH3 of the hashes of the chunks of a file, 32 hexadecimal digits. Collective. Raises InputError."""
+    own = []
+    with agreed(comm), open_input(path) as file:
+        end = file.seek(0, 2)
+        for start in range(comm.rank * BYTES_OF_A_PIECE, end, comm.size * BYTES_OF_A_PIECE):
+            file.seek(start)
+            own.append((start, xxh3_128_digest(file.read(BYTES_OF_A_PIECE))))
+    chunks = sorted(sum(comm.allgather(own), []))
+    return xxh3_128(b"".join(digest for _, digest in chunks)).hexdigest()

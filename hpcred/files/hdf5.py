@@ -59,7 +59,7 @@ class Target(FileIO):
             raise self.error
 
 
-class Writer:
+class CheckedWriter:
     """A new HDF5 file that becomes `output`, written by all ranks. Every method is collective, with the same small
     values everywhere.
 
@@ -157,11 +157,8 @@ class Writer:
         row = local.dtype.itemsize * prod(shape[axis + 1 :])
         with agreed(self._comm), writing_to(self._output, self._path):
             if local.size:
-                with open(self._path, "r+b") as file:
-                    parts = np.ascontiguousarray(local).reshape(prod(shape[:axis]), -1)
-                    for k, part in enumerate(parts):  # each lies in one piece in the file
-                        file.seek(offset + row * (k * shape[axis] + start))
-                        file.write(part.view(np.uint8).data)
+                parts = np.ascontiguousarray(local).reshape(prod(shape[:axis]), -1)
+                _put(self._path, offset + row * start, row * shape[axis], parts)
         return shape, start
 
     def _check(self, name, array, gaps=False):
@@ -175,6 +172,14 @@ class Writer:
                     )
 
 
+def _put(path, offset, step, parts):
+    """Write arrays into an open file, each in one piece, `step` bytes from one to the next."""
+    with open(path, "r+b") as file:
+        for k, part in enumerate(parts):
+            file.seek(offset + step * k)
+            file.write(part.view(np.uint8).data)
+
+
 def place_of(file, name, shape, dtype) -> int | None:
     """Make a dataset in an open file whose numbers come later; returns the byte where they begin, if there are any."""
     made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
@@ -184,13 +189,6 @@ def place_of(file, name, shape, dtype) -> int | None:
     group = file.require_group(name.rpartition("/")[0] or "/")
     space, kind = h5py.h5s.create_simple(tuple(shape)), h5py.h5t.py_create(dtype, logical=True)
     return h5py.h5d.create(group.id, name.rpartition("/")[2].encode(), kind, space, made).get_offset()
-
-
-@contextmanager
-def created(path):
-    """A new HDF5 file, open on this rank only."""
-    with Target(path) as target, target.heard(), h5py.File(target, "w") as file:
-        yield file
 
 
 @contextmanager
@@ -239,10 +237,10 @@ def atomic_output(path, comm, kind=None):
 
 @contextmanager
 def writing(path, comm):
-    """A Writer on a file that appears under its name when the block ends well. Collective."""
+    """A CheckedWriter on a file that appears under its name when the block ends well. Collective."""
     with atomic_output(path, comm) as temporary:
         with Owned(comm) as owned:
-            file = owned.owns(Writer(temporary, comm, path))
+            file = owned.owns(CheckedWriter(temporary, comm, path))
             yield file
             file.finish()
         with agreed(comm), writing_to(path, temporary):

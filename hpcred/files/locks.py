@@ -1,4 +1,4 @@
-"""Outputs of two runs at once: the name of an output enters; it belongs to this run until it is written, or is refused.
+"""Keep outputs to one run at a time: an output belongs to a run until it is written, or is refused.
 
 A run holds a lock (flock) on `.NAME.lock` beside the output NAME, and writes `NAME.tmp-HOST-PROCESS`, which it renames.
 The system gives the lock back when the run ends in whatever way, and the next run on that output removes what is left.

@@ -21,24 +21,24 @@ from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.failures import agreed
 from ..parallel.petsc import MPI
 from ..parallel.shares import row_range
-from .checked import Entry, damaged
+from .checked import Array, damaged
 from .hdf5 import reading, texts, writing
 
 FORMAT, VERSION = "hpcred-model", 1
 NODES = {
-    "dofs/node": Entry("integer", ("n",)), "dofs/direction": Entry("integer", ("n",)),
-    "dofs/position": Entry("real", ("n", 3)), "held/node": Entry("integer", ("h",)),
-    "held/direction": Entry("integer", ("h",)), "held/position": Entry("real", ("h", 3)),
-    "elements/*": Entry("integer", ("?", "?")), "sets/*": Entry("integer", ("?",)),
+    "dofs/node": Array("integer", ("n",)), "dofs/direction": Array("integer", ("n",)),
+    "dofs/position": Array("real", ("n", 3)), "held/node": Array("integer", ("h",)),
+    "held/direction": Array("integer", ("h",)), "held/position": Array("real", ("h", 3)),
+    "elements/*": Array("integer", ("?", "?")), "sets/*": Array("integer", ("?",)),
 }  # fmt: skip
 SCHEMA = NODES | {
-    "matrices/indptr": Entry("integer", ("n+1",), needed=True),
-    "matrices/indices": Entry("integer", ("z",), needed=True),
-    "matrices/K": Entry("real", ("z",), needed=True), "matrices/M": Entry("real", ("z",), needed=True),
-    "matrices/D": Entry("real", ("z",)),
-    "inputs/B": Entry("real", ("p", "n")), "inputs/names": Entry("text", ("p",)),
-    "outputs/C": Entry("real", ("r", "n")), "outputs/names": Entry("text", ("r",)),
-    "remarks": Entry("text", ("?",)),
+    "matrices/indptr": Array("integer", ("n+1",), needed=True),
+    "matrices/indices": Array("integer", ("z",), needed=True),
+    "matrices/K": Array("real", ("z",), needed=True), "matrices/M": Array("real", ("z",), needed=True),
+    "matrices/D": Array("real", ("z",)),
+    "inputs/B": Array("real", ("p", "n")), "inputs/names": Array("text", ("p",)),
+    "outputs/C": Array("real", ("r", "n")), "outputs/names": Array("text", ("r",)),
+    "remarks": Array("text", ("?",)),
 }  # fmt: skip
 
 

@@ -21,20 +21,20 @@ import numpy as np
 
 from ..simulation.joints import AXES
 from ..simulation.simulation import Motion
-from .checked import Entry
+from .checked import Array
 from .hdf5 import writing
 
 FORMAT = "hpcred-simulation"
 VERSION = 1
 SCHEMA = {
-    "t": Entry("real", ("t",), needed=True), "provenance": Entry("text", (), needed=True),
-    **{key: Entry("real", ("t", size), needed=True) for key, size in (
+    "t": Array("real", ("t",), needed=True), "provenance": Array("text", (), needed=True),
+    **{key: Array("real", ("t", size), needed=True) for key, size in (
         ("position", 3), ("quaternion", 4), ("velocity", 3), ("angular_velocity", 3), ("elastic", "m"),
         ("elastic_velocity", "m"))},
-    "nodes/number": Entry("integer", ("k",), needed=True), "nodes/position": Entry("real", ("t", "k", 3), needed=True),
-    "nodes/displacement": Entry("real", ("t", "k", 3), needed=True), "nodes/rotation": Entry("real", ("t", "k", 3)),
-    "constraints/name": Entry("text", ("c",), needed=True), "constraints/force": Entry("real", ("t", "c"), needed=True),
-    "energy/*": Entry("real", ("t",)),
+    "nodes/number": Array("integer", ("k",), needed=True), "nodes/position": Array("real", ("t", "k", 3), needed=True),
+    "nodes/displacement": Array("real", ("t", "k", 3), needed=True), "nodes/rotation": Array("real", ("t", "k", 3)),
+    "constraints/name": Array("text", ("c",), needed=True), "constraints/force": Array("real", ("t", "c"), needed=True),
+    "energy/*": Array("real", ("t",)),
 }  # fmt: skip
 
 

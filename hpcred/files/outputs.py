@@ -1,4 +1,4 @@
-"""The rule for files that a run writes: their names and kinds enter; what must not be written over is refused early.
+"""Refuse early what a run must not write over, by the names and kinds of its files.
 
 A file that the run reads is never written, under whatever name. A file of another kind is not replaced, nor what is
 read-only or no file (a pipe, a device). A file of the same kind is, which is said, unless the user keeps what is there.
@@ -33,6 +33,7 @@ OTHER = "file of another kind"
 GIF, WEBP, HTML = "GIF picture", "WebP picture", "HTML report"
 PICTURES = {".png": PNG, ".svg": SVG, ".pdf": PDF, ".gif": GIF, ".webp": WEBP}
 BEGINNINGS = (
+    (b"PK\x03\x04", ZIP), (b"MATLAB", MATLAB),
     (b"\x89PNG", PNG), (b"%PDF", PDF), (b"GIF8", GIF), (b"RIFF", WEBP), (b"<!DOCTYPE html>", HTML),
     (b"    -1\n", UFF), (b"%%MatrixMarket matrix array", DENSE), (b"%%MatrixMarket", MARKET),
     (b"** superelement", SUPERELEMENT), (b"! superelement", SUPERELEMENT), (b"$ superelement", SUPERELEMENT),
@@ -90,10 +91,14 @@ def kind_of(path) -> str:
                 return hdf5_kind(str(file.attrs.get("format", "none")))
         except (OSError, RuntimeError, KeyError):
             return "damaged HDF5 file"
+    kind = kind_of_start(start)
+    return _archive_kind(path, kind) if kind in (ZIP, MATLAB) else kind
+
+
+def kind_of_start(start: bytes) -> str:
+    """What a file is that begins so, in words; of HDF5 files and archives without what is in them."""
     if start.startswith(b"<?xml"):
         return SVG if b"<svg" in start else VTK if b"<VTKFile" in start else "XML file"
-    if start.startswith((b"PK\x03\x04", b"MATLAB")):
-        return _archive_kind(path, ZIP if start.startswith(b"PK") else MATLAB)
     kind = next((kind for begins, kind in BEGINNINGS if start.startswith(begins)), None)
     kind = kind or next((kind for begins, kind in PATTERNS if begins.match(start)), None)
     if kind is None and TITLES.match(start):

@@ -1,17 +1,16 @@
-"""A folder of expansion points: the blocks of a chain or a set of modes enter a file each, and leave on any ranks.
+"""Keep expansion points in a folder: the blocks of a Krylov sequence or a set of modes, a file each, for any ranks.
 
 The name of an entry is its kind (chain, modes, attachment modes, solution, count) and a digest of its key; see
-reduction.components.krylov_sequence.Entry.
-attributes: format, version; checksum: SHA-256 of `about`
-about: JSON of key, facts, model (name), date, hpcred (version), and digests of the arrays below (parallel.digest)
+reduction.store.Entry.
+attributes: format, version
+about: JSON of key, facts, model (name), made (a number at random), date, hpcred (version)
 blocks/0, blocks/1, ... (n, columns), contiguous, in the free dofs of the frame
 arrays/<name>: small arrays
-and a seal (files.seal)
+and checksums and a seal, as all files of hpcred (files.checked, files.seal)
 """
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import json
 import os
@@ -26,16 +25,15 @@ import h5py
 import numpy as np
 
 from ..linalg.blocks import create_block, local_rows
-from ..parallel.digest import digest_of_block, digest_of_slices
-from ..parallel.failures import InputError, agreed, reason_of, unfinished
+from ..parallel.failures import ComputationError, InputError, Owned, agreed, reason_of, unfinished
 from ..parallel.petsc import MPI
 from ..reduction.points import point_name
 from ..reduction.store import Entry
-from .checked import own_datasets
-from .hdf5 import created, opened, place_of, require_whole
+from .checked import CheckedFile
+from .hdf5 import CheckedWriter, reading, require_whole
 from .seal import seal
 
-FORMAT, VERSION = "hpcred-point", 2
+FORMAT, VERSION = "hpcred-point", 3
 NAME = re.compile(r"(chain|modes|attachment modes|solution|count)-[0-9a-f]{32}\.h5(\.tmp-[0-9a-f]{16})?")
 
 
@@ -59,35 +57,28 @@ class PointStore:
                     raise InputError(f"store {self.folder}: no folder that can be written ({reason}); choose another")
 
     def load(self, model, key, say, most: int | None = None):
-        """See Store. An entry that is damaged, of another version or of another key is ignored with a word."""
-        path = self.folder / name_of(key)
-        if not model.comm.bcast(path.is_file() if model.comm.rank == 0 else None):
+        """See Store. An entry that is damaged, of another version or of another key is ignored with a warning."""
+        comm, path = model.comm, self.folder / name_of(key)
+        if not comm.bcast(path.is_file() if comm.rank == 0 else None):
             return None
-        first = model.first_row
-        found = reason = None
+        about = blocks = arrays = reason = None
         try:
-            with opened(path, FORMAT, VERSION) as file:
-                dict(own_datasets(file, path))  # all in this file
+            with reading(path, FORMAT, VERSION) as file:
                 about = about_of(file)
                 if about["key"] != _plain(key):
                     raise ValueError("it belongs to another key")
-                found = about, *_read(file, about, first, model.local_rows, model.size, most)
+                blocks, arrays = _read(file, model, most)
         except Exception as error:  # whatever a damaged file makes HDF5 and what follows it raise
-            reason = _text(error)
-        reasons = model.comm.allgather((reason, None if found is None else found[0]["digests"]))
-        reason = next((item for item, _ in reasons if item is not None), None)
-        if reason is None and any(digests != reasons[0][1] for _, digests in reasons):
+            reason = _text(error, path)
+        found = comm.allgather((reason, about and about["made"]))
+        reason = next((item for item, _ in found if item is not None), None)
+        if reason is None and any(made != found[0][1] for _, made in found):
             reason = "it was replaced while it was read"
-        if reason is None:
-            about, blocks, arrays = found
-            wrong = [j for j, values in enumerate(blocks)
-                     if digest_of_block(model.comm, first, values) != about["digests"][f"blocks/{j}"]]  # fmt: skip
-            reason = f"block {wrong[0]} does not have its checksum" if wrong else None
         if reason is not None:
             say(f"store: {path.name} is not used ({reason}); what it should have is computed")
             return None
         with suppress(OSError):  # the time of last use, for pruning
-            if model.comm.rank == 0:
+            if comm.rank == 0:
                 os.utime(path)
         widths = tuple(values.shape[1] for values in blocks)
         block = None
@@ -98,50 +89,44 @@ class PointStore:
         return Entry(about["facts"], widths, block, arrays)
 
     def save(self, model, key, entry, say) -> None:
-        """See Store. A disk that is full makes `say` a word of it, and nothing else."""
+        """See Store. Of a disk that is full `say` gets a sentence, and nothing else happens."""
         comm, blocks = model.comm, []
         if entry.block is not None:
             with local_rows(entry.block) as rows:
                 parts = np.split(rows.real, np.cumsum(entry.widths)[:-1], axis=1)
                 blocks = [np.ascontiguousarray(part, "<f8") for part in parts]
-        digests = {f"blocks/{j}": digest_of_block(comm, model.first_row, part) for j, part in enumerate(blocks)}
-        arrays = {name: np.asarray(value) for name, value in entry.arrays.items()}
-        digests |= {f"arrays/{name}": _digest_of_array(value) for name, value in arrays.items()}
-        path = self.folder / name_of(key)
-        temporary = path.with_name(f"{path.name}.tmp-{comm.bcast(secrets.token_hex(8))}")
+        path, made = self.folder / name_of(key), comm.bcast(secrets.token_hex(8))
+        temporary = path.with_name(f"{path.name}.tmp-{made}")
+        about = {"key": _plain(key), "facts": entry.facts, "model": model.name, "made": made,
+                 "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+                 "hpcred": version("hpcred")}  # fmt: skip
         unfinished.add(temporary)
-        places = reason = None
         try:
-            if comm.rank == 0:
-                try:
-                    about = {"key": _plain(key), "facts": entry.facts, "model": model.name, "digests": digests,
-                             "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-                             "hpcred": version("hpcred")}  # fmt: skip
-                    places = _create(temporary, model.size, entry.widths, arrays, json.dumps(about))
-                except Exception as error:
-                    reason = _text(error)
-            places, reason = comm.bcast((places, reason))
-            if reason is None:
-                try:
-                    _write(temporary, places, blocks, model.first_row)
-                except OSError as error:
-                    reason = _text(error)
-                reason = next((item for item in comm.allgather(reason) if item is not None), None)
-            if reason is None and comm.rank == 0:
-                try:
+            with Owned(comm) as owned:
+                file = owned.owns(CheckedWriter(temporary, comm, path))
+                file.attribute("format", FORMAT)
+                file.attribute("version", VERSION)
+                file.small("about", about)
+                for name, value in entry.arrays.items():
+                    file.small(f"arrays/{name}", np.asarray(value))
+                for j, part in enumerate(blocks):
+                    file.rows(f"blocks/{j}", part)
+                file.finish()
+            with agreed(comm):
+                if comm.rank == 0:
+                    seal(temporary)
                     with open(temporary, "rb") as file:
                         os.fsync(file.fileno())
                     os.replace(temporary, path)
-                except OSError as error:
-                    reason = _text(error)
-            reason = comm.bcast(reason)
+        except (ComputationError, OSError, RuntimeError, ValueError, TypeError) as error:
+            reasons = comm.allgather(_reason_of_cause(error))
+            reason = next((item for item in reasons if item is not None), None) or _text(error, path)
+            say(f"store: {path.name} could not be written ({reason}); the run goes on without it")
         finally:
             unfinished.discard(temporary)
             if comm.rank == 0:
                 with suppress(OSError):
                     temporary.unlink(missing_ok=True)
-        if reason is not None:
-            say(f"store: {path.name} could not be written ({reason}); the run goes on without it")
 
 
 def name_of(key: dict) -> str:
@@ -150,11 +135,10 @@ def name_of(key: dict) -> str:
 
 
 def about_of(file) -> dict:
-    """What an open entry says of itself. Raises ValueError where its checksum is wrong."""
-    about = file["about"][()].tobytes()
-    if hashlib.sha256(about).hexdigest() != file.attrs["checksum"]:
-        raise ValueError("its header does not have its checksum")
-    return json.loads(about)
+    """What an open entry says of itself. Raises InputError, or ValueError where it has no checksums."""
+    if not file.complete:
+        raise ValueError("it has no checksums")
+    return json.loads(file["about"][()])
 
 
 def entries_of(folder) -> list[Path]:
@@ -182,23 +166,19 @@ def describe_entry(path: Path, check: bool = False) -> dict | None:
                 return None
             if file.attrs["version"] != VERSION:
                 raise ValueError(f"version {file.attrs['version']}, expected {VERSION}")
-            dict(own_datasets(file, path))
-            about = about_of(file)
+            checked = CheckedFile(file, path)
+            about = about_of(checked)
             found |= {"model": about["model"], "date": about["date"], "point": _point_of(about["key"])}
             if name_of(about["key"]) != path.name:
                 raise ValueError("it belongs to another key")
-            blocks = [file[name] for name in about["digests"] if name.startswith("blocks/")]
-            found |= {"blocks": len(blocks), "columns": sum(block.shape[1] for block in blocks)}
-            _check_arrays(file, about)
-            for block in blocks:
-                if (block.id.get_offset() or 0) + block.id.get_storage_size() > state.st_size:
-                    raise ValueError("it is cut short")
-                if check and digest_of_slices(len(block), lambda a, b, block=block: block[a:b]) != (
-                    about["digests"][block.name[1:]]
-                ):
-                    raise ValueError(f"{block.name[1:]} does not have its checksum")
+            blocks = _group(checked, "blocks")
+            found |= {"blocks": len(blocks), "columns": sum(block.shape[1] for block in blocks.values())}
+            for value in _group(checked, "arrays").values():
+                value.verify(0, value.rows)
+            if check:
+                checked.verify()
     except Exception as error:  # whatever a damaged file makes HDF5 raise
-        return found | {"reason": _text(error)}
+        return found | {"reason": _text(error, path)}
     return found | {"valid": True, "reason": ""}
 
 
@@ -214,72 +194,33 @@ def _point_of(key) -> str:
     return "infinity" if square == np.inf else point_name(np.sqrt(square))
 
 
-def _check_arrays(file, about):
-    """The small arrays. Raises ValueError where a checksum is wrong."""
-    arrays = {}
-    for name, wanted in about["digests"].items():
-        if name.startswith("arrays/"):
-            value = file[name][()]
-            if _digest_of_array(np.asarray(value)) != wanted:
-                raise ValueError(f"{name} does not have its checksum")
-            arrays[name.removeprefix("arrays/")] = value
-    return arrays
+def _group(file, name) -> dict:
+    """The datasets of a group by name, in the order of their numbers; none where it is missing."""
+    return dict(sorted(file[name].items(), key=lambda item: (len(item[0]), item[0]))) if name in file else {}
 
 
-def _read(file, about, first, rows, size, most):
+def _read(file, model, most):
     """The rows of this rank of the first blocks, and the arrays."""
-    names = [name for name in about["digests"] if name.startswith("blocks/")]
-    blocks = []
-    for j in range(len(names) if most is None else min(most, len(names))):
-        dataset = file[f"blocks/{j}"]
-        if dataset.ndim != 2 or len(dataset) != size or dataset.dtype != np.dtype("<f8"):
-            raise ValueError(f"block {j} has the shape {dataset.shape}, expected {size} rows")
-        blocks.append(dataset[first : first + rows])
-        if not np.isfinite(blocks[-1]).all():
-            raise ValueError(f"block {j} has entries that are not finite")
-    return blocks, _check_arrays(file, about)
-
-
-def _create(path, size, widths, arrays, about):
-    """A whole file but for what stands in the blocks; returns where each begins, in bytes. On one rank.
-
-    Its room is taken at once, so that a full disk is noticed here, on one rank and before the others begin.
-    """
-    with created(path) as file:
-        file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
-        file.attrs["checksum"] = hashlib.sha256(about.encode()).hexdigest()
-        file.create_dataset("about", data=np.frombuffer(about.encode(), np.uint8))
-        for name, value in arrays.items():
-            file.create_dataset(f"arrays/{name}", data=value)
-        places = [place_of(file, f"blocks/{j}", (size, width), "<f8") for j, width in enumerate(widths)]
-    with open(path, "r+b") as file:
-        try:
-            os.posix_fallocate(file.fileno(), 0, os.path.getsize(path))
-        except OSError as error:
-            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):  # file systems that cannot take room ahead
-                raise
-    seal(path)  # the numbers of the blocks, which come later, are not under it
-    return places
-
-
-def _write(path, places, blocks, first):
-    """Put the rows of this rank where they belong: no rank writes where another does, so none has to wait."""
-    with open(path, "r+b") as file:
-        for place, values in zip(places, blocks, strict=True):
-            if values.size:
-                file.seek(place + 8 * first * values.shape[1])
-                file.write(values.data.cast("B"))
-
-
-def _digest_of_array(value):
-    head = f"{value.dtype.str} {value.shape}"
-    return hashlib.sha256(head.encode() + np.ascontiguousarray(value).tobytes()).hexdigest()
+    first, blocks = model.first_row, []
+    for j, dataset in enumerate(list(_group(file, "blocks").values())[:most]):
+        if dataset.ndim != 2 or len(dataset) != model.size or dataset.dtype != np.dtype("<f8"):
+            raise ValueError(f"block {j} has the shape {dataset.shape}, expected {model.size} rows")
+        blocks.append(dataset[first : first + model.local_rows])
+    return blocks, {name: value[()] for name, value in _group(file, "arrays").items()}
 
 
 def _plain(key):
     return json.loads(json.dumps(key))
 
 
-def _text(error):
-    """An error in the words of whoever raised it, in a line."""
-    return " ".join(str(reason_of(error) or error).split()) or type(error).__name__
+def _reason_of_cause(error) -> str | None:
+    """The words of the system where it refused something that led to an error."""
+    while error is not None and reason_of(error) is None:
+        error = error.__cause__
+    return None if error is None else reason_of(error)
+
+
+def _text(error, path):
+    """An error in the words of whoever raised it, in a line, without the name of the file and advice."""
+    text = " ".join(str(reason_of(error) or error).split()) or type(error).__name__
+    return text.removeprefix(f"{path}: ").removeprefix("/").partition("; the file is damaged")[0]

@@ -1,4 +1,4 @@
-"""Files of frequency responses: arrays over frequency enter; an HDF5 file or a .csv leaves, or the other way round.
+"""Read and write files of frequency responses, as HDF5 or .csv.
 
 HDF5, with F frequencies, r outputs and p inputs (attributes: format "hpcred-response", version 1):
 frequencies (F) in Hz, ascending; input_names (p), output_names (r), such as 20:z
@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
-from .checked import Entry
+from .checked import Array
 from .hdf5 import atomic_output, reading, texts, writing
 from .outputs import CSV_OF_RESPONSES, hdf5_kind
 
@@ -29,10 +29,10 @@ FORMAT, VERSION = "hpcred-response", 1
 RESPONSES = ("response", "reduced", "full")
 ARRAYS = (*RESPONSES, "drive", "eps")
 SCHEMA = {
-    "frequencies": Entry("real", ("f",), needed=True), "eps": Entry("real", ("f",)),
-    "input_names": Entry("text", ("p",), needed=True), "output_names": Entry("text", ("r",), needed=True),
-    **{key: Entry("complex", ("f", "r", "p")) for key in RESPONSES}, "drive": Entry("complex", ("f", "p")),
-    "record": Entry("text", (), needed=True),
+    "frequencies": Array("real", ("f",), needed=True), "eps": Array("real", ("f",)),
+    "input_names": Array("text", ("p",), needed=True), "output_names": Array("text", ("r",), needed=True),
+    **{key: Array("complex", ("f", "r", "p")) for key in RESPONSES}, "drive": Array("complex", ("f", "p")),
+    "record": Array("text", (), needed=True),
 }  # fmt: skip
 
 

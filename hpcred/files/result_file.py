@@ -1,4 +1,4 @@
-"""All of result.h5: a reduced model, its body and its basis enter; a Result leaves.
+"""Read and write result.h5: a reduced model, its body and its basis.
 
 attributes: format, version; loss_factor of structural damping
 reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from ..body.body import Body, Surface, body_of, number_of
+from ..body.body import Body, BodySurface, body_of, number_of
 from ..body.floating_frame import FloatingFrame
 from ..body.node_shapes import NodeShape, shapes_of_rows
 from ..linalg.blocks import create_block, local_rows
@@ -34,7 +34,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..reduction.record import Record, difference_of, signature_of
 from ..reduction.reduced_model import ReducedModel
-from .checked import Entry
+from .checked import Array
 from .hdf5 import reading, texts, writing
 from .model_file import NODES, sets_of, write_nodes
 
@@ -44,19 +44,19 @@ ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
 NAMES = ("input_names", "output_names")
 QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
 SCHEMA = NODES | {
-    **{f"reduced/{key}": Entry("real", ("m", "m"), needed=True) for key in "MDK"},
-    "reduced/B": Entry("real", ("m", "p"), needed=True), "reduced/C": Entry("real", ("r", "m"), needed=True),
-    "reduced/frequencies": Entry("real", ("m",), needed=True),
-    "reduced/input_names": Entry("text", ("p",), needed=True),
-    "reduced/output_names": Entry("text", ("r",), needed=True),
-    "reduced/interfaces/name": Entry("text", ("i",)), "reduced/interfaces/node": Entry("integer", ("i",)),
-    "reduced/interfaces/position": Entry("real", ("i", 3)),
-    "basis/V": Entry("real", ("m", "n")), "basis/W": Entry("real", ("m", "n")),
-    "interface/node": Entry("integer", ("k",)), "interface/name": Entry("text", ("k",)),
-    "interface/position": Entry("real", ("k", 3)), "interface/phi": Entry("real", ("k", 3, "m")),
-    "interface/psi": Entry("real", ("k", 3, "m")), "interface/rotates": Entry("flag", ("k",)),
-    "floating_frame/masses": Entry("real", (3,)), "floating_frame/integrals": Entry("text", ()),
-    "record": Entry("text", (), needed=True),
+    **{f"reduced/{key}": Array("real", ("m", "m"), needed=True) for key in "MDK"},
+    "reduced/B": Array("real", ("m", "p"), needed=True), "reduced/C": Array("real", ("r", "m"), needed=True),
+    "reduced/frequencies": Array("real", ("m",), needed=True),
+    "reduced/input_names": Array("text", ("p",), needed=True),
+    "reduced/output_names": Array("text", ("r",), needed=True),
+    "reduced/interfaces/name": Array("text", ("i",)), "reduced/interfaces/node": Array("integer", ("i",)),
+    "reduced/interfaces/position": Array("real", ("i", 3)),
+    "basis/V": Array("real", ("m", "n")), "basis/W": Array("real", ("m", "n")),
+    "interface/node": Array("integer", ("k",)), "interface/name": Array("text", ("k",)),
+    "interface/position": Array("real", ("k", 3)), "interface/phi": Array("real", ("k", 3, "m")),
+    "interface/psi": Array("real", ("k", 3, "m")), "interface/rotates": Array("flag", ("k",)),
+    "floating_frame/masses": Array("real", (3,)), "floating_frame/integrals": Array("text", ()),
+    "record": Array("text", (), needed=True),
 }  # fmt: skip
 ROWS_AT_A_TIME = 2**22  # that are looked through
 LARGE = 100_000  # dofs of a body whose surface is no longer drawn without being asked for
@@ -151,7 +151,7 @@ class Result:
                 basis = np.concatenate([basis, np.zeros((len(held), basis.shape[1]))])
         return shapes_of_rows(nodes, *parts, basis, str(self.path))
 
-    def surface(self) -> Surface | None:
+    def surface(self) -> BodySurface | None:
         """The surface of the body, or None: without elements or basis in the file, or above LARGE dofs. On one rank."""
         with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
             if "basis/V" not in file or "elements" not in file or file["basis/V"].shape[1] > LARGE:
@@ -162,7 +162,7 @@ class Result:
             phi = [shapes.column(column)[nodes] for column in range(self.reduced.size)]
         if not len(nodes):
             return None
-        return Surface(shapes.points[nodes], places.reshape(triangles.shape), np.stack(phi, axis=-1))
+        return BodySurface(shapes.points[nodes], places.reshape(triangles.shape), np.stack(phi, axis=-1))
 
     @contextmanager
     def shapes(self):

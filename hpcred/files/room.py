@@ -1,4 +1,4 @@
-"""Files that are about to be written, and their sizes, enter; the disk has the room, or they are refused in a sentence.
+"""Take the room of files on the disk before they are written, or refuse them in a sentence.
 
 HDF5 does not survive a disk that is full: what a file needs is taken before it is written.
 """

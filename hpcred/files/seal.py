@@ -1,4 +1,4 @@
-"""What HDF5 keeps of its own in a file enters; a seal at the end of the file, which is checked before HDF5 sees it.
+"""Seal a file at its end, so that what HDF5 keeps of its own is checked before HDF5 sees it.
 
 HDF5 crashes, or runs for ever, on some files whose own bytes are damaged. The seal follows what HDF5 takes for the end
 of the file: JSON with `data`, the places (first byte, bytes) of datasets, which have checksums of their own (see

@@ -1,4 +1,4 @@
-"""The table of a sweep: rows of runs enter; a .csv, .json or HDF5 file leaves.
+"""Write the table of a sweep as .csv, .json or HDF5.
 
 HDF5 (attributes: format "hpcred-sweep", version 1), with k runs: columns/<name> (k), numbers (not a number where there
 is none) or texts; curves/<run>/frequencies (F) in Hz and curves/<run>/eps (F), where they are known.

@@ -1,4 +1,4 @@
-"""What the system refuses of a file enters (OSError, errors of HDF5); a sentence with the name of the file leaves.
+"""Put what the system refuses of a file (OSError, errors of HDF5) into a sentence with its name.
 
 Files of other programs are opened here, since Python's errors name the file where it cannot be opened, but not where it
 cannot be read.

@@ -1,6 +1,6 @@
-"""Text files of numbers: a file enters, the whole lines of this rank leave, as bytes and as strictly read numbers.
+"""Read text files of numbers: whole lines of this rank, as bytes and as strictly read numbers.
 
-Each rank reads a range of bytes; of a gzip file, which has no way in from the middle, every so-manieth piece.
+Each rank reads a range of bytes; of a gzip file, which has no way in from the middle, every size-th piece.
 """
 
 import gzip

@@ -70,7 +70,7 @@ def places_of(model, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class ModelSurface:
     """The surface of a body: `faces`, as indices of its `nodes` (v,), ascending, with their `points` (v, 3) in m.
     `without_place`: the number of faces that were left out, since one of their nodes has no row and so no place."""
 
@@ -80,7 +80,7 @@ class Surface:
     without_place: int = 0
 
 
-def gathered_surface(model, more: np.ndarray | tuple = ()) -> Surface | None:
+def gathered_surface(model, more: np.ndarray | tuple = ()) -> ModelSurface | None:
     """Return the whole surface on rank 0, in an order that does not depend on the number of ranks; None on others.
     Collective.
 
@@ -99,4 +99,4 @@ def gathered_surface(model, more: np.ndarray | tuple = ()) -> Surface | None:
     known = (table < 0) | (nodes[index] == table if len(nodes) else False)
     placed = known.all(axis=1)
     index = np.where(table < 0, -1, index)[placed]
-    return Surface(faces_of(index[np.lexsort(index.T[::-1])]), nodes, points, int((~placed).sum()))
+    return ModelSurface(faces_of(index[np.lexsort(index.T[::-1])]), nodes, points, int((~placed).sum()))

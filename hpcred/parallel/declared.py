@@ -1,4 +1,4 @@
-"""Values of a user and the types that they are declared with enter; plain Python values leave, or a refusal.
+"""Make values of a user plain Python values of the types that are declared, or refuse them.
 
 What reads like a list is one: tuples, lists, arrays, ranges, generators. Numbers of NumPy and paths become Python's
 numbers and texts, so that settings can be compared, sent and written whatever they were made from.

@@ -1,4 +1,4 @@
-"""Rows of distributed arrays enter; a digest leaves that does not depend on how many ranks share them."""
+"""Compute digests of distributed arrays that do not depend on how many ranks share the rows."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from .exchange import exchange
 
-ROWS_OF_DIGEST = 4096  # files keep digests of so many, so that another number needs another version of them
+ROWS_OF_DIGEST = 4096  # records of results keep digests over so many: with another number they are others
 
 
 def digest(comm, first: int, parts) -> str:
@@ -42,16 +42,6 @@ def digest(comm, first: int, parts) -> str:
         found.append(chunk.digest())
     found = comm.gather(b"".join(found))
     return comm.bcast(hashlib.sha256(b"".join(found)).hexdigest() if comm.rank == 0 else None)
-
-
-def digest_of_slices(rows: int, read) -> str:
-    """The same as digest_of_block, on one rank, of `rows` rows of which read(low, high) gives some at a time."""
-    found = []
-    for low in range(0, rows, ROWS_OF_DIGEST):
-        values = read(low, min(low + ROWS_OF_DIGEST, rows))
-        lengths = np.full(len(values), values.shape[1], "<i8")
-        found.append(hashlib.sha256(lengths.tobytes() + values.tobytes()).digest())
-    return hashlib.sha256(b"".join(found)).hexdigest()
 
 
 def digest_of_block(comm, first: int, values: np.ndarray) -> str:

@@ -1,4 +1,4 @@
-"""Rows that change their rank: arrays and the rank of every entry enter, what the others sent to this rank leaves."""
+"""Send rows of arrays to the ranks that are named for them."""
 
 import numpy as np
 from mpi4py import MPI

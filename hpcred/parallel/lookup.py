@@ -1,4 +1,4 @@
-"""Tables that no rank holds alone: keys and columns of this rank enter; sorted, or looked up, they leave."""
+"""Sort and look up tables that no rank holds alone, by keys and columns of this rank."""
 
 import numpy as np
 

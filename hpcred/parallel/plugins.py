@@ -19,7 +19,7 @@ OWN = "hpcred"
 
 
 @dataclass(frozen=True)
-class Entry:
+class Registered:
     """A registered class: its name, its address, and the package that brings it."""
 
     name: str
@@ -36,12 +36,12 @@ class Registry:
 
     def __init__(self, base: str, group: str, own: dict[str, str]):
         self._base, self._group, self._loaded, self._failed = base, group, {}, {}
-        self.own = tuple(Entry(name, f"{OWN}.{address}") for name, address in own.items())
+        self.own = tuple(Registered(name, f"{OWN}.{address}") for name, address in own.items())
 
     @cached_property
-    def others(self) -> tuple[Entry, ...]:
+    def others(self) -> tuple[Registered, ...]:
         """The entries of other packages."""
-        found = {Entry(item.name, item.value, getattr(item.dist, "name", "unknown"))
+        found = {Registered(item.name, item.value, getattr(item.dist, "name", "unknown"))
                  for item in entry_points(group=self._group)}  # fmt: skip
         return tuple(sorted(found, key=astuple))
 
@@ -50,12 +50,12 @@ class Registry:
         """A sentence on each class of another package that failed so far."""
         return list(self._failed.values())
 
-    def entries(self) -> Iterator[Entry]:
+    def entries(self) -> Iterator[Registered]:
         """All entries, our own first."""
         yield from self.own
         yield from self.others
 
-    def load(self, entry: Entry):
+    def load(self, entry: Registered):
         """Return the instance of an entry. Raises InputError where another package has no such class."""
         if entry not in self._loaded:
             try:
@@ -75,23 +75,27 @@ class Registry:
             self._loaded[entry] = item
         return self._loaded[entry]
 
-    def first(self, fits: Callable[..., bool], entries=None) -> Entry | None:
-        """Return the first entry whose instance fits; what fails in another package does not fit."""
+    def fitting(self, fits: Callable[..., bool], entries=None) -> Iterator[Registered]:
+        """Yield the entries whose instances fit, of all or of some; what fails in another package does not fit."""
         for entry in self.entries() if entries is None else entries:
             try:
-                if entry not in self._failed and fits(self.load(entry)):
-                    return entry
+                fit = entry not in self._failed and fits(self.load(entry))
             except Exception as error:
                 if entry.package == OWN:
                     raise
                 if entry not in self._failed:
                     self._failed[entry] = str(_blame(self._loaded[entry], error))
-        return None
+                continue
+            if fit:
+                yield entry
+
+    def first(self, fits: Callable[..., bool], entries=None) -> Registered | None:
+        """Return the first entry whose instance fits, or None."""
+        return next(self.fitting(fits, entries), None)
 
     def all(self) -> list:
         """Return the instances of all entries that can be loaded."""
-        self.first(lambda _: False)
-        return [self._loaded[entry] for entry in self.entries() if entry in self._loaded]
+        return [self._loaded[entry] for entry in self.fitting(lambda _: True)]
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What is made of the machine: the kernels of the BLAS that MUMPS computes with, cores for its threads, huge pages."""
+"""Diagnose BLAS, threads and page sizes of the machine."""
 
 import ctypes
 import os

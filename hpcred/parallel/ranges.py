@@ -1,4 +1,4 @@
-"""Numbers of a user: a key, values and the range that their unit makes sense of enter; refused early, or nothing."""
+"""Refuse numbers of a user early that are out of the range that makes sense in their unit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM of a command: they leave as exceptions, or end the process where it does not come to hear them.
+"""Turn SIGINT and SIGTERM of a command into exceptions, or end the process where it cannot handle them.
 
 Python hears a signal between two of its steps, and a factorisation of an hour is one step. A child of the process,
 which does nothing else, is told of signals at once, and kills a process that lives for PATIENCE seconds after one. It

@@ -1,4 +1,4 @@
-"""Start-up: what is wanted of PETSc enters; the build that fits is imported, with options and the rule for failures.
+"""Start up: import the build of PETSc that fits, with its options and the rule for failures.
 
 `start` is called by a command or workflow that knows what it needs, or else by the first use of PETSc.
 """

@@ -1,4 +1,4 @@
-"""A request to end a run after the current point: a signal to any rank enters; all ranks stop at the same place.
+"""End a run after the current point where a signal to any rank asks for it, on all ranks at the same place.
 
 A batch system or a launcher sends SIGTERM or SIGUSR1 ahead of the time limit; some of the ranks get it, at some moment.
 While somebody listens the signal is only noted, and stop_if_asked() ends the run where its state is safe.

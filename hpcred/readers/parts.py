@@ -11,7 +11,7 @@ from ..files.text import LARGEST_LABEL
 from ..model.checked_arrays import real_values
 from ..parallel.failures import InputError, agreed
 from .entries import Entries, LabelledEntries, label_of
-from .nodes.table import Nodes
+from .nodes.table import NodeTable
 
 WHOLE = {"number": LARGEST_LABEL, "node": LARGEST_LABEL, "direction": 6}  # the largest of columns of whole numbers
 
@@ -50,7 +50,7 @@ class Parts:
 
     matrices: dict[str, Entries | LabelledEntries]
     files: dict[str, str]
-    nodes: Nodes | None = None
+    nodes: NodeTable | None = None
     elements: dict[str, np.ndarray] = field(default_factory=dict)
     row_labels: tuple[np.ndarray, np.ndarray] | None = None
     removed: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -116,7 +116,7 @@ class Parts:
         first = [sum(comm.allgather(len(item))[: comm.rank]) for item in (nodes, dofs)]
         parts = cls(matrices, dict.fromkeys(matrices, str(path)), removed=_labels(held))
         if comm.allreduce(len(nodes)):
-            parts.nodes = Nodes(nodes[:, 0].astype(np.int64), nodes[:, 1:], first[0] + np.arange(len(nodes)))
+            parts.nodes = NodeTable(nodes[:, 0].astype(np.int64), nodes[:, 1:], first[0] + np.arange(len(nodes)))
         if comm.allreduce(len(dofs)):
             parts.row_labels = _labels(dofs), first[1] + np.arange(len(dofs))
         for name, found in (("elements", elements), ("sets", sets)):
@@ -159,7 +159,7 @@ def common_size(parts: Parts) -> int:
     return size
 
 
-def labels_in_order(comm, nodes: Nodes, size: int, name: str) -> tuple[np.ndarray, np.ndarray]:
+def labels_in_order(comm, nodes: NodeTable, size: int, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return labels and rows if every node has the same number of rows, ordered by node. Collective.
 
     Raises InputError.

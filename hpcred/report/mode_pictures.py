@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..files.outputs import PICTURES
+from ..files.outputs import PDF, PICTURES, SVG
 from ..parallel.failures import InputError
 from ..writers.base import Writer
 from .figures import COLOURS, INK, new_figure, pyplot
 from .rasteriser import Canvas
-from .surface import Surface, surface_of
+from .surface import DrawnSurface, surface_of
 
 RIGID = 1e-6  # of the highest pseudo-frequency, below which a shape is a rigid-body motion
 FIRST = 6  # shapes that a picture shows unless others are named
@@ -46,13 +46,22 @@ class Picture(Writer):
         with source.shapes() as shapes:
             return draw(target, shapes, source.modes, self.name)
 
+    def describe(self, path):
+        if self.kind in (SVG, PDF):
+            return {"format": self.kind}
+        from PIL import Image
+
+        with Image.open(path) as image:
+            size = f"{image.width} x {image.height} pixels"
+            frames = getattr(image, "n_frames", 1)
+            return {"format": f"{image.format} picture", "size": size, **({"frames": frames} if frames > 1 else {})}
+
 
 def draw_shapes(path, shapes, modes=None, kind="png") -> list[str]:
     """Return a picture of shapes on the surface of the body; call it on one rank. Returns their names.
 
-    `shapes` as for writers.vtk.write_vtk, with `frequencies` in Hz, `first`, and points that are marked (see
-    files.result_file.Shapes). `modes`: numbers from 1, by default the first six elastic ones. Colour is the size of
-    the displacement; the undeformed outline is grey. Raises InputError where there is no such shape.
+    `shapes`: see files.result_file.Shapes. `modes`: numbers from 1, by default the first six elastic ones. Colour is
+    the size of the displacement; the undeformed outline is grey. Raises InputError where there is no such shape.
     """
     pyplot()
     chosen = _chosen(shapes, modes, FIRST)
@@ -238,7 +247,7 @@ class _Stage:
         return fine.reshape(fine.shape[0] // FINE, FINE, fine.shape[1] // FINE, FINE, 3).mean(axis=(1, 3))
 
 
-def render(surface: Surface, moved, values, view: View, marks=()) -> np.ndarray:
+def render(surface: DrawnSurface, moved, values, view: View, marks=()) -> np.ndarray:
     """Return the pixels (h, w, 3), 0 to 1, of a surface whose points have moved to `moved` (v, 3).
 
     `values` (v,), 0 to 1, are its colour; `marks` (k, 3): points that are marked, hidden or not.

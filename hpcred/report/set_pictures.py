@@ -22,7 +22,7 @@ from .mode_pictures import (
     round_length,
 )
 from .rasteriser import Canvas
-from .surface import Surface
+from .surface import DrawnSurface
 
 GREY = np.array([0.80, 0.80, 0.80])
 # told apart with any colour vision (Okabe and Ito), and between each other
@@ -32,7 +32,7 @@ LINE, FOOT = 0.22, 0.5  # inches: of the legend, of the scale
 HIDDEN = 0.3  # how much of its colour a node shows through the body
 
 
-def draw_sets(path, surface: Surface, nodes: np.ndarray, sets: list, marks=(), kind: str = "png"):
+def draw_sets(path, surface: DrawnSurface, nodes: np.ndarray, sets: list, marks=(), kind: str = "png"):
     """Draw sets, (name, places in `nodes` (k,)) each, on the surface of a body whose nodes lie at `nodes` (v, 3) in m,
     and `marks` (name, point in m) of reference nodes; call it on one rank."""
     plt = pyplot()

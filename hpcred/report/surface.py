@@ -18,7 +18,7 @@ THICK = 0.008  # radius of a tube relative to the diagonal of the body, at most
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class DrawnSurface:
     """`points` (v, 3) in m; `nodes` (v,): which node of the body each of them moves with; `triangles` (t, 3), `edges`
     (e, 2) of the elements and `outline` (o, 2), the sharp ones of them: indices of points. Without triangles the
     points are all there is. `whole`: number of points before they were thinned out."""
@@ -31,7 +31,7 @@ class Surface:
     whole: int
 
 
-def surface_of(points, cells: dict) -> Surface:
+def surface_of(points, cells: dict) -> DrawnSurface:
     """Return the surface of a body: `points` (k, 3), `cells` by kind (of model.elements) as indices of points."""
     corners, middles, solid = all_faces(cells)
     seen = free(corners, solid)
@@ -41,11 +41,11 @@ def surface_of(points, cells: dict) -> Surface:
     lines = _lines(cells)
     if not len(triangles) and not len(lines):
         none = np.zeros((0, 2), dtype=int)
-        return Surface(points, np.arange(len(points)), np.zeros((0, 3), dtype=int), none, none, len(points))
+        return DrawnSurface(points, np.arange(len(points)), np.zeros((0, 3), dtype=int), none, none, len(points))
     used = np.unique(np.concatenate([triangles.ravel(), lines.ravel()]))
     triangles, sides, outline, axes = (np.searchsorted(used, part) for part in (triangles, sides, outline, lines))
     tube_points, tube_owner, tube_triangles = _tubes(points[used], axes)
-    return Surface(
+    return DrawnSurface(
         np.concatenate([points[used], tube_points]), np.concatenate([used, used[tube_owner]]),
         np.concatenate([triangles, tube_triangles + len(used)]), sides,
         np.concatenate([outline, axes]), len(used),
@@ -112,7 +112,7 @@ def _tubes(points, axes):
     return place.reshape(-1, 3), np.repeat(axes.ravel(), SIDES), triangles.reshape(-1, 3)
 
 
-def thinned(surface: Surface, most: int) -> Surface:
+def thinned(surface: DrawnSurface, most: int) -> DrawnSurface:
     """Return a surface with at most `most` points: in each cell of a grid, the one nearest to their middle stands for
     all."""
     if len(surface.points) <= most:

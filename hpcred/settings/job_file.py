@@ -1,4 +1,4 @@
-"""The job file: TOML enters, one checked Job of the public interface leaves; no matrix is read here."""
+"""Read a job file (TOML) as one checked Job of the public interface; no matrix is read here."""
 
 from __future__ import annotations
 

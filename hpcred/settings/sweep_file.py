@@ -1,4 +1,4 @@
-"""The sweep file: TOML enters, a checked Sweep of named jobs leaves; everything is refused before anything runs.
+"""Read a sweep file (TOML) as a checked Sweep of named jobs; everything is refused before anything runs.
 
     job = "job.toml"                    # or a table [job] with the keys of a job file
     [[vary]]
@@ -172,7 +172,7 @@ class _File:
 
 
 @dataclass(frozen=True)
-class Run:
+class SweepRun:
     """One job of a sweep: its name, what it changes, {key: value} and in words {key: label}, and the job."""
 
     name: str
@@ -212,7 +212,7 @@ class Sweep:
 
     path: Path
     folder: Path
-    runs: tuple[Run, ...]
+    runs: tuple[SweepRun, ...]
     keys: tuple[str, ...]
     launch: Launch
     evaluate: Evaluation | None
@@ -280,7 +280,7 @@ def _runs(file, base, base_folder, folder):
                     raise InputError(f"{given}: no such file")
         except InputError as error:
             raise InputError(f"run {name}: {error}") from error
-        runs.append(Run(name, changes, labels, job))
+        runs.append(SweepRun(name, changes, labels, job))
     return runs
 
 

@@ -1,4 +1,4 @@
-"""A TOML file enters, checked frozen dataclasses leave; every refusal names the key, what was found and expected."""
+"""Read TOML files as checked frozen dataclasses; every refusal names the key, what was found and expected."""
 
 from __future__ import annotations
 

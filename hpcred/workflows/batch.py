@@ -1,4 +1,4 @@
-"""A sweep file enters; a script for SLURM or PBS that runs its jobs as an array leaves, and is submitted if asked."""
+"""Write a script for SLURM or PBS that runs the jobs of a sweep file as an array, and submit it if asked."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..files.hdf5 import atomic_output
 from ..parallel.declared import spelled
 from ..parallel.failures import ComputationError, InputError
 from ..settings.sweep_file import read_sweep
-from .sweep import make_folder
+from .sweep import make_folder, refuse_ranks
 
 SUBMIT = {"slurm": "sbatch", "pbs": "qsub"}
 AGAIN = 10  # times that a job that was stopped is put into the queue again
@@ -78,8 +78,7 @@ def write_script(path, kind: str, *, store=None, submit: bool = False, comm=None
     `submit`: hand it to sbatch or qsub. `store`: as for run_sweep. Returns `script`, the command that submits it, and
     what that said. Raises InputError or ComputationError.
     """
-    if (comm or MPI.COMM_WORLD).size > 1:
-        raise InputError("sweep: run it without mpiexec; [launch] of the sweep says on how many ranks each run is")
+    refuse_ranks(comm, "sweep")
     sweep = read_sweep(path, store)
     if submit and shutil.which(SUBMIT[kind]) is None:
         raise InputError(f"--submit: there is no {SUBMIT[kind]} on this machine")

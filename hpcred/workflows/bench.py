@@ -15,10 +15,10 @@ from ..linalg.blocks import apply, create_block, local_rows, random_block
 from ..linalg.solvers.mumps import ORDERINGS, PORD, SOLVE_WIDTH, WIDTH_OPTION, orderings
 from ..linalg.solvers.shifted import ShiftedSolver
 from ..parallel import processor, startup
-from ..parallel.declared import spelled
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.memory import available_mb
 from ..parallel.progress import Progress
+from .workflow import workflow
 
 NESTED = ("METIS", "SCOTCH")
 COLUMNS = 32
@@ -27,14 +27,12 @@ MANY = 128
 WORTH = 0.9  # of the time, below which another width is worth a hint
 
 
-@spelled
+@workflow
 def bench(cells=(40, 16, 16), *, folder=None, comm=None, progress: Progress | None = None) -> dict:
     """Rates of factorisation, solves, products, orthogonalisation, writing and reading, on a block of hexahedra.
 
     `folder`: where to try writing and reading, by default that of temporary files. Collective. Raises InputError.
     """
-    comm = comm or startup.start_mpi()
-    progress = progress or Progress(comm, show=False)
     with agreed(comm):
         if folder is not None and not os.path.isdir(folder):
             raise InputError(f"--folder: found '{folder}', expected a folder that exists")

@@ -1,20 +1,18 @@
-"""A model file enters; its holes and pins leave as a table, as lines of a job, and as a picture."""
+"""Find the holes and pins of a model file, as a table, as lines of a job, and as a picture."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..analysis.bores import TURN, Bore, bores_and_doubts
-from ..files.locks import locks_given_back
 from ..files.model_file import read_model
-from ..parallel import startup
-from ..parallel.declared import spelled
 from ..parallel.progress import Progress
-from .set_figure import check_figure, draw_sets_of
+from .pair_figures import check_figure
+from .set_figure import draw_sets_of
+from .workflow import workflow
 
 
-@spelled
-@locks_given_back()
+@workflow
 def bores_of_file(
     model, *, turn: float = TURN, figure=None, comm=None, progress: Progress | None = None
 ) -> dict:  # fmt: skip
@@ -24,8 +22,6 @@ def bores_of_file(
     `bores`, a list of name, kind, centre, axis, start, end, radius and length in m, turn in degrees and nodes (how
     many), `job`, their lines for a job file, and `warnings`.
     """
-    comm = comm or startup.start_mpi()
-    progress = progress or Progress(comm, show=False)
     check_figure(figure, comm, [model], progress)
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm)

@@ -1,4 +1,4 @@
-"""Commands that run beside each other: named command lines enter, how each ended leaves; none outlives its parent."""
+"""Run named command lines beside each other, and tell how each ended; none outlives its parent."""
 
 from __future__ import annotations
 

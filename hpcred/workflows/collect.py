@@ -1,4 +1,4 @@
-"""A sweep file enters; one table of all its results leaves, and figures that compare them."""
+"""Collect the results of a sweep file in one table, and draw figures that compare them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..reduction.tolerance.accuracy import worst_in_words
 from ..report.figures import pyplot
 from ..report.sweep_figures import curves_figure, key_figure, size_figure, stem_of
 from ..settings.sweep_file import read_sweep
-from .sweep import responses_of, states_of
+from .sweep import refuse_ranks, responses_of, states_of
 
 SELF = MPI.COMM_SELF
 
@@ -39,8 +39,7 @@ def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> 
     run_sweep. Returns rows, `missing` (runs without a result of their job), `curves` {run: (frequencies, eps)}, the
     names of the figures and remarks. Raises InputError.
     """
-    if (comm or MPI.COMM_WORLD).size > 1:
-        raise InputError("collect: run it without mpiexec")
+    refuse_ranks(comm, "collect")
     sweep = read_sweep(path, store, runs_come=False)
     if output is not None:
         check_table_name(output, SELF)

@@ -1,4 +1,4 @@
-"""Several result files of one model enter; their errors and pseudo-modes beside each other, and the model's, leave."""
+"""Compare result files of one model: their errors and pseudo-modes beside each other, and the model's."""
 
 from __future__ import annotations
 
@@ -10,25 +10,22 @@ import scipy.linalg
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.frequency_response import frequency_response
 from ..files.hdf5 import atomic_output
-from ..files.locks import locks_given_back
 from ..files.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
 from ..files.result_file import read_basis, read_result
 from ..linalg.blocks import apply, create_block, inner
 from ..linalg.solvers.settings import Factoring
-from ..parallel import startup
-from ..parallel.declared import spelled
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
 from ..report.figures import error_figure
 from .evaluate import band_of, frequencies_over, short_names
 from .full_model import difference_of, full_of_record
+from .workflow import workflow
 
 SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
 
 
-@spelled
-@locks_given_back()
+@workflow
 def compare_results(
     results, full, *, frequencies=(), band=None, points: int = 61, modes: int = 10, output=None, figure=None,
     measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
@@ -48,7 +45,6 @@ def compare_results(
     which is given too where the file has its basis; for repeated modes it is the sum over them. `output`: a .csv of eps
     over the frequencies; `figure`: its picture. Raises InputError.
     """
-    comm = comm or startup.start_mpi()
     results = [str(path) for path in results]
     labels = short_names(results)
     whole = [read_result(path, comm).reduced for path in results]

@@ -5,22 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..analysis.check import check
-from ..files.locks import locks_given_back
 from ..files.model_file import FORMAT, write_model
 from ..files.outputs import check_outputs, hdf5_kind
 from ..files.room import rescued
 from ..model.units import SI, in_si, units_of
-from ..parallel import startup
-from ..parallel.declared import spelled
 from ..parallel.plugins import OWN
 from ..parallel.progress import Progress
 from ..readers.model_source import load_export, load_source
 from ..readers.registry import READERS, readers_of
 from ..settings.source import Source
+from .workflow import workflow
 
 
-@spelled
-@locks_given_back()
+@workflow
 def convert(
     source: Source | str | Path, output, *, inputs=None, outputs=None, variables=None, units: str = "SI", comm=None,
     progress: Progress | None = None,
@@ -32,8 +29,6 @@ def convert(
     SI. Returns what analysis.check says of the model: plain numbers for a table or
     JSON, with `sentences` on them and `warnings` of what is doubtful. Raises InputError.
     """
-    comm = comm or startup.start_mpi()
-    progress = progress or Progress(comm, show=False)
     system = units_of(units)
     reads = source.files if isinstance(source, Source) else [source]
     check_outputs({output: hdf5_kind(FORMAT)}, comm, reads, progress=progress)

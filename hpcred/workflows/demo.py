@@ -6,23 +6,18 @@ from dataclasses import replace
 
 from ..examples.linkage import linkage
 from ..examples.section5 import AUTOMATIC, SISO, compare, table
-from ..files.locks import locks_given_back
 from ..files.outputs import check_outputs, hdf5_kind
 from ..files.result_file import FORMAT, write_result
-from ..parallel import startup
-from ..parallel.declared import spelled
 from ..parallel.progress import Progress
+from .workflow import workflow
 
 
-@spelled
-@locks_given_back()
+@workflow
 def run_demo(output="demo_result.h5", *, comm=None, progress: Progress | None = None) -> list[dict]:
     """Reduce the linkage in four ways and write the first model, the automatic one, to `output`; returns the table.
 
     Collective.
     """
-    comm = comm or startup.start_mpi()
-    progress = progress or Progress(comm, show=False)
     check_outputs({output: hdf5_kind(FORMAT)}, comm, progress=progress)
     with linkage(comm) as model:
 

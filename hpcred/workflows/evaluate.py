@@ -10,15 +10,13 @@ import numpy as np
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.error_check import accuracy_of, check_reduced, measuring_damping, said_at
 from ..analysis.frequency_response import checked_frequencies, frequencies_to_draw, frequency_response, resonances_of
-from ..files.locks import locks_given_back
 from ..files.outputs import check_outputs
 from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
 from ..files.result_file import read_result
 from ..files.room import rescued
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import NoDamping
-from ..parallel import startup
-from ..parallel.declared import declared, spelled
+from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
@@ -27,14 +25,14 @@ from ..reduction.interface_coordinates import elastic_part
 from ..reduction.record import versions
 from ..reduction.tolerance.accuracy import rows_of_directions
 from .full_model import full_of_record
-from .pair_figures import check_figures, figures_of_pairs, pairs_by_name, pairs_to_show
+from .pair_figures import check_figure, figures_of_pairs, pairs_by_name, pairs_to_show
+from .workflow import workflow
 
 MOST = (1, 10**7, "")  # frequencies
 MOST_FIGURES = 16  # of the largest responses
 
 
-@spelled
-@locks_given_back()
+@workflow
 def evaluate_result(
     result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None, pairs=(),
     measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
@@ -50,7 +48,6 @@ def evaluate_result(
     each of the `pairs` "output/input", by default the largest. `groups`: see frequency_response. Returns plain
     numbers for a table or JSON. Raises InputError.
     """
-    comm = comm or startup.start_mpi()
     reduced = elastic_part(read_result(result, comm).reduced)
     record = reduced.record
     grid = frequencies_over(frequencies, band or band_of(reduced), points)
@@ -59,8 +56,7 @@ def evaluate_result(
     if output is not None:
         check_response_name(output)
         check_outputs({output: kind_of_responses(output)}, comm, reads, progress=progress)
-    if figure is not None:
-        check_figures(figure, comm, reads, progress)
+    check_figure(figure, comm, reads, progress)
     shown = pairs_by_name(pairs, reduced.output_names, reduced.input_names, result)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     damping, words = record.damping, ""
@@ -103,7 +99,7 @@ def evaluate_result(
     return report
 
 
-@spelled
+@workflow
 def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) -> dict:
     """eps(f) as result.h5 says it, of an automatic reduction: nothing is computed. Collective.
 
@@ -111,7 +107,7 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
     Besides the whole curve, its maximum, Q (57), the proofs and the sentence. Raises InputError where the basis was
     chosen by hand.
     """
-    reduced = elastic_part(read_result(result, comm or startup.start_mpi()).reduced)
+    reduced = elastic_part(read_result(result, comm).reduced)
     accuracy = accuracy_of(reduced, result)
     if len(frequencies):
         chosen = frequencies_over(frequencies, accuracy.band, 2)
@@ -142,7 +138,7 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
     }
 
 
-@spelled
+@workflow
 def check_result(
     result, full, count: int = 5, *, seed: int | None = None, groups: int | None = None,
     factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
@@ -153,7 +149,6 @@ def check_result(
     `seed` draws the same frequencies again; the other keywords are those of evaluate_result. Returns rows of f, said
     and exact, whether it `passed`, and the sentence. Raises InputError where the basis was chosen by hand.
     """
-    comm = comm or startup.start_mpi()
     reduced = elastic_part(read_result(result, comm).reduced)
     accuracy, record = accuracy_of(reduced, result), reduced.record
     law = measuring_damping(accuracy, record.damping)

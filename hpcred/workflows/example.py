@@ -1,4 +1,4 @@
-"""A model to try things on is made and written as model.h5."""
+"""Write an example model to try things on."""
 
 from __future__ import annotations
 

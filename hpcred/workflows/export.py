@@ -11,17 +11,16 @@ from pathlib import Path, PurePath
 
 from ..files import outputs
 from ..files.hdf5 import atomic_output, require_name
-from ..files.locks import locks_given_back
 from ..files.result_file import Result, read_result
 from ..files.text import absent
 from ..model.units import SI, units_of
-from ..parallel import startup
-from ..parallel.declared import nearest, spelled
+from ..parallel.declared import nearest
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..parallel.plugins import blamed
 from ..writers.base import ExportSource
 from ..writers.registry import WRITERS
+from .workflow import workflow
 
 PROGRAMS = {"simpack": "sid", "simulink": "simscape", "dymola": "fmu", "paraview": "vtk"}  # words for a format
 WITHOUT_NODES = {
@@ -31,8 +30,7 @@ WITHOUT_NODES = {
 }
 
 
-@spelled
-@locks_given_back()
+@workflow
 def export_result(
     result, kind=None, path=None, *, nodes=None, units: str = "SI", modes=None, comm=None, progress=None
 ) -> dict:
@@ -47,7 +45,6 @@ def export_result(
     remarks on what the format does not hold, and nodes, or inputs and outputs by name; of a superelement, the files
     beside the output.
     """
-    comm = comm or startup.start_mpi()
     if isinstance(result, Result):
         result = result.path
     require_name(result)
@@ -145,8 +142,8 @@ def _ending(writer) -> str:
 def _write(writer, source, target) -> dict:
     """Write one format, and say what was written; on one rank."""
     needs = writer.needs
-    if needs == "body" and not source.body.nodes:
-        raise InputError("no interface nodes, since no input or output belongs to a node; name some by --nodes")
+    if needs == "body":
+        _require_nodes(source)
     with blamed(writer):
         remarks = list(writer.write(target, source))
     if needs == "shapes":
@@ -159,6 +156,20 @@ def _write(writer, source, target) -> dict:
         found = source.body.nodes if needs == "body" else source.superelement.interfaces
         named = {"nodes": [item.node for item in found]}
     return {"coordinates": source.reduced.size, **named, "remarks": remarks}
+
+
+def _require_nodes(source):
+    """Raise InputError for a body without interface nodes; it names the formats that need none."""
+    others = ", ".join(item.name for item in map(WRITERS.load, WRITERS.own) if item.needs == "reduced")
+    try:
+        nodes = source.body.nodes
+    except InputError as error:
+        if source.result.floating_frame is not None:
+            raise
+        raise InputError(f"{error}; formats without nodes: {others}") from error
+    if not nodes:
+        raise InputError("no interface nodes, since no input or output belongs to a node; name some by --nodes, or "
+                         f"choose a --format without nodes: {others}")  # fmt: skip
 
 
 @contextmanager

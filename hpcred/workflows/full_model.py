@@ -1,4 +1,4 @@
-"""A record and a model file enter; the full model as it was reduced, checked to be that one, leaves, and responses."""
+"""Read the full model of a record as it was reduced, checked to be that one, and compute its responses."""
 
 from __future__ import annotations
 

@@ -10,16 +10,14 @@ import numpy as np
 from ..analysis.summary import inspect
 from ..files.checked import CHECKSUM, CheckedFile
 from ..files.hdf5 import opened, require_whole
-from ..files.locks import locks_given_back
 from ..files.model_file import FORMAT as MODEL
 from ..files.model_file import read_model
-from ..files.outputs import HDF5, SID, hdf5_kind, kind_of
+from ..files.outputs import HDF5, hdf5_kind
 from ..files.system_errors import reading_from
 from ..files.text import first_bytes, first_line
 from ..model.interface_motion import members
 from ..model.interfaces import doubts_of_interfaces
-from ..parallel import startup
-from ..parallel.declared import nearest, spelled
+from ..parallel.declared import nearest
 from ..parallel.failures import HpcredError, InputError, agreed
 from ..parallel.plugins import OWN, blamed
 from ..parallel.progress import Progress
@@ -35,13 +33,15 @@ from ..readers.registry import reader_of
 from ..readers.unread import refuse_unread
 from ..settings.job_file import read_job
 from ..settings.toml_file import read_table
-from .info_of_export import description_of, of_other_package, table
-from .info_of_output import OUTPUTS, damaged, read_whole, sid
+from ..writers.registry import WRITERS
+from .info_of_output import OUTPUTS, by_writers, damaged, described, read_whole
 from .model_of_job import with_interfaces_of_job
-from .set_figure import MOST, check_figure, draw_sets_of
+from .pair_figures import check_figure
+from .set_figure import MOST, draw_sets_of
+from .workflow import workflow
 
 
-@spelled
+@workflow
 def inspect_file(
     path, *, frequencies=(), band_top=None, modes: int | None = None, comm=None, progress: Progress | None = None
 ) -> dict:  # fmt: skip
@@ -49,8 +49,6 @@ def inspect_file(
 
     Raises InputError.
     """
-    comm = comm or startup.start_mpi()
-    progress = progress or Progress(comm, show=False)
     if (band_top is not None and band_top <= 0) or any(f <= 0 for f in frequencies):
         raise InputError("info: frequencies must be positive")
     within("--below", frequencies, FREQUENCY)
@@ -63,8 +61,7 @@ def inspect_file(
         return inspect(model, frequencies, band_top, modes=modes, progress=progress)
 
 
-@spelled
-@locks_given_back()
+@workflow
 def describe_file(
     path, *, frequencies=(), band_top=None, modes=None, variables=None, figure=None, sets=None, comm=None,
     progress: Progress | None = None,
@@ -75,8 +72,6 @@ def describe_file(
     `variables`: names of matrices by K, M, D in a file that holds several. `figure`: a .png, .svg or .pdf of the node
     sets of a model, or only of those named in `sets`, or of the interfaces of a job. Raises InputError.
     """
-    comm = comm or startup.start_mpi()
-    progress = progress or Progress(comm, show=False)
     job = None
     with agreed(comm):
         if Path(path).suffix == ".toml":
@@ -92,14 +87,12 @@ def describe_file(
     with agreed(comm):
         kind = _kind_of(path)
     export = None if kind else reader_of(path, comm, "model")
+    written = None
+    if not kind and not (export and export.package != OWN):  # files of Nastran may begin with words between commas
+        written = _on_one_rank(path, comm, described, tables=not export)
+    single = None if kind or export or written else reader_of(path, comm, "matrix")
     with agreed(comm):
-        of_sid = kind_of(path) == SID
-        written = None if kind or of_sid else description_of(path)
-        if export and (written is table or export.package != OWN):  # Nastran's may begin with words between commas
-            written = None
-    single = None if kind or export or of_sid or written else reader_of(path, comm, "matrix")
-    with agreed(comm):
-        if not (kind or export or of_sid or written or (single and single.package != OWN)):
+        if not (kind or export or written or (single and single.package != OWN)):
             refuse_unread(path)
         if kind != MODEL and (frequencies or band_top or modes):
             raise InputError(f"{path}: modes can be found in a model file only; convert it first")
@@ -115,10 +108,8 @@ def describe_file(
     with progress.stage("read", str(path)):
         if kind in OUTPUTS:
             return read_whole(OUTPUTS[kind], path, comm)
-        if of_sid:
-            return read_whole(sid, path, comm)
         if written:
-            return _on_one_rank(written, path, comm)
+            return written
         if kind:
             with agreed(comm), opened(path, kind) as file:
                 if CHECKSUM in file.attrs:  # hpcred wrote it, perhaps under another name of the format
@@ -126,7 +117,7 @@ def describe_file(
             return {"format": hdf5_kind(kind), "warnings": []}
         if export:
             return _export(path, export, comm, variables)
-        if (single is None or single.vague) and (found := _on_one_rank(of_other_package, path, comm)):
+        if (single is None or single.vague) and (found := _on_one_rank(path, comm, by_writers, WRITERS.others)):
             return found
         if single:
             return _matrix(path, single, comm)
@@ -181,13 +172,14 @@ def _job(path, job, figure, comm, progress):
         }  # fmt: skip
 
 
-def _on_one_rank(describe, path, comm):
+def _on_one_rank(path, comm, describe, *arguments, **keywords):
+    """What a function says of a file, which a damaged one is refused by. Collective. Raises InputError."""
     report = None
     with agreed(comm):
         if comm.rank == 0:
             try:
                 with reading_from(path):
-                    report = describe(path)
+                    report = describe(path, *arguments, **keywords)
             except HpcredError:
                 raise
             except Exception as error:  # whatever a damaged file makes its reader raise

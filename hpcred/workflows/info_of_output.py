@@ -1,15 +1,22 @@
-"""Files that hpcred wrote, but for models, enter; what they contain leaves as plain numbers and texts."""
+"""Describe files that hpcred wrote, but for models, by plain numbers and texts.
+
+Those of HDF5 are read by all ranks; exports, tables and reports on one rank.
+"""
 
 from __future__ import annotations
 
+import csv
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 
-from ..files import motion_file, response_file, result_file
+from ..files import motion_file, outputs, response_file, result_file
 from ..files.hdf5 import reading, texts
 from ..parallel.failures import InputError
-from ..writers.sid import read_sid
+from ..parallel.plugins import OWN, blamed
+from ..writers.registry import WRITERS
 
 
 def result(path, comm) -> dict:
@@ -72,27 +79,64 @@ def simulation(path, comm) -> dict:
     return report | {"body": record["setup"]["body"], "warnings": list(record.get("notes", []))}
 
 
-def sid(path, comm) -> dict:
-    """What a SID file says. Raises InputError."""
-    found = read_sid(path)
-    J = found.objects["J"].m0.ravel().tolist()
-    return {
-        "format": "SID file of a flexible body",
-        "mass": found.mass,  # in units that the file does not say
-        "coordinates": found.coordinates,
-        "interface_nodes": [node.node for node in found.nodes],
-        "inertia_xx_yy_zz_xy_xz_yz": J,
-        "damping": "none" if found.objects["De"].structure == 0 else "given",
-        "comment": found.comment,
-        "warnings": [],
-    }
-
-
 OUTPUTS = {
     result_file.FORMAT: result,
     response_file.FORMAT: response,
     motion_file.FORMAT: simulation,
 }
+
+
+def table(path) -> dict:
+    """Columns and number of lines of a .csv."""
+    with open(path, encoding="utf-8", newline="") as file:
+        rows = csv.reader(file)
+        return {"format": "table (.csv)", "columns": next(rows), "rows": sum(1 for _ in rows)}
+
+
+def data(path) -> dict:
+    """The keys of a JSON file."""
+    found = json.loads(Path(path).read_text(encoding="utf-8"))
+    keys = list(found if isinstance(found, dict) else found[0] if found else [])
+    return {"format": "JSON", "keys": keys, **({} if isinstance(found, dict) else {"rows": len(found)})}
+
+
+def page(path) -> dict:
+    """The title of a report."""
+    with open(path, encoding="utf-8") as file:
+        title = re.search("<title>(.*?)</title>", file.read(4096), re.S)
+    return {"format": "HTML report", "about": title[1] if title else "not known"}
+
+
+def by_writers(path, entries) -> dict | None:
+    """What the first writer says that takes a file for one of its format, or None. On one rank."""
+    with open(path, "rb") as file:
+        start = file.read(4096)
+    for entry in WRITERS.fitting(lambda writer: start and writer.begins(start), entries):
+        writer = WRITERS.load(entry)
+        with blamed(writer):
+            said = writer.describe(path)
+        if entry.package != OWN:
+            return {"format": f"{writer.name} (of the package {writer.package})", **said}
+        if said:
+            return said
+    return None
+
+
+def described(path, tables=True) -> dict | None:
+    """What an export of hpcred, or a file for people, is, or None; `tables`: of words between commas, too.
+
+    On one rank.
+    """
+    if found := by_writers(path, WRITERS.own):
+        return found
+    kind = outputs.kind_of(path)
+    if kind in (outputs.CSV_OF_RESPONSES, outputs.CSV_OF_MOTION) or kind.startswith(".csv table"):
+        return table(path) if tables else None
+    if kind == outputs.JSON:
+        return data(path)
+    if kind == outputs.HTML:
+        return page(path)
+    return {"format": kind} if kind.endswith("of a sweep") else None
 
 
 def read_whole(describe, path, comm) -> dict:

@@ -1,4 +1,4 @@
-"""A job or a record enters; the model of its files, with interface nodes, inputs and outputs, leaves."""
+"""Read the model of a job or a record, with its interface nodes, inputs and outputs."""
 
 from __future__ import annotations
 

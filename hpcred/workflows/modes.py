@@ -1,4 +1,4 @@
-"""A model file enters; its lowest natural frequencies, what mass each mode moves, and a picture of them leave."""
+"""Compute the lowest natural frequencies of a model file, what mass each mode moves, and a picture of them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from ..analysis.natural_modes import NaturalModes, natural_modes
 from ..files.hdf5 import atomic_output, reading, writing
-from ..files.locks import locks_given_back
 from ..files.model_file import read_model, write_nodes
 from ..files.outputs import PICTURES, PNG, check_outputs
 from ..files.result_file import Shapes
@@ -18,18 +17,17 @@ from ..linalg.blocks import local_rows
 from ..linalg.solvers.settings import Factoring
 from ..model.rigid_body_modes import exchange_of_matrices
 from ..parallel import startup
-from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
-from ..report.figures import pyplot
 from ..report.mode_pictures import draw_shapes
+from .pair_figures import check_drawing
+from .workflow import workflow
 
 MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
 ROUND_OFF = 1e-12  # of a mass
 
 
-@spelled
-@locks_given_back()
+@workflow
 def modes_of_file(
     model, count: int = 20, *, frame=None, figure=None, factoring: Factoring | None = None, comm=None,
     progress: Progress | None = None,
@@ -41,14 +39,11 @@ def modes_of_file(
     nodes participation_factors (m, 6), effective_masses (m, 6) and masses (6) along x, y, z and about the axes through
     the centre of mass.
     """
-    comm = comm or startup.start_mpi()
-    progress = progress or Progress(comm, show=False)
     if figure is not None:
         if Path(figure).suffix != ".png":  # nor a name that is nothing else
             raise InputError(f"figure {figure}: expected a name that ends in .png")
         check_outputs({figure: PICTURES.get(Path(figure).suffix.lower(), PNG)}, comm, [model], progress=progress)
-        with agreed(comm):
-            pyplot()  # refused early where there is none
+        check_drawing(comm)
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm)

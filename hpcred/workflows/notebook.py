@@ -1,9 +1,10 @@
-"""Figures for notebooks, of what is in memory: responses of a reduced model, and the lowest modes of a model."""
+"""Draw what is in memory for notebooks: responses of a reduced model, and the lowest modes of a model."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
@@ -66,6 +67,10 @@ def plot_response(
     band = tuple(declared("band", band_of(reduced) if band is None else band, tuple[float, float]))
     require_band("band", band)
     pairs = declared("pairs", [pairs] if isinstance(pairs, str) else () if pairs is None else pairs, tuple[str, ...])
+    for name in pairs:
+        if "/" not in name and PurePath(name).suffix:
+            raise InputError(f"pairs: found '{name}', which looks like a file; expected output/input such as 20:z/1:x. "
+                             f"The figure is written by plot(...).savefig('{name}')")  # fmt: skip
     accuracy = reduced.record.accuracy if reduced.record is not None else None
     measured = reduced if accuracy is None else as_measured(reduced, accuracy)
     frequencies = frequencies_to_draw(band, resonances_of(measured))

@@ -1,4 +1,4 @@
-"""Responses by several models enter; a figure of every output and input leaves, with the relative error of the pair."""
+"""Draw a figure of every pair of output and input, with the responses of several models and their relative error."""
 
 from __future__ import annotations
 
@@ -9,15 +9,22 @@ import numpy as np
 from ..files.hdf5 import atomic_output
 from ..files.outputs import PICTURES, check_outputs
 from ..parallel.failures import InputError, agreed
-from ..report.figures import check_figure_name, pair_figure, pyplot
+from ..report.figures import FIGURES, check_figure_name, pair_figure, pyplot
 
 ZERO = 1e-12  # of the largest response, below which one is round-off
 
 
-def check_figures(path, comm, reads, progress):
-    """Refuse early what cannot be drawn or written. Collective. Raises InputError."""
-    check_figure_name(path)
-    check_outputs({path: PICTURES[Path(path).suffix.lower()]}, comm, reads, progress=progress)
+def check_figure(path, comm, reads, progress=None):
+    """Refuse early what cannot be drawn or written; None is no figure. Collective. Raises InputError."""
+    if path is not None:
+        if Path(path).suffix.lower() not in FIGURES:
+            check_figure_name(path)  # which raises
+        check_outputs({path: PICTURES[Path(path).suffix.lower()]}, comm, reads, progress=progress)
+        check_drawing(comm)
+
+
+def check_drawing(comm):
+    """Refuse early where there is no matplotlib. Collective. Raises InputError."""
     with agreed(comm):
         pyplot()
 

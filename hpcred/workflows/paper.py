@@ -9,26 +9,22 @@ import numpy as np
 from ..examples.linkage import linkage
 from ..examples.section5 import FREQUENCIES, MIMO, SISO, compare, deviations, lateral, table, time_response
 from ..files.hdf5 import writing
-from ..files.locks import locks_given_back
 from ..files.outputs import JSON, PICTURES, check_outputs, hdf5_kind
 from ..parallel import startup
-from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..report.figures import cut_figure, error_figure
 from ..report.tables import write_json
+from .workflow import workflow
 
 
-@spelled
-@locks_given_back()
+@workflow
 def reproduce(folder="paper", *, comm=None, progress: Progress | None = None) -> dict:
     """Compute and write everything into `folder`, which is created. Collective. Raises InputError.
 
     Returns the tables as lists of dicts: table_1, table_2 and figure_5, as in section5.json.
     """
     startup.start(preferred="complex")
-    comm = comm or startup.start_mpi()
-    progress = progress or Progress(comm, show=False)
     folder = Path(folder)
     with agreed(comm):
         if comm.rank == 0:

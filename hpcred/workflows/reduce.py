@@ -1,18 +1,16 @@
-"""A job file enters, result.h5 leaves."""
+"""Reduce a model as a job file says, and write result.h5."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..files.contents import content_of
-from ..files.locks import locks_given_back
+from ..files.checksums import content_of
 from ..files.outputs import check_outputs, check_room, hdf5_kind
 from ..files.point_store import PointStore
 from ..files.result_file import FORMAT, write_result
 from ..files.room import rescued
 from ..parallel import startup
-from ..parallel.declared import spelled
 from ..parallel.failures import ComputationError, agreed
 from ..parallel.progress import Progress
 from ..parallel.stopping import listening
@@ -20,6 +18,7 @@ from ..reduction.record import Record
 from ..reduction.reduce import reduce
 from ..settings.job_file import Job, plain, read_job
 from .model_of_job import model_of_job
+from .workflow import workflow
 
 SIZE = 40  # coordinates that a reduction to a tolerance is expected to have
 
@@ -36,8 +35,7 @@ class Reduced:
     frequencies: tuple[float, ...]
 
 
-@spelled
-@locks_given_back()
+@workflow
 def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Progress | None = None) -> Reduced:
     """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.
 
@@ -48,7 +46,6 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
     Takes the PETSc build that fits the job, where PETSc is not loaded yet. Collective. Raises InputError or
     ComputationError.
     """
-    comm = comm or startup.start_mpi()
     reads = [] if isinstance(job, Job) else [job]
     with agreed(comm):
         if not isinstance(job, Job):
@@ -57,7 +54,6 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
     startup.start(preferred=job.preferred_scalar, low_rank=job.low_rank is not None)
     if job.solver.kind != "multigrid":
         job.factoring.package.check_build(comm)
-    progress = progress or Progress(comm, show=False)
     store = PointStore(job.store, comm) if job.store is not None else None
     check_outputs({job.output: hdf5_kind(FORMAT)}, comm, [*reads, *job.files], progress=progress)
     if job.search is not None and job.unreached == "mark":

@@ -1,28 +1,25 @@
-"""Results, and perhaps the full model, enter; one HTML file to look at leaves, and figures and tables for papers."""
+"""Write a report on results, and perhaps their full model: one HTML file, and figures and tables for papers."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from ..files.hdf5 import atomic_output
-from ..files.locks import locks_given_back
 from ..files.outputs import HTML, check_outputs
 from ..linalg.solvers.settings import Factoring
-from ..parallel import startup
-from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..report.page import MOST_POINTS, body_for_page, render_page
-from .pair_figures import pairs_by_name, pairs_to_show
-from .report_files import check_drawing, draw_files, make_folder, write_tables
+from .pair_figures import check_drawing, pairs_by_name, pairs_to_show
+from .report_files import draw_files, make_folder, write_tables
 from .report_page import page_of
 from .report_sheets import Sheet, sheets_of
+from .workflow import workflow
 
 MOST_PAIRS = 36  # responses on a page, the largest
 
 
-@spelled
-@locks_given_back()
+@workflow
 def report_file(
     results, full=None, *, output="report.html", band=None, exact: int = 21, pairs=(), modes: int = 10,
     png=None, svg=None, csv=None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
@@ -36,7 +33,6 @@ def report_file(
     `csv`: folders for figures and tables of the same. Returns the file, its size in MB, the names of figures and
     tables, and notes. Raises InputError.
     """
-    comm = comm or startup.start_mpi()
     if (ending := Path(output).suffix.lower()) not in (".html", ".htm") and Path(output).name:
         raise InputError(f"output {output}: found a name that ends in {ending or 'nothing'}, expected .html; figures "
                          "as files are written by --png and --svg")  # fmt: skip

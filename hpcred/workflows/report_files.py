@@ -1,4 +1,4 @@
-"""What a report shows, for papers: sheets enter; figures (png, svg, pdf) or tables (csv) in a folder leave."""
+"""Write what a report shows for papers: figures (png, svg, pdf) and tables (csv) of its sheets in a folder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..files.hdf5 import atomic_output
 from ..files.response_file import Responses, write_responses
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
-from ..report.figures import errors_figure, pair_figure, pyplot
+from ..report.figures import errors_figure, pair_figure
 from ..report.mode_pictures import draw_shapes
 from .pair_figures import in_file_name
 from .report_page import directions_of, frequency_rows
@@ -24,12 +24,6 @@ def make_folder(folder, comm):
                 Path(folder).mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise InputError(f"{folder}: cannot be made ({error.strerror}), expected a folder") from error
-
-
-def check_drawing(comm):
-    """Refuse early where there is no matplotlib. Collective. Raises InputError."""
-    with agreed(comm):
-        pyplot()
 
 
 def draw_files(folder, kind, sheets, chosen) -> list[str]:

@@ -1,4 +1,4 @@
-"""Sheets of a report enter; what its page says and draws leaves, as plain values for its template."""
+"""Collect what the page of a report says and draws, as plain values for its template."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results, and perhaps the full model, enter; what a report says of each leaves: a Sheet, with its responses."""
+"""Collect what a report says of each result, as a Sheet with its responses."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOST_MODES = 40  # of the full model
 
 
 @dataclass(frozen=True)
-class Full:
+class FullSolution:
     """The response (E, r, p) of a full model at `frequencies` (E,) in Hz, that of its inputs where they act (E, p), and
     its lowest `modes` in Hz."""
 
@@ -54,7 +54,7 @@ class Sheet:
     band: tuple[float, float]
     frequencies: np.ndarray
     response: np.ndarray
-    full: Full | None = None
+    full: FullSolution | None = None
     full_as_before: bool = False
     errors: Errors | None = None
     body: dict | None = None
@@ -155,7 +155,7 @@ def _solved(full_model, sheet, count, groups, progress):
         modes = modal.frequencies
     if modes[-1] < high:
         sheet.notes.append(f"{sheet.name}: the {wanted} lowest modes of the model are shown")
-    return Full(frequencies, response, drive, modes)
+    return FullSolution(frequencies, response, drive, modes)
 
 
 def _same_question(one, other):

@@ -1,4 +1,4 @@
-"""Harmonic analysis of a model file: a band and a tolerance enter; the response with its proof leaves as files."""
+"""Compute the frequency response of a model file over a band to a tolerance, with its proof, into files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from ..analysis.full_response import FullResponse, full_response
 from ..files.hdf5 import atomic_output
-from ..files.locks import locks_given_back
 from ..files.model_file import read_model
 from ..files.outputs import PICTURES, check_outputs
 from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
@@ -17,18 +16,17 @@ from ..files.room import rescued
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import NoDamping
 from ..parallel import startup
-from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress, counted
 from ..reduction.record import versions
-from ..report.figures import MOST, check_figure_name, pyplot, response_figure
+from ..report.figures import MOST, check_figure_name, response_figure
 from .evaluate import frequencies_over
 from .model_of_job import with_targets
-from .pair_figures import pairs_to_show
+from .pair_figures import check_drawing, pairs_to_show
+from .workflow import workflow
 
 
-@spelled
-@locks_given_back()
+@workflow
 def response_file(
     model, *, frequencies=(), band=None, points: int = 2001, tolerance: float = 1e-6, frame=None, damping=None,
     inputs=None, outputs=None, check: int = 0, seed: int | None = None, groups: int | None = None,
@@ -43,20 +41,17 @@ def response_file(
     whether the tolerance is `reached`, proofs, and of the response its norm and estimated error. Raises InputError or
     ComputationError.
     """
-    comm = comm or startup.start_mpi()
     if band is None and not len(frequencies):
         raise InputError("response: no frequencies; give the band in Hz, such as 0,6000")
     chosen = frequencies_over(frequencies, band, points)
     for name, check_name in ((output, check_response_name), (figure, check_figure_name)):
         if name is not None:
             check_name(name)
-    progress = progress or Progress(comm, show=False)
     written = {output: kind_of_responses(output), figure: figure and PICTURES[Path(figure).suffix]}
     reads = [model, *(item for item in (inputs, outputs) if isinstance(item, str))]
     check_outputs(written, comm, reads, progress=progress, needed=len(chosen) * 16)
     if figure is not None:
-        with agreed(comm):
-            pyplot()  # refused early where there is none
+        check_drawing(comm)
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm)

@@ -1,4 +1,4 @@
-"""A model enters; a picture of sets of its nodes, such as those of bearings, leaves."""
+"""Draw sets of nodes of a model, such as those of bearings."""
 
 from __future__ import annotations
 
@@ -7,28 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from ..files.hdf5 import atomic_output
-from ..files.outputs import PICTURES, check_outputs
 from ..model.second_order_model import sizes_of_sets
 from ..model.surface_faces import gathered_surface
 from ..parallel.failures import InputError, agreed
-from ..report.figures import pyplot
 from ..report.set_pictures import draw_sets
 from ..report.surface import surface_of
 
-KINDS = (".png", ".svg", ".pdf")
 MOST = 300_000  # nodes of one set, which one rank draws
-
-
-def check_figure(figure, comm, reads, progress):
-    """Refuse the name of a picture that cannot be written, before anything is read. Collective."""
-    if figure is None:
-        return
-    kind = Path(figure).suffix.lower()
-    if kind not in KINDS:
-        raise InputError(f"figure {figure}: expected a name that ends in {', '.join(KINDS)}")
-    check_outputs({figure: PICTURES[kind]}, comm, reads, progress=progress)
-    with agreed(comm):
-        pyplot()  # refused early where there is none
 
 
 def draw_sets_of(figure, model, sets: dict, marks=()):

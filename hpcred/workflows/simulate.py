@@ -1,4 +1,4 @@
-"""sim.toml enters, with the result.h5 that it names; simulation.h5, a .csv and a picture leave."""
+"""Simulate as sim.toml says, and write simulation.h5, a .csv and a picture."""
 
 from __future__ import annotations
 
@@ -10,33 +10,27 @@ from pathlib import Path
 import numpy as np
 
 from ..files.hdf5 import atomic_output
-from ..files.locks import locks_given_back
 from ..files.motion_file import FORMAT, write_motion, write_motion_csv
 from ..files.outputs import CSV_OF_MOTION, PNG, VTK, check_outputs, hdf5_kind
 from ..files.result_file import read_result
 from ..files.room import rescued
-from ..parallel import startup
-from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
-from ..parallel.progress import Progress
 from ..reduction.record import versions
 from ..report.figures import has_matplotlib, motion_figure
 from ..settings.simulation_file import read_simulation
 from ..simulation.simulation import simulate
 from ..writers.vtk import write_motion_vtk
+from .workflow import workflow
 
 
-@spelled
-@locks_given_back()
+@workflow
 def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     """Simulate a reduced body in time as a file says. Collective. Raises InputError, ComputationError.
 
     `overrides`: texts "key.path=value" that replace keys of the file. Rank 0 computes. Returns a summary: the files
     written, the largest errors and displacements, and notes on what was changed or approximated.
     """
-    comm = comm or startup.start_mpi()
-    progress = progress or Progress(comm, show=False)
     with agreed(comm):
         setup = read_simulation(path, overrides)
     output = Path(setup.output)

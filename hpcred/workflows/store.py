@@ -1,24 +1,22 @@
-"""A folder of expansion points enters; a list of its entries leaves, and those that are not wanted go."""
+"""List and prune the entries of a folder of expansion points."""
 
 from __future__ import annotations
 
 import time
 
 from ..files.point_store import describe_entry, entries_of
-from ..parallel import startup
-from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
+from .workflow import workflow
 
 UNFINISHED = 3600.0  # seconds after which a file that nobody finished counts as left behind
 
 
-@spelled
+@workflow
 def list_store(folder, *, check: bool = False, comm=None) -> list[dict]:
     """The entries of a store, as rows of a table. `check`: all checksums. Collective.
 
     Raises InputError where there is no such folder.
     """
-    comm = comm or startup.start_mpi()
     rows = []
     with agreed(comm):
         if comm.rank == 0:
@@ -27,7 +25,7 @@ def list_store(folder, *, check: bool = False, comm=None) -> list[dict]:
     return comm.bcast(rows)
 
 
-@spelled
+@workflow
 def prune_store(folder, *, older: float | None = None, below: float | None = None, model: str | None = None,
                 broken: bool = False, comm=None) -> list[dict]:  # fmt: skip
     """Remove entries of a store; returns those that went. Collective. Raises InputError.
@@ -38,7 +36,6 @@ def prune_store(folder, *, older: float | None = None, below: float | None = Non
     """
     if older is None and below is None and model is None and not broken:
         raise InputError("--prune: say what is to go: --older 30d, --below 10G, --model NAME or --broken")
-    comm = comm or startup.start_mpi()
     gone, now = [], time.time()
     rows = list_store(folder, check=broken, comm=comm)
     with agreed(comm):

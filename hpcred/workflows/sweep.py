@@ -1,4 +1,4 @@
-"""A sweep file enters; its jobs run, here or as an array of a batch system, and one result each leaves."""
+"""Run the jobs of a sweep file, here or as an array of a batch system, to one result each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from ..files.contents import content_of
+from ..files.checksums import content_of
 from ..files.hdf5 import atomic_output, check_writable, reading
 from ..files.locks import UNDER_WAY, holder_of
 from ..files.outputs import check_kept
@@ -26,7 +26,7 @@ from ..parallel.failures import InputError
 from ..parallel.progress import MINUTE, Progress, in_time
 from ..parallel.stopping import Stopped
 from ..settings.job_file import plain
-from ..settings.sweep_file import Run, Sweep, read_sweep
+from ..settings.sweep_file import Sweep, SweepRun, read_sweep
 from .children import Child, run_all
 
 SELF = MPI.COMM_SELF
@@ -89,7 +89,7 @@ def run_sweep(
     were skipped and failed, and the numbers of factorisations made and saved. Raises InputError, Interrupted or
     Stopped.
     """
-    _alone(comm, "sweep")
+    refuse_ranks(comm, "sweep")
     sweep = read_sweep(path, store)
     chosen = share(sweep, index, of)
     at_once = parallel if parallel is not None else sweep.launch.parallel
@@ -133,12 +133,13 @@ def run_sweep(
     return _report(sweep, chosen, after, skipped, ended)
 
 
-def _alone(comm, command):
+def refuse_ranks(comm, command):
+    """Raise InputError where there is more than one rank."""
     if (comm or MPI.COMM_WORLD).size > 1:
         raise InputError(f"{command}: run it without mpiexec; [launch] of the sweep says on how many ranks each run is")
 
 
-def share(sweep, index, of) -> list[Run]:
+def share(sweep, index, of) -> list[SweepRun]:
     """The runs of a task of an array: every `of`-th from the `index`-th on, which counts from 1. Raises InputError."""
     if index is None and of is None:
         return list(sweep.runs)

@@ -1,25 +1,23 @@
-"""A file of hpcred enters; whether each of its numbers has its checksum leaves."""
+"""Check all numbers of a file of hpcred against their checksums."""
 
 from __future__ import annotations
 
 from ..files import model_file, motion_file, response_file, result_file
 from ..files.hdf5 import kind_of_file, reading, require_whole
-from ..parallel import startup
-from ..parallel.declared import spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.shares import row_range
+from .workflow import workflow
 
 FORMATS = {item.FORMAT: item for item in (model_file, result_file, response_file, motion_file)}
 
 
-@spelled
+@workflow
 def verify_file(path, *, comm=None) -> dict:
     """Read all of a model, result, file of responses or of a simulation, on all ranks; what was checked, in numbers.
 
     Collective. Raises InputError at the first dataset that is damaged, and where there are no
     checksums, or those of earlier versions.
     """
-    comm = comm or startup.start_mpi()
     with agreed(comm):
         require_whole(path)
         kind = kind_of_file(path)

@@ -1,4 +1,4 @@
-"""A Superelement enters; a text for Abaqus/Standard leaves: one linear user element with its matrices.
+"""Write a Superelement for Abaqus/Standard: the text of one linear user element with its matrices.
 
 Of a symmetric matrix the upper half is given column by column, at most four numbers a line, each column on a new line
 (Abaqus Keywords Reference, *MATRIX; Analysis User's Guide, user-defined elements). A number has at most 20 characters,
@@ -11,41 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from .base import SuperelementWriter
-from .superelement import Superelement, fitted
+from .superelement import fitted
 
 ON_A_LINE, NODES_ON_A_LINE, WIDTH = 4, 15, 20
-
-
-def abaqus_superelement(element: Superelement, stem: str) -> tuple[str, dict, list[str]]:
-    """The text of an .inp file to include, no file beside it, and remarks."""
-    labels = element.labels(directions=3)
-    count = len(element.interfaces)
-    modal = np.unique(labels[6 * count :, 0]).tolist()
-    nodes = [item.node for item in element.interfaces] + modal
-    number = element.interfaces[0].node
-    lines = ["** superelement of interface nodes and modal coordinates", "*NODE"]
-    for item in element.interfaces:
-        lines += [f"** {item.name}", _node(item.node, item.position)]
-    lines += ["** modal coordinates"] * bool(modal) + [_node(node, element.centre) for node in modal]
-    lines += [f"*USER ELEMENT, TYPE=U{number % 9999 + 1}, NODES={len(nodes)}, LINEAR, COORDINATES=3"]
-    lines += _directions(count, len(modal), element.modal_count)
-    for kind, matrix in (("STIFFNESS", element.K), ("MASS", element.M)):
-        lines += [f"*MATRIX, TYPE={kind}", *_upper_half(matrix)]
-    lines += [f"*ELEMENT, TYPE=U{number % 9999 + 1}, ELSET=BODY_{number}", *_listed([number, *nodes])]
-    lines += [f"*UEL PROPERTY, ELSET=BODY_{number}"]
-    for what, name, matrix in (
-        ("VISCOUS DAMPING", f"BODY_{number}_D", element.D),
-        ("STRUCTURAL DAMPING", f"BODY_{number}_S", element.loss_factor * element.K if element.loss_factor else None),
-    ):
-        if matrix is not None:
-            lines += [f"*MATRIX INPUT, NAME={name}, TYPE=SYMMETRIC", *_entries(matrix, labels)]
-            lines += [f"*MATRIX ASSEMBLE, {what}={name}"]
-    return "\n".join(lines) + "\n", {}, [
-        *element.modal_points_said(modal),
-        f"the body is element {number}, and no other element may have this number",
-        *(["structural damping is that of *STEADY STATE DYNAMICS, DIRECT"] * bool(element.loss_factor)),
-        *element.remarks,
-    ]
 
 
 def _node(node, position):
@@ -89,4 +57,37 @@ def _entries(matrix, labels):
 class UserElement(SuperelementWriter):
     """User elements of Abaqus."""
 
-    suffix, make = "_abaqus.inp", staticmethod(abaqus_superelement)
+    suffix = "_abaqus.inp"
+    title, begin = "user element of Abaqus", "** superelement"
+    nodes = r"(?m)^\*\* (?!modal coordinates$)(?P<name>.+)\n(?P<node>\d+), "
+
+    def make(self, element, stem):
+        labels = element.labels(directions=3)
+        count = len(element.interfaces)
+        modal = np.unique(labels[6 * count :, 0]).tolist()
+        nodes = [item.node for item in element.interfaces] + modal
+        number = element.interfaces[0].node
+        lines = ["** superelement of interface nodes and modal coordinates", "*NODE"]
+        for item in element.interfaces:
+            lines += [f"** {item.name}", _node(item.node, item.position)]
+        lines += ["** modal coordinates"] * bool(modal) + [_node(node, element.centre) for node in modal]
+        lines += [f"*USER ELEMENT, TYPE=U{number % 9999 + 1}, NODES={len(nodes)}, LINEAR, COORDINATES=3"]
+        lines += _directions(count, len(modal), element.modal_count)
+        for kind, matrix in (("STIFFNESS", element.K), ("MASS", element.M)):
+            lines += [f"*MATRIX, TYPE={kind}", *_upper_half(matrix)]
+        lines += [f"*ELEMENT, TYPE=U{number % 9999 + 1}, ELSET=BODY_{number}", *_listed([number, *nodes])]
+        lines += [f"*UEL PROPERTY, ELSET=BODY_{number}"]
+        structural = element.loss_factor * element.K if element.loss_factor else None
+        for what, name, matrix in (
+            ("VISCOUS DAMPING", f"BODY_{number}_D", element.D),
+            ("STRUCTURAL DAMPING", f"BODY_{number}_S", structural),
+        ):
+            if matrix is not None:
+                lines += [f"*MATRIX INPUT, NAME={name}, TYPE=SYMMETRIC", *_entries(matrix, labels)]
+                lines += [f"*MATRIX ASSEMBLE, {what}={name}"]
+        return "\n".join(lines) + "\n", {}, [
+            *element.modal_points_said(modal),
+            f"the body is element {number}, and no other element may have this number",
+            *(["structural damping is that of *STEADY STATE DYNAMICS, DIRECT"] * bool(element.loss_factor)),
+            *element.remarks,
+        ]

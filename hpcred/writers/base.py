@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -10,7 +11,7 @@ from pathlib import Path
 
 from ..body.body import Body
 from ..body.units import fields_in, in_units
-from ..files.outputs import SUPERELEMENT
+from ..files.outputs import SUPERELEMENT, kind_of_start
 from ..files.result_file import Result, Shapes
 from ..model.units import SI, Units
 from ..reduction.reduced_model import ReducedModel
@@ -59,7 +60,7 @@ class ExportSource:
         return replace(item, **fields_in(item, self.units), remarks=(*item.remarks, f"in {self.units.name}"))
 
     def shapes(self) -> AbstractContextManager[Shapes]:
-        """A context with the shapes of all nodes (see files.result_file.Shapes)."""
+        """A context with the shapes of all nodes (see Shapes)."""
         return self.result.shapes()
 
 
@@ -113,19 +114,42 @@ class Writer(ABC):
 
     def begins(self, start: bytes) -> bool:
         """Return whether a file that starts so (4096 bytes) is of this format, and may be replaced by a new one."""
-        return False
+        return bool(self.kind) and kind_of_start(start) == self.kind
 
     def describe(self, path) -> dict:
-        """Return what `hpcred info` says of a file of this format, besides its name; called on one rank."""
+        """Return what `hpcred info` says of a file that begins so, besides its name; called on one rank.
+
+        One of our own returns nothing of a file that its format shares with others, such as a .mat.
+        """
         return {}
 
 
 class SuperelementWriter(Writer):
-    """An export of a superelement: `make` (element, stem) -> content, those beside it by suffix, remarks."""
+    """An export of a superelement: derive, and write `make`.
+
+    `title`, `begin` and `nodes`, for info: what its text is and how it begins, and a pattern of the `name` and `node`
+    of each interface node.
+    """
 
     needs, kind = "superelement", SUPERELEMENT
+    title = begin = nodes = ""
+
+    @abstractmethod
+    def make(self, element: Superelement, stem: str) -> tuple[bytes | str, dict[str, bytes | str], list[str]]:
+        """Return the content of the file, the contents beside it by what follows `stem`, and remarks.
+
+        Raise InputError for a superelement that the format cannot hold.
+        """
 
     def write(self, target, source):
         content, source.beside, remarks = self.make(source.superelement, source.stem)
         target.write_bytes(content if isinstance(content, bytes) else content.encode())
         return list(remarks)
+
+    def begins(self, start):
+        return bool(self.begin) and start.startswith(self.begin.encode())
+
+    def describe(self, path):
+        text = Path(path).read_text(encoding="utf-8", errors="replace")
+        found = {item["name"]: int(item["node"]) for item in re.finditer(self.nodes, text)}
+        return {"format": f"superelement: {self.title}", "interface_nodes": found}

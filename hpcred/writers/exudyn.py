@@ -1,4 +1,4 @@
-"""A .npz file of a Body that Exudyn's ObjectFFRFreducedOrderInterface.LoadFromFile reads, with some keys of our own.
+"""Write a Body as the .npz that ObjectFFRFreducedOrderInterface.LoadFromFile of Exudyn reads, with keys of our own.
 
 Its mesh nodes are displacements only: first the interface nodes; then four points around each of them that rotates, the
 corners of a small tetrahedron fixed to it, whose mean motion is that of the node; then the surface that is drawn. The
@@ -11,59 +11,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..body.body import Body, check_moving, inputs_without_node, remarks
+from ..body.body import check_moving, inputs_without_node, remarks
 from ..files.outputs import ZIP
+from .arrays import save_npz
 from .base import Writer
-from .body_npz import save_npz
 
 CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
 RADIUS = 0.01  # of the tetrahedra, in radii of gyration of the body; what they measure does not depend on it
-
-
-def write_exudyn(path, body: Body) -> list[str]:
-    """Write a body; call it on one rank. Returns remarks: what the file does not hold, or only with a line of script.
-
-    Raises InputError for a body with structural damping, rigid-body motions, or without mass in some direction.
-    """
-    check_moving(body, "a file for Exudyn")
-    reduced, quantities, count = body.reduced, body.floating_frame, body.reduced.size
-    identity = np.eye(3)
-    trace_n = np.trace(quantities.N, axis1=1, axis2=2)
-    trace_s = quantities.S[0, 0] + quantities.S[1, 1] + quantities.S[2, 2]
-    # with Psi~ = skew(Phi_k) side by side, integrals of Psi~^T Psi, Psi~^T Psi~, ...
-    psi_psi = -quantities.Cr1.transpose(1, 2, 0).reshape(3 * count, count)
-    tilde = trace_s[:, :, None, None] * identity - quantities.S.transpose(2, 3, 1, 0)
-    psi_tilde = tilde.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count)
-    reference = trace_n[:, None, None] * identity - quantities.N.transpose(0, 2, 1)
-    centre = quantities.mc / quantities.mass
-    points, phi, triangles, markers = _mesh(body)
-    data = {
-        "fileVersion": 1,
-        "modeBasis": phi.reshape(-1, count),
-        "trigList": triangles,
-        "postProcessingModes": np.array({}, dtype=object),
-        "massMatrixReduced": reduced.M,
-        "stiffnessMatrixReduced": reduced.K,
-        "infoList": np.array([count, len(points), 3, 4, 7, 7 + count]),
-        "rigidBodyNodeType": "NodeType.RotationEulerParameters",
-        "xRef": (points - quantities.origin).ravel(),
-        "inertiaLocal": quantities.J,
-        "Mtt": quantities.mass * identity,
-        "totalMass": quantities.mass,
-        "chiU": centre,
-        "chiUtilde": np.cross(identity, centre),
-        "mPsiTildePsi": psi_psi,
-        "mPsiTildePsiTilde": psi_tilde,
-        "mPhitTPsi": quantities.Ct.T,
-        "mPhitTPsiTilde": np.concatenate([np.cross(identity, row) for row in quantities.Ct], axis=1),
-        "mXRefTildePsi": -quantities.Cr.T,
-        "mXRefTildePsiTilde": reference.transpose(1, 0, 2).reshape(3, -1),
-        "names": np.array([shape.name or str(shape.node) for shape in body.nodes]),
-        "markerNodes": markers,
-        "dampingMatrixReduced": reduced.D,
-    }
-    save_npz(path, data)
-    return [*remarks(body), *_notes(body), *inputs_without_node(body)]
 
 
 def _mesh(body):
@@ -108,4 +62,43 @@ class Exudyn(Writer):
     suffix, needs, kind, surface = "_exudyn.npz", "body", ZIP, True
 
     def write(self, target, source):
-        return write_exudyn(target, source.body)
+        body = source.body
+        check_moving(body, "a file for Exudyn")
+        reduced, quantities, count = body.reduced, body.floating_frame, body.reduced.size
+        identity = np.eye(3)
+        trace_n = np.trace(quantities.N, axis1=1, axis2=2)
+        trace_s = quantities.S[0, 0] + quantities.S[1, 1] + quantities.S[2, 2]
+        # with Psi~ = skew(Phi_k) side by side, integrals of Psi~^T Psi, Psi~^T Psi~, ...
+        psi_psi = -quantities.Cr1.transpose(1, 2, 0).reshape(3 * count, count)
+        tilde = trace_s[:, :, None, None] * identity - quantities.S.transpose(2, 3, 1, 0)
+        psi_tilde = tilde.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count)
+        reference = trace_n[:, None, None] * identity - quantities.N.transpose(0, 2, 1)
+        centre = quantities.mc / quantities.mass
+        points, phi, triangles, markers = _mesh(body)
+        data = {
+            "fileVersion": 1,
+            "modeBasis": phi.reshape(-1, count),
+            "trigList": triangles,
+            "postProcessingModes": np.array({}, dtype=object),
+            "massMatrixReduced": reduced.M,
+            "stiffnessMatrixReduced": reduced.K,
+            "infoList": np.array([count, len(points), 3, 4, 7, 7 + count]),
+            "rigidBodyNodeType": "NodeType.RotationEulerParameters",
+            "xRef": (points - quantities.origin).ravel(),
+            "inertiaLocal": quantities.J,
+            "Mtt": quantities.mass * identity,
+            "totalMass": quantities.mass,
+            "chiU": centre,
+            "chiUtilde": np.cross(identity, centre),
+            "mPsiTildePsi": psi_psi,
+            "mPsiTildePsiTilde": psi_tilde,
+            "mPhitTPsi": quantities.Ct.T,
+            "mPhitTPsiTilde": np.concatenate([np.cross(identity, row) for row in quantities.Ct], axis=1),
+            "mXRefTildePsi": -quantities.Cr.T,
+            "mXRefTildePsiTilde": reference.transpose(1, 0, 2).reshape(3, -1),
+            "names": np.array([shape.name or str(shape.node) for shape in body.nodes]),
+            "markerNodes": markers,
+            "dampingMatrixReduced": reduced.D,
+        }
+        save_npz(target, data)
+        return [*remarks(body), *_notes(body), *inputs_without_node(body)]

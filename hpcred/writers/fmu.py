@@ -1,6 +1,6 @@
-"""An FMU (FMI 2.0, model exchange and co-simulation) of a ReducedModel: the body in its frame, which does not move.
+"""Write a ReducedModel as an FMU (FMI 2.0, model exchange and co-simulation): the body in its frame, which is at rest.
 
-Forces of the inputs enter the FMU; displacements and velocities of the outputs leave. The equations are in C in
+Its inputs are forces, its outputs displacements and velocities. The equations are in C in
 fmi2/body.c, the numbers in a header beside it; the compiler of this machine makes the binary. Both are in sources/ too.
 """
 
@@ -29,6 +29,7 @@ from ..reduction.reduced_model import ReducedModel, require_finite
 from .base import Writer
 
 SOURCES = Path(__file__).with_name("fmi2")  # body.c, and the headers of the FMI standard
+DESCRIPTION, LARGEST_XML = "modelDescription.xml", 2**26  # bytes that are read
 LONGEST = 63  # letters of an identifier that every compiler of C tells apart
 SYSTEMS = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}
 FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-fvisibility=hidden")
@@ -70,7 +71,7 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None) -> list[str]
         (Path(build) / "body_data.h").write_text(data)
         _compile(compiler, build, binary)
         contents = {
-            "modelDescription.xml": _description(reduced, name, identifier, guid),
+            DESCRIPTION: _description(reduced, name, identifier, guid),
             f"binaries/{folder}/{binary.name}": binary.read_bytes(),
             "sources/body.c": (SOURCES / "body.c").read_bytes(),
             "sources/body_data.h": data.encode(),
@@ -240,3 +241,27 @@ class Fmu(Writer):
 
     def write(self, target, source):
         return write_fmu(target, source.reduced, source.name)
+
+    def describe(self, path):
+        if not zipfile.is_zipfile(path):
+            return {}
+        with zipfile.ZipFile(path) as archive:
+            if DESCRIPTION not in archive.namelist():
+                return {}
+            about = archive.getinfo(DESCRIPTION)
+            if about.file_size > LARGEST_XML:
+                raise ValueError(f"{about.filename} unpacks to {about.file_size / 1e6:.0f} MB")
+            root = ElementTree.fromstring(archive.read(about))
+            platforms = sorted({name.split("/")[1] for name in archive.namelist() if name.startswith("binaries/")})
+        variables = list(root.iter("ScalarVariable"))
+        by = {key: [item.get("name") for item in variables if item.get("causality") == key]
+              for key in ("input", "output")}  # fmt: skip
+        return {
+            "format": f"FMU, FMI {root.get('fmiVersion')}",
+            "model": root.get("modelName"),
+            "made_by": root.get("generationTool") or "not known",
+            "inputs": by["input"],
+            "outputs": by["output"],
+            "states": sum(real.get("derivative") is not None for real in root.iter("Real")),
+            "platforms": platforms,
+        }

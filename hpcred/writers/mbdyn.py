@@ -1,4 +1,4 @@
-"""The .fem file of MBDyn's modal joint: a Body enters, record groups leave ("FEM file format" of its input manual).
+"""Write a Body as the .fem file of MBDyn's modal joint ("FEM file format" of its input manual).
 
 Groups 1 to 10 are header, node labels, initial modal displacements and velocities, coordinates x, y, z, mode shapes,
 modal mass and stiffness; 12 is mass, centre of mass and inertia about it; 13 the damping; 14 to 18 are the couplings
@@ -8,42 +8,17 @@ them by lumped masses at all nodes, is not there. Coordinates count from the ori
 
 from __future__ import annotations
 
+import re
 from textwrap import wrap
 
 import numpy as np
 
-from ..body.body import Body, check_moving, inputs_without_node, maker, remarks
+from ..body.body import check_moving, inputs_without_node, maker, remarks
 from ..files.outputs import MBDYN
 from .base import Writer
 
 A_LINE = 6  # numbers; older versions of MBDyn skip groups that they do not know, if the lines are short
 REMARK = 100  # characters a line: MBDyn takes a line that is longer than its buffer for the end of the file
-
-
-def write_mbdyn(path, body: Body) -> list[str]:
-    """Write a body; call it on one rank. Returns remarks on what is approximated or not in the file.
-
-    Raises InputError for a body with structural damping, rigid-body motions, or without mass in some direction.
-    """
-    check_moving(body, "a .fem file for MBDyn")
-    reduced, count = body.reduced, body.reduced.size
-    lines = [
-        *wrap("; ".join([maker(reduced), *remarks(body)]), REMARK, initial_indent="** ", subsequent_indent="** "),
-        "** RECORD GROUP 1, HEADER",
-        "**   REVISION,  NODE,  NORMAL, ATTACHMENT, CONSTRAINT, REJECTED MODES.",
-        f"REV0 {len(body.nodes)} {count} 0 0 0",
-    ]
-    for number, (title, values) in _groups(body).items():
-        lines += ["**", f"** RECORD GROUP {number}, {title}"]
-        if number == 8:
-            for k in range(count):
-                lines += [f"**    NORMAL MODE SHAPE # {k + 1}", *_numbers(values[..., k])]
-        else:
-            lines += _numbers(values)
-    lines += ["**", "** END OF FILE", ""]
-    with open(path, "w", encoding="utf-8") as file:  # labels are compared byte by byte
-        file.write("\n".join(lines))
-    return [*remarks(body), *inputs_without_node(body)]
 
 
 def _groups(body) -> dict:
@@ -88,4 +63,35 @@ class MbdynFile(Writer):
     suffix, needs, kind = ".fem", "body", MBDYN
 
     def write(self, target, source):
-        return write_mbdyn(target, source.body)
+        body = source.body
+        check_moving(body, "a .fem file for MBDyn")
+        reduced, count = body.reduced, body.reduced.size
+        lines = [
+            *wrap("; ".join([maker(reduced), *remarks(body)]), REMARK, initial_indent="** ", subsequent_indent="** "),
+            "** RECORD GROUP 1, HEADER",
+            "**   REVISION,  NODE,  NORMAL, ATTACHMENT, CONSTRAINT, REJECTED MODES.",
+            f"REV0 {len(body.nodes)} {count} 0 0 0",
+        ]
+        for number, (title, values) in _groups(body).items():
+            lines += ["**", f"** RECORD GROUP {number}, {title}"]
+            if number == 8:
+                for k in range(count):
+                    lines += [f"**    NORMAL MODE SHAPE # {k + 1}", *_numbers(values[..., k])]
+            else:
+                lines += _numbers(values)
+        lines += ["**", "** END OF FILE", ""]
+        with open(target, "w", encoding="utf-8") as file:  # labels are compared byte by byte
+            file.write("\n".join(lines))
+        return [*remarks(body), *inputs_without_node(body)]
+
+    def describe(self, path):
+        with open(path, encoding="latin-1") as file:
+            groups = re.split(r"(?m)^\*\* RECORD GROUP (\d+),", file.read())
+        words = {number: [line for line in text.splitlines()[1:] if not line.startswith("**")]
+                 for number, text in zip(groups[1::2], groups[2::2], strict=True)}  # fmt: skip
+        return {
+            "format": ".fem file of MBDyn's modal joint",
+            "coordinates": int(words["1"][0].split()[2]),
+            "interface_nodes": " ".join(words["2"]).split(),
+            "mass": float(words["12"][0].split()[0]),  # in units that the file does not say
+        }

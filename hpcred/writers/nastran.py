@@ -1,4 +1,4 @@
-"""A Superelement enters; files for Nastran and OptiStruct leave: DMIG cards, or matrices in OP4 with the cards beside.
+"""Write a Superelement for Nastran and OptiStruct: DMIG cards, or matrices in OP4 with the cards beside.
 
 Interface nodes are GRID, modal coordinates SPOINT cards. Numbers on cards have 16 columns, and of double precision a D
 before the exponent: 10 to 13 digits. OP4 has all digits.
@@ -13,34 +13,9 @@ import numpy as np
 
 from ..files.outputs import OP4
 from .base import SuperelementWriter
-from .superelement import Superelement, fitted
+from .superelement import fitted
 
 WIDTH = 16
-
-
-def nastran_dmig(element: Superelement, stem: str) -> tuple[str, dict, list[str]]:
-    """The text of a .pch file to include, no file beside it, and remarks."""
-    labels = _labels(element)
-    matrices = _matrices(element, "{}AAX")
-    lines = ["$ superelement; into the case control, above all SUBCASE:"]
-    lines += [f"$   {what} = {name}" for what, (name, _) in zip(_selectors(element), matrices.items(), strict=True)]
-    lines += ["$ into the bulk data: INCLUDE this file", *_points(element, labels)]
-    for name, matrix in matrices.items():
-        lines += _dmig(name, matrix, labels)
-    digits = "numbers have 10 to 13 digits; format 'nastran-op4' has all"
-    return "\n".join(lines) + "\n", {}, [*_said(element, labels), digits, *element.remarks]
-
-
-def nastran_op4(element: Superelement, stem: str) -> tuple[bytes, dict[str, str], list[str]]:
-    """The bytes of a binary .op4 file, the text of the .pch file with its cards, and remarks."""
-    element = _ascending(element)
-    labels = _labels(element)
-    content = b"".join(_op4(name, matrix) for name, matrix in _matrices(element, "{}XX").items())
-    pairs = [(node, 123456) for node in _nodes(element)] + [(node, 0) for node in _modal_points(element, labels)]
-    lines = [f"$ external superelement with the matrices of {stem}.op4; behind BEGIN SUPER"]
-    lines += [*_card("EXTRN", [item for pair in pairs for item in pair]), *_points(element, labels)]
-    lines += _card("ASET", [item for pair in pairs for item in pair], continued=False)
-    return content, {".pch": "\n".join(lines) + "\n"}, [*_said(element, labels), *element.remarks]
 
 
 def _ascending(element):
@@ -137,13 +112,36 @@ def _op4(name, matrix):
     return b"".join(parts)
 
 
-class Dmig(SuperelementWriter):
+class DmigCards(SuperelementWriter):
     """DMIG cards."""
 
-    suffix, make = ".pch", staticmethod(nastran_dmig)
+    suffix = ".pch"
+
+    def make(self, element, stem):
+        labels = _labels(element)
+        matrices = _matrices(element, "{}AAX")
+        lines = ["$ superelement; into the case control, above all SUBCASE:"]
+        lines += [f"$   {what} = {name}" for what, (name, _) in zip(_selectors(element), matrices.items(), strict=True)]
+        lines += ["$ into the bulk data: INCLUDE this file", *_points(element, labels)]
+        for name, matrix in matrices.items():
+            lines += _dmig(name, matrix, labels)
+        digits = "numbers have 10 to 13 digits; format 'nastran-op4' has all"
+        return "\n".join(lines) + "\n", {}, [*_said(element, labels), digits, *element.remarks]
 
 
-class Op4(SuperelementWriter):
+class ExternalOp4(SuperelementWriter):
     """Matrices in OP4 with cards beside them."""
 
-    suffix, make, kind = "_external.op4", staticmethod(nastran_op4), OP4
+    suffix, kind = "_external.op4", OP4
+    title, begin = "cards of Nastran beside OP4 matrices", "$ external superelement"
+    nodes = r"(?m)^\$ (?P<name>.+)\nGRID\* +(?P<node>\d+) "
+
+    def make(self, element, stem):
+        element = _ascending(element)
+        labels = _labels(element)
+        content = b"".join(_op4(name, matrix) for name, matrix in _matrices(element, "{}XX").items())
+        pairs = [(node, 123456) for node in _nodes(element)] + [(node, 0) for node in _modal_points(element, labels)]
+        lines = [f"$ external superelement with the matrices of {stem}.op4; behind BEGIN SUPER"]
+        lines += [*_card("EXTRN", [item for pair in pairs for item in pair]), *_points(element, labels)]
+        lines += _card("ASET", [item for pair in pairs for item in pair], continued=False)
+        return content, {".pch": "\n".join(lines) + "\n"}, [*_said(element, labels), *element.remarks]

@@ -7,8 +7,8 @@ from ..parallel.plugins import Registry
 
 WRITERS = Registry("writers.base:Writer", "hpcred.writers", {
     "sid": "writers.sid:SidFile",
-    "matlab": "writers.matlab:MatFile",
-    "npz": "writers.body_npz:BodyNpz",
+    "matlab": "writers.arrays:BodyMat",
+    "npz": "writers.arrays:BodyNpz",
     "exudyn": "writers.exudyn:Exudyn",
     "mbdyn": "writers.mbdyn:MbdynFile",
     "statespace-mat": "writers.state_space:StateSpaceMat",
@@ -21,8 +21,8 @@ WRITERS = Registry("writers.base:Writer", "hpcred.writers", {
     "pdf": "report.mode_pictures:Picture",
     "gif": "report.mode_pictures:Picture",
     "webp": "report.mode_pictures:Picture",
-    "nastran": "writers.nastran:Dmig",
-    "nastran-op4": "writers.nastran:Op4",
+    "nastran": "writers.nastran:DmigCards",
+    "nastran-op4": "writers.nastran:ExternalOp4",
     "ansys": "writers.ansys:Matrix50",
     "abaqus": "writers.abaqus:UserElement",
     "simscape": "writers.simscape:FlexibleSolid",

@@ -1,4 +1,4 @@
-"""The SID file, "standard input data" of a flexible body (O. Wallrapp, 1993; read by SIMPACK, NEWEUL and others).
+"""Read and write SID files, "standard input data" of a flexible body (O. Wallrapp, 1993; SIMPACK, NEWEUL and others).
 
 Text, one item a line, `key = value`, numbers as Fortran doubles with 11 decimals. An object has an order (0: constant,
 1: also linear in q), a shape and a structure (0 zero, 1 diagonal, 2 symmetric, 3 full, 4 identity); m0(i, j) is its
@@ -298,3 +298,15 @@ class SidFile(Writer):
 
     def write(self, target, source):
         return write_sid(target, source.body)
+
+    def describe(self, path):
+        found = read_sid(path)
+        return {
+            "format": "SID file of a flexible body",
+            "mass": found.mass,  # in units that the file does not say
+            "coordinates": found.coordinates,
+            "interface_nodes": [node.node for node in found.nodes],
+            "inertia_xx_yy_zz_xy_xz_yz": found.objects["J"].m0.ravel().tolist(),
+            "damping": "none" if found.objects["De"].structure == 0 else "given",
+            "comment": found.comment,
+        }

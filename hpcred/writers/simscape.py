@@ -1,4 +1,4 @@
-"""A Superelement enters; a .mat file for the block "Reduced Order Flexible Solid" of Simscape Multibody leaves.
+"""Write a Superelement as a .mat file for the block "Reduced Order Flexible Solid" of Simscape Multibody.
 
 K, M, D (m, m) in the order of the block: Tx Ty Tz Rx Ry Rz of each interface frame, then modal coordinates; `origins`
 (k, 3) of the frames in m, `orientations` (k, 4) their quaternions, which do not turn, and `frames` their names.
@@ -15,31 +15,29 @@ from ..body.body import check_viscous
 from ..files.outputs import MATLAB
 from ..parallel.failures import InputError
 from .base import SuperelementWriter
-from .superelement import Superelement
-
-
-def simscape_solid(element: Superelement, stem: str) -> tuple[bytes, dict, list[str]]:
-    """The bytes of the .mat file, no file beside it, and remarks. Raises InputError for a body that is held."""
-    check_viscous(element, "a solid of Simscape")
-    if not element.is_free:
-        raise InputError(
-            "found a body that is held (K resists rigid-body motions), expected a free one with six zero eigenvalues, "
-            "which Simscape moves by itself; reduce the model without supports and hold the frames by joints there"
-        )
-    count = len(element.interfaces)
-    content = io.BytesIO()
-    savemat(content, {
-        "K": element.K,
-        "M": element.M,
-        "D": np.zeros_like(element.K) if element.D is None else element.D,
-        "origins": np.array([item.position for item in element.interfaces], dtype=float),
-        "orientations": np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
-        "frames": np.array([item.name for item in element.interfaces], dtype=object),
-    }, oned_as="column")  # fmt: skip
-    return content.getvalue(), {}, list(element.remarks)
 
 
 class FlexibleSolid(SuperelementWriter):
     """Solids of Simscape Multibody."""
 
-    suffix, make, kind, si = "_simscape.mat", staticmethod(simscape_solid), MATLAB, True
+    suffix, kind, si = "_simscape.mat", MATLAB, True
+
+    def make(self, element, stem):
+        check_viscous(element, "a solid of Simscape")
+        if not element.is_free:
+            raise InputError(
+                "found a body that is held (K resists rigid-body motions), expected a free one with six zero "
+                "eigenvalues, which Simscape moves by itself; reduce the model without supports and hold the frames "
+                "by joints there"
+            )
+        count = len(element.interfaces)
+        content = io.BytesIO()
+        savemat(content, {
+            "K": element.K,
+            "M": element.M,
+            "D": np.zeros_like(element.K) if element.D is None else element.D,
+            "origins": np.array([item.position for item in element.interfaces], dtype=float),
+            "orientations": np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+            "frames": np.array([item.name for item in element.interfaces], dtype=object),
+        }, oned_as="column")  # fmt: skip
+        return content.getvalue(), {}, list(element.remarks)

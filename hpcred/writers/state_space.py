@@ -1,4 +1,4 @@
-"""State-space matrices of a ReducedModel by name, and the .mat and .npz files that hold them; SI units, rad/s.
+"""Write the state-space matrices of a ReducedModel by name, as .mat or .npz; SI units, rad/s.
 
 With x = [q; q'], u the forces of the inputs and y the displacements of the outputs:
 
@@ -17,9 +17,8 @@ import numpy as np
 from ..body.body import check_viscous, instability, maker
 from ..files.outputs import MATLAB, ZIP
 from ..reduction.reduced_model import ReducedModel, require_finite
+from .arrays import save_mat, save_npz
 from .base import Writer
-from .body_npz import save_npz
-from .matlab import save_mat
 
 
 def state_space(reduced: ReducedModel) -> dict:
@@ -50,25 +49,14 @@ def state_space(reduced: ReducedModel) -> dict:
     }
 
 
-def write_state_space_mat(path, reduced: ReducedModel) -> list[str]:
-    """Write a .mat file; call it on one rank. Returns remarks. Raises InputError for structural damping."""
-    save_mat(path, state_space(reduced))
-    return instability(reduced)
-
-
-def write_state_space_npz(path, reduced: ReducedModel) -> list[str]:
-    """Write an .npz file; call it on one rank. Returns remarks. Raises InputError for structural damping."""
-    save_npz(path, state_space(reduced))
-    return instability(reduced)
-
-
 class StateSpaceMat(Writer):
     """State spaces for MATLAB."""
 
     suffix, needs, kind = "_statespace.mat", "reduced", MATLAB
 
     def write(self, target, source):
-        return write_state_space_mat(target, source.reduced)
+        save_mat(target, state_space(source.reduced))
+        return instability(source.reduced)
 
 
 class StateSpaceNpz(Writer):
@@ -77,4 +65,5 @@ class StateSpaceNpz(Writer):
     suffix, needs, kind = "_statespace.npz", "reduced", ZIP
 
     def write(self, target, source):
-        return write_state_space_npz(target, source.reduced)
+        save_npz(target, state_space(source.reduced))
+        return instability(source.reduced)

@@ -1,4 +1,4 @@
-"""A reduced model in interface coordinates enters; the superelement that other programs take leaves."""
+"""Make the superelement that other programs take of a reduced model in interface coordinates."""
 
 from __future__ import annotations
 

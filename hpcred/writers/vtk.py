@@ -29,16 +29,6 @@ GROUPS = ("PointData", "CellData", "Points", "Cells")
 NUMBERS = {"f": ("Float64", "<f8"), "i": ("Int64", "<i8"), "u": ("UInt8", "u1")}  # by the letter of NumPy
 
 
-def write_vtk(path, shapes) -> list[str]:
-    """Write all columns as point data, and the node numbers; call it on one rank. Returns the names of their arrays.
-
-    `shapes` has nodes (k,), points (k, 3), cells by kind (indices of points), names, and displacement(column) (k, 3).
-    """
-    data = {array_name(name): shapes.displacement(k) for k, name in enumerate(shapes.names)}
-    _write_mesh(path, shapes.points, _cells(shapes), {**data, "node": shapes.nodes})
-    return list(data)
-
-
 def array_name(name: str) -> str:
     """A name without blanks, colons and hyphens: pseudo_mode_07_123.4_Hz."""
     return re.sub(r"[^A-Za-z0-9.]+", "_", name)
@@ -166,10 +156,20 @@ def _types(item, root):
 
 
 class VtkFile(Writer):
-    """Shapes for ParaView."""
+    """Shapes for ParaView: all columns as point data, and the node numbers."""
 
     suffix, needs, kind = ".vtu", "shapes", VTK
 
     def write(self, target, source):
         with source.shapes() as shapes:
-            return write_vtk(target, shapes)
+            data = {array_name(name): shapes.displacement(k) for k, name in enumerate(shapes.names)}
+            _write_mesh(target, shapes.points, _cells(shapes), {**data, "node": shapes.nodes})
+        return list(data)
+
+    def describe(self, path):
+        with open(path, "rb") as file:
+            collection = b'type="Collection"' in file.read(500)
+        if collection:
+            times = [float(item.get("timestep")) for item in ElementTree.parse(path).iter("DataSet")]
+            return {"format": "ParaView collection (.pvd)", "times": len(times), "end_s": times[-1] if times else None}
+        return {"format": "VTK file (.vtu)", **describe(path)}

@@ -12,12 +12,12 @@ import typer.main
 from docs_pages import DOCS, PAGES, PATHS, ROOT, reference
 from pydantic import Field
 
-import hpcred.cli
-import hpcred.session
+import hpcred.cli.main
+import hpcred.cli.session
 from hpcred.writers.registry import WRITERS
 
 GENERATED = reference.pages()
-COMMANDS = dict(reference.commands(typer.main.get_command(hpcred.cli.app)))
+COMMANDS = dict(reference.commands(typer.main.get_command(hpcred.cli.main.app)))
 FENCE = re.compile(r"^```.*?^```$", re.M | re.S)
 CODE = re.compile(r"`[^`\n]+`")
 LINK = re.compile(r"\]\(([^)#\s]*)(?:#[^)]*)?\)")
@@ -66,7 +66,7 @@ def refusal(line, whole):
     words = words[: words.index("--")] if "--" in words else words
     if not words or words[0].startswith("-"):
         return None
-    words = [word for word in words if word not in hpcred.session.WORDS]
+    words = [word for word in words if word not in hpcred.cli.session.FLAGS]
     size = 2 if tuple(words[:2]) in COMMANDS else 1
     if tuple(words[:size]) not in COMMANDS:
         return None if not whole and any(name[: len(words)] == tuple(words) for name in COMMANDS) else "no such command"

@@ -9,7 +9,7 @@ import xxhash
 from helpers import SIMULATION, bar, reduce_linkage
 
 import hpcred
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.files import checksums, model_file, motion_file, response_file, result_file
 from hpcred.files.checked import CheckedFile
 from hpcred.files.checksums import ROWS_OF_SUM, sums_of, sums_of_parts, tag_of

@@ -9,7 +9,7 @@ import pytest
 from launch import mpi_environment
 
 import hpcred as package
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.files import locks
 from hpcred.files.hdf5 import writing
 from hpcred.files.locks import HOST, lock, lock_name, temporary_name, unlock

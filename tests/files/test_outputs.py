@@ -13,7 +13,7 @@ import scipy.sparse
 from helpers import CHORD_JOB, SIMULATION
 
 import hpcred as package
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.files.hdf5 import writing
 from hpcred.files.outputs import check_outputs, check_room, hdf5_kind, kind_of
 from hpcred.parallel.failures import ComputationError, InputError

@@ -13,7 +13,7 @@ from helpers import MODES_JOB, SIMULATION
 from launch import mpi_environment
 
 import hpcred as package
-from hpcred.cli import run as command
+from hpcred.cli.main import run as command
 from hpcred.files.hdf5 import atomic_output, writing
 from hpcred.files.room import BASE, NoRoom, rescue_places, rescued
 from hpcred.parallel.failures import agreed

@@ -119,7 +119,7 @@ def run_good(command):
 
 def _in_this_process(command):
     """Exit status and what was printed to stderr, by Python and by libraries."""
-    from hpcred.cli import run
+    from hpcred.cli.main import run
 
     if not hasattr(typer.main.get_command, "cache_info"):  # the parser of all commands is made once, not in each case
         typer.main.get_command = functools.cache(typer.main.get_command)

@@ -10,7 +10,7 @@ import scipy.sparse
 from helpers import bar, close, columns_of, refused, to_dense, with_columns
 
 import hpcred
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.model.dofs import Dofs
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.model.units import unit_of_response, units_of

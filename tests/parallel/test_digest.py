@@ -8,7 +8,7 @@ import scipy.sparse
 
 import hpcred as package
 from hpcred.model.interfaces import Interface
-from hpcred.parallel.digest import ROWS_OF_DIGEST, digest, digest_of_block, digest_of_slices
+from hpcred.parallel.digest import ROWS_OF_DIGEST, digest, digest_of_block
 from hpcred.parallel.petsc import MPI
 
 
@@ -44,11 +44,10 @@ def test_digest_does_not_depend_on_the_ranks(cuts, comm):
 
 
 @pytest.mark.mpi
-def test_digest_of_a_block_in_slices(comm):
+def test_digest_of_a_block(comm):
     values = np.random.default_rng(1).standard_normal((ROWS_OF_DIGEST + 7, 3))
     first, last = (len(values) * rank // comm.size for rank in (comm.rank, comm.rank + 1))
     found = digest_of_block(comm, first, values[first:last])
-    assert found == digest_of_slices(len(values), lambda low, high: values[low:high])
     assert found == by_hand([[row] for row in values])
 
 

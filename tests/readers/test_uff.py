@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import DATA
 from foreign import gathered, write
+from helpers import exported
 
 import hpcred
 from hpcred import InputError, Modes
@@ -13,7 +14,7 @@ from hpcred.model.elements import NODES
 from hpcred.parallel.petsc import MPI
 from hpcred.readers.nodes import uff
 from hpcred.workflows.export import export_result
-from hpcred.writers.uff import CODES, write_uff
+from hpcred.writers.uff import CODES, UffFile
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
@@ -91,7 +92,7 @@ class Cells:
 
 def test_every_kind_of_element_comes_back(comm, folder):
     if comm.rank == 0:
-        assert write_uff(folder / "a.unv", Cells) == []
+        assert exported(UffFile, folder / "a.unv", Cells) == []
     comm.Barrier()
     _, elements = uff.read(folder / "a.unv", comm)
     assert sorted(elements) == sorted(CODES)

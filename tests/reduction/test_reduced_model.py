@@ -4,22 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import exported
 
 import hpcred
 from hpcred.body.body import body_of
 from hpcred.parallel.failures import InputError
-from hpcred.writers.body_npz import write_npz
-from hpcred.writers.exudyn import write_exudyn
-from hpcred.writers.matlab import write_matlab
-from hpcred.writers.mbdyn import write_mbdyn
+from hpcred.writers.arrays import BodyMat, BodyNpz
+from hpcred.writers.exudyn import Exudyn
+from hpcred.writers.mbdyn import MbdynFile
 from hpcred.writers.superelement import superelement
 
 WAYS = {
     "sid": lambda path, body: hpcred.write_sid(path, body),
-    "npz": lambda path, body: write_npz(path, body),
-    "matlab": lambda path, body: write_matlab(path, body),
-    "exudyn": lambda path, body: write_exudyn(path, body),
-    "mbdyn": lambda path, body: write_mbdyn(path, body),
+    "npz": lambda path, body: exported(BodyNpz, path, body),
+    "matlab": lambda path, body: exported(BodyMat, path, body),
+    "exudyn": lambda path, body: exported(Exudyn, path, body),
+    "mbdyn": lambda path, body: exported(MbdynFile, path, body),
     "fmu": lambda path, body: hpcred.write_fmu(path, body.reduced),
     "state space": lambda path, body: hpcred.state_space(body.reduced),
     "superelement": lambda path, body: superelement(replace(body.reduced, interfaces=(None,))),

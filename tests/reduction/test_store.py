@@ -29,7 +29,7 @@ from hpcred import (
     Structural,
     Tangent,
 )
-from hpcred.files import point_store
+from hpcred.files import hdf5, room
 from hpcred.linalg.conjugate_gradients import NegativeCurvature
 from hpcred.linalg.solvers.multigrid import MultigridSolver
 from hpcred.linalg.solvers.shifted import ShiftedSolver
@@ -385,9 +385,9 @@ def test_a_full_disk_is_a_word_and_no_more(comm, folder, monkeypatch):
     basis = [Krylov(frequency=100.0, order=1)]
     with package.linkage(comm) as model:
         alone, _ = reduced(model, None, basis, Buckens())
-        for where, what in ((os, "posix_fallocate"), (point_store, "_write")):
+        for where, what in ((room, "_allocate"), (hdf5, "_put")):
             with monkeypatch.context() as patched:
-                if what == "posix_fallocate" or comm.rank == comm.size - 1:
+                if what == "_allocate" or comm.rank == comm.size - 1:
                     patched.setattr(where, what, full)
                 found, record = reduced(model, PointStore(folder, comm), basis, Buckens())
             assert same(alone, found, tolerance_of(comm))

@@ -10,7 +10,7 @@ import scipy.sparse
 from helpers import CHORD_JOB, refused, write_matrices
 
 import hpcred as package
-from hpcred.cli import run
+from hpcred.cli.main import run
 
 
 def replaced(old, new):

@@ -8,7 +8,7 @@ import pytest
 from helpers import refused
 
 import hpcred
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.settings.job_file import read_job
 
 JOB = """

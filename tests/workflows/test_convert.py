@@ -12,7 +12,7 @@ from conftest import DATA
 from helpers import refused, write_matrices
 
 import hpcred as package
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.readers.registry import readers_of
 
 

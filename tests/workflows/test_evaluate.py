@@ -11,7 +11,7 @@ from conftest import DATA
 from helpers import CHORD_JOB, refused
 
 import hpcred as package
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.examples.beam import Rod
 from hpcred.parallel.petsc import is_complex
 from hpcred.workflows import evaluate, pair_figures

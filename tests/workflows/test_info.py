@@ -9,7 +9,7 @@ from helpers import block_with_ends, dense_model, gather, refused
 from mpi4py import MPI
 
 import hpcred as package
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.model.rigid_body_modes import rigid_motions
 from hpcred.report import mode_pictures
 from hpcred.workflows.export import export_result

@@ -51,6 +51,7 @@ def test_chosen_pairs_band_and_models_without_accuracy(model):
     assert size.get_ylabel() == "|H| (m/(N m), m/N)" and size.get_xlim() == (5, 40)
     for arguments, says in (
         ({"pairs": "1:x/2:y"}, "found '1:x/2:y', expected output/input"), ({"band": (9, 3)}, "expected 0 <= lower"),
+        ({"pairs": "foo.xyz"}, r"'foo.xyz', which looks like a file; .* plot\(...\).savefig\('foo.xyz'\)"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=says):
             rom.plot(**arguments)

@@ -184,14 +184,14 @@ def test_nothing_of_others_is_looked_at_where_our_own_will_do(hpcred, tmp_path, 
         "    assert not group.startswith('hpcred')\n"
         "    return found(group=group, **more)\n"
         "importlib.metadata.entry_points = never\n"
-        "from hpcred.cli import run\n"
+        "from hpcred.cli.main import run\n"
         "assert run(['reduce', 'job.toml']) == 0 and run(['info', 'model.h5']) == 0\n"
         "assert run(['export', 'result.h5', '--format', 'statespace-npz']) == 0\n"
     )
     done = hpcred(program=["run.py"], PYTHONPATH=str(broken))
     assert done.returncode == 0, done.stdout + done.stderr
     program = (
-        "import sys; from hpcred.cli import run; assert run(['reduce', 'job.toml']) == 0; "
+        "import sys; from hpcred.cli.main import run; assert run(['reduce', 'job.toml']) == 0; "
         "rooms = ('hpcred.readers.registry', 'hpcred.readers.matrix_formats', 'hpcred.writers.base'); "
         "print([name for name in rooms if name in sys.modules])"
     )

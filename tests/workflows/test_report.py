@@ -15,7 +15,7 @@ import scipy.sparse
 from helpers import LINKAGE_JOB, MODES_JOB, block_with_ends, reduce_linkage, refused
 
 import hpcred as package
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.report.figures import COLOURS
 from hpcred.report.page import KINDS
 from hpcred.workflows.report import report_file

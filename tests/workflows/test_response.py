@@ -20,10 +20,10 @@ from hpcred import (
     Rayleigh,
     SecondOrderModel,
     Structural,
-    words,
 )
 from hpcred.analysis.error_check import Check
-from hpcred.cli import run
+from hpcred.cli import values
+from hpcred.cli.main import run
 
 BAND = (0.0, 9000.0)
 
@@ -142,9 +142,10 @@ def test_a_check_can_fail():
 
 
 def test_texts_of_frames_and_laws():
-    assert words.frame("chord:1,7,14:yxz") == Chord(nodes=(1, 7, 14), axes="yxz")
-    assert words.frame("buckens") == Buckens()
-    assert words.damping("loss:0.02") == Structural(0.02) and words.damping("rayleigh:20,1e-7") == Rayleigh(20.0, 1e-7)
+    assert values.frame("chord:1,7,14:yxz") == Chord(nodes=(1, 7, 14), axes="yxz")
+    assert values.frame("buckens") == Buckens()
+    assert values.damping("loss:0.02") == Structural(0.02)
+    assert values.damping("rayleigh:20,1e-7") == Rayleigh(20.0, 1e-7)
 
 
 @pytest.mark.parametrize(

@@ -14,13 +14,13 @@ import pytest
 from helpers import CHORD_JOB, refused
 from launch import TWO_BUILDS, mpi_environment
 
-from hpcred.cli import run
+from hpcred.cli.main import run
 
 JOB = CHORD_JOB + '[[basis]]\nkind = "krylov"\nfrequency = 200.0\n[[basis]]\nkind = "krylov"\nfrequency = 250.0\n'
 KILLED = """
 import os, signal, sys
 from hpcred import PointStore
-from hpcred.cli import run
+from hpcred.cli.main import run
 save, count = PointStore.save, 0
 def mortal(*arguments):
     global count

@@ -23,7 +23,7 @@ from launch import mpi_environment
 from mpi4py import MPI
 
 import hpcred as package
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.files.locks import UNDER_WAY
 from hpcred.parallel.stopping import Stopped
 from hpcred.settings.sweep_file import read_sweep

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import bar
+from helpers import bar, exported
 
 import hpcred
 from hpcred import Buckens, Joint, Krylov, ModalDamping, Modes, Rayleigh, Simulation
@@ -17,7 +17,7 @@ from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
 from hpcred.simulation.simulation import simulate
 from hpcred.workflows.export import export_result
-from hpcred.writers.exudyn import write_exudyn
+from hpcred.writers.exudyn import Exudyn
 
 
 def body_with(damping):
@@ -35,7 +35,7 @@ def test_exudyn_moves_the_body_as_we_do(tmp_path):
     from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
     body = body_with(ModalDamping(ratio=0.02))
-    notes = write_exudyn(tmp_path / "body.npz", body)
+    notes = exported(Exudyn, tmp_path / "body.npz", body)
     assert any("SetObjectParameter(object, 'dampingMatrixReduced'" in note for note in notes)
     spin, push, size, end = (4.0, 20.0, 12.0), (0.1, 0.0, 0.3), body.reduced.size, 0.1
     interface = ObjectFFRFreducedOrderInterface()
@@ -96,7 +96,7 @@ def test_exudyn_swings_a_pendulum_as_we_do(tmp_path, kind):
     from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
     body, hinge, end, bending, tolerance = pendulum(kind)
-    write_exudyn(tmp_path / "body.npz", body)
+    exported(Exudyn, tmp_path / "body.npz", body)
     file = np.load(tmp_path / "body.npz")
     place = file["names"].tolist().index(str(hinge))
     interface = ObjectFFRFreducedOrderInterface()
@@ -174,7 +174,7 @@ def test_a_moment_turns_a_node_and_a_joint_holds_one(tmp_path):
     ):
         body = body_of(model, rom, [9, 4, 1])
     body.nodes[1].rotates = False
-    notes = write_exudyn(tmp_path / "body.npz", body)
+    notes = exported(Exudyn, tmp_path / "body.npz", body)
     assert any(note.startswith("rotations of nodes 9, 1: by MarkerSuperElementRigid") for note in notes)
     assert np.load(tmp_path / "body.npz")["markerNodes"][1].tolist() == [-1] * 4
     turned, moved = bent(tmp_path / "body.npz", "1", "9", moment)
@@ -196,7 +196,7 @@ def test_interfaces_of_a_solid_take_moments(tmp_path):
         hpcred.reduce(model, [Krylov(frequency=0.0)], Buckens()) as rom,
     ):
         body = body_of(model, rom)
-    write_exudyn(tmp_path / "body.npz", body)
+    exported(Exudyn, tmp_path / "body.npz", body)
     moment = np.array([1.0, -2.0, 3.0])
     turned, moved = bent(tmp_path / "body.npz", "left", "right", moment)
     # of the reduced model: K q = (psi_R - psi_L)^T M, seen from the left end
@@ -252,9 +252,9 @@ def test_faces_of_other_elements(kind, cells, count):
 
 
 def test_what_the_file_has_no_place_for_is_said(tmp_path):
-    notes = write_exudyn(tmp_path / "body.npz", body_with(None))
+    notes = exported(Exudyn, tmp_path / "body.npz", body_with(None))
     assert not [line for line in notes if "damping" in line]
     assert notes[-2:] == ["no surface is drawn: the result has no faces, no basis, or too many dofs",
                           "modal stresses are left out"]  # fmt: skip
     with pytest.raises(InputError, match=r"loss factor 0.02\) has no .* place in a file for Exudyn"):
-        write_exudyn(tmp_path / "body.npz", body_with(Structural(0.02)))
+        exported(Exudyn, tmp_path / "body.npz", body_with(Structural(0.02)))

@@ -4,13 +4,13 @@ import re
 
 import numpy as np
 import pytest
-from helpers import gather, to_dense
+from helpers import exported, gather, to_dense
 
 import hpcred
 from hpcred import Buckens, Interface, Krylov, ModalDamping, Modes, Nodes, Rayleigh, Structural
 from hpcred.body.body import body_of
 from hpcred.parallel.failures import InputError
-from hpcred.writers.mbdyn import write_mbdyn
+from hpcred.writers.mbdyn import MbdynFile
 
 
 def read(path):
@@ -50,7 +50,7 @@ def test_the_energy_of_any_motion_is_that_of_the_full_model(tmp_path):
         V, M, dofs = gather(rom.columns), to_dense(model.M), model.dofs
         origin = np.array([0.1, -0.2, 0.05])
         nodes = sorted(set(dofs.node.tolist()))
-        write_mbdyn(tmp_path / "body.fem", body_of(model, rom, nodes, origin))
+        exported(MbdynFile, tmp_path / "body.fem", body_of(model, rom, nodes, origin))
         place, direction = dofs.position - origin, dofs.direction
         reduced = rom
     file = read(tmp_path / "body.fem")
@@ -90,7 +90,7 @@ def test_rotations_of_nodes_and_remarks(tmp_path):
     ):
         body = body_of(model, rom, [20, 1])
     body.nodes[1].name = "bearing"
-    notes = write_mbdyn(tmp_path / "body.fem", body)
+    notes = exported(MbdynFile, tmp_path / "body.fem", body)
     assert notes[-1] == "outputs that belong to no node are left out: dof 7"
     file = read(tmp_path / "body.fem")
     assert file[2].tolist() == ["20", "bearing"]
@@ -98,7 +98,7 @@ def test_rotations_of_nodes_and_remarks(tmp_path):
         assert np.array_equal(file[8][:, k], np.concatenate([shape.phi, shape.psi]).T) and shape.psi.any()
     body.reduced.loss_factor = Structural(0.02).loss_factor
     with pytest.raises(InputError, match="no place in a .fem file for MBDyn"):
-        write_mbdyn(tmp_path / "again.fem", body)
+        exported(MbdynFile, tmp_path / "again.fem", body)
 
 
 def test_names_of_interfaces_are_written_as_they_are(tmp_path):
@@ -110,6 +110,6 @@ def test_names_of_interfaces_are_written_as_they_are(tmp_path):
         model.with_interfaces(interfaces).with_inputs([(name, "all") for name in ends]) as jointed,
         hpcred.reduce(jointed, [Modes(index=(7, 8))], Buckens()) as rom,
     ):
-        write_mbdyn(tmp_path / "body.fem", body_of(jointed, rom))
+        exported(MbdynFile, tmp_path / "body.fem", body_of(jointed, rom))
     lines = (tmp_path / "body.fem").read_bytes().decode().split("\n")
     assert lines[lines.index("** RECORD GROUP 2, FINITE ELEMENT NODE LIST") + 1].split() == list(ends)

@@ -6,13 +6,13 @@ import control
 import numpy as np
 import pytest
 import scipy.io
-from helpers import block_with_ends, to_dense
+from helpers import block_with_ends, exported, to_dense
 from mpi4py import MPI
 
 import hpcred
 from hpcred import Buckens, CraigBampton, GivenDamping, Krylov, Modes, Rayleigh, Structural
 from hpcred.parallel.failures import InputError
-from hpcred.writers.state_space import state_space, write_state_space_mat, write_state_space_npz
+from hpcred.writers.state_space import StateSpaceMat, StateSpaceNpz, state_space
 
 
 def one_sided():
@@ -41,10 +41,10 @@ def other_coordinates():
 
 
 @pytest.mark.parametrize("make", [one_sided, two_sided, other_coordinates])
-@pytest.mark.parametrize("write, read", [(write_state_space_npz, np.load), (write_state_space_mat, scipy.io.loadmat)])
-def test_python_control_has_the_transfer_function(tmp_path, make, write, read):
+@pytest.mark.parametrize("writer, read", [(StateSpaceNpz, np.load), (StateSpaceMat, scipy.io.loadmat)])
+def test_python_control_has_the_transfer_function(tmp_path, make, writer, read):
     reduced = make()
-    assert write(tmp_path / "file", reduced) == []
+    assert exported(writer, tmp_path / "file", reduced) == []
     file = read(tmp_path / "file")
     names = {key: [str(np.ravel(name)[0]) for name in np.ravel(file[f"{key}_names"])]
              for key in ("input", "output", "velocity")}  # fmt: skip

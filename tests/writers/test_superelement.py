@@ -18,11 +18,10 @@ from hpcred.parallel.failures import InputError
 from hpcred.readers.model_source import load_export
 from hpcred.readers.nastran import dmig as nastran_dmig
 from hpcred.workflows.export import export_result
-from hpcred.writers.abaqus import abaqus_superelement
-from hpcred.writers.ansys import ansys_superelement
-from hpcred.writers.nastran import nastran_dmig as write_dmig
-from hpcred.writers.nastran import nastran_op4, number
-from hpcred.writers.simscape import simscape_solid
+from hpcred.writers.abaqus import UserElement
+from hpcred.writers.ansys import Matrix50
+from hpcred.writers.nastran import DmigCards, ExternalOp4, number
+from hpcred.writers.simscape import FlexibleSolid
 from hpcred.writers.superelement import superelement
 
 KINDS = [{"modes": 5, "damping": 10.0}, {"modes": 0}, {"modes": 1, "held": True}, {"modes": 9, "damping": 1.0}]
@@ -31,7 +30,7 @@ kinds = pytest.mark.parametrize("kind", KINDS, ids=str)
 
 def written(folder, writer, model, stem="arm", suffix=".txt"):
     """The files of a writer in a folder, and its remarks."""
-    content, beside, remarks = writer(superelement(model), stem)
+    content, beside, remarks = writer().make(superelement(model), stem)
     for name, data in {suffix: content, **beside}.items():
         (folder / f"{stem}{name}").write_bytes(data if isinstance(data, bytes) else data.encode())
     return folder / f"{stem}{suffix}", remarks
@@ -64,7 +63,7 @@ def check_labels(model, node, direction, places):
 
 
 @kinds
-@pytest.mark.parametrize("writer, suffix, tolerance", [(write_dmig, ".pch", 1e-10), (nastran_op4, ".op4", 0.0)])
+@pytest.mark.parametrize("writer, suffix, tolerance", [(DmigCards, ".pch", 1e-10), (ExternalOp4, ".op4", 0.0)])
 def test_nastran_reads_back_with_its_points(tmp_path, comm, kind, writer, suffix, tolerance):
     model = interface_model(**kind)
     path, _ = written(tmp_path, writer, model, suffix=suffix)
@@ -78,7 +77,7 @@ def test_rows_of_op4_ascend_with_the_node_numbers(tmp_path, comm):
     """Whatever the order of the interfaces in the job: the matrices have no numbers of their own."""
     model = interface_model(modes=2, damping=10.0)
     left, right = model.interfaces
-    path, _ = written(tmp_path, nastran_op4, replace(model, interfaces=(replace(left, node=907), right)), suffix=".op4")
+    path, _ = written(tmp_path, ExternalOp4, replace(model, interfaces=(replace(left, node=907), right)), suffix=".op4")
     rows = np.r_[6:12, 0:6, 12 : model.size]
     with load_export(path, comm) as found:
         node, _, places = gathered(comm, found.dofs.node, found.dofs.direction, found.dofs.position)
@@ -100,7 +99,7 @@ def test_nastran_numbers_use_their_sixteen_columns():
 
 def test_structural_damping_for_nastran(tmp_path, comm):
     model = interface_model(loss_factor=0.04)
-    path, remarks = written(tmp_path, write_dmig, model, suffix=".pch")
+    path, remarks = written(tmp_path, DmigCards, model, suffix=".pch")
     assert "K42GG = K4AAX" in path.read_text() and "B2GG" not in path.read_text()
     found = nastran_dmig.read(path, comm, "K", {"K": "K4AAX"})
     expected = 0.04 * model.K
@@ -115,11 +114,11 @@ def test_nastran_files_in_pyyeti(tmp_path, kind):
     from pyyeti.nastran import bulk, op4
 
     model = interface_model(**kind)
-    path, _ = written(tmp_path, nastran_op4, model, suffix=".op4")
+    path, _ = written(tmp_path, ExternalOp4, model, suffix=".op4")
     found = op4.read(str(path))
     check(model, found["kxx"], found["mxx"], found.get("bxx"))
     assert len(bulk.rdextrn(str(path.with_suffix(".pch")))) == model.size
-    path, _ = written(tmp_path, write_dmig, model, "cards", ".pch")
+    path, _ = written(tmp_path, DmigCards, model, "cards", ".pch")
     found = bulk.rddmig(str(path))
     check(model, *(found[key].to_numpy() if key in found else None for key in ("kaax", "maax", "baax")), 1e-10)
 
@@ -131,10 +130,10 @@ def test_nastran_files_in_pynastran(tmp_path, kind):
     from pyNastran.op4.op4 import read_op4
 
     model = interface_model(**kind)
-    path, _ = written(tmp_path, nastran_op4, model, suffix=".op4")
+    path, _ = written(tmp_path, ExternalOp4, model, suffix=".op4")
     found = read_op4(str(path))
     check(model, *(found[key].data if key in found else None for key in ("KXX", "MXX", "BXX")))
-    path, _ = written(tmp_path, write_dmig, model, "cards", ".pch")
+    path, _ = written(tmp_path, DmigCards, model, "cards", ".pch")
     deck = BDF(debug=None)
     deck.read_bdf(str(path), xref=False, punch=True)
     found = {key: card.get_matrix(is_sparse=False)[0] for key, card in deck.dmig.items()}
@@ -240,7 +239,7 @@ def abaqus(text):
 @pytest.mark.parametrize("kind", [*KINDS, {"modes": 40, "loss_factor": 0.03}], ids=str)
 def test_abaqus_reads_back(tmp_path, kind):
     model = interface_model(**kind)
-    path, _ = written(tmp_path, abaqus_superelement, model)
+    path, _ = written(tmp_path, UserElement, model)
     nodes, rows, matrices = abaqus(path.read_text())
     assert rows[:12] == [(node, direction) for node in (101, 205) for direction in range(1, 7)]
     assert rows[12:] == [(206 + k // 3, 1 + k % 3) for k in range(model.size - 12)]
@@ -255,7 +254,7 @@ def test_abaqus_reads_back(tmp_path, kind):
 @kinds
 def test_ansys_reads_back(tmp_path, kind):
     model = interface_model(**kind)
-    path, _ = written(tmp_path, ansys_superelement, model, suffix=".inp")
+    path, _ = written(tmp_path, Matrix50, model, suffix=".inp")
     lines = [line.split("!")[0].strip() for line in path.read_text().splitlines()]
     assert max(map(len, lines)) <= 128
     table = np.zeros((model.size, 2), int)
@@ -284,7 +283,7 @@ def test_ansys_reads_back(tmp_path, kind):
 @pytest.mark.parametrize("kind", [KINDS[0], KINDS[1]], ids=str)
 def test_simscape_reads_back_and_is_free(tmp_path, kind):
     model = interface_model(**kind)
-    path, _ = written(tmp_path, simscape_solid, model, suffix=".mat")
+    path, _ = written(tmp_path, FlexibleSolid, model, suffix=".mat")
     found = scipy.io.loadmat(path)
     check(model, found["K"], found["M"], found["D"] if model.D.any() else None)
     assert found["D"].shape == found["K"].shape
@@ -313,7 +312,7 @@ def test_one_frame_of_a_free_body_is_free():
     assert superelement(rigid).is_free
     massless = replace(one, M=np.diag([0.0, *np.ones(one.size - 1)]))
     with pytest.raises(InputError, match="not positive definite"):
-        simscape_solid(superelement(massless), "arm")
+        FlexibleSolid().make(superelement(massless), "arm")
     assert not superelement(interface_model(held=True)).is_free
 
 
@@ -321,23 +320,23 @@ def test_what_is_refused():
     model = interface_model(loss_factor=0.02)
     with pytest.raises(InputError, match=r'write coordinates = "interface" and a table \[\[interface\]\]'):
         superelement(replace(model, interfaces=()))
-    for writer in (ansys_superelement, simscape_solid):
+    for writer in (Matrix50, FlexibleSolid):
         with pytest.raises(InputError, match=r"loss factor 0.02\) has no meaning in time.*ratio = 0.01"):
-            writer(superelement(model), "arm")
+            writer().make(superelement(model), "arm")
     with pytest.raises(InputError, match="found a body that is held.*without supports"):
-        simscape_solid(superelement(interface_model(held=True)), "arm")
+        FlexibleSolid().make(superelement(interface_model(held=True)), "arm")
     with pytest.raises(InputError, match="33 characters.*shorter one by -o"):
-        ansys_superelement(superelement(interface_model()), "a" * 33)
+        Matrix50().make(superelement(interface_model()), "a" * 33)
     for name in ("my arm", "arm.v2", "arm,left", "arm!", "träger"):
         with pytest.raises(InputError, match=f"output {name}: found a name that .* '_' and '-'; choose another by -o"):
-            ansys_superelement(superelement(interface_model()), name)
+            Matrix50().make(superelement(interface_model()), name)
     D = np.zeros((model.size,) * 2)
     D[0, 1], D[1, 0] = 1, -1
     with pytest.raises(InputError, match="matrix D that is not symmetric.*gyroscopic"):
         superelement(replace(model, D=D))
     far = tuple(replace(item, node=10**8 + k) for k, item in enumerate(model.interfaces))
     with pytest.raises(InputError, match="found the node number 100000001, expected at most 8 digits.*give node = "):
-        write_dmig(superelement(replace(model, interfaces=far)), "arm")
+        DmigCards().make(superelement(replace(model, interfaces=far)), "arm")
 
 
 def test_inputs_that_are_no_direction_of_an_interface_are_said():

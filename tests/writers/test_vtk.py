@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import vtu_reading
 from conftest import DATA
-from helpers import MODES_JOB, SIMULATION
+from helpers import MODES_JOB, SIMULATION, exported
 
 from hpcred import InputError
-from hpcred.cli import run
+from hpcred.cli.main import run
 from hpcred.model.elements import NODES
 from hpcred.workflows.export import export_result
 from hpcred.writers import vtk
@@ -117,7 +117,7 @@ class Shapes:
 
 def test_every_kind_of_element_and_every_digit(tmp_path):
     shapes = Shapes()
-    assert vtk.write_vtk(tmp_path / "a.vtu", shapes) == ["mode_1_1.5_Hz", "mode_2"]
+    assert exported(vtk.VtkFile, tmp_path / "a.vtu", shapes) == ["mode_1_1.5_Hz", "mode_2"]
     mesh = vtu_reading.read(tmp_path / "a.vtu")
     assert np.array_equal(mesh.points, shapes.points) and np.array_equal(mesh.point_data["node"], shapes.nodes)
     assert np.array_equal([mesh.point_data[name] for name in ("mode_1_1.5_Hz", "mode_2")], shapes.values)

@@ -32,7 +32,7 @@ from ...files.text import (
 from ...model.elements import NODES, abaqus_kind, abaqus_nodes_more, in_vtk_order
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, sort_over_ranks
-from ..nodes.table import LARGEST_COORDINATE, Nodes, finite
+from ..nodes.table import LARGEST_COORDINATE, NodeTable, finite
 from .sets import GROUP, read_sets
 
 KEYWORD = re.compile(rb"(?m)^[ \t]*\*(?!\*)")
@@ -106,7 +106,7 @@ class Mesh:
     `counts`: so many elements of all ranks have the type of this name, in capitals.
     """
 
-    nodes: Nodes
+    nodes: NodeTable
     elements: dict[str, np.ndarray]
     sets: dict[str, np.ndarray]
     sections: list[Section]
@@ -401,7 +401,7 @@ def _nodes(path, comm, blocks, named, least):
     once = np.ones(len(label), bool)
     once[again] = False
     label = label[once]
-    return Nodes(label, position[once], (comm.exscan(len(label)) or 0) + np.arange(len(label)))
+    return NodeTable(label, position[once], (comm.exscan(len(label)) or 0) + np.arange(len(label)))
 
 
 def _node_lines(piece, block, least):

@@ -10,7 +10,7 @@ from ...files.text import first_bytes
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import repeated_key, sort_over_ranks
 from ..nodal_systems import rotation_of_angles, turn_to_global
-from ..nodes.table import Nodes
+from ..nodes.table import NodeTable
 from . import cdb as ansys_cdb
 from . import lists as ansys_lists
 from . import rst as ansys_rst
@@ -23,7 +23,7 @@ class FoundNodes:
     """The nodes of a file, the numbers (turned,) and axes (turned, 3, 3) of those with axes of their own; elements."""
 
     file: str
-    nodes: Nodes
+    nodes: NodeTable
     turned: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     rotation: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     elements: dict = field(default_factory=dict)
@@ -72,7 +72,7 @@ def read_nodes(file, comm) -> FoundNodes:
         raise InputError(f"{file}: found the node {twice} more than once, expected one place a node")
     label, x, y, z = sort_over_ranks(comm, label, list(position.T))
     place = (comm.exscan(len(label)) or 0) + np.arange(len(label))
-    nodes = Nodes(label, np.array([x, y, z]).T.reshape(-1, 3), place)
+    nodes = NodeTable(label, np.array([x, y, z]).T.reshape(-1, 3), place)
     return FoundNodes(str(file), nodes, label_turned, rotation, elements)
 
 

@@ -17,7 +17,7 @@ from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import repeated_key, sort_over_ranks
 from ..entries import joined
 from ..fixed_width import fields_of_format, separated
-from ..nodes.table import LARGEST_COORDINATE, Nodes, finite
+from ..nodes.table import LARGEST_COORDINATE, NodeTable, finite
 
 HEAD = re.compile(rb"(?m)^ {4}([23])C {18}([ \d]{12}) {37}(\d)[ \t]*\r?\n")
 ELEMENT = re.compile(rb"(?m)^ -1")
@@ -34,7 +34,7 @@ VTK = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)], "wedge15": 
 class Results:
     """Nodes ascending by number and elements (node numbers by kind) of this rank; `rough`: places have six digits."""
 
-    nodes: Nodes
+    nodes: NodeTable
     elements: dict[str, np.ndarray]
     rough: bool
 
@@ -88,7 +88,7 @@ def read(path, comm) -> Results | None:
     if twice is not None:
         raise InputError(f"{path}: found the node {twice} more than once, expected one place a node")
     label, x, y, z = sort_over_ranks(comm, label, list(position.T))
-    nodes = Nodes(label, np.stack([x, y, z], axis=1), (comm.exscan(len(label)) or 0) + np.arange(len(label)))
+    nodes = NodeTable(label, np.stack([x, y, z], axis=1), (comm.exscan(len(label)) or 0) + np.arange(len(label)))
     kinds = sorted(set().union(*comm.allgather(set(elements))))
     empty = {kind: np.zeros((0, NODES[kind]), np.int64) for kind in kinds}
     return Results(nodes, empty | elements, blocks[2].form in (SHORT, LONG))

@@ -19,7 +19,7 @@ from ...parallel.petsc import MPI
 from ..abaqus import input_file as abaqus_input
 from ..base import Reader
 from ..entries import joined, label_name, label_of, node_and_direction
-from ..nodes.table import Nodes
+from ..nodes.table import NodeTable
 from ..parts import Parts
 from . import frd as calculix_frd
 from . import matrices as calculix_matrices
@@ -254,7 +254,8 @@ def _as_scalars(comm, label, inside, nodes):
     label = label.copy()
     label[inside] = label_of(number, np.full(len(number), SCALAR))
     places = np.zeros((len(number), 3))
-    return label, Nodes(*map(np.concatenate, ((nodes.label, number), (nodes.position, places), (nodes.place, number))))
+    parts = (nodes.label, number), (nodes.position, places), (nodes.place, number)
+    return label, NodeTable(*map(np.concatenate, parts))
 
 
 def _require_order(comm, path, label):

@@ -16,7 +16,7 @@ from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import repeated_key
 from ..base import Reader
 from ..entries import Entries, label_name, label_of
-from ..nodes.table import LARGEST_COORDINATE, Nodes
+from ..nodes.table import LARGEST_COORDINATE, NodeTable
 from ..parts import Parts
 from . import binary as mat_binary
 from . import hdf5 as mat_hdf5
@@ -253,7 +253,7 @@ def _nodes(path, comm, variable, form, warnings):
     twice = repeated_key(comm, number)
     if twice is not None:
         raise InputError(f"{path}: found the node {twice} more than once in '{variable.name}', expected each once")
-    return Nodes(number, np.ascontiguousarray(place), first + np.arange(len(number)))
+    return NodeTable(number, np.ascontiguousarray(place), first + np.arange(len(number)))
 
 
 def _row_labels(path, comm, variable, form, size):

@@ -33,7 +33,7 @@ COMPLEX = (3, 4)
 
 
 @dataclass(frozen=True)
-class Matrix:
+class DmigMatrix:
     """The header card of a matrix; `columns` it says, 0 where it does not."""
 
     name: str
@@ -47,7 +47,7 @@ class Lacking:
     """A stiffness with fewer columns, `there`, than its header card says; none of its rows lacks one."""
 
     path: object
-    matrix: Matrix
+    matrix: DmigMatrix
     there: int
 
     def error(self, sentence: str) -> InputError:
@@ -63,7 +63,7 @@ def begins(start: bytes) -> bool:
     return first_line(start)[:1] != b"*" and b"\0" not in start and START.search(start) is not None
 
 
-def contents(path, comm) -> list[Matrix]:
+def contents(path, comm) -> list[DmigMatrix]:
     """Return the matrices of a file, in order. Collective. Raises InputError."""
     with agreed(comm):
         first_bytes(path)
@@ -80,7 +80,7 @@ def contents(path, comm) -> list[Matrix]:
             at = np.flatnonzero(table[:, 1] == b"0")
             form, kind, columns = (wholes(piece, table[at, k], number[at], what, 0, empty=0)
                                    for k, what in ((2, "the form"), (3, "the type"), (7, "the number of columns")))
-            mine += [Matrix(name.decode("latin-1"), *(int(item) for item in rest))
+            mine += [DmigMatrix(name.decode("latin-1"), *(int(item) for item in rest))
                      for name, *rest in zip(table[at, 0], form, kind, columns, strict=True)]  # fmt: skip
             used |= set(table[:, 0].tolist())
     found = sum(comm.allgather(mine), [])
@@ -124,7 +124,7 @@ def read(path, comm, key="K", variables=None) -> LabelledEntries:
     return entries[key]
 
 
-def read_matrices(path, comm, wanted: dict[str, Matrix]) -> tuple[dict, list[str], Lacking | None]:
+def read_matrices(path, comm, wanted: dict[str, DmigMatrix]) -> tuple[dict, list[str], Lacking | None]:
     """Return the entries of matrices by key, from one pass through a file, warnings, and what K lacks of the columns
     that it announces. Collective. Raises InputError."""
     with agreed(comm):

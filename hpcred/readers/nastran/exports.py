@@ -16,7 +16,7 @@ from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, number_over_ranks
 from ..base import Reader
 from ..entries import STRIDE, Entries, LabelledEntries, asymmetry, chunks, label_name, label_of
-from ..nodes.table import Nodes
+from ..nodes.table import NodeTable
 from ..parts import Parts, common_size, labels_in_order
 from . import (
     bulk as nastran_bulk,
@@ -406,15 +406,15 @@ def read_bulk(path, comm, variables=None) -> Parts:
     return parts
 
 
-def read_nodes(path, comm) -> tuple[Nodes, dict[str, np.ndarray], Points]:
-    """Return Nodes, ascending by number, and elements of an input file, for matrices of other files; and its Points.
+def read_nodes(path, comm) -> tuple[NodeTable, dict[str, np.ndarray], Points]:
+    """Return the nodes, ascending by number, and elements of an input file, for matrices of other files; and Points.
 
     Collective. Raises InputError.
     """
     deck = nastran_bulk.read_deck(path, comm)
     points = nastran_bulk.points_of(deck, comm)
     label, position = points.label[~points.scalar], points.position[~points.scalar]
-    nodes = Nodes(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label)))
+    nodes = NodeTable(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label)))
     return nodes, deck.elements, points
 
 

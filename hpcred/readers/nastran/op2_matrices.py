@@ -16,14 +16,14 @@ from ..entries import Entries
 from .names import single
 from .op2 import begins, columns_of, walk
 from .op4 import completed
-from .op4_matrix import COMPLEX, DOUBLE, Matrix, matrix_of, real_values
+from .op4_matrix import COMPLEX, DOUBLE, Op4Matrix, matrix_of, real_values
 
 __all__ = ["begins", "contents", "read", "read_matrix"]
 
 
 @dataclass(frozen=True)
-class Op2Matrix(Matrix):
-    """As Matrix; `columns` (shares + 1,): so many columns lie in front of each of `starts`."""
+class Op2Matrix(Op4Matrix):
+    """As Op4Matrix; `columns` (shares + 1,): so many columns lie in front of each of `starts`."""
 
     columns: tuple[int, ...] = ()
 

@@ -13,7 +13,7 @@ from ..entries import Entries, both_triangles, joined
 from . import op4_binary as nastran_op4_binary
 from . import op4_text as nastran_op4_text
 from .names import single
-from .op4_matrix import Matrix
+from .op4_matrix import Op4Matrix
 
 DIAGONAL, SYMMETRIC, IDENTITY = 3, 6, 8
 TRIANGLES = (4, 5)
@@ -24,7 +24,7 @@ def begins(start: bytes) -> bool:
     return bool(nastran_op4_binary.layout_of(start) or nastran_op4_text.HEADER.match(start.split(b"\n", 1)[0]))
 
 
-def contents(path, comm) -> list[Matrix]:
+def contents(path, comm) -> list[Op4Matrix]:
     """Return the matrices of a file, in order. Collective. Raises InputError."""
     with agreed(comm):
         start = first_bytes(path)
@@ -39,13 +39,13 @@ def contents(path, comm) -> list[Matrix]:
     return comm.bcast(found)
 
 
-def read_matrix(path, comm, matrix: Matrix) -> Entries:
+def read_matrix(path, comm, matrix: Op4Matrix) -> Entries:
     """Return the entries of a matrix that `contents` found. Collective. Raises InputError."""
     read_shares = nastran_op4_text.read if matrix.is_text else nastran_op4_binary.read
     return completed(path, comm, matrix, read_shares(path, comm, matrix))
 
 
-def completed(path, comm, matrix: Matrix, parts) -> Entries:
+def completed(path, comm, matrix: Op4Matrix, parts) -> Entries:
     """Return the entries of all shares (rows, columns, values) of this rank, with what the form leaves out.
     Collective."""
     if matrix.form in TRIANGLES:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...files.system_errors import open_input, read_numbers
 from ...parallel.failures import InputError, agreed
-from .op4_matrix import COMPLEX, DOUBLE, SMALL, Matrix, matrix_of, real_values
+from .op4_matrix import COMPLEX, DOUBLE, SMALL, Op4Matrix, matrix_of, real_values
 
 SHARE = 2**22  # bytes of a file decoded at a time
 
@@ -30,7 +30,7 @@ def layout_of(start: bytes) -> tuple[str, int] | None:
     return None
 
 
-def contents(path, order: str, size: int) -> list[Matrix]:
+def contents(path, order: str, size: int) -> list[Op4Matrix]:
     """Return the matrices of a file, from one walk along its records on one rank."""
     found, end = [], os.path.getsize(path)
     head = struct.Struct(order + ("ii" if size == 4 else "iq")).unpack_from
@@ -76,7 +76,7 @@ def contents(path, order: str, size: int) -> list[Matrix]:
     return found
 
 
-def read(path, comm, matrix: Matrix) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def read(path, comm, matrix: Op4Matrix) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Return rows and columns (from 0) and values of the shares of this rank. Collective. Raises InputError."""
     starts = matrix.starts
     shares = len(starts) - 1

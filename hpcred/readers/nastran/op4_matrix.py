@@ -12,7 +12,7 @@ DOUBLE = (2, 4)
 
 
 @dataclass(frozen=True)
-class Matrix:
+class Op4Matrix:
     """The header of a matrix, and the position of its columns in the file.
 
     `form` and `kind` (1 and 2 real, 3 and 4 complex; even ones of two words a number) as OUTPUT4 numbers them. `starts`
@@ -34,7 +34,7 @@ class Matrix:
         return f"{self.name} ({self.shape[0]} x {self.shape[1]})"
 
 
-def matrix_of(path, where: str, numbers, name: bytes, **place) -> Matrix:
+def matrix_of(path, where: str, numbers, name: bytes, **place) -> Op4Matrix:
     """Return the matrix of a header with columns, rows, form and type as `numbers`. Raises InputError."""
     columns, rows, form, kind = numbers
     text = name.replace(b"\0", b" ").decode("latin-1").strip()
@@ -43,10 +43,10 @@ def matrix_of(path, where: str, numbers, name: bytes, **place) -> Matrix:
             f"{path}: found the numbers {columns}, {rows}, {form}, {kind} and the name {text[:8]!r} at {where}, "
             "expected columns, rows, form, type (1 to 4) and name of a matrix; the file is damaged"
         )
-    return Matrix(text.upper(), (abs(rows), columns), form, kind, rows < 0 or rows >= SMALL, **place)
+    return Op4Matrix(text.upper(), (abs(rows), columns), form, kind, rows < 0 or rows >= SMALL, **place)
 
 
-def real_values(path, matrix: Matrix, numbers: np.ndarray) -> np.ndarray:
+def real_values(path, matrix: Op4Matrix, numbers: np.ndarray) -> np.ndarray:
     """Return the values of numbers that may be complex. Raises InputError where they are."""
     if matrix.kind not in COMPLEX:
         return numbers

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...files.text import parse, parse_fortran, pieces, records, shown, with_e
 from ...parallel.failures import InputError, agreed
-from .op4_matrix import COMPLEX, DOUBLE, SMALL, Matrix, matrix_of, real_values
+from .op4_matrix import COMPLEX, DOUBLE, SMALL, Op4Matrix, matrix_of, real_values
 
 # the format of the numbers at the end tells the header line from all others: 1P,5E16.9; without it, four whole numbers
 HEADER = re.compile(
@@ -19,7 +19,7 @@ WHOLE = 8  # characters of a whole number, but in headers that say I16
 COLUMN = re.compile(rb"(?m)^[ 0-9]{17,24}\r?$")
 
 
-def contents(path, comm) -> list[Matrix]:
+def contents(path, comm) -> list[Op4Matrix]:
     """Return the matrices of a text: each rank looks for header lines in its share. Collective. Raises InputError."""
     with agreed(comm):
         mine = [(piece.start + match.start(), piece.start + match.end() + 1, match.group())
@@ -50,7 +50,7 @@ def _header(path, start, stop, line, end):
     return matrix_of(path, f"byte {start}", numbers, fields[4], starts=(stop, end), layout=layout, is_text=True)
 
 
-def read(path, comm, matrix: Matrix) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def read(path, comm, matrix: Op4Matrix) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Return rows and columns (from 0) and values of the pieces of this rank. Collective. Raises InputError."""
     with agreed(comm):
         parts, last = [], []

@@ -11,7 +11,7 @@ import numpy as np
 from ...model.dofs import OWN, SCALAR
 from ...parallel.lookup import look_up, number_over_ranks
 from ..entries import chunks, label_of
-from ..nodes.table import Nodes
+from ..nodes.table import NodeTable
 
 RECTANGULAR, CYLINDRICAL, SPHERICAL = 1, 2, 3
 DEPENDENT, HELD, OMITTED, SUPPORTED = 1, 2, 4, 8
@@ -108,10 +108,10 @@ class Points:
         """Return labels (points, 6) of the dofs, in the directions of the points."""
         return label_of(self.label[:, None], np.where(self.scalar[:, None], SCALAR, np.arange(6)))
 
-    def nodes(self, comm) -> Nodes:
+    def nodes(self, comm) -> NodeTable:
         """Return the points as nodes; scalar points at the origin. Collective."""
         first = comm.exscan(len(self.label)) or 0
-        return Nodes(self.label, self.position, first + np.arange(len(self.label)))
+        return NodeTable(self.label, self.position, first + np.arange(len(self.label)))
 
 
 def refined(comm, points: Points, finer: Points) -> Points:

@@ -15,7 +15,7 @@ LARGEST_COORDINATE = 1e15  # more than a body has, in any unit
 
 
 @dataclass
-class Nodes:
+class NodeTable:
     """Node numbers `label` (nodes,) and `position` (nodes, 3) on this rank.
 
     `place` (nodes,): which node of the file, or of the ascending numbers, each is; rows follow in this order.
@@ -26,7 +26,7 @@ class Nodes:
     place: np.ndarray
 
 
-def read(path, comm) -> Nodes:
+def read(path, comm) -> NodeTable:
     """Read lines of node, x, y, z in the order of the rows. Collective. Raises InputError."""
     with agreed(comm):
         parts, counts = [], []
@@ -42,7 +42,7 @@ def read(path, comm) -> Nodes:
     twice = repeated_key(comm, label)
     if twice is not None:
         raise InputError(f"{path}: found the node {twice} more than once, expected one line a node")
-    return Nodes(label, position, places(comm, counts))
+    return NodeTable(label, position, places(comm, counts))
 
 
 def read_node_numbers(path) -> tuple[int, ...]:

@@ -16,7 +16,7 @@ from ...files.text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, ragged, records
 from ...model.elements import NODES
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import repeated_key
-from .table import Nodes, finite
+from .table import NodeTable, finite
 
 MARK = re.compile(rb"(?m)^ {0,4}-1[ \t]*\r?$")
 START = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{1,5}[ \t]*(?:b[^\n]*)?\r?\n")
@@ -48,7 +48,7 @@ def begins(start: bytes) -> bool:
     return START.match(start) is not None
 
 
-def read(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
+def read(path, comm) -> tuple[NodeTable, dict[str, np.ndarray]]:
     """Return nodes in the order of the file, and elements (node numbers (elements of this rank, nodes) by kind).
 
     Collective. Raises InputError.
@@ -77,7 +77,7 @@ def read(path, comm) -> tuple[Nodes, dict[str, np.ndarray]]:
         elements = _elements(path, [item for item in sets if item[0] in ELEMENTS]) if comm.rank == 0 else {}
     kinds = comm.bcast(sorted(elements))
     empty = {kind: np.zeros((0, NODES[kind]), np.int64) for kind in kinds}
-    return Nodes(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label))), {**empty, **elements}
+    return NodeTable(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label))), {**empty, **elements}
 
 
 def _datasets(path, marks):

@@ -1,4 +1,4 @@
-"""Words of a command line enter; the numbers, dofs, frames and laws that they stand for leave. Raises InputError."""
+"""Parse option values of a command line: numbers, dofs, frames and damping models. Raises InputError."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from contextlib import suppress
 
 import hpcred
 
-from .parallel.failures import InputError
-from .parallel.ranges import ANYTHING, FREQUENCY, within
+from ..parallel.failures import InputError
+from ..parallel.ranges import ANYTHING, FREQUENCY, within
 
 
 def numbers(text, option):
@@ -49,7 +49,7 @@ def band(text):
 
 
 def factoring(out_of_core, low_rank, package):
-    """How to factor, None where nothing is said."""
+    """How to factor, or None for the default."""
     if out_of_core is None and low_rank is None and package is None:
         return None
     solver = hpcred.LinearSolver(package=package or hpcred.LinearSolver.package)
@@ -74,7 +74,7 @@ def frame(text):
 
 
 def damping(text):
-    """A damping law from none, given, rayleigh:20,1e-7 or loss:0.02."""
+    """A damping model from none, given, rayleigh:20,1e-7 or loss:0.02."""
     kind, colon, rest = text.partition(":")
     values = numbers(rest, "--damping")
     if kind in ("none", "given") and not colon:

@@ -1,6 +1,6 @@
-"""A command line on all ranks: its words enter; options that stand everywhere act, and what the others give is said.
+"""Run a command line on all ranks: global options, the Progress of the command, and where output goes.
 
-A command gets its Progress here, and says here what goes to other places by --quiet and --json.
+Commands print through this module what --quiet and --json send to other places.
 """
 
 from __future__ import annotations
@@ -9,24 +9,24 @@ import os
 import sys
 from contextlib import redirect_stdout
 
-from .files.locks import unlock_all
-from .files.outputs import JSON, check_outputs, keep_files
-from .parallel import startup
-from .parallel.failures import InputError, fail, printable
-from .parallel.progress import Progress
-from .report import tables
-from .report.profile import show_profile, start_profile
+from ..files.locks import unlock_all
+from ..files.outputs import JSON, check_outputs, keep_files
+from ..parallel import startup
+from ..parallel.failures import InputError, fail, printable
+from ..parallel.progress import Progress
+from ..report import tables
+from ..report.profile import show_profile, start_profile
 
 
 class Session:
-    """What the options that stand everywhere say, the progress of the command, and where --json - prints."""
+    """The values of the global options, the Progress of the command, and the stream for --json -."""
 
     profile = quiet = verbose = keep = False
     progress: Progress
     out = sys.stdout
 
 
-WORDS = ("--traceback", "--profile", "--quiet", "--verbose", "--keep")  # they may stand anywhere
+FLAGS = ("--traceback", "--profile", "--quiet", "--verbose", "--keep")  # global options, anywhere on the line
 
 
 def run(arguments: list[str], call) -> int:
@@ -37,10 +37,9 @@ def run(arguments: list[str], call) -> int:
         cut = arguments.index("--") if "--" in arguments else len(arguments)
         arguments, petsc_args = arguments[:cut], arguments[cut + 1 :]
         startup.insist(_take(arguments, "--scalar"), petsc_args)
-        for word in WORDS:
-            given = word in arguments
-            arguments = [item for item in arguments if item != word]
-            setattr(Session, word[2:], given)
+        for flag in FLAGS:
+            setattr(Session, flag[2:], flag in arguments)
+            arguments = [item for item in arguments if item != flag]
         keep_files(Session.keep)
         if Session.traceback:
             os.environ["HPCRED_TRACEBACK"] = "1"
@@ -121,19 +120,19 @@ def progress() -> Progress:
 
 
 def warn(sentences):
-    """Say what is doubtful, also with --quiet."""
+    """Print warnings, also with --quiet."""
     if Session.progress.comm.rank == 0:
         for sentence in sentences:
             print(f"warning: {printable(sentence)}", file=sys.stderr if Session.quiet else sys.stdout)
 
 
 def list_all(word, items):
-    """Say each of some items behind a word."""
+    """Print each item behind a word."""
     for item in items:
         print(f"{word}: {item}")
 
 
 def verdict(sentence, good):
-    """Say what the exit status says too: where it is bad, also with --quiet."""
+    """Print the verdict; failures even with --quiet."""
     if not (Session.quiet and good) and Session.progress.comm.rank == 0:
         print(sentence, file=sys.stderr if Session.quiet else sys.stdout)

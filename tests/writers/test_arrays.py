@@ -3,24 +3,24 @@
 import numpy as np
 import pytest
 import scipy.io
+from helpers import exported
 
 import hpcred
 from hpcred import Buckens, Modes, Rayleigh, Structural
 from hpcred.body.body import body_of
-from hpcred.writers.body_npz import write_npz
-from hpcred.writers.matlab import write_matlab
+from hpcred.writers.arrays import BodyMat, BodyNpz
 
 
 @pytest.mark.parametrize("damping", [Rayleigh(2.0, 1e-5), Structural(0.02)])
-@pytest.mark.parametrize("write, read", [(write_npz, np.load), (write_matlab, scipy.io.loadmat)])
-def test_arrays_give_the_transfer_function(tmp_path, damping, write, read):
+@pytest.mark.parametrize("writer, read", [(BodyNpz, np.load), (BodyMat, scipy.io.loadmat)])
+def test_arrays_give_the_transfer_function(tmp_path, damping, writer, read):
     """H(s) from the file alone, with D, outputs and loss factor, is that of the reduced model."""
     with hpcred.linkage() as model:
         model = model.with_inputs([(20, "z"), (1, "x")])
         model = model.with_outputs([(7, "y")])
         with hpcred.reduce(model, [Modes(index=tuple(range(7, 13)))], Buckens(), damping) as rom:
             body = body_of(model, rom)
-    write(tmp_path / "body", body)
+    exported(writer, tmp_path / "body", body)
     file = read(tmp_path / "body")
     s, eta = 2j * np.pi * rom.frequencies[0], np.ravel(file["loss_factor"])[0]
     dynamic = s * s * file["M"] + s * file["D"] + (1 + 1j * eta) * file["K"]

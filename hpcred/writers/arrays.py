@@ -1,19 +1,22 @@
-"""Arrays of a Body by name, and the .npz file that holds them.
+"""Write the arrays of a Body by name, as a .npz, or as a .mat for MATLAB, Octave and Neweul-M2.
 
 M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, loss_factor (eta of structural damping: K stands for
 (1 + i eta) K in frequency responses), input_names, output_names; the quantities of FloatingFrame by their names there;
 nodes (k), positions (k, 3) in the body frame, phi and psi (k, 3, m). SI units. Nothing that affects numbers is missing.
+Lists of names are cell arrays in a .mat.
 """
 
 from __future__ import annotations
 
 import io
+import zipfile
 from pathlib import Path
 
 import numpy as np
+from numpy.lib import format as npy
 
 from ..body.body import Body, maker, remarks
-from ..files.outputs import ZIP
+from ..files.outputs import MATLAB, ZIP
 from ..reduction.reduced_model import require_finite
 from .base import Writer
 
@@ -34,17 +37,21 @@ def arrays_of(body: Body) -> dict:
     }
 
 
-def write_npz(path, body: Body) -> list[str]:
-    """Write all arrays of a body; call it on one rank. Returns remarks on what is approximated."""
-    save_npz(path, arrays_of(body))
-    return remarks(body)
-
-
 def save_npz(path, arrays: dict):
     """Write arrays by name; call it on one rank. They are packed in memory: an archive cannot be left half written."""
     content = io.BytesIO()
     np.savez(content, **arrays)
     Path(path).write_bytes(content.getbuffer())
+
+
+def save_mat(path, arrays: dict):
+    """Write arrays by name, lists of texts as cell arrays; call it on one rank."""
+    from scipy.io import savemat
+
+    cells = {key: value.astype(object) if value.dtype.kind == "U" and value.ndim else value
+             for key, value in arrays.items()}  # fmt: skip
+    with open(path, "wb") as file:
+        savemat(file, cells, oned_as="column")
 
 
 class BodyNpz(Writer):
@@ -53,4 +60,31 @@ class BodyNpz(Writer):
     suffix, needs, kind = ".npz", "body", ZIP
 
     def write(self, target, source):
-        return write_npz(target, source.body)
+        save_npz(target, arrays_of(source.body))
+        return remarks(source.body)
+
+    def describe(self, path):
+        """Return the arrays of a .npz by name, or nothing of another archive."""
+        if not zipfile.is_zipfile(path):
+            return {}
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+            if sum(name.endswith(".npy") for name in names) < 2 or "data.npy" in names:  # as that of a sparse matrix
+                return {}
+            found = {}
+            for name in names:
+                with archive.open(name) as file:  # the head alone
+                    heads = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+                    shape = heads[npy.read_magic(file)](file)[0]
+                found[name.removesuffix(".npy")] = " x ".join(map(str, shape)) or "1"
+        return {"format": "NumPy arrays (.npz)", "arrays": found}
+
+
+class BodyMat(Writer):
+    """Arrays of a body for MATLAB."""
+
+    suffix, needs, kind = ".mat", "body", MATLAB
+
+    def write(self, target, source):
+        save_mat(target, arrays_of(source.body))
+        return remarks(source.body)

@@ -1,0 +1,103 @@
+"""Make a model file, of matrices of another program or as an example."""
+
+from __future__ import annotations
+
+import os
+from typing import Annotated
+
+import typer
+
+import hpcred
+
+from ..parallel.failures import InputError
+from ..report.tables import in_words, show_table
+from . import session, values
+from .options import Inputs, JsonFile, Outputs
+
+Output = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
+
+
+def convert(
+    files: Annotated[list[str] | None, typer.Argument(metavar="[EXPORT] MODEL.h5")] = None,
+    output: Annotated[str | None, typer.Option("-o", "--output", help="The model file to write.")] = None,
+    stiffness: Annotated[str | None, typer.Option("-K", "--stiffness", help="Matrix file of K.")] = None,
+    mass: Annotated[str | None, typer.Option("-M", "--mass", help="Matrix file of M.")] = None,
+    damping: Annotated[str | None, typer.Option("-D", "--damping", help="Matrix file of D.")] = None,
+    input_file: Annotated[str | None, typer.Option("-B", help="Matrix file of B (n, p).")] = None,
+    output_file: Annotated[str | None, typer.Option("-C", help="Matrix file of C (r, n).")] = None,
+    nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or .inp, .bdf, .unv, .cdb, .frd.")] = None,
+    dofs: Annotated[str | None, typer.Option(help="Lines of node, direction (1-6), one a row.")] = None,
+    inputs: Inputs = None,
+    outputs: Outputs = None,
+    variables: Annotated[str | None, typer.Option(metavar="K=...,M=...", help="Names of matrices in a file.")] = None,
+    units: Annotated[str, typer.Option(help="Units of the files: SI; mm,t,s; mm-kg-ms; inch-lbf-s; ...")] = "SI",
+    list_formats: Annotated[bool, typer.Option("--list-formats", help="Say what can be read, and stop.")] = False,
+    json: JsonFile = None,
+):
+    """Bring matrices of another program into a model file.
+
+    Either the main file of a whole export (an Abaqus or CalculiX input file, ...), whose other files are found beside
+    it, or single matrices given by -K and -M. See --list-formats.
+    """
+    if list_formats:
+        from ..readers.registry import READERS
+
+        show_table("Formats, each told by what the file begins with", hpcred.list_formats())
+        session.warn(READERS.broken)
+        return
+    files = list(files or [])
+    if output is None:
+        if not files or (len(files) == 1 and not (stiffness or mass) and os.path.exists(files[0])):
+            raise InputError("convert: no model file to write; give its name last or by -o")
+        output = files.pop()
+    if files and (len(files) > 1 or stiffness or mass):
+        raise InputError("convert: expected one input file, or the matrices by -K and -M")
+    if not files and not (stiffness and mass):
+        found = "no matrices" if not (stiffness or mass) else f"only {'K' if stiffness else 'M'}"
+        raise InputError(f"convert: {found}; give the main file of an export, or K and M by -K and -M")
+    given = {"-D": damping, "-B": input_file, "-C": output_file, "--nodes": nodes, "--dofs": dofs}
+    if files and (besides := [option for option, value in given.items() if value]):
+        raise InputError(f"convert: {', '.join(besides)} belong to -K and -M only, found with {files[0]}")
+    names = values.names(variables, "--variables")
+    source = files[0] if files else hpcred.Source(stiffness, mass, damping, input_file, output_file, nodes, dofs, names)
+    report = hpcred.convert(
+        source, output, inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"),
+        variables=names, units=units, progress=session.progress(),
+    )  # fmt: skip
+    told = ("output", "sentences", "warnings")
+    show_table(None, [{"": key.replace("_", " "), output: in_words(value)} for key, value in report.items()
+                      if key not in told])  # fmt: skip
+    for sentence in report["sentences"]:
+        print(sentence)
+    session.warn(report["warnings"])
+    session.write_json(json, report)
+
+
+def solid(
+    output: Output = "model.h5",
+    cells: Annotated[tuple[int, int, int], typer.Option(help="Hexahedra along x, y, z.")] = (60, 24, 24),
+    size: Annotated[tuple[float, float, float] | None, typer.Option(help="Edges in m.")] = None,
+    inputs: Annotated[int, typer.Option(help="Forces at nodes of the face at the free end.")] = 6,
+    free: Annotated[bool, typer.Option("--free", help="Do not clamp the face at x = 0.")] = False,
+):
+    """A block of 8-node hexahedra, clamped at x = 0."""
+    _example("solid", output, cells=cells, size=size, inputs=inputs, clamped=not free)
+
+
+def linkage(output: Output = "model.h5"):
+    """The stabilisation linkage of the paper's Section 5, free, loaded at node 20 in z."""
+    _example("linkage", output)
+
+
+def crank(
+    output: Output = "model.h5",
+    dofs: Annotated[int, typer.Option(help="About so many dofs.")] = 20_000,
+):
+    """A free connecting rod of hexahedra, with its bearings as the node sets BIG_EYE and SMALL_EYE."""
+    _example("crank", output, dofs=dofs)
+
+
+def _example(name, output, **keywords):
+    report = hpcred.write_example(name, output, progress=session.progress(), **keywords)
+    known = "; ".join(f"{key} {', '.join(report[key])}" for key in ("inputs", "sets") if report[key])
+    print(f"{output}: {report['size']} dofs, {known}")

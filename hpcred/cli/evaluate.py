@@ -1,0 +1,192 @@
+"""Compute frequency responses, of reduced models and of full ones."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+import hpcred
+
+from ..parallel.failures import InputError
+from ..parallel.progress import counted
+from ..report.tables import show_table, show_timing
+from . import session, values
+from .options import (
+    DIRECTIONS,
+    Band,
+    Frequencies,
+    FullFile,
+    Groups,
+    Inputs,
+    JsonFile,
+    LowRank,
+    OutOfCore,
+    Outputs,
+    Package,
+    Pairs,
+    Points,
+    Seed,
+)  # fmt: skip
+
+
+def evaluate(
+    results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
+    full: FullFile = None,
+    frequencies: Frequencies = None,
+    band: Band = None,
+    points: Points = 61,
+    output: Annotated[
+        str | None, typer.Option("-o", "--output", metavar="FILE", help="Write the responses: a .csv or HDF5 file.")
+    ] = None,
+    figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw responses: .png, .svg, .pdf.")] = None,
+    pairs: Pairs = None,
+    measure: Annotated[
+        str | None, typer.Option(help="What eps is: directions, or paper, the Frobenius norm (55).")
+    ] = None,
+    estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
+    check: Annotated[
+        int | None, typer.Option(help="Compare the estimate with full solves at N random frequencies.")
+    ] = None,
+    seed: Seed = None,
+    groups: Groups = None,
+    out_of_core: OutOfCore = None,
+    low_rank: LowRank = None,
+    package: Package = None,
+    json: JsonFile = None,
+):
+    """Frequency response of a reduced model; with --full its error eps(f) and Q (57).
+
+    Several results of one model stand beside each other, with --full: sizes, errors, pseudo-modes against modes.
+
+    Of a model that was reduced to a tolerance: --estimate shows the error that is known, largest in each of --points
+    parts of the band; --full MODEL.h5 --check 5 sets it against full solves.
+    """
+    result = results[0]
+    if len(results) > 1 and (estimate or figure or check is not None or full is None):
+        raise InputError("evaluate: several results are compared with the model that --full names, and without "
+                         "--estimate, --check or --figure; call evaluate once for each result")  # fmt: skip
+    given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check,
+             "--figure": figure, "--pairs": pairs}
+    allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
+    wrong = [option for option, value in given.items() if value is not None and option not in allowed]
+    if wrong or (estimate and check is not None):
+        raise InputError(f"{'--check' if check is not None else '--estimate'}: cannot be combined with "
+                         f"{', '.join(wrong) or '--estimate'}; call evaluate twice")  # fmt: skip
+    if pairs and not figure:
+        raise InputError("--pairs: belongs to --figure")
+    if check is not None and full is None:
+        raise InputError("--check: the model file is missing; give it by --full MODEL.h5")
+    if seed is not None and check is None:
+        raise InputError("--seed: belongs to --check")
+    if measure is not None and (full is None or check is not None):
+        raise InputError("--measure: belongs to --full without --check")
+    limits = values.band(band)
+    factoring = values.factoring(out_of_core, low_rank, package)
+    chosen = {"frequencies": values.numbers(frequencies, "--frequencies")}
+    if estimate:
+        session.write_json(json, _show_estimate(result, parts=points, **chosen))
+        return 0
+    solving = {"groups": groups, "factoring": factoring, "progress": session.progress()}
+    if check is not None:
+        report = _show_check(result, full, check, seed=seed, **solving)
+    elif len(results) > 1:
+        report = _show_comparison(results, full, band=limits, points=points, output=output, measure=measure,
+                                  **chosen, **solving)  # fmt: skip
+    else:
+        pairs = pairs.split(",") if pairs else ()
+        report = _show_responses(result, full, band=limits, points=points, output=output, figure=figure, pairs=pairs,
+                                 measure=measure, **chosen, **solving)  # fmt: skip
+    session.write_json(json, report)
+    return int(not report.get("passed", True))
+
+
+def _show_comparison(results, full, **keywords):
+    report = hpcred.compare_results(results, full, **keywords)
+    show_table(f"against {full}, {report['frequencies_hz'][0]:g} to {report['frequencies_hz'][-1]:g} Hz",
+               report["rows"])  # fmt: skip
+    show_table("lowest modes of the model", report["modes"])
+    return report
+
+
+def _show_estimate(result, **keywords):
+    report = hpcred.estimate_of_result(result, **keywords)
+    show_table(result, report["rows"])
+    show_table(DIRECTIONS, report["direction_rows"])
+    print(f"{report['sentence']}\nQ = {report['Q']:.6g}; {report['measured']}")
+    session.warn([item for item in report["warnings"] if item != report["sentence"]])
+    return report
+
+
+def _show_check(result, full, count, **keywords):
+    report = hpcred.check_result(result, full, count, **keywords)
+    show_table(result, report["rows"])
+    session.verdict(f"{report['claim']}\n{report['sentence']}; {report['measured']}", report["passed"])
+    return report
+
+
+def _show_responses(result, full, **keywords):
+    report = hpcred.evaluate_result(result, full, **keywords)
+    columns = {"f (Hz)": "frequencies_hz", "|H| reduced": "reduced_norm", "|H| full": "full_norm", "eps": "eps"}
+    columns = {title: report[key] for title, key in columns.items() if key in report}
+    show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
+    if full:
+        show_table(DIRECTIONS, report["direction_rows"])
+        paper = " (55)" if report["measure"] == "paper" else ""
+        print(f"Q = {report['Q']:.6g}, largest eps{paper} = {report['eps_max']:.6g}; {report['arithmetic']}")
+    drawn = report.get("figures", ())
+    session.list_all("drawn", drawn)
+    if len(drawn) < report.get("responses", 0):
+        print(f"the {len(drawn)} largest of {report['responses']} responses are drawn; --pairs OUTPUT/INPUT,... "
+              "draws others")  # fmt: skip
+    return report
+
+
+def response(
+    model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
+    band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz.")] = None,
+    points: Points = 2001,
+    frequencies: Frequencies = None,
+    tolerance: Annotated[float, typer.Option(help="Relative error of the response.")] = 1e-6,
+    frame: Annotated[str, typer.Option(help="none, buckens, tangent:NODE or chord:N1,N2,N3[:AXES].")] = "none",
+    damping: Annotated[
+        str | None,
+        typer.Option(help="none, given, rayleigh:ALPHA,BETA or loss:FACTOR; given by default where the model has a D."),
+    ] = None,
+    inputs: Inputs = None,
+    outputs: Outputs = None,
+    output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="A .csv or HDF5 file.")] = None,
+    polar: Annotated[bool, typer.Option("--polar", help="Magnitude and phase in the .csv.")] = False,
+    figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png, .svg or .pdf.")] = None,
+    check: Annotated[int, typer.Option(help="Compare with full solves at N random frequencies.")] = 0,
+    seed: Seed = None,
+    groups: Annotated[int | None, typer.Option(help="Groups of ranks that share those of --check.")] = None,
+    out_of_core: OutOfCore = None,
+    low_rank: LowRank = None,
+    package: Package = None,
+    json: JsonFile = None,
+):
+    """Frequency response of the full model at many frequencies, to a tolerance, from a handful of factorisations."""
+    progress = session.progress()
+    report = hpcred.response_file(
+        model, frequencies=values.numbers(frequencies, "--frequencies"), band=values.band(band), points=points,
+        tolerance=tolerance, frame=values.frame(frame), damping=None if damping is None else values.damping(damping),
+        inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"), check=check, seed=seed,
+        groups=groups, factoring=values.factoring(out_of_core, low_rank, package), output=output, polar=polar,
+        figure=figure, progress=progress,
+    )  # fmt: skip
+    told = [*([] if report["reached"] else ["NOT REACHED everywhere:"]), *report["sentences"]]
+    session.verdict("\n".join(told), report["reached"])
+    show_table("Proofs: the model before a point, at the point", report["proofs"])
+    if check:
+        show_table("Fresh frequencies", report["check"]["rows"])
+    made = counted(report["factorisations"], "factorisation")
+    print(f"{len(report['frequencies_hz'])} frequencies from {made} and "
+          f"{report['columns']} columns for {report['size']} dofs")  # fmt: skip
+    for name in (output, figure):
+        if name:
+            print(f"written to {name}")
+    session.warn(report["warnings"])
+    show_timing(progress.timing())
+    session.write_json(json, report)
+    return 0 if report["reached"] else 1

@@ -1,0 +1,64 @@
+"""Write a result in the format of another program."""
+
+from __future__ import annotations
+
+import os
+from typing import Annotated
+
+import typer
+
+import hpcred
+
+from ..parallel.failures import InputError
+from ..writers.registry import WRITERS
+from . import session, values
+from .options import JsonFile
+
+
+class ExportCommand(typer.core.TyperCommand):
+    """Export with a help that ends with the formats of some models only, and those of other packages."""
+
+    def format_epilog(self, ctx, formatter):
+        writers = [WRITERS.load(entry) for entry in WRITERS.own]
+        lists = {
+            "Of a model in interface coordinates": [item.name for item in writers if item.needs == "superelement"],
+            "Formats of other packages": [f"{entry.name} ({entry.package})" for entry in WRITERS.others],
+        }
+        for title, names in lists.items():
+            if names:
+                formatter.write_paragraph()
+                formatter.write_text(f"{title}: {', '.join(names)}")
+
+
+def export(
+    context: typer.Context,
+    result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
+    kind: Annotated[str | None, typer.Option("--format", help=", ".join(entry.name for entry in WRITERS.own))] = None,
+    output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
+    nodes: Annotated[
+        str | None, typer.Option(help="Interface nodes 1,20 or by name, or sets; default: of inputs and outputs.")
+    ] = None,
+    units: Annotated[str, typer.Option(help="Units of the file: SI; mm,t,s; ...")] = "SI",
+    modes: Annotated[str | None, typer.Option(help="Shapes of a picture, from 1, such as 7,8.")] = None,
+    json: JsonFile = None,
+):
+    """Hand a reduced body over to another program."""
+    if more := context.args:
+        option = "-o" if os.path.splitext(more[0])[1] else "--format"
+        raise InputError(f"export: found '{more[0]}' after {result}; a format is named by --format and the file to "
+                         f"write by -o: hpcred export {result} {option} {more[0]}")  # fmt: skip
+    chosen = [int(word) if word.strip().isdecimal() else word.strip() for word in nodes.split(",")] if nodes else None
+    shapes = [int(number) for number in values.numbers(modes, "--modes")] if modes else None
+    report = hpcred.export_result(
+        result, kind, output, nodes=chosen, units=units, modes=shapes, progress=session.progress()
+    )
+    if "shapes" in report:
+        print(f"{report['output']}: {', '.join(report['shapes'])}")
+    else:
+        ends = ", ".join(f"{key} {', '.join(map(str, report[key]))}" for key in ("nodes", "inputs", "outputs")
+                         if key in report)  # fmt: skip
+        print(f"{report['output']}: {report['coordinates']} coordinates, {ends}")
+        for name in report.get("files", ()):
+            print(f"with {name}")
+        session.list_all("note", report["remarks"])
+    session.write_json(json, report)

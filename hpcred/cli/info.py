@@ -1,0 +1,108 @@
+"""Describe a file; find the bearings of a model, and its natural frequencies."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+import hpcred
+
+from ..parallel.failures import InputError
+from ..report.tables import in_words, show_table
+from . import session, values
+from .options import INTERFACES, JsonFile, LowRank, OutOfCore, Package
+
+MOST_SETS = 20  # node sets that are listed
+
+
+def info(
+    file: Annotated[str, typer.Argument(metavar="FILE")],
+    below: Annotated[str | None, typer.Option(metavar="F1,F2", help="Count modes below (Hz).")] = None,
+    band_top: Annotated[float | None, typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
+    modes: Annotated[int | None, typer.Option(help="Find so many of the lowest frequencies.")] = None,
+    verify: Annotated[bool, typer.Option("--verify", help="Read all of it, and check all checksums.")] = False,
+    figure: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Draw node sets, or the interfaces of a job: .png, .svg, .pdf.")
+    ] = None,
+    names: Annotated[str | None, typer.Option("--sets", metavar="A,B", help="Draw these node sets only.")] = None,
+    json: JsonFile = None,
+):
+    """Say what a file is: what a model contains and needs, and the format and matrices of any other file."""
+    if names and not figure:
+        raise InputError("--sets: belongs to --figure")
+    if verify and (below or band_top or modes or figure):
+        raise InputError("--verify: cannot be combined with other questions; call info twice")
+    report = hpcred.verify_file(file) if verify else hpcred.describe_file(
+        file, frequencies=values.numbers(below, "--below"), band_top=band_top, modes=modes, figure=figure,
+        sets=names.split(",") if names else None, progress=session.progress(),
+    )  # fmt: skip
+    below_it = ("sets", "interfaces", "warnings")
+    rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
+    show_table(None, rows)
+    show_table(INTERFACES, report.get("interfaces", []))
+    sets = [{"node set": name, "nodes": count} for name, count in report.get("sets", {}).items()]
+    show_table(None, sets[:MOST_SETS])
+    if len(sets) > MOST_SETS:
+        print(f"and {len(sets) - MOST_SETS} more node sets; --json - lists all")
+    if figure:
+        print(f"written to {figure}")
+    session.warn(report["warnings"])
+    session.write_json(json, report)
+
+
+def bores(
+    model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
+    turn: Annotated[float, typer.Option(help="Degrees around its axis that a cylinder has at least.")] = 120.0,
+    figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw them: .png, .svg, .pdf.")] = None,
+    json: JsonFile = None,
+):
+    """Find the holes and pins of a model, and print them as interfaces for a job."""
+    report = hpcred.bores_of_file(model, turn=turn, figure=figure, progress=session.progress())
+    rows = [
+        {"name": row["name"], **dict(zip(("centre x", "y", "z"), row["centre"], strict=True)),
+         "axis": values.direction(row["axis"]), "radius": row["radius"], "length": row["length"],
+         "turn": f"{row['turn']:g}", "nodes": row["nodes"]} for row in report["bores"]
+    ]  # fmt: skip
+    if rows:
+        show_table(f"{model}: holes (bore) and pins; m, turn in degrees", rows)
+        print(f"Lines for the job; give them names of your own, and leave out what is no bearing\n\n{report['job']}")
+    else:
+        print(f"{model}: no cylinder of {turn:g} degrees or more on its surface; --turn takes less")
+    if figure:
+        print(f"written to {figure}")
+    session.warn(report["warnings"])
+    session.write_json(json, report)
+
+
+def modes(
+    model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
+    count: Annotated[int, typer.Option(help="How many of the lowest modes, rigid-body modes included.")] = 20,
+    frame: Annotated[str, typer.Option(help="auto, or as for response.")] = "auto",
+    figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png of the first six elastic modes.")] = None,
+    out_of_core: OutOfCore = None,
+    low_rank: LowRank = None,
+    package: Package = None,
+    json: JsonFile = None,
+):
+    """Lowest natural frequencies, effective masses and participation factors of a model.
+
+    A free body shows its rigid-body modes at 0 Hz, unless a frame other than auto holds it.
+    """
+    report = hpcred.modes_of_file(
+        model, count, frame=None if frame == "auto" else values.frame(frame), figure=figure,
+        factoring=values.factoring(out_of_core, low_rank, package), progress=session.progress(),
+    )  # fmt: skip
+    f = report["frequencies_hz"]
+    if "masses" in report:
+        share, factors = hpcred.tables_of_modes(report)
+        show_table(f"{model}: effective masses in % of the mass along x, y, z and of the inertia about them", share)
+        show_table("Participation factors (kg^(1/2); kg^(1/2) m)", factors)
+        print(hpcred.mass_in_words(report))
+    else:
+        show_table(model, [{"mode": i, "f (Hz)": value} for i, value in enumerate(f, 1)])
+    print(f"{report['rigid_body_modes']} rigid-body modes; largest residual {report['residual']:.1e}")
+    if figure:
+        print(f"written to {figure}")
+    session.warn(report["warnings"])
+    session.write_json(json, report)

@@ -1,0 +1,93 @@
+"""Run a command line: parse it, call one public function, and print what it returns; a module a few commands."""
+
+from __future__ import annotations
+
+import os
+from typing import Annotated
+
+import typer
+
+import hpcred
+
+from ..parallel.failures import InputError
+from ..report.tables import show_table
+from . import session
+from .bench import bench, paper
+from .convert import convert, crank, linkage, solid
+from .evaluate import evaluate, response
+from .export import ExportCommand, export
+from .info import bores, info, modes
+from .options import JsonFile
+from .reduce import reduce, store
+from .report import report
+from .simulate import simulate
+from .sweep import collect, sweep
+
+HELP = {"help_option_names": ["-h", "--help"]}
+app = typer.Typer(
+    no_args_is_help=False,
+    rich_markup_mode=None,
+    context_settings=HELP,
+    help="Reduced flexible bodies by moment matching, in parallel. Without a command: the built-in example. "
+    "PETSc, SLEPc and MUMPS options follow after --, such as: hpcred reduce job.toml -- -log_view",
+    epilog="Everywhere: --verbose shows progress from the beginning, --quiet errors and warnings only, --json - the "
+    "numbers alone on standard output; --keep replaces no file; --scalar real|complex insists on a PETSc build; "
+    "--profile shows the events of PETSc in each stage, --traceback where an error arose.",
+)
+example = typer.Typer(help="Write a model to try things on.", rich_markup_mode=None, context_settings=HELP)
+NEXT = """next: hpcred report demo_result.h5   draws responses, error and shapes: report.html
+      hpcred example crank           writes a model with bearings, model.h5
+      hpcred info model.h5           says what a model is and needs
+      hpcred --help                  lists all commands"""
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command line on all ranks and return the exit status."""
+    return session.run(arguments, _call)
+
+
+def _call(arguments):
+    """What the command returns, or the exit status of the parser."""
+    if "_HPCRED_COMPLETE" in os.environ:
+        return app(arguments, prog_name="hpcred", standalone_mode=False)
+    command = typer.main.get_command(app)
+    try:  # the parser's own way to call a command takes interruptions and broken pipes of one rank for an end
+        with command.make_context("hpcred", arguments) as context:
+            return command.invoke(context)
+    except typer.Exit as error:
+        return error.exit_code
+    except Exception as error:
+        if hasattr(error, "format_message"):  # a usage error of the parser
+            command = getattr(error.ctx, "command_path", "hpcred")
+            raise InputError(f"{error.format_message()} (see {command} --help)") from error
+        raise
+
+
+@app.callback(invoke_without_command=True)
+def demo(context: typer.Context, version: Annotated[bool, typer.Option("--version")] = False, json: JsonFile = None):
+    if version:
+        from importlib.metadata import version as version_of
+
+        print(f"hpcred {version_of('hpcred')}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        progress, output = session.progress(), "demo_result.h5"
+        rows = hpcred.run_demo(output, progress=progress)
+        show_table("Stabilisation linkage, force at node 20, 0 to 300 Hz, and the paper's Table 1", rows)
+        session.write_json(json, rows)
+        timing = progress.timing()
+        effort = f"{timing.elapsed:.3g} s, at most {max(timing.memory_mb_per_rank):.0f} MB a rank"
+        print(f"model of row 0 written to {output}; {effort}")
+        print(NEXT)
+    elif json is not None:
+        raise InputError("--json: found before the command; write it after the command")
+
+
+app.add_typer(example, name="example")
+for command in (convert, info, bores, modes, reduce, store, sweep, collect, evaluate, report, response):
+    app.command()(command)
+app.command(cls=ExportCommand, context_settings={"allow_extra_args": True})(export)
+for command in (simulate, paper, bench):
+    app.command()(command)
+for command in (solid, linkage, crank):
+    example.command()(command)

@@ -1,0 +1,43 @@
+"""Write a report on results."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+import hpcred
+
+from . import session, values
+from .options import Band, FullFile, Groups, JsonFile, LowRank, OutOfCore, Package, Pairs
+
+
+def report(
+    results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
+    full: FullFile = None,
+    output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="The HTML file.")] = "report.html",
+    band: Band = None,
+    exact: Annotated[int, typer.Option(help="Frequencies at which the full model is solved.")] = 21,
+    pairs: Pairs = None,
+    modes: Annotated[int, typer.Option(help="Number of shapes to look at.")] = 10,
+    png: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
+    svg: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
+    csv: Annotated[str | None, typer.Option(metavar="DIR", help="The numbers as tables, too.")] = None,
+    groups: Groups = None,
+    out_of_core: OutOfCore = None,
+    low_rank: LowRank = None,
+    package: Package = None,
+    json: JsonFile = None,
+):
+    """Write a report on results beside each other, one HTML file to look at in a browser, without a network."""
+    told = hpcred.report_file(
+        results, full, output=output, band=values.band(band), exact=exact, pairs=pairs.split(",") if pairs else (),
+        modes=modes, png=png, svg=svg, csv=csv, groups=groups,
+        factoring=values.factoring(out_of_core, low_rank, package),
+        progress=session.progress(),
+    )  # fmt: skip
+    session.list_all("note", told["notes"])
+    for name in told["files"]:
+        print(name)
+    print(f"{told['output']}: {told['megabytes']:.1f} MB")
+    session.write_json(json, told)

@@ -1,0 +1,29 @@
+"""Prepare the public functions of this folder: what each of them does before its own work."""
+
+from __future__ import annotations
+
+from functools import wraps
+from inspect import signature
+
+from ..files.locks import locks_given_back
+from ..parallel import startup
+from ..parallel.declared import Function, spelled
+from ..parallel.progress import Progress
+
+
+def workflow(function: Function) -> Function:
+    """Have a function take `comm`, by default that of the job, and `progress`, by default a silent one.
+
+    Keywords that it does not have are refused, and outputs that it does not write in the end are given free.
+    """
+    shows = "progress" in signature(function).parameters
+
+    @wraps(function)
+    def run(*arguments, **keywords):
+        keywords["comm"] = keywords.get("comm") or startup.start_mpi()
+        if shows:
+            keywords["progress"] = keywords.get("progress") or Progress(keywords["comm"], show=False)
+        with locks_given_back():
+            return function(*arguments, **keywords)
+
+    return spelled(run)  # type: ignore[return-value]
