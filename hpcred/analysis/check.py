@@ -1,4 +1,4 @@
-"""What to look at when matrices have come from another program: a model enters; numbers and sentences leave."""
+"""Check a model whose matrices have come from another program, and say what to look at."""
 
 from __future__ import annotations
 
@@ -33,9 +33,18 @@ CLEARLY_FREE, NEARLY_FREE = 1e-12, 1e-5  # ||K R|| / (||K|| ||R||)
 
 
 def check(model) -> dict:
-    """Size, nonzeros, symmetry, and with nodes: rigid-body test, masses, centre, extent, units. Collective.
+    """Check size, nonzeros, symmetry, and with nodes rigid-body motions, masses, centre, extent and units.
 
-    Plain numbers for a table or JSON; `sentences` on what they mean and `warnings` of what is doubtful.
+    Collective.
+
+    Parameters
+    ----------
+    model : SecondOrderModel
+
+    Returns
+    -------
+    dict
+        Plain numbers for a table or JSON; `sentences` on what they mean, and `warnings` of what is doubtful.
     """
     require_model(model)
     sentences, warnings = [], list(model.remarks)

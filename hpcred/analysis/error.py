@@ -140,7 +140,24 @@ def as_compared(reduced: ReducedModel, band) -> tuple[ReducedModel, Damping, str
 
 
 def error_integral(frequencies: np.ndarray, errors: np.ndarray) -> float:
-    """Q (57): the integral of the error (F,) over the frequencies (F,) in Hz by the trapezoidal rule."""
+    """Return the integral Q (57) of the error over frequency, by the trapezoidal rule.
+
+    Parameters
+    ----------
+    frequencies : array_like, shape (F,)
+        Hz.
+    errors : array_like, shape (F,)
+
+    Returns
+    -------
+    float
+        Hz.
+
+    Raises
+    ------
+    InputError
+        For arrays of different shapes.
+    """
     frequencies, errors = np.asarray(frequencies, dtype=float), np.asarray(errors, dtype=float)
     if frequencies.ndim != 1 or errors.shape != frequencies.shape:
         raise InputError(

@@ -1,4 +1,4 @@
-"""What was said of an error against full solves: an accuracy and fresh frequencies enter, a Check leaves.
+"""Compare the estimate of an error with full solves at random frequencies.
 
 The frequencies are drawn at random over the band, and some right beside resonances, where errors are largest.
 The full model is factored there with the damping that the accuracy was measured with.
@@ -104,10 +104,34 @@ def check_reduced(
     reduced: ReducedModel, model: SecondOrderModel, count: int = 5, *, seed: int | None = None,
     groups: int | None = None, factoring: Factoring | None = None, progress=None,
 ) -> Check:  # fmt: skip
-    """Set the stored error of an automatic reduction against full solves of its model at fresh frequencies. Collective.
+    """Compare the estimated error of a reduction to a tolerance with full solves at random frequencies.
 
-    `model`: the SecondOrderModel that was reduced, with the same inputs and outputs. Raises InputError where the
-    reduced model has no accuracy.
+    Collective.
+
+    Parameters
+    ----------
+    reduced : ReducedModel
+    model : SecondOrderModel
+        The model that was reduced, with the same inputs and outputs.
+    count : int, default 5
+        Random frequencies over the band; some beside resonances are added.
+    seed : int, optional
+        Of the random frequencies.
+    groups : int, optional
+        Groups of ranks that share the frequencies (see frequency_response).
+    factoring : Factoring, optional
+        How to factor, and in how much memory.
+    progress : Progress, optional
+        Shows stages and times; by default nothing is shown.
+
+    Returns
+    -------
+    Check
+
+    Raises
+    ------
+    InputError
+        If the reduced model was not made to a tolerance.
     """
     declared("reduced", reduced, ReducedModel)
     require_model(model)

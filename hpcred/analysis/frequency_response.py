@@ -1,4 +1,4 @@
-"""Frequency responses H(i 2 pi f): of reduced and tiny models densely, of others by one factorisation a frequency."""
+"""Compute frequency responses H(i 2 pi f): densely for reduced and tiny models, else by a factorisation a frequency."""
 
 from __future__ import annotations
 
@@ -41,14 +41,42 @@ def frequency_response(
     damping: Damping | None = None, *, factoring: Factoring | None = None, progress: Progress | None = None,
     groups: int | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """H (frequencies, r, p) of a ReducedModel, or of a SecondOrderModel in a frame with a damping law, by default that
-    of its damping matrix, if it has one.
+    """Return the frequency response H(i omega) = C A(i omega)^-1 B.
 
-    `frequencies` in Hz. In the Buckens frame the response is that of the elastic part: of the body whose
-    displacements are M-orthogonal to its rigid-body modes. `factoring`: how to factor, as for reduce. `groups`: number
-    of groups of ranks that solve for different frequencies at the same time, each with its own copy of the matrices and
-    the factor; by default as many as ranks for small models and one for others. Collective; the result is the same on
-    all ranks. Raises InputError at an undamped pole, or for modal damping, which only a reduced model has.
+    Collective.
+
+    Parameters
+    ----------
+    model : SecondOrderModel or ReducedModel
+        A reduced model has the frame and damping of its reduction.
+    frequencies : array_like, shape (N,)
+        Hz, each at least 0.
+    frame : Frame, optional
+        Reference frame of a free body; by default none. In the Buckens frame the response is that of the elastic part,
+        of the body whose displacements are M-orthogonal to its rigid-body modes.
+    damping : Damping, optional
+        By default the damping matrix of the model, if it has one.
+    factoring : Factoring, optional
+        How to factor, and in how much memory.
+    progress : Progress, optional
+        Shows stages and times; by default nothing is shown.
+    groups : int, optional
+        Groups of ranks that solve for different frequencies at the same time, each with its own copy of the matrices
+        and the factor; by default as many as ranks for small models and one for others.
+
+    Returns
+    -------
+    ndarray, complex, shape (N, r, p)
+        m/N for displacements under forces; the same on all ranks.
+
+    Raises
+    ------
+    InputError
+        At an undamped pole, and for modal damping of a full model, which only a reduced model has.
+
+    Notes
+    -----
+    One factorization per frequency; equation (25) of Lehner and Eberhard (2006).
     """
     frequencies = checked_frequencies(frequencies)
     if isinstance(model, ReducedModel):

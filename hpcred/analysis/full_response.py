@@ -1,4 +1,4 @@
-"""Harmonic analysis: the response of a full model at thousands of frequencies, from a handful of factorisations.
+"""Compute the response of a full model at thousands of frequencies from a handful of factorisations.
 
 A basis is made by the automatic reduction until it reaches the tolerance. It is used as it is: no basis is compressed,
 which would only bring in an error, and none is restored to the dofs of the model. At every frequency asked for the
@@ -101,13 +101,46 @@ def full_response(
     adaptive: Adaptive | None = None, check: int = 0, seed: int | None = None, groups: int | None = None,
     factoring: Factoring | None = None, progress: Progress | None = None,
 ) -> FullResponse:  # fmt: skip
-    """H (F, r, p) of a SecondOrderModel at many frequencies (Hz), to a relative error of `tolerance`. Collective.
+    """Return the frequency response of a full model at many frequencies, to a tolerance.
 
-    `band` (Hz): where the tolerance is to hold, by default from the lowest to the highest frequency; or an Adaptive,
-    which says both and more. `frame` as for reduce; `damping`: Rayleigh, Caughey with two coefficients, GivenDamping,
-    Structural or None. `check`: number of fresh frequencies at which the full model is factored, drawn by `seed`, and
-    `groups` of ranks that share these (see frequency_response). Raises InputError, also where a frequency is an
-    undamped pole, and ComputationError.
+    Collective. A basis is made as in a reduction to a tolerance, and is used without compression.
+
+    Parameters
+    ----------
+    model : SecondOrderModel
+    frequencies : array_like, shape (N,)
+        Hz, each at least 0.
+    frame : Frame, optional
+        Reference frame of a free body; by default none.
+    damping : Damping, optional
+        By default the damping matrix of the model, if it has one. Modal ratios and longer Caughey series are refused.
+    tolerance : float, default 1e-6
+        Relative error over the band.
+    band : sequence of 2 floats, optional
+        Hz; by default from the lowest to the highest frequency.
+    adaptive : Adaptive, optional
+        Tolerance and band with more settings.
+    check : int, default 0
+        Random frequencies at which the full model is factored to check the error.
+    seed : int, optional
+        Of the random frequencies.
+    groups : int, optional
+        Groups of ranks that share the checks (see frequency_response).
+    factoring : Factoring, optional
+        How to factor, and in how much memory.
+    progress : Progress, optional
+        Shows stages and times; by default nothing is shown.
+
+    Returns
+    -------
+    FullResponse
+
+    Raises
+    ------
+    InputError
+        For input that does not fit, also if a frequency is an undamped pole.
+    ComputationError
+        If a computation fails.
     """
     require_model(model)
     declared("factoring", factoring, Factoring | None)

@@ -1,4 +1,4 @@
-"""Natural modes of a model: the lowest undamped frequencies and shapes, and how much of the mass each of them moves."""
+"""Compute natural modes: the lowest undamped frequencies and shapes, and how much of the mass each of them moves."""
 
 from __future__ import annotations
 
@@ -63,11 +63,34 @@ def natural_modes(
     model: SecondOrderModel, count: int = 20, frame: Frame | None = None, *, factoring: Factoring | None = None,
     progress: Progress | None = None,
 ) -> NaturalModes:  # fmt: skip
-    """The `count` lowest undamped modes, those of rigid-body motions included. Collective.
+    """Return the lowest undamped modes, those of rigid-body motions included.
 
-    `frame`: a reference frame holds the body or leaves it free; without one a free body with nodes
-    is taken as free. Where K has null vectors that the frame does not know (mechanisms, bodies without nodes) it is
-    shifted. Raises InputError or ComputationError; the caller closes what is returned.
+    Collective.
+
+    Parameters
+    ----------
+    model : SecondOrderModel
+    count : int, default 20
+        Modes to find.
+    frame : Frame, optional
+        Holds the body or leaves it free; without one a free body with nodes is taken as free. If K has null vectors
+        that the frame does not know (mechanisms, bodies without nodes) it is shifted.
+    factoring : Factoring, optional
+        How to factor, and in how much memory.
+    progress : Progress, optional
+        Shows stages and times; by default nothing is shown.
+
+    Returns
+    -------
+    NaturalModes
+        The caller closes it.
+
+    Raises
+    ------
+    InputError
+        For models without natural frequencies, as with an unsymmetric or indefinite matrix.
+    ComputationError
+        If the eigenproblem is not solved.
     """
     require_model(model)
     if declared("count", count, int) < 1:

@@ -1,4 +1,4 @@
-"""What there is to know of a model before it is reduced."""
+"""Summarise a model before it is reduced."""
 
 from contextlib import closing
 
@@ -25,12 +25,29 @@ NEGATIVE = 1e-9  # eigenvalue of M relative to its diagonal that files of ten di
 def inspect(
     model, frequencies=(), band_top=None, *, modes: int | None = None, factoring: Factoring | None = None, progress=None
 ) -> dict:  # fmt: skip
-    """Sizes, symmetry, definiteness, mass, rigid-body modes, and modes below frequencies (Hz). Collective.
+    """Summarise sizes, symmetry, definiteness, mass, rigid-body modes, and modes below frequencies.
 
-    `modes`: how many of the lowest frequencies to find.
-    `band_top` (Hz): upper end of the band of interest, for the size hint: modes below twice that plus inputs.
-    Counts by inertia need a real build and a package that tells it; else they are None. `sets`: number of nodes by
-    name of the node set, where there is one. `warnings` lists what is doubtful.
+    Collective.
+
+    Parameters
+    ----------
+    model : SecondOrderModel
+    frequencies : array_like, default ()
+        Hz, below which modes are counted by inertia.
+    band_top : float, optional
+        Hz; upper end of the band of interest, for the size hint: modes below twice that plus inputs.
+    modes : int, optional
+        How many of the lowest frequencies to find.
+    factoring : Factoring, optional
+        How to factor, and in how much memory.
+    progress : Progress, optional
+        Shows stages and times; by default nothing is shown.
+
+    Returns
+    -------
+    dict
+        Counts are None without a real build and a package that tells the inertia. `sets`: number of nodes by name of
+        the node set. `warnings` lists what is doubtful.
     """
     require_model(model)
     factoring = factoring or Factoring()

@@ -1,4 +1,4 @@
-"""Complex A(s) = s^2 M + s D + (1 + i eta) K as a matrix of the PETSc build at hand; complex columns are real pairs.
+"""Form complex A(s) = s^2 M + s D + (1 + i eta) K in either PETSc build, where complex columns are pairs of real ones.
 
 A complex build has A(s) as it is (complex symmetric LDL^T, no conjugation). A real build takes the symmetric
 real form of twice the size,

@@ -1,4 +1,4 @@
-"""Conjugate gradients for a block of loads, each column by itself: rows of this rank enter, solutions leave."""
+"""Solve for a block of loads by conjugate gradients, each column by itself."""
 
 from __future__ import annotations
 

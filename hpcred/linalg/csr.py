@@ -1,4 +1,4 @@
-"""Sparse matrices by rows: entries (row, column, value) of this rank's rows enter, CSR rows or a matrix leave."""
+"""Assemble sparse matrices by rows from entries (row, column, value)."""
 
 from __future__ import annotations
 

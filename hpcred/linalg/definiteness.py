@@ -1,4 +1,4 @@
-"""Extreme eigenvalues of a symmetric matrix from a few Lanczos steps: enough to see that it is not positive."""
+"""Estimate extreme eigenvalues of a symmetric matrix by a few Lanczos steps, enough to see that it is not positive."""
 
 from __future__ import annotations
 

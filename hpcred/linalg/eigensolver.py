@@ -1,4 +1,4 @@
-"""Eigenproblems by SLEPc: modes of (K, M) in a band, the lowest modes, and the small dense problem."""
+"""Solve eigenproblems by SLEPc: modes of (K, M) in a band, the lowest modes, and the small dense problem."""
 
 from contextlib import suppress
 

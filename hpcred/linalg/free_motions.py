@@ -1,4 +1,4 @@
-"""A free body with its rigid-body motions enters; it is refused where K lets others happen without force."""
+"""Refuse a free body that has free motions beside its rigid-body modes, as one with hinges or in parts."""
 
 from __future__ import annotations
 

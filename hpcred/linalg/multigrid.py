@@ -1,4 +1,4 @@
-"""Algebraic multigrid for a positive definite matrix: a block of loads enters, approximate solutions of all leave.
+"""Apply algebraic multigrid of a positive definite matrix to all columns of a block at once.
 
 PETSc's GAMG makes the levels by smoothed aggregation from near null vectors, the rigid-body motions (Vanek, Mandel &
 Brezina, Computing 56, 1996). The cycle over them is done here for all columns of a block at once: a pass over the

@@ -1,4 +1,4 @@
-"""PETSc options for the time of a block."""
+"""Set PETSc options for the time of a with block."""
 
 from contextlib import contextmanager
 

@@ -1,4 +1,4 @@
-"""Iterative refinement: a load, a solution and a way to solve enter; a better solution leaves, with its residual."""
+"""Improve solutions by iterative refinement, and tell their residuals."""
 
 from math import inf
 

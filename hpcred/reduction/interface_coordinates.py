@@ -1,4 +1,4 @@
-"""From any basis to interface coordinates: V and the projected matrices enter, those of a superelement leave.
+"""Transform a reduced model to interface coordinates, those of a superelement.
 
 With G V of full row rank the first coordinates become the displacements of the interfaces and the others
 fixed-interface pseudo-modes (Craig & Bampton, AIAA J. 6(7), 1968, for any span V): with N the null space of G V,

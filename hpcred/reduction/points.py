@@ -1,4 +1,4 @@
-"""Expansion points: where in the complex plane a Krylov subspace matches moments."""
+"""Define expansion points: where in the complex plane a Krylov subspace matches moments."""
 
 import numpy as np
 

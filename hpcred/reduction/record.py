@@ -1,4 +1,4 @@
-"""The record of a run: everything that made a reduced model, as one typed value; plain numbers and texts only."""
+"""Record what made a reduced model as one typed value of plain numbers and texts."""
 
 from __future__ import annotations
 

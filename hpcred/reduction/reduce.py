@@ -51,20 +51,58 @@ def reduce(
     groups: int | Literal["auto"] | None = None,
     coordinates: Literal["modal", "interface"] | None = None,
 ) -> ReducedModel:
-    """Reduce a SecondOrderModel by projection onto the span of the components. Collective.
+    """Reduce a model to a tolerance, or by projection onto the span of the components of a basis.
 
-    `tolerance` and `band` (Hz), or an Adaptive with more to say: expansion points, orders and size are chosen so that
-    eps(f) <= tolerance over the band, and the record says how large the error is and how that is known; `measure` and
-    `static`: see Adaptive. `basis`: list
-    of Modes, Krylov, SecondOrderKrylov, StaticCorrection; each extends what the ones before it gave. With a tolerance
-    they come first, and may be left out. `store`: where the blocks of points and sets of modes are kept from one
-    reduction to the next, so that no point is factored twice (PointStore is one in a folder).
-    `frame`: Tangent, Chord, Buckens or None; `damping`: Rayleigh, Caughey, GivenDamping, ModalDamping, Structural or
-    NoDamping, by default the damping matrix of the model if it has one. The keywords from `deflation_tolerance` on are
-    those of Reduction, and replace those of `settings`.
+    Collective. The reduced model has V^T M V = I and diagonal V^T K V, but for a two-sided projection, where
+    W^T M V = I. `model` is not changed.
 
-    The reduced model has V^T M V = I and diagonal V^T K V (but for a two-sided projection, W^T M V = I).
-    Raises InputError or ComputationError, the same on all ranks; `model` is not changed.
+    Parameters
+    ----------
+    model : SecondOrderModel
+    basis : Component or iterable of Component, default ()
+        Modes, Krylov, SecondOrderKrylov, StaticCorrection, ...; each extends what the ones before it gave. With a
+        tolerance they come first, and may be left out.
+    frame : Frame, optional
+        Reference frame of a free body; by default none.
+    damping : Damping, optional
+        By default the damping matrix of the model, if it has one.
+    tolerance : float, optional
+        Points, orders and size are chosen so that eps(f) <= tolerance over the band; the record of the result has the
+        error, and how it is known.
+    band : sequence of 2 floats, optional
+        Hz; belongs to the tolerance.
+    measure : {"directions", "paper"} or Measure, optional
+        What eps is, see Adaptive.
+    static : {"tolerance", "exact"}, optional
+        See Adaptive.
+    adaptive : Adaptive, optional
+        Tolerance and band with more settings, in place of the four above.
+    settings : Reduction, optional
+        The keywords from `deflation_tolerance` on are its fields, and replace them.
+    factoring : Factoring, optional
+        How to factor, and in how much memory.
+    store : Store, optional
+        Where blocks of points and sets of modes are kept from one reduction to the next, so that no point is factored
+        twice; PointStore is one in a folder.
+    progress : Progress, optional
+        Shows stages and times; by default nothing is shown.
+    deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates
+        See Reduction.
+
+    Returns
+    -------
+    ReducedModel
+
+    Raises
+    ------
+    InputError
+        For settings or models that do not fit, the same on all ranks.
+    ComputationError
+        If a computation fails, as for lack of memory.
+
+    Notes
+    -----
+    Equations (20), (32), (41-50) and (52-54) of Lehner and Eberhard (2006); the error is (55) or that of docs/theory.
     """
     require_model(model)
     free_dropped(model.comm)

@@ -1,4 +1,4 @@
-"""The reduced model: small numpy arrays, the same on all ranks, and what they came from."""
+"""Define the reduced model: small NumPy arrays, the same on all ranks, and what they came from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The solvers of a run: one factor at a time is made when it is asked for, or multigrid takes its place."""
+"""Hold the solvers of a run: one factor at a time is made when it is asked for, or multigrid takes its place."""
 
 from __future__ import annotations
 

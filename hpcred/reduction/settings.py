@@ -1,4 +1,4 @@
-"""How to reduce, as one frozen set of keywords."""
+"""Choose how a basis becomes a reduced model, by one frozen set of keywords."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Say what a solver of hpcred has: Solver for matrices of a model, Factorisation for the package below that factors.
+"""Define solvers: Solver for matrices of a model, Factorisation for the package below that factors.
 
 A direct solver is added by a class that derives from Factorisation, and a line in PACKAGES of settings.py.
 """

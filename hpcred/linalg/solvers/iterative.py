@@ -1,4 +1,4 @@
-"""Conjugate gradients with something close to the inverse: loads enter, solutions with small true residuals leave."""
+"""Solve by preconditioned conjugate gradients to a small true residual."""
 
 from __future__ import annotations
 

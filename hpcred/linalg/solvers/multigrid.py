@@ -1,4 +1,4 @@
-"""Solves with K + s^2 M for real s by conjugate gradients and multigrid: no factor, and residuals as with one."""
+"""Solve with K + s^2 M for real s by conjugate gradients and multigrid, to the residuals of a factor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Component mode synthesis with interface nodes: constraint, fixed-interface and attachment modes extend a basis.
+"""Extend a basis by component modes of the interface nodes: constraint, fixed-interface and attachment modes.
 
 Constraint modes solve K x = G^T lambda with G x = e for each direction e of the interfaces (Craig & Bampton, AIAA J.
 6(7), 1968; without modes, Guyan, AIAA J. 3(2), 1965); fixed-interface modes are those of (K, M) with G x = 0. Both come

@@ -1,4 +1,4 @@
-"""Rational block Krylov subspaces of the pencil K + s^2 M (32, 41-46) extend a basis.
+"""Extend a basis by rational block Krylov subspaces of the pencil K + s^2 M (32, 41-46).
 
 Damping is left out when the basis is built, which is exact in the limit of light proportional damping (4.2.1), and
 enters with the projection. At s = i omega the matrix K - omega^2 M is real, as it is for real s.

@@ -1,4 +1,4 @@
-"""Modal reduction: the lowest modes, the modes in a band, or listed modes of (K, M) extend a basis."""
+"""Extend a basis by modes of (K, M): the lowest ones, those in a band, or listed ones."""
 
 from dataclasses import dataclass, field
 from typing import Literal

@@ -1,4 +1,4 @@
-"""The blocks of one expansion point on their way from its solver to the basis."""
+"""Hold the blocks of one expansion point, and add them to a basis."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Second-order Krylov subspaces (47-50) in two-level orthogonal form extend a basis.
+"""Extend a basis by second-order Krylov subspaces (47-50) in two-level orthogonal form.
 
 The blocks R_0 = A^-1 B, R_1 = -A^-1 (2 s M + D) R_0, R_l = -A^-1 ((2 s M + D) R_(l-1) + M R_(l-2)) are the moments of
 (s^2 M + s D + K)^-1 B. The pairs (R_l, R_(l-1)) are a Krylov sequence of the linearised system; they are kept as

@@ -1,4 +1,4 @@
-"""What an automatic reduction is asked for, and what it knows of its error: limits, points, proofs; no computation."""
+"""Define what a reduction to a tolerance is asked for, and what it tells of its error: limits, points, proofs."""
 
 from __future__ import annotations
 
