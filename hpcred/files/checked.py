@@ -64,6 +64,8 @@ class CheckedFile:
         try:
             self.attrs = dict(file.attrs)
             self.datasets = dict(own_datasets(file, path))
+        except InputError:
+            raise
         except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
             if reason := reason_of(error):
                 raise InputError(f"{path}: cannot be read ({reason})") from error
