@@ -1,4 +1,4 @@
-"""Run a command line: parse it, call one public function, and print what it returns; a module a few commands."""
+"""Run a command line. The modules beside this one have the commands: each calls one public function and prints."""
 
 from __future__ import annotations
 

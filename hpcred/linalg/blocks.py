@@ -18,7 +18,10 @@ from ..parallel.sums import summed
 
 
 class View(NamedTuple):
-    """The columns first .. stop - 1 of a BV, whose memory it shares; other views of the same BV do not change it."""
+    """The columns first .. stop - 1 of a BV, whose memory it shares; other views of the same BV do not change it.
+
+    Functions here take at most one view of a BV at a time, and move the active columns of that BV.
+    """
 
     bv: SLEPc.BV
     first: int
@@ -145,7 +148,7 @@ def apply(mat: PETSc.Mat, block: Block, result: Block):
 
 
 def inner(left: Block, right: Block) -> np.ndarray:
-    """left^T right (columns of left, columns of right), with left real; no two different views of one BV."""
+    """left^T right (columns of left, columns of right), with left real."""
     (l0, l1), (r0, r1) = left.getActiveColumns(), right.getActiveColumns()
     if l0 == l1 or r0 == r1:
         return np.zeros((l1 - l0, r1 - r0))

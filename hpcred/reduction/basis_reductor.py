@@ -171,7 +171,49 @@ class BasisReductor(Reductor):
 
     def _project(self, model, framed, bases, run) -> tuple[ReducedModel, float]:
         """The reduced model with its basis in all dofs, and the orthonormality defect."""
-        return projected(model, framed, bases[0], run, self.settings)
+        (vectors,), full, drop_above = bases, framed.model, self.settings.drop_above
+        eigenvalues = diagonalise(vectors, project(full.K, vectors.columns))
+        frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
+        if drop_above is not None:
+            kept = int((frequencies <= drop_above).sum())
+            if kept == 0:
+                raise InputError(f"drop_above: no pseudo-frequency lies below {drop_above:g} Hz")
+            run.note(f"pseudo-frequencies up to {drop_above:g} Hz", len(frequencies), kept)
+            vectors.multiply(np.eye(len(frequencies))[:, :kept])
+            eigenvalues, frequencies = eigenvalues[:kept], frequencies[:kept]
+        mass, defect = vectors.gram()
+        if defect > ORTHONORMAL_TO:
+            raise ComputationError(
+                f"the basis has lost its orthonormality: max |V^T M V - I| = {defect:.1e}, allowed is "
+                f"{ORTHONORMAL_TO:g}"
+            )
+        columns = vectors.columns
+        run.notes.remarks += doubts_of_digits(model, full.K, eigenvalues, columns)
+        if not doubts_of_definiteness(model) and (unstable := growing(model, eigenvalues)):
+            run.notes.remarks.append(unstable)
+        small = {"M": mass, "K": np.diag(eigenvalues)}
+        if "D" in full.matrices:
+            small["D"] = project(full.matrices["D"], columns)
+        else:
+            small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
+        for key, value in small.items():
+            if key != "D" or full.symmetric:
+                small[key] = (value + value.T) / 2
+        inputs = project_columns(columns, full.B)
+        outputs = (inputs if full.Ct is None else project_columns(columns, full.Ct)).T.copy()
+        if self.settings.coordinates == "interface":
+            with Owned(model.comm) as owned:
+                moved = to_interface_coordinates(framed, Projected(columns, **small, B=inputs, C=outputs))
+                owned.owns(moved.columns)
+                small = {"M": moved.M, "D": moved.D, "K": moved.K}
+                frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])
+                reduced = reduced_model(model, framed, small, moved.B, moved.C, frequencies)
+                reduced.interfaces = full.interfaces
+                reduced.columns = everywhere(model, framed, moved.columns)
+                return reduced, defect
+        reduced = reduced_model(model, framed, small, inputs, outputs, frequencies)
+        reduced.columns = everywhere(model, framed, columns)
+        return reduced, defect
 
 
 def extend_by_all(basis, bases, runs, groups, last=True):
@@ -193,52 +235,6 @@ def _highest(basis, run) -> float:
     points = [abs(getattr(item, "point", 0.0)) for item in basis if isinstance(item, PointComponent)]
     modes = [max(item.frequencies_hz) for item in run.notes.components if item.frequencies_hz]
     return max([*(point / 2 / np.pi for point in points if np.isfinite(point)), *modes], default=0.0) or np.inf
-
-
-def projected(model, framed, vectors, run, settings):
-    """The diagonalised reduced model with its basis in all dofs, and the orthonormality defect."""
-    full, drop_above = framed.model, settings.drop_above
-    eigenvalues = diagonalise(vectors, project(full.K, vectors.columns))
-    frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
-    if drop_above is not None:
-        kept = int((frequencies <= drop_above).sum())
-        if kept == 0:
-            raise InputError(f"drop_above: no pseudo-frequency lies below {drop_above:g} Hz")
-        run.note(f"pseudo-frequencies up to {drop_above:g} Hz", len(frequencies), kept)
-        vectors.multiply(np.eye(len(frequencies))[:, :kept])
-        eigenvalues, frequencies = eigenvalues[:kept], frequencies[:kept]
-    mass, defect = vectors.gram()
-    if defect > ORTHONORMAL_TO:
-        raise ComputationError(
-            f"the basis has lost its orthonormality: max |V^T M V - I| = {defect:.1e}, allowed is {ORTHONORMAL_TO:g}"
-        )
-    columns = vectors.columns
-    run.notes.remarks += doubts_of_digits(model, full.K, eigenvalues, columns)
-    if not doubts_of_definiteness(model) and (unstable := growing(model, eigenvalues)):
-        run.notes.remarks.append(unstable)
-    small = {"M": mass, "K": np.diag(eigenvalues)}
-    if "D" in full.matrices:
-        small["D"] = project(full.matrices["D"], columns)
-    else:
-        small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
-    for key, value in small.items():
-        if key != "D" or full.symmetric:
-            small[key] = (value + value.T) / 2
-    inputs = project_columns(columns, full.B)
-    outputs = (inputs if full.Ct is None else project_columns(columns, full.Ct)).T.copy()
-    if settings.coordinates == "interface":
-        with Owned(model.comm) as owned:
-            moved = to_interface_coordinates(framed, Projected(columns, **small, B=inputs, C=outputs))
-            owned.owns(moved.columns)
-            small = {"M": moved.M, "D": moved.D, "K": moved.K}
-            frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])
-            reduced = reduced_model(model, framed, small, moved.B, moved.C, frequencies)
-            reduced.interfaces = full.interfaces
-            reduced.columns = everywhere(model, framed, moved.columns)
-            return reduced, defect
-    reduced = reduced_model(model, framed, small, inputs, outputs, frequencies)
-    reduced.columns = everywhere(model, framed, columns)
-    return reduced, defect
 
 
 def reduced_model(model, framed, small, inputs, outputs, frequencies):

@@ -34,8 +34,8 @@ class Run:
     """One reduction under way, as a component sees it. Call close(); its methods are collective.
 
     `framed`: the model in its frame; `solvers` for A(s); `notes`: what is recorded; `columns`: how many the basis is
-    expected to have; `inertia`: whether negative pivots are counted on any number of ranks; `store`: a Store (see
-    krylov_sequence), or None; `identity`: what of the model and of the job decides about columns (see
+    expected to have; `inertia`: whether negative pivots are counted on any number of ranks; `store`: a Store, or
+    None; `identity`: what of the model and of the job decides about columns (see
     identity_of_model); `is_dual`: whether it is of the output Krylov subspaces of a two-sided projection.
     """
 

@@ -36,32 +36,28 @@ class TwoSidedReductor(BasisReductor):
         return (run.dual(),)
 
     def _project(self, model, framed, bases, run):
-        return projected_two_sided(model, framed, *bases, run, self.settings)
-
-
-def projected_two_sided(model, framed, right, left, run, settings):
-    """The reduced model of a two-sided projection (20), its poles checked, and the biorthonormality defect."""
-    full = framed.model
-    eigenvalues = diagonalise(right, project(full.K, right.columns))
-    run.notes.remarks += doubts_of_digits(model, full.K, eigenvalues, right.columns)
-    defect = biorthogonal(left, right, run)
-    V, W = right.columns, left.columns
-    small = {key: project(mat, V, W) for key, mat in full.matrices.items()}
-    frequencies = np.sort(np.sqrt(np.abs(np.linalg.eigvals(small["K"])))) / (2 * np.pi)
-    if "D" not in small:
-        small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
-    inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
-    reduced = reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
-    unstable = decided(model.comm, reduced.unstable_poles)
-    if len(unstable) and not settings.allow_unstable:
-        listed = ", ".join(f"{pole.real:.3g}{pole.imag:+.4g}i" for pole in unstable[:6])
-        raise InputError(
-            f"projection: the two-sided reduced model is unstable, with {len(unstable)} poles in the right "
-            f"half-plane ({listed}{', ...' if len(unstable) > 6 else ''} rad/s); take projection = 'one_sided', "
-            "which keeps stability, or allow_unstable = true for frequency responses only"
-        )
-    reduced.columns, reduced.left_columns = (everywhere(model, framed, block) for block in (V, W))
-    return reduced, defect
+        """The reduced model of a two-sided projection (20), its poles checked, and the biorthonormality defect."""
+        (right, left), full = bases, framed.model
+        eigenvalues = diagonalise(right, project(full.K, right.columns))
+        run.notes.remarks += doubts_of_digits(model, full.K, eigenvalues, right.columns)
+        defect = biorthogonal(left, right, run)
+        V, W = right.columns, left.columns
+        small = {key: project(mat, V, W) for key, mat in full.matrices.items()}
+        frequencies = np.sort(np.sqrt(np.abs(np.linalg.eigvals(small["K"])))) / (2 * np.pi)
+        if "D" not in small:
+            small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
+        inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
+        reduced = reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
+        unstable = decided(model.comm, reduced.unstable_poles)
+        if len(unstable) and not self.settings.allow_unstable:
+            listed = ", ".join(f"{pole.real:.3g}{pole.imag:+.4g}i" for pole in unstable[:6])
+            raise InputError(
+                f"projection: the two-sided reduced model is unstable, with {len(unstable)} poles in the right "
+                f"half-plane ({listed}{', ...' if len(unstable) > 6 else ''} rad/s); take projection = 'one_sided', "
+                "which keeps stability, or allow_unstable = true for frequency responses only"
+            )
+        reduced.columns, reduced.left_columns = (everywhere(model, framed, block) for block in (V, W))
+        return reduced, defect
 
 
 def biorthogonal(left, right, run) -> float:

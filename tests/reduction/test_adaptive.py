@@ -318,7 +318,7 @@ def test_too_few_factorisations(comm):
     from hpcred.reduction.tolerance import judging as module
 
     with pytest.MonkeyPatch.context() as patch, case.model(comm) as model:
-        patch.setattr(module, "CHAIN", 12)
+        patch.setattr(module, "COLUMNS", 12)
         patch.setattr(module, "AHEAD", 4)
         with hpcred.reduce(model, adaptive=adaptive) as rom:
             assert rom.record.accuracy.stopped == "after 2 factorisations"

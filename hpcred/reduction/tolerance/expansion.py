@@ -13,7 +13,7 @@ from ..components.point_blocks import Part, PointBlocks
 from ..run import Run
 from .accuracy import UNDAMPED, Adaptive, Point, measured_damping
 from .error_estimate import missing, resonances
-from .judging import CHAIN, Blocks, Judge, Judgement
+from .judging import COLUMNS, Blocks, Judge, Judgement
 from .point_solver import PointSolver
 from .projections import Projections
 from .search_checks import check_massless, check_support, extend_by_random, is_singular
@@ -29,7 +29,7 @@ class Expansion:
     """The basis of a search, and the `points` (in order) that it came from. Methods are collective. Raises InputError.
 
     `projections` of the basis, the `solver` of its points, and the `judge` of its models; `by_mass`: blocks of a point
-    are those of a Krylov sequence, else they are made from residuals. Of the `measured` damping of responses, in words.
+    are those of a Krylov sequence, else they are made from residuals.
     """
 
     def __init__(self, basis: Basis, run: Run, settings: Adaptive):
@@ -44,7 +44,7 @@ class Expansion:
         inputs = self.projections.loads.getActiveColumns()[1]
         self.by_mass = not damped and inputs <= BLOCK
         self._width = min(4 * inputs if damped else inputs, BLOCK)
-        self._accounted = len(run.factorisations)  # of these, points have told
+        self._accounted = len(run.factorisations)  # those that belong to a point, or to what was before the search
 
     @property
     def measured(self) -> str:
@@ -198,7 +198,7 @@ class Expansion:
 
 def expanded(run: Run, settings: Adaptive, f) -> tuple[PointBlocks, Point]:
     """The blocks of one point (Hz) on a basis of its own, and what is known of the point. Collective."""
-    vectors = Basis(run.mass, run.framed.rigid_columns, run.tolerance, room=CHAIN, keeps=run.keeps_images)
+    vectors = Basis(run.mass, run.framed.rigid_columns, run.tolerance, room=COLUMNS, keeps=run.keeps_images)
     expansion = Expansion(vectors, run, replace(settings, points=(f,)))
     expansion.at(f)
     parts = [Part(f"{f:.6g} Hz", stop - start, start, stop, False) for start, stop in expansion.projections.blocks]

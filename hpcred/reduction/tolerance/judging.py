@@ -19,7 +19,7 @@ from .pseudo_modal import nested
 from .search_checks import check_response
 
 MARGIN = 0.1  # of the tolerance that the basis is made for; the rest is for the compression
-CHAIN = 128  # columns of a point at most, and
+COLUMNS = 128  # columns of a point at most, and
 AHEAD = 32  # as many more when the estimate promises to arrive with them
 HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 
@@ -157,7 +157,7 @@ class Judge:
         """Columns of a point at most."""
         if self.projections.run.solvers.multigrid:
             return self.settings.columns
-        return CHAIN + 2 * self.projections.loads.getActiveColumns()[1]
+        return COLUMNS + 2 * self.projections.loads.getActiveColumns()[1]
 
     def _has_room(self, blocks):
         """Whether another block may follow that is as large as the last one."""

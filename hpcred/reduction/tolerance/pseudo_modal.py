@@ -227,10 +227,11 @@ def difference(inner: PseudoModal, outer: PseudoModal, embedding, frequencies) -
     """
     if outer.damping.higher:
         return outer.response(frequencies) - inner.response(frequencies)
-    found = []
+    loads, measures, found = (inner.B, outer.B), (inner.Ct, outer.Ct), []
+    same = outer.is_reciprocal
     for part in outer.parts_of(frequencies):
-        right = _residual(inner, outer, embedding, part, inner.B, outer.B)
-        left = right if outer.is_reciprocal else _residual(inner, outer, embedding, part, inner.Ct, outer.Ct, True)
+        right = _residual(inner, outer, embedding, part, *loads)
+        left = right if same else _residual(inner, outer, embedding, part, *measures, transposed=True)
         found.append(left.transpose(0, 2, 1) @ outer.solve(part, right, accuracy=ROUGH))
     return np.concatenate(found)
 
