@@ -125,8 +125,9 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         remarks = texts(file["remarks"]) if "remarks" in file else ()
         converted_from = file.attribute("converted_from", str, "")
     return SecondOrderModel.from_csr(
-        comm, size, indptr - indptr[0], indices, values, dense["inputs"], dense["outputs"], dofs,
-        names["inputs"], names["outputs"], Path(path).name, elements, held, sets, remarks, converted_from,
+        comm, size, indptr - indptr[0], indices, values, dense["inputs"], dense["outputs"], dofs=dofs,
+        input_names=names["inputs"], output_names=names["outputs"], name=Path(path).name, elements=elements, held=held,
+        sets=sets, remarks=remarks, converted_from=converted_from,
     )  # fmt: skip
 
 

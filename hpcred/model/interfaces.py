@@ -11,7 +11,7 @@ import numpy as np
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, LABEL, within
-from .dofs import DIRECTIONS, rows_of_node, target_name
+from .dofs import DIRECTIONS
 
 Vector = tuple[float, float, float]
 SIX = DIRECTIONS[:6]
@@ -218,37 +218,3 @@ def node_number(model, node) -> int:
         known = f"its interfaces are {known}" if known else "it has none; the job declares them by tables [[interface]]"
         raise InputError(f"'{node}' is no interface of {model.name}; {known}")
     return model.interfaces[place].node
-
-
-def interface_targets(interfaces) -> tuple[str, ...]:
-    """Return the names of all directions of all interfaces, as inputs."""
-    return tuple(target_name((item.name, name)) for item in interfaces for name in item.directions)
-
-
-def single_targets(model, target) -> list:
-    """Return the single targets of a target of inputs or outputs, such as all directions of (node, "all").
-
-    Interface nodes are named. Collective. Raises InputError.
-    """
-    if isinstance(target, int):
-        return [target]
-    node, direction = (target, "all") if isinstance(target, str) else target
-    place = find_interface(model, node_number(model, node))
-    if place is not None:
-        node = model.interfaces[place].name
-    if direction != "all":
-        return [(node, direction)]
-    if place is not None:
-        return [(node, name) for name in model.interfaces[place].directions]
-    return [(int(node), DIRECTIONS[index]) for index in sorted(rows_of_node(model, int(node)))]
-
-
-def interface_column(model, target) -> int | None:
-    """Return the column of G^T of a target, None for a dof. Raises InputError."""
-    place = find_interface(model, target[0]) if isinstance(target, tuple) else None
-    if place is None:
-        return None
-    known = model.interfaces[place].directions
-    if target[1] not in known:
-        raise InputError(f"interface '{target[0]}': direction: found {target[1]!r}, expected {', '.join(known)} or all")
-    return 6 * place + SIX.index(target[1])

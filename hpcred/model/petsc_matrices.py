@@ -144,7 +144,7 @@ def _diagonal_of_zeros(like):
     return PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=csr, comm=like.comm)
 
 
-def labels(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
+def labels_of(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
     """Return labels of the rows of this rank: `dofs`, or from nodes with the same number of rows each, one after the
     other.
 

@@ -11,35 +11,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..linalg.blocks import dense_matrix
-from ..linalg.csr import compress
-from ..linalg.definiteness import extreme_quotients
-from ..parallel.declared import declared, spelled
-from ..parallel.failures import InputError, Owned, agreed, settle, watched
-from ..parallel.petsc import MPI, PETSc, free_dropped
-from ..parallel.shares import row_range
-from .checked_arrays import (
-    check_columns,
-    check_finite,
-    check_rows,
-    coordinates,
-    named_columns,
-    real_columns,
-    real_values,
-    row_name,
-)
+from ..linalg.matrix_estimates import extreme_quotients, symmetry_defect
+from ..parallel.declared import declared, spelled_with
+from ..parallel.failures import InputError, agreed, settle, watched
+from ..parallel.petsc import MPI, PETSc
+from . import construction
+from .checked_arrays import check_finite
+from .construction import Labels
 from .digests import digest_of
-from .dofs import SCALAR, Dofs, check_labels, dofs_per_node, row_of, target_name
-from .elements import check_elements
+from .dofs import SCALAR, Dofs
 from .interface_motion import with_interfaces
-from .interfaces import Interface, InterfaceNode, interface_column, interface_targets, single_targets
-from .petsc_matrices import decoupled, labels, taken
+from .interfaces import Interface, InterfaceNode
+from .targets import interface_targets, unit_columns
 
 if TYPE_CHECKING:
     from typing import TypeAlias
 
     from matplotlib.figure import Figure
     from scipy.sparse import sparray, spmatrix
+    from typing_extensions import Unpack
 
     Matrix: TypeAlias = spmatrix | sparray | np.ndarray
     Targets: TypeAlias = Iterable[int | str | Sequence[int | str]]  # dofs, names of interfaces, (node, direction)
@@ -152,20 +142,24 @@ class SecondOrderModel:
         name: str = "model",
         comm: MPI.Comm | None = None,
     ) -> None:
-        made = _from_petsc if isinstance(K, PETSc.Mat) else _from_arrays
-        labels = {"dofs": dofs, "input_names": input_names, "output_names": output_names, "name": name}
-        vars(self).update(vars(made(M, D, K, B, C, comm, **labels)))
+        self._take(construction.from_given(
+            M, D, K, B, C, comm, dofs=dofs, input_names=input_names, output_names=output_names, name=name,
+        ))  # fmt: skip
 
     @classmethod
     def assembled(cls, M, K, D=None, **known) -> SecondOrderModel:
         """Return a model that takes over these fields, which must fit each other. Collective."""
         model = object.__new__(cls)
-        for item in fields(cls):
-            if item.default_factory is not MISSING:
-                vars(model)[item.name] = item.default_factory()
-        vars(model).update(M=M, K=K, D=D, **known)
-        watched(model.comm)
+        model._take({"M": M, "K": K, "D": D, **known})
         return model
+
+    def _take(self, given):
+        """Set the fields. Collective."""
+        for item in fields(self):
+            if item.default_factory is not MISSING:
+                vars(self)[item.name] = item.default_factory()
+        vars(self).update((key, value) for key, value in given.items() if value is not None)
+        watched(self.comm)
 
     def __enter__(self) -> SecondOrderModel:
         return self
@@ -374,7 +368,7 @@ class SecondOrderModel:
         --------
         >>> loaded = model.with_inputs([(20, "z"), ("crank", "all")])
         """
-        return self.with_input_columns(*self._unit_columns("inputs", targets))
+        return self.with_input_columns(*unit_columns(self, "inputs", targets))
 
     def with_outputs(self, targets: Targets) -> SecondOrderModel:
         """Return the model with displacements at dofs as outputs.
@@ -395,7 +389,7 @@ class SecondOrderModel:
         InputError
             For nodes, directions and names that do not exist.
         """
-        return self.with_output_columns(*self._unit_columns("outputs", targets))
+        return self.with_output_columns(*unit_columns(self, "outputs", targets))
 
     def with_input_columns(self, local: ArrayLike | None, names: Iterable[str]) -> SecondOrderModel:
         """Return the model with another B.
@@ -418,8 +412,8 @@ class SecondOrderModel:
         InputError
             For NaN, Inf, and shapes and numbers of names that do not fit.
         """
-        local, names = named_columns(self.comm, self.local_rows, local, names, f"{self.name}: inputs")
-        return self.with_fields(B=None if local is None else dense_matrix(self.K, local), input_names=names)
+        B, names = construction.columns_of(self.K, local, names, f"{self.name}: inputs")
+        return self.with_fields(B=B, input_names=names)
 
     def with_output_columns(self, local: ArrayLike | None, names: Iterable[str]) -> SecondOrderModel:
         """Return the model with another C.
@@ -442,8 +436,8 @@ class SecondOrderModel:
         InputError
             For NaN, Inf, and shapes and numbers of names that do not fit.
         """
-        local, names = named_columns(self.comm, self.local_rows, local, names, f"{self.name}: outputs")
-        return self.with_fields(Ct=None if local is None else dense_matrix(self.K, local), own_output_names=names)
+        Ct, names = construction.columns_of(self.K, local, names, f"{self.name}: outputs")
+        return self.with_fields(Ct=Ct, own_output_names=names)
 
     def with_damping_matrix(self, D: PETSc.Mat | None) -> SecondOrderModel:
         """Return the model with another damping matrix.
@@ -537,25 +531,8 @@ class SecondOrderModel:
 
         return hpcred.plot_modes(self, count, frame=frame, factoring=factoring)
 
-    def _unit_columns(self, key, targets):
-        """Return the rows of this rank of unit columns, or of columns of G^T, and their names."""
-        targets = declared(key, targets, tuple[int | str | tuple[int | str, str], ...])
-        if not targets:
-            raise InputError(f"{key}: found an empty list, expected dof numbers, (node, direction) or interfaces")
-        targets = [single for target in targets for single in single_targets(self, target)]
-        local = np.zeros((self.local_rows, len(targets)))
-        for j, target in enumerate(targets):
-            column = interface_column(self, target)
-            if column is not None:
-                vector = self.Gt.getColumnVector(column)
-                local[:, j] = vector.getArray(readonly=True).real
-                vector.destroy()
-            elif 0 <= (row := row_of(self, target) - self.first_row) < self.local_rows:
-                local[row, j] = 1.0
-        return local, [target_name(target) for target in targets]
-
     @classmethod
-    @spelled
+    @spelled_with(Labels)
     def from_csr(
         cls,
         comm: MPI.Comm,
@@ -565,15 +542,9 @@ class SecondOrderModel:
         values: dict[str, np.ndarray],
         inputs: ArrayLike | None = None,
         outputs: ArrayLike | None = None,
-        dofs: Dofs | None = None,
-        input_names: Iterable[str] = (),
-        output_names: Iterable[str] = (),
-        name: str = "model",
-        elements: dict[str, np.ndarray] | None = None,
+        *,
         held: Dofs | None = None,
-        sets: dict[str, np.ndarray] | None = None,
-        remarks: Iterable[str] = (),
-        converted_from: str = "",
+        **labels: Unpack[Labels],
     ) -> SecondOrderModel:
         """Make a model from CSR rows, of which each rank passes its own.
 
@@ -592,22 +563,11 @@ class SecondOrderModel:
             Entries of "K", "M" and optionally "D" on this pattern.
         inputs, outputs : array_like, shape (rows, p) and (rows, r), optional
             Rows of B and of C^T; without `outputs` C = B^T.
-        dofs : Dofs, optional
-            Labels of the rows of this rank.
-        input_names, output_names : iterable of str, optional
-            By default "input 1", "output 1" and so on.
-        name : str, default "model"
-            Name in messages.
-        elements : dict of str to ndarray, shape (elements of this rank, nodes), optional
-            Node numbers by kind of element, for pictures.
         held : Dofs, optional
             Dofs that are held at zero and have no row.
-        sets : dict of str to ndarray, optional
-            Node numbers by name of the set.
-        remarks : iterable of str, optional
-            Messages that the model keeps.
-        converted_from : str, optional
-            The original units of a model that was converted to SI.
+        **labels
+            dofs, input_names, output_names, name, elements, sets, remarks and converted_from, as the attributes of the
+            model.
 
         Returns
         -------
@@ -618,37 +578,12 @@ class SecondOrderModel:
         InputError
             For NaN, Inf, a negative diagonal of M, empty rows, repeated columns or labels, or shapes that do not fit.
         """
-        free_dropped(comm)
-        rows = len(indptr) - 1
-        first = comm.exscan(rows) or 0
-        with agreed(comm):
-            for key in ("K", "M"):
-                if key not in values:
-                    raise InputError(f"{name}: no matrix {key}; a model needs K and M")
-            check_labels(dofs, rows, name)
-            check_elements(elements, name)
-            check_columns(indptr, indices, size, first, name, dofs)
-            check_rows(indptr, indices, values, first, name, dofs)
-        if comm.size > size:
-            raise InputError(
-                f"{name}: {size} rows cannot be distributed over {comm.size} ranks; start at most {size} ranks"
-            )
-        inputs, input_names = named_columns(comm, rows, inputs, input_names, f"{name}: inputs")
-        outputs, output_names = named_columns(comm, rows, outputs, output_names, f"{name}: outputs")
-        mats = {}
-        indptr = np.asarray(indptr, dtype=PETSc.IntType)
-        indices = np.asarray(indices, dtype=PETSc.IntType)
-        for key, data in values.items():
-            mats[key] = PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=(indptr, indices, data), comm=comm)
-        B, Ct = (None if local is None else dense_matrix(mats["K"], local) for local in (inputs, outputs))
         return cls.assembled(
-            mats["M"], mats["K"], mats.get("D"), B=B, Ct=Ct, dofs=dofs, input_names=input_names,
-            own_output_names=output_names, name=name, elements=elements or {}, held=held, sets=sets or {},
-            remarks=tuple(remarks), converted_from=converted_from,
-        )  # fmt: skip
+            **construction.from_csr(comm, size, indptr, indices, values, inputs, outputs, held=held, **labels)
+        )
 
     @classmethod
-    @spelled
+    @spelled_with(Labels)
     def from_scipy(
         cls,
         K: Matrix,
@@ -658,15 +593,8 @@ class SecondOrderModel:
         *,
         inputs: ArrayLike | Matrix | None = None,
         outputs: ArrayLike | Matrix | None = None,
-        dofs: Dofs | None = None,
-        input_names: Iterable[str] = (),
-        output_names: Iterable[str] = (),
-        name: str = "model",
-        elements: dict[str, np.ndarray] | None = None,
         held: Dofs | None = None,
-        sets: dict[str, np.ndarray] | None = None,
-        remarks: Iterable[str] = (),
-        converted_from: str = "",
+        **labels: Unpack[Labels],
     ) -> SecondOrderModel:
         """Make a model from SciPy sparse or NumPy matrices that every rank holds, for small models.
 
@@ -681,10 +609,8 @@ class SecondOrderModel:
         comm : MPI.Comm, default all ranks
         inputs, outputs : array_like or sparse matrix, shape (n, p) and (n, r), optional
             B and C^T; without `outputs` C = B^T.
-        dofs : Dofs, optional
-            Labels of all rows.
-        input_names, output_names, name, elements, held, sets, remarks, converted_from
-            As for from_csr.
+        held, **labels
+            As for from_csr, but with `dofs` of all rows.
 
         Returns
         -------
@@ -695,33 +621,10 @@ class SecondOrderModel:
         InputError
             As from_csr.
         """
-        given = {key: coordinates(key, mat) for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
-        sizes = {key: item[3] for key, item in given.items()}
-        size = max(sizes.values(), default=0)
-        if len(set(sizes.values())) > 1:
-            found = ", ".join(f"{n} rows of {key}" for key, n in sizes.items())
-            raise InputError(f"from_scipy: found {found}, expected the same number")
-        check_labels(dofs, size, "from_scipy")
-        per_node = dofs_per_node(dofs) if dofs is not None else 1
-        first, last = row_range(comm, size, per_node)
-        inputs, outputs = (
-            None if columns is None else real_columns(columns, size, f"from_scipy: {key}")[first:last]
-            for key, columns in (("inputs", inputs), ("outputs", outputs))
-        )
-        mine = {}
-        for key, (i, j, v, _) in given.items():
-            # a structurally symmetric pattern, also for an unsymmetric D
-            i, j, v = np.concatenate([i, j]), np.concatenate([j, i]), np.concatenate([v, np.zeros(len(v))])
-            local = (i >= first) & (i < last)
-            mine[key] = i[local], j[local], v[local]
-        indptr, indices, values = compress(mine, first, last, size)
-        return cls.from_csr(
-            comm, size, indptr, indices, values, inputs, outputs, dofs and dofs.take(slice(first, last)), input_names,
-            output_names, name, elements, held, sets, remarks, converted_from,
-        )  # fmt: skip
+        return cls.assembled(**construction.from_arrays(K, M, D, comm, inputs, outputs, held=held, **labels))
 
     @classmethod
-    @spelled
+    @spelled_with(Labels)
     def from_petsc(
         cls,
         K: PETSc.Mat,
@@ -730,11 +633,10 @@ class SecondOrderModel:
         nodes: ArrayLike | None = None,
         *,
         numbers: ArrayLike | None = None,
-        dofs: Dofs | None = None,
         held: ArrayLike | None = None,
-        name: str = "model",
-        elements: dict[str, np.ndarray] | None = None,
-        sets: dict[str, np.ndarray] | None = None,
+        inputs: ArrayLike | None = None,
+        outputs: ArrayLike | None = None,
+        **labels: Unpack[Labels],
     ) -> SecondOrderModel:
         """Make a model from assembled PETSc matrices, such as those of finite-element libraries.
 
@@ -748,18 +650,15 @@ class SecondOrderModel:
         D : PETSc.Mat, shape (n, n), optional
             Damping.
         nodes : array_like, shape (nodes of this rank, 3), optional
-            Positions in m, in the order of the rows; each node has the same number of rows in x, y, z (rx, ry, rz).
+            Positions in m, in the order of the rows, in place of `dofs` where each node has the same number of rows in
+            x, y, z (rx, ry, rz).
         numbers : array_like of int, shape (nodes of this rank,), optional
             Numbers of the nodes; by default from 1 over all ranks.
-        dofs : Dofs, optional
-            Labels of the rows of this rank in place of `nodes`, if nodes have different rows.
         held : array_like of int, optional
             Global numbers, from 0, of rows with boundary conditions, named by any rank; the model is made without them.
             [] for none.
-        name : str, default "model"
-            Name in messages.
-        elements, sets : dict of str to ndarray, optional
-            As for from_csr.
+        inputs, outputs, **labels
+            As for from_csr; inputs and outputs of the rows that are not held, `dofs` of all.
 
         Returns
         -------
@@ -776,69 +675,7 @@ class SecondOrderModel:
         Matrices are copied only if their nonzero patterns differ, if rows are held, or from storage types other than
         AIJ.
         """
-        given = {key: mat for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
-        mats, free = taken(given, held, name)
-        comm = mats["K"].comm.tompi4py()
-        with Owned(comm) as owned:
-            for mat in mats.values():
-                owned.owns(mat)
-            dofs = labels(K, nodes, numbers, dofs, name)
-            away = None
-            if dofs is not None:
-                away = dofs.take(np.setdiff1d(np.arange(len(dofs.node)), free))
-                away, dofs = away if comm.allreduce(len(away.node)) else None, dofs.take(free)
-            choice_made = any(comm.allgather(held is not None))
-            first = mats["K"].getOwnershipRange()[0]
-            with agreed(comm):
-                check_elements(elements, name)
-                indptr, indices, _ = mats["K"].getValuesCSR()
-                values = {key: real_values(mat.getValuesCSR()[2], f"{name}: {key}") for key, mat in mats.items()}
-                check_rows(indptr, indices, values, first, name, dofs)
-                alone = [] if choice_made else decoupled(indptr, indices, values.values(), first)
-                if len(alone):
-                    raise InputError(
-                        f"{name}: found {len(alone)} rows with nothing beside the diagonal, the first is "
-                        f"{row_name(alone[0], first, dofs)}, as boundary conditions leave them; name such rows by "
-                        "`held`, or give held=[] to keep them"
-                    )
-            return cls.assembled(
-                copy(mats["M"]), copy(mats["K"]), copy(mats["D"]) if "D" in mats else None, dofs=dofs, name=name,
-                elements=elements or {}, held=away, sets=sets or {},
-            )  # fmt: skip
-
-
-def _from_arrays(M, D, K, B, C, comm, **labels):
-    """Return the model of matrices that every rank holds."""
-    B, Ct = _columns(B, C, np.shape(K)[0] if np.ndim(K) else 0)
-    outputs = None if _same(B, Ct) else Ct
-    return SecondOrderModel.from_scipy(K, M, D, comm or MPI.COMM_WORLD, inputs=B, outputs=outputs, **labels)
-
-
-def _from_petsc(M, D, K, B, C, comm, input_names, output_names, **labels):
-    """Return the model of PETSc matrices, with the rows of B and the columns of C that belong to this rank."""
-    if comm is not None:
-        raise InputError("comm: found it beside PETSc matrices, which have one; leave it out")
-    with SecondOrderModel.from_petsc(K, M, D, **labels) as bare:
-        with agreed(bare.comm):
-            B, Ct = _columns(B, C, bare.local_rows)
-        outputs = None if all(bare.comm.allgather(_same(B, Ct))) else Ct
-        with bare.with_input_columns(B, input_names) as loaded:
-            return loaded.with_output_columns(outputs, output_names)
-
-
-def _columns(B, C, rows):
-    """Return B and C^T with so many rows, as arrays or SciPy matrices, or None. Raises InputError for other shapes."""
-    B, C = (item if item is None or hasattr(item, "tocsr") else np.asarray(item) for item in (B, C))
-    for key, item, axis, expected in (("B", B, 0, f"({rows}, inputs)"), ("C", C, 1, f"(outputs, {rows})")):
-        if item is not None and (item.ndim != 2 or item.shape[axis] != rows):
-            turned = f"; give {key}.T" if item.ndim == 2 and item.shape[1 - axis] == rows else ""
-            raise InputError(f"SecondOrderModel: {key}: found an array {item.shape}, expected {expected}{turned}")
-    return B, None if C is None else C.T
-
-
-def _same(B, Ct):
-    """Test whether the outputs are the inputs, C = B^T, also without C."""
-    return Ct is None or (B is not None and B.shape == Ct.shape and not (Ct != B).sum())
+        return cls.assembled(**construction.from_petsc(K, M, D, nodes, numbers, held, inputs, outputs, **labels))
 
 
 def require_model(model):
@@ -860,26 +697,6 @@ def require_inputs(model):
     if model.B is None or not model.input_names:
         raise InputError(f"{model.name} has no inputs; name them by `inputs` (in Python: with_inputs of the model), as "
                          "dof numbers or [node, direction]")  # fmt: skip
-
-
-def symmetry_defect(mat: PETSc.Mat) -> float:
-    """Estimate ||A - A^T||_F / ||A||_F: for random x with unit variance, E ||(A - A^T) x||^2 is the square."""
-    random = PETSc.Random().create(mat.comm)
-    random.setFromOptions()
-    random.setInterval((-(3**0.5), 3**0.5))
-    x, y = mat.createVecs()
-    z = y.duplicate()
-    defect = 0.0
-    for _ in range(2):
-        x.setRandom(random)
-        mat.mult(x, y)
-        mat.multTranspose(x, z)
-        y.axpy(-1.0, z)
-        defect = max(defect, y.norm())
-    for item in (x, y, z, random):
-        item.destroy()
-    norm = mat.norm(PETSc.NormType.FROBENIUS)
-    return float(defect / norm) if norm else 0.0
 
 
 def listed(names, most=4) -> str:

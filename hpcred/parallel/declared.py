@@ -70,19 +70,30 @@ def plain_type(kind):
 
 def spelled(function: Function) -> Function:
     """Have a function refuse keywords that it does not have by an InputError, which names the one that was meant."""
-    parameters = signature(function).parameters.values()
-    names = [item.name for item in parameters if item.kind in (item.POSITIONAL_OR_KEYWORD, item.KEYWORD_ONLY)]
+    return spelled_with(object)(function)
 
-    @wraps(function)
-    def checked(*arguments, **keywords):
-        for key in keywords:
-            if key not in names:
-                raise InputError(
-                    f"{function.__name__}: unknown keyword '{key}'{nearest(key, names)}; known are {', '.join(names)}"
-                )
-        return function(*arguments, **keywords)
 
-    return checked  # type: ignore[return-value]
+def spelled_with(table: type) -> Callable[[Function], Function]:
+    """As spelled, of a function that takes the keys of a TypedDict as well."""
+
+    def decorated(function: Function) -> Function:
+        parameters = signature(function).parameters.values()
+        names = [item.name for item in parameters if item.kind in (item.POSITIONAL_OR_KEYWORD, item.KEYWORD_ONLY)]
+        names += getattr(table, "__annotations__", ())
+
+        @wraps(function)
+        def checked(*arguments, **keywords):
+            for key in keywords:
+                if key not in names:
+                    raise InputError(
+                        f"{function.__name__}: unknown keyword '{key}'{nearest(key, names)}; known are "
+                        f"{', '.join(names)}"
+                    )
+            return function(*arguments, **keywords)
+
+        return checked  # type: ignore[return-value]
+
+    return decorated
 
 
 def nearest(word, words) -> str:

@@ -70,8 +70,9 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
     held = _held(comm, parts) if parts.nodes is not None else None
     remarks = dict.fromkeys(sentence for sentences in comm.allgather(parts.warnings) for sentence in sentences)
     model = SecondOrderModel.from_csr(
-        comm, size, indptr, indices, values, B, Ct, dofs, column_names(inputs, B), column_names(outputs, Ct), name,
-        parts.elements, held, parts.sets, tuple(remarks),
+        comm, size, indptr, indices, values, B, Ct, dofs=dofs, input_names=column_names(inputs, B),
+        output_names=column_names(outputs, Ct), name=name, elements=parts.elements, held=held, sets=parts.sets,
+        remarks=remarks,
     )  # fmt: skip
     del indptr, indices, values
     give_back()

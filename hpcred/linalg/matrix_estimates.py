@@ -1,4 +1,4 @@
-"""Estimate extreme eigenvalues of a symmetric matrix by a few Lanczos steps, enough to see that it is not positive."""
+"""Estimate from a few products with vectors whether a matrix is symmetric, and whether it is positive."""
 
 from __future__ import annotations
 
@@ -10,6 +10,24 @@ from .blocks import local_rows, random_block
 
 STEPS = 30
 ENOUGH = 1e-12  # norm of a Lanczos vector that is round-off: the space is complete
+
+
+def symmetry_defect(mat: PETSc.Mat) -> float:
+    """||A - A^T||_F / ||A||_F: for random x with unit variance, E ||(A - A^T) x||^2 is the square. Collective."""
+    random = PETSc.Random().create(mat.comm)
+    random.setFromOptions()
+    random.setInterval((-(3**0.5), 3**0.5))
+    x, y = mat.createVecs()
+    z = y.duplicate()
+    defect = 0.0
+    for _ in range(2):
+        x.setRandom(random)
+        mat.mult(x, y)
+        mat.multTranspose(x, z)
+        y.axpy(-1.0, z)
+        defect = max(defect, y.norm())
+    norm = mat.norm(PETSc.NormType.FROBENIUS)
+    return float(defect / norm) if norm else 0.0
 
 
 def extreme_quotients(matrix: PETSc.Mat) -> tuple[float, float]:
