@@ -11,6 +11,7 @@ from ..model.rigid_body_modes import SAME_MASS
 from ..parallel.failures import InputError
 from ..reduction.reduced_model import ReducedModel, require_finite
 from .floating_frame import FloatingFrame, floating_frame
+from .geometric_stiffness import GeometricStiffness
 from .node_shapes import NodeShape, interface_nodes, node_shapes
 
 NO_INERTIA = 1e-12  # of the largest inertia: round-off
@@ -37,12 +38,19 @@ class Body:
         The interface nodes: position, displacement and rotation shapes.
     surface : Surface or None
         For pictures.
+    geometric_stiffness : GeometricStiffness or None
+        Stiffness by unit states of load, if it is known.
     """
 
     reduced: ReducedModel
     floating_frame: FloatingFrame
     nodes: list[NodeShape]
     surface: BodySurface | None = None
+    geometric_stiffness: GeometricStiffness | None = None
+
+    def __post_init__(self):
+        if self.geometric_stiffness is not None:
+            self.geometric_stiffness.check(self.reduced.size, self.floating_frame.origin)
 
     def number(self, node) -> int:
         """Return the number of a node that is given by number or name. Raises InputError for an unknown name."""
@@ -60,7 +68,9 @@ def number_of(shapes, node) -> int:
     return names[node]
 
 
-def body_of(model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lumped=False) -> Body:
+def body_of(
+    model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lumped=False, geometric_stiffness=None
+) -> Body:
     """Return the Body of a model and its reduced model.
 
     Collective.
@@ -77,6 +87,8 @@ def body_of(model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lu
         Origin of the body frame in m.
     lumped : bool, default False
         Integrals with lumped masses, as of `floating_frame`.
+    geometric_stiffness : GeometricStiffness, optional
+        Of the same basis and origin.
 
     Returns
     -------
@@ -99,6 +111,7 @@ def body_of(model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lu
         reduced,
         floating_frame(model, reduced.columns, origin, lumped, reduced.M),
         node_shapes(model, reduced.columns, nodes),
+        geometric_stiffness=geometric_stiffness,
     )
 
 

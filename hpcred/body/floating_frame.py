@@ -72,6 +72,11 @@ class FloatingFrame:
     origin: np.ndarray
     integrals: str = "consistent"
 
+    @cached_property
+    def Ct1(self) -> np.ndarray:
+        """(m, m, 3): the part of Ct in row i that is linear in q_k, [i, k]; zero without geometric stiffness."""
+        return np.zeros((*self.Me.shape, 3))
+
     @property
     def mass(self) -> float:
         """The largest of the masses in kg; held dofs and dofs that are left out reduce that of a direction."""
@@ -111,21 +116,25 @@ class FloatingFrame:
     @property
     def Ge(self) -> np.ndarray:
         """(m, 3 m): 2 integral of Phi_k x Phi_i dm in row i, column c m + k for component c."""
-        return 2 * self.Cr1.transpose(0, 2, 1).reshape(len(self.Ct), -1)
+        return (self.Cr1 - self.Cr1.transpose(1, 0, 2)).transpose(0, 2, 1).reshape(len(self.Ct), -1)
 
     @property
     def Oe(self) -> np.ndarray:
         """(m, 6): coefficients of wx^2, wy^2, wz^2, wx wy, wy wz, wx wz in integral of Phi_i^T skew(w)^2 R dm."""
         return _quadratic(self.N.transpose(1, 2, 0))
 
-    @property
+    @cached_property
     def Oe1(self) -> np.ndarray:
         """(m, m, 6): the part of Oe in row i that is linear in q_k, [i, k]; symmetric, being the integral itself."""
         return _quadratic(self.S).transpose(1, 0, 2)
 
     def first_moment(self, q) -> np.ndarray:
         """Return mass times centre of mass (3,) in the body frame, at the elastic coordinates q (m,)."""
-        return self.mc + self.Ct.T @ q
+        return self.mc + self.translations(q / 2).T @ q
+
+    def translations(self, q) -> np.ndarray:
+        """Return the couplings Ct(q) (m, 3) with translation, the derivative of the first moment."""
+        return self.Ct + np.tensordot(self.Ct1, q, axes=(1, 0))
 
     def inertia(self, q) -> np.ndarray:
         """Return J(q) (3, 3)."""
@@ -135,14 +144,14 @@ class FloatingFrame:
     def mass_matrix(self, q) -> np.ndarray:
         """Return the mass matrix M(q) (6 + m, 6 + m) of (13)."""
         m = len(self.Ct)
-        Cr = self.Cr + np.tensordot(self.Cr1, q, axes=(1, 0))
+        Ct, Cr = self.translations(q), self.Cr + np.tensordot(self.Cr1, q, axes=(1, 0))
         M = np.zeros((6 + m, 6 + m))
         M[:3, :3] = self.mass * np.eye(3)
         M[3:6, :3] = skew(self.first_moment(q))
         M[:3, 3:6] = M[3:6, :3].T
         M[3:6, 3:6] = self.inertia(q)
-        M[6:, :3], M[6:, 3:6], M[6:, 6:] = self.Ct, Cr, self.Me
-        M[:3, 6:], M[3:6, 6:] = self.Ct.T, Cr.T
+        M[6:, :3], M[6:, 3:6], M[6:, 6:] = Ct, Cr, self.Me
+        M[:3, 6:], M[3:6, 6:] = Ct.T, Cr.T
         return M
 
     def arrays(self) -> dict:

@@ -26,6 +26,8 @@ class NodeShape:
         False for nodes without rotational dofs; psi is then zero.
     name : str
         Name of an interface node, else "".
+    phi1, psi1 : ndarray, shape (3, m, m), optional
+        Second derivatives of displacements and rotations, symmetric in the coordinates; None: zero.
     """
 
     node: int
@@ -34,6 +36,16 @@ class NodeShape:
     psi: np.ndarray
     rotates: bool
     name: str = ""
+    phi1: np.ndarray | None = None
+    psi1: np.ndarray | None = None
+
+    def motion(self, q) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return displacement (3,) and rotation (3,) at the coordinates q (m,), and their derivatives (3, m)."""
+        phi, psi = self.phi, self.psi
+        if self.phi1 is None:
+            return phi @ q, psi @ q, phi, psi
+        bent, turned = self.phi1 @ q, self.psi1 @ q
+        return (phi + bent / 2) @ q, (psi + turned / 2) @ q, phi + bent, psi + turned
 
     @property
     def label(self) -> str:

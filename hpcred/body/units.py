@@ -10,6 +10,7 @@ from ..model.dofs import DIRECTIONS, target_of
 from ..model.units import Units, rotational
 from ..parallel.failures import InputError
 from .body import Body
+from .geometric_stiffness import GeometricStiffness, unit_of_state
 
 
 def in_units(body: Body, units: Units) -> Body:
@@ -38,7 +39,14 @@ def in_units(body: Body, units: Units) -> Body:
         ),
         [replace(shape, position=shape.position / L, phi=shape.phi * g / L, psi=shape.psi * g) for shape in body.nodes],
         body.surface and replace(body.surface, points=body.surface.points / L, phi=body.surface.phi * g / L),
+        body.geometric_stiffness and _stiffness_in(body.geometric_stiffness, both * units.time**2 / inertia, units),
     )  # fmt: skip
+
+
+def _stiffness_in(stiffness, factor, units: Units) -> GeometricStiffness:
+    """Return a geometric stiffness in other units; `factor` (m, m) is that of K."""
+    unit = np.array([unit_of_state(state, units) for state in stiffness.states])[:, None, None]
+    return replace(stiffness, matrices=unit * factor * stiffness.matrices, origin=stiffness.origin / units.length)
 
 
 def sizes_of(reduced, units: Units) -> np.ndarray:

@@ -9,6 +9,8 @@ dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kin
 floating_frame/: the quantities of body.floating_frame, for a one-sided basis of a model with nodes
 interface/node (k), name (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rotates (k): displacements
 phi q and rotations psi q of each node, which rotates where it has rotations
+geometric_stiffness/state (s), matrices (s, m, m), origin (3): stiffness by unit states of load, see
+    body.geometric_stiffness
 record: JSON of reduction.record.Record
 """
 
@@ -23,6 +25,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ..body.body import Body, BodySurface, body_of, number_of
 from ..body.floating_frame import FloatingFrame
+from ..body.geometric_stiffness import GeometricStiffness
 from ..body.node_shapes import NodeShape, shapes_of_rows
 from ..linalg.blocks import create_block, local_rows
 from ..model.dofs import SCALAR
@@ -56,6 +59,8 @@ SCHEMA = NODES | {
     "interface/position": Array("real", ("k", 3)), "interface/phi": Array("real", ("k", 3, "m")),
     "interface/psi": Array("real", ("k", 3, "m")), "interface/rotates": Array("flag", ("k",)),
     "floating_frame/masses": Array("real", (3,)), "floating_frame/integrals": Array("text", ()),
+    "geometric_stiffness/state": Array("text", ("g",)), "geometric_stiffness/origin": Array("real", (3,)),
+    "geometric_stiffness/matrices": Array("real", ("g", "m", "m")),
     "record": Array("text", (), needed=True),
 }  # fmt: skip
 ROWS_AT_A_TIME = 2**22  # that are looked through
@@ -67,13 +72,15 @@ class Result:
     """What a result file contains, but for the basis, which stays in the file: see shapes().
 
     `reduced`: the ReducedModel with its record. `floating_frame`: None where the model had no nodes or the projection
-    was two-sided. `nodes`: shapes of the interface nodes, those of the inputs and outputs. `path` of the file.
+    was two-sided. `nodes`: shapes of the interface nodes, those of the inputs and outputs. `geometric_stiffness`: None
+    where it was not asked for. `path` of the file.
     """
 
     path: Path
     reduced: ReducedModel
     floating_frame: FloatingFrame | None = None
     nodes: list[NodeShape] = field(default_factory=list)
+    geometric_stiffness: GeometricStiffness | None = None
 
     def __str__(self):
         return f"{self.path}: {self.reduced}"
@@ -100,7 +107,10 @@ class Result:
         missing = [node for node in chosen if node not in known]
         if missing:
             known |= {shape.node: shape for shape in self._shapes_of_nodes(missing)}
-        return Body(self.reduced, self.floating_frame, [known[node] for node in chosen])
+        return Body(
+            self.reduced, self.floating_frame, [known[node] for node in chosen],
+            geometric_stiffness=self.geometric_stiffness,
+        )  # fmt: skip
 
     def _members(self, names) -> dict[str, list[int]]:
         """The nodes with dofs of the sets of these names, those of interfaces left out. Raises InputError."""
@@ -241,12 +251,15 @@ class Shapes:
         return displaced
 
 
-def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=(0.0, 0.0, 0.0), lumped=False):
+def write_result(
+    path, reduced: ReducedModel, model=None, *, basis=True, origin=(0.0, 0.0, 0.0), lumped=False,
+    geometric_stiffness: GeometricStiffness | None = None,
+):  # fmt: skip
     """Write what `reduce` made of a SecondOrderModel. Collective. Raises InputError when the file cannot be written.
 
     With the `model` come its nodes and elements, and the quantities that multibody programs need (for them the basis of
     `reduced` must not be closed); `origin` (3,) of the body frame in m; `lumped`: see floating_frame.
-    `basis`: whether V is written.
+    `basis`: whether V is written. `geometric_stiffness`: of this basis and this origin.
     """
     declared("reduced", reduced, ReducedModel)
     if model is not None:
@@ -257,7 +270,7 @@ def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=
     comm = model.comm if model is not None else reduced.columns.comm.tompi4py() if reduced.columns else MPI.COMM_WORLD
     body = None
     if model is not None and model.dofs is not None and reduced.columns is not None and reduced.left_columns is None:
-        body = body_of(model, reduced, origin=origin, lumped=lumped)
+        body = body_of(model, reduced, origin=origin, lumped=lumped, geometric_stiffness=geometric_stiffness)
     with writing(path, comm) as file:
         file.attribute("format", FORMAT)
         file.attribute("version", VERSION)
@@ -279,6 +292,11 @@ def write_result(path, reduced: ReducedModel, model=None, *, basis=True, origin=
                 for key in ("node", "position", "phi", "psi", "rotates"):
                     file.small(f"interface/{key}", np.array([getattr(shape, key) for shape in body.nodes]))
                 file.small("interface/name", [shape.name for shape in body.nodes])
+        if geometric_stiffness is not None:
+            geometric_stiffness.check(reduced.size, origin)
+            file.small("geometric_stiffness/state", list(geometric_stiffness.states))
+            file.small("geometric_stiffness/matrices", geometric_stiffness.matrices)
+            file.small("geometric_stiffness/origin", geometric_stiffness.origin)
         file.small("record", TypeAdapter(Record | None).dump_json(reduced.record).decode())
 
 
@@ -311,6 +329,11 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
             quantities = file["floating_frame"]
             result.floating_frame = FloatingFrame(
                 **{key: quantities[key][()] for key in QUANTITIES}, integrals=quantities["integrals"][()].decode()
+            )
+        if "geometric_stiffness" in file:
+            group = file["geometric_stiffness"]
+            result.geometric_stiffness = GeometricStiffness(
+                tuple(texts(group["state"])), group["matrices"][...], group["origin"][...]
             )
         if "interface" in file:
             arrays = [file[f"interface/{key}"][...] for key in ("node", "position", "phi", "psi", "rotates")]

@@ -47,14 +47,14 @@ class NodeMotion:
 
 def node_motion(shape: NodeShape, origin, r, A, q) -> NodeMotion:
     """Return the motion of a node of a body with a frame at `origin` (3,) of the model, r (3,), A (3, 3) and q (m,)."""
-    arm = shape.position - origin + shape.phi @ q
+    moved, turned, phi, psi = shape.motion(q)
+    arm = shape.position - origin + moved
     B = np.zeros((6, 6 + len(q)))
-    B[:3, :3], B[:3, 3:6], B[:3, 6:] = A, -A @ skew(arm), A @ shape.phi
+    B[:3, :3], B[:3, 3:6], B[:3, 6:] = A, -A @ skew(arm), A @ phi
     B[3:, 3:6] = A
     if not shape.rotates:
         return NodeMotion(r + A @ arm, A, B)
-    turned = shape.psi @ q
-    B[3:, 6:] = A @ rate_matrix(turned) @ shape.psi
+    B[3:, 6:] = A @ rate_matrix(turned) @ psi
     return NodeMotion(r + A @ arm, A @ of_vector(turned), B)
 
 
@@ -89,19 +89,21 @@ class FlexibleBody:
         v, w, u = z[:3], z[3:6], z[6:]
         body, P = self.floating_frame, M @ z
         slope = body.dJ + 2 * np.tensordot(body.J2, q, axes=(1, 0))  # dJ/dq_k (m, 3, 3)
-        flow = body.Ct.T @ u
+        Ct = body.translations(q)
+        flow = Ct.T @ u
         gyroscopic = body.Cr1 @ w  # [i, k]: (integral of Phi_k x Phi_i) . w
         h = np.zeros_like(z)
-        h[:3] = cross(w, flow) + cross(w, P[:3])
-        h[3:6] = cross(flow, v) + np.tensordot(u, slope, axes=(0, 0)) @ w + cross(w, P[3:6]) + cross(v, P[:3])
-        h[6:] = gyroscopic @ u - (body.Ct @ cross(v, w) + 0.5 * slope @ w @ w + gyroscopic.T @ u)
+        h[:3] = cross(w, flow) + u @ (u @ body.Ct1) + cross(w, P[:3])
+        h[3:6] = cross(flow, v) + np.tensordot(u, slope, axes=(0, 0)) @ w + u @ (u @ body.Cr1)
+        h[3:6] += cross(w, P[3:6]) + cross(v, P[:3])
+        h[6:] = gyroscopic @ u - (Ct @ cross(v, w) + 0.5 * slope @ w @ w + gyroscopic.T @ u)
         return h
 
     def applied(self, t, A, q, z, motions):
         """Return generalised forces of gravity, loads and springs (6 + m,); powers of loads and of springs' dampers."""
         body = self.floating_frame
         g = A.T @ self.gravity
-        total = np.concatenate([self.mass * g, cross(self.floating_frame.first_moment(q), g), body.Ct @ g])
+        total = np.concatenate([self.mass * g, cross(body.first_moment(q), g), body.translations(q) @ g])
         power = loss = 0.0
         for load in self.loads:
             node = motions[load.shape.node]
@@ -177,6 +179,7 @@ class FlexibleBody:
         motions = self.node_motions(r, rotation(p), q)
         G, _ = self.constraints(t, motions)
         stiffness, damping = self._tangents(motions)
+        stiffness[6:, 6:] += self._stiffness_of_loads(t, y, yp, motions)
         at_q, at_z, at_m, at_e = 7, 7 + m, 13 + 2 * m, 13 + 2 * m + c
         dy, dyp = np.zeros((n, n)), np.eye(n)
         dyp[at_z:at_m, at_z:at_m] = self.floating_frame.mass_matrix(q)
@@ -194,6 +197,26 @@ class FlexibleBody:
         dyp[at_z:at_m, at_m:at_e] = -G.T
         dy[at_m:at_e, at_z:at_m] = G
         return dy, dyp
+
+    def _stiffness_of_loads(self, t, y, yp, motions):
+        """Return the stiffness (m, m) of inertia forces, loads and reactions on displacements of second order."""
+        _, p, _, z, _, _ = self.split(y)
+        _, _, _, zp, multipliers, _ = self.split(yp)
+        body, A = self.floating_frame, rotation(p)
+        v, w = z[:3], z[3:6]
+        products = np.concatenate([w * w, [w[0] * w[1], w[1] * w[2], w[0] * w[2]]])
+        found = body.Ct1 @ (zp[:3] + cross(w, v) - A.T @ self.gravity) + body.Cr1 @ zp[3:6] + body.Oe1 @ products
+        wrenches = self.reactions(t, motions, multipliers)
+        for item in (*self.loads, *self.springs):
+            node, x = item.shape.node, motions[item.shape.node]
+            wrench = item.wrench(t, x.R) if item in self.loads else item.wrench(x.x, x.R, *np.split(x.B @ z, 2))
+            wrenches[node] = wrenches.get(node, 0.0) + wrench
+        for node, wrench in wrenches.items():
+            shape = self._shapes[node]
+            if shape.phi1 is not None:
+                found -= np.tensordot(wrench[:3] @ A, shape.phi1, axes=1)
+                found -= np.tensordot(wrench[3:] @ A, shape.psi1, axes=1)
+        return found
 
     def _tangents(self, motions):
         """Return stiffness and damping (6 + m, 6 + m) of the elastic coordinates and of the springs."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.body import Body, check_moving, has_no_inertia, remarks
+from ..body.geometric_stiffness import stiffened
 from ..body.rotations import continuous, quaternion, rotation, vector_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
@@ -53,6 +54,8 @@ class Simulation:
         Initial velocity (m/s) and angular velocity (rad/s) of the body frame.
     elastic, elastic_velocity : sequence of float, default ()
         Initial elastic coordinates and their rates; by default zero.
+    geometric_stiffness : bool, default True
+        Whether loads change the stiffness, if the body has a geometric stiffness.
     observe : sequence of int or str, default ()
         Nodes whose motion is computed, beside those of the tables below.
     relative_tolerance, absolute_tolerance : float, default 1e-5 and 1e-8
@@ -82,6 +85,7 @@ class Simulation:
     angular_velocity: Vector = ZERO
     elastic: tuple[float, ...] = ()
     elastic_velocity: tuple[float, ...] = ()
+    geometric_stiffness: bool = True
     observe: tuple[int | str, ...] = ()
     relative_tolerance: float = 1e-5
     absolute_tolerance: float = 1e-8
@@ -243,6 +247,8 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
             "needs; give the model the rotational inertia of its section"
         )
     setup = setup.numbered(body)
+    if setup.geometric_stiffness:
+        body = stiffened(body)
     shapes = {shape.node: shape for shape in body.nodes}
     for node in setup.nodes:
         if node not in shapes:
@@ -271,7 +277,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     if progress is not None:
         for doubt in doubts:  # before a run that may take long for that reason
             progress.tell(doubt)
-    notes = doubts + remarks(body)
+    notes = doubts + remarks(body) + _loads_without_stress(body, setup)
     if setup.start == "static":
         r, p, q = system.equilibrium(r, p)
     else:
@@ -292,6 +298,26 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     if not all(np.isfinite(value).all() for value in numbers):
         raise ComputationError("the motion has numbers that overflow; loads or drives are too large")
     return motion
+
+
+def _loads_without_stress(body, setup) -> list[str]:
+    """Return a sentence on nodes with loads, joints or springs whose forces have no state in the geometric
+    stiffness."""
+    stiffness = body.geometric_stiffness
+    if stiffness is None or not setup.geometric_stiffness:
+        return []
+    loaded = {item.node for item in (*setup.force, *setup.moment, *setup.constraint, *setup.drive, *setup.spring)}
+    missing = [
+        shape.label for shape in body.nodes
+        if shape.node in loaded and shape.phi.any() and not any(state.startswith(f"{shape.label}:")
+                                                                for state in stiffness.states)
+    ]  # fmt: skip
+    if not missing:
+        return []
+    return [
+        f"geometric stiffness: forces at {', '.join(missing)} have no state, so that their stress does not count; make "
+        "these nodes inputs or interfaces of the reduction"
+    ]
 
 
 def doubts_of_places(body: Body, setup: Simulation, start: dict) -> list[str]:

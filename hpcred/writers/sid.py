@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..body.body import Body, check_moving, inputs_without_node, maker, remarks
+from ..body.geometric_stiffness import stiffened
 from ..body.rotations import skew
 from ..files.outputs import SID
 from ..files.system_errors import open_input
@@ -237,8 +238,9 @@ class _Lines:
 def build_sid(body: Body) -> tuple[Sid, list[str]]:
     """The file of a body, and remarks on what is not in it. Raises InputError as write_sid does."""
     check_moving(body, "a SID file")
-    reduced, quantities = body.reduced, body.floating_frame
     notes = [*remarks(body), *inputs_without_node(body)]
+    body = stiffened(body)
+    reduced, quantities = body.reduced, body.floating_frame
     count = reduced.size
     generators = np.array([skew(axis) for axis in np.eye(3)])
     nodes = []
@@ -246,8 +248,8 @@ def build_sid(body: Body) -> tuple[Sid, list[str]]:
         slopes = np.einsum("cij,ck->ikj", generators, shape.psi)  # m1(:, k, :) = skew(psi_k)
         objects = {
             "origin": SidObject((shape.position - quantities.origin)[:, None], shape.phi[:, :, None], count),
-            "phi": _object(shape.phi, count),
-            "psi": _object(shape.psi, count),
+            "phi": _object(shape.phi, count, shape.phi1),
+            "psi": _object(shape.psi, count, shape.psi1),
             "AP": SidObject(np.eye(3), slopes, count) if shape.psi.any() else SidObject(np.eye(3), None, count, 0, 4),
         }
         nodes.append(SidNode(int(shape.node), objects))
@@ -257,7 +259,7 @@ def build_sid(body: Body) -> tuple[Sid, list[str]]:
     objects = {
         "mdCM": SidObject(quantities.mc[:, None], quantities.Ct.T[:, :, None], count),
         "J": SidObject(inertia, slopes, count),
-        "Ct": _object(quantities.Ct, count),
+        "Ct": _object(quantities.Ct, count, quantities.Ct1),
         "Cr": SidObject(quantities.Cr, quantities.Cr1, count),
         "Me": _object(quantities.Me, count),
         "Gr": _object(quantities.Gr, count),
@@ -275,8 +277,10 @@ def build_sid(body: Body) -> tuple[Sid, list[str]]:
     return Sid(quantities.mass, names, nodes, objects, comment), notes
 
 
-def _object(matrix, count):
-    """A constant object with the structure that the matrix has; round-off beside a diagonal is left out."""
+def _object(matrix, count, slopes=None):
+    """An object with the structure that the matrix has; round-off beside a diagonal is left out. `slopes`: m1."""
+    if slopes is not None and slopes.any():
+        return SidObject(matrix, slopes, count)
     square = matrix.shape[0] == matrix.shape[1]
     size = np.abs(matrix).max(initial=0.0)
     if size == 0:
