@@ -15,6 +15,7 @@ from .body.body import Body as Body
 from .body.body import body_of as body_of
 from .body.floating_frame import FloatingFrame as FloatingFrame
 from .body.floating_frame import floating_frame as floating_frame
+from .body.geometric_stiffness import GeometricStiffness as GeometricStiffness
 from .body.node_shapes import node_shapes as node_shapes
 from .examples.crank import crank as crank
 from .examples.linkage import linkage as linkage

@@ -1,6 +1,7 @@
 """Small dense second methods for the tests, and command lines that must be refused."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,13 +10,14 @@ import scipy.io
 import scipy.linalg
 import scipy.sparse
 
+from hpcred.body.geometric_stiffness import OF_BODY, GeometricStiffness
 from hpcred.cli.main import run
 from hpcred.examples.beam import Rod, beam_element
 from hpcred.examples.linkage import linkage
 from hpcred.examples.solid import solid
 from hpcred.files.model_file import write_model
 from hpcred.linalg.blocks import create_block, local_rows
-from hpcred.model.dofs import Dofs
+from hpcred.model.dofs import DIRECTIONS, Dofs
 from hpcred.model.interfaces import Interface, InterfaceNode, Nodes
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.shares import row_range
@@ -291,3 +293,11 @@ def truss(comm, directions, mass=3.0, places=PLACES, left_out=()):
     dofs = Dofs(node, direction, places[node - 1])
     M = mass * np.eye(len(kept))
     return SecondOrderModel.from_scipy(K[np.ix_(kept, kept)], M, comm=comm, dofs=dofs, name="truss")
+
+
+def made_up_stiffness(body, size=1.0):
+    """The body with a geometric stiffness of random numbers, for all states."""
+    states = (*OF_BODY, *(f"{node.label}:{direction}" for node in body.nodes for direction in DIRECTIONS[:6]))
+    matrices = np.random.default_rng(8).normal(scale=size, size=(len(states), *[body.reduced.size] * 2))
+    stiffness = GeometricStiffness(states, matrices + matrices.transpose(0, 2, 1), body.floating_frame.origin)
+    return replace(body, geometric_stiffness=stiffness)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from ..model.rigid_body_modes import SAME_MASS
 from ..parallel.failures import InputError
 from ..reduction.reduced_model import ReducedModel, require_finite
 from .floating_frame import FloatingFrame, floating_frame
-from .geometric_stiffness import GeometricStiffness
+from .geometric_stiffness import GeometricStiffness, StiffenedFrame, stiffened_node
 from .node_shapes import NodeShape, interface_nodes, node_shapes
 
 NO_INERTIA = 1e-12  # of the largest inertia: round-off
@@ -51,6 +51,17 @@ class Body:
     def __post_init__(self):
         if self.geometric_stiffness is not None:
             self.geometric_stiffness.check(self.reduced.size, self.floating_frame.origin)
+
+    def stiffened(self) -> Body:
+        """Return the body with displacements of second order in floating frame and nodes, if its geometric stiffness is
+        known."""
+        stiffness = self.geometric_stiffness
+        if stiffness is None:
+            return self
+        return replace(
+            self, floating_frame=StiffenedFrame(self.floating_frame, stiffness),
+            nodes=[stiffened_node(node, stiffness) for node in self.nodes],
+        )  # fmt: skip
 
     def number(self, node) -> int:
         """Return the number of a node that is given by number or name. Raises InputError for an unknown name."""

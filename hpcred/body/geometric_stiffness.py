@@ -1,8 +1,8 @@
 """Hold the geometric stiffness of a body for unit states of load, and the second-order motion that it stands for.
 
-Under loads with stress sigma the stiffness of a body is K + sum_i c_i K_i, with K_i of the stress of the i-th unit state
-and c_i its value. For a load f, -q^T K_i q / 2 is the work of f on the displacements of second order (the foreshortening
-of a beam that bends), so that the K_i are second derivatives:
+Under loads the stiffness of a body is K + sum_i c_i K_i, with K_i of the stress of the i-th unit state and c_i its value.
+For a load f, -q^T K_i q / 2 is the work of f on the displacements of second order (the foreshortening of a beam that
+bends), so that the K_i are second derivatives:
 
     K_i of an acceleration   of the first moment of mass, as Ct is the first one
     K_i of a force           of the negative displacement of its node
@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,9 +25,6 @@ from ..model.units import Units
 from ..parallel.failures import InputError
 from .floating_frame import FloatingFrame
 from .node_shapes import NodeShape
-
-if TYPE_CHECKING:
-    from .body import Body
 
 ACCELERATIONS = ("ax", "ay", "az")  # of the body frame, m/s^2
 ANGULAR_ACCELERATIONS = ("alphax", "alphay", "alphaz")  # rad/s^2
@@ -96,7 +92,8 @@ class GeometricStiffness:
     def of(self, states: Sequence[str]) -> np.ndarray:
         """Return the matrices (len(states), m, m) of some states, zero for those that are not there."""
         known = dict(zip(self.states, self.matrices, strict=True))
-        return np.array([known.get(state, np.zeros((self.size,) * 2)) for state in states]).reshape(-1, *[self.size] * 2)
+        shape = self.matrices.shape[1:]
+        return np.array([known.get(state, np.zeros(shape)) for state in states]).reshape(-1, *shape)
 
     def of_node(self, node: NodeShape) -> np.ndarray:
         """Return the matrices (6, m, m) of unit forces and moments at a node."""
@@ -165,13 +162,7 @@ class StiffenedFrame(FloatingFrame):
         return found
 
 
-def stiffened(body: Body) -> Body:
-    """Return the body with second-order displacements in its floating frame and nodes, if its stiffness is known."""
-    stiffness = body.geometric_stiffness
-    if stiffness is None:
-        return body
-    nodes = []
-    for node in body.nodes:
-        second = -stiffness.of_node(node)
-        nodes.append(replace(node, phi1=second[:3], psi1=second[3:]) if second.any() else node)
-    return replace(body, floating_frame=StiffenedFrame(body.floating_frame, stiffness), nodes=nodes)
+def stiffened_node(node: NodeShape, stiffness: GeometricStiffness) -> NodeShape:
+    """Return a node with its displacements of second order."""
+    second = -stiffness.of_node(node)
+    return replace(node, phi1=second[:3], psi1=second[3:]) if second.any() else node

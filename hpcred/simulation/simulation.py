@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.body import Body, check_moving, has_no_inertia, remarks
-from ..body.geometric_stiffness import stiffened
 from ..body.rotations import continuous, quaternion, rotation, vector_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
@@ -248,7 +247,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         )
     setup = setup.numbered(body)
     if setup.geometric_stiffness:
-        body = stiffened(body)
+        body = body.stiffened()
     shapes = {shape.node: shape for shape in body.nodes}
     for node in setup.nodes:
         if node not in shapes:

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..body.body import Body, check_moving, inputs_without_node, maker, remarks
-from ..body.geometric_stiffness import stiffened
 from ..body.rotations import skew
 from ..files.outputs import SID
 from ..files.system_errors import open_input
@@ -239,7 +238,7 @@ def build_sid(body: Body) -> tuple[Sid, list[str]]:
     """The file of a body, and remarks on what is not in it. Raises InputError as write_sid does."""
     check_moving(body, "a SID file")
     notes = [*remarks(body), *inputs_without_node(body)]
-    body = stiffened(body)
+    body = body.stiffened()
     reduced, quantities = body.reduced, body.floating_frame
     count = reduced.size
     generators = np.array([skew(axis) for axis in np.eye(3)])

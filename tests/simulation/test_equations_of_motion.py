@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import gather, to_dense
+from helpers import gather, made_up_stiffness, to_dense
 
 import hpcred
 from hpcred import Buckens, Bushing, Joint, LineSpring, Modes, Rayleigh, SineDrive, SineForce, SineMoment
@@ -14,13 +14,15 @@ from hpcred.simulation.loads import load_of
 from hpcred.simulation.springs import element_of
 
 
-@pytest.fixture(scope="module")
-def system():
+@pytest.fixture(scope="module", params=["linear", "stiffened"])
+def system(request):
     with (
         hpcred.linkage() as model,
         hpcred.reduce(model, [Modes(index=tuple(range(7, 12)))], Buckens(), Rayleigh(2.0, 1e-5)) as rom,
     ):
         body = body_of(model, rom, [1, 20])
+    if request.param == "stiffened":
+        body = made_up_stiffness(body).stiffened()
     held, loaded = body.nodes
     bushing = Bushing(20, (3e2, 2e2, 1e2), rotational_stiffness=(3.0, 2.0, 1.0))
     start = {held.node: (held, np.array([0.1, 0.2, 0.3]), of_vector([0.3, 0.2, 0.1]))}

@@ -1,12 +1,13 @@
 """Simulations against closed forms, conservation laws and the frequency response."""
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scipy.integrate
-from helpers import bar
+from helpers import bar, made_up_stiffness
 
 import hpcred
 from hpcred import (
@@ -55,15 +56,19 @@ def momenta(body, motion):
     return np.array(result)
 
 
-def test_a_free_spinning_body_keeps_energy_and_momentum(linkage_body):
+@pytest.mark.parametrize("stiffness", [None, 3.0])
+def test_a_free_spinning_body_keeps_energy_and_momentum(linkage_body, stiffness):
+    body = linkage_body if stiffness is None else made_up_stiffness(linkage_body, stiffness)
     setup = Simulation(
         end=0.2, velocity=(1.0, -0.5, 0.2), angular_velocity=(3.0, 8.0, -5.0), rotation=(0.2, 0.1, 0.5),
         elastic=(1e-3, -2e-3, 1e-3, 0.0, 0.0, 0.0), steps=50, relative_tolerance=1e-8, absolute_tolerance=1e-11,
     )  # fmt: skip
-    motion = simulate(linkage_body, setup)
+    motion = simulate(body, setup)
     assert motion.balance < 1e-8
-    kept = momenta(linkage_body, motion)
+    kept = momenta(body.stiffened(), motion)
     assert np.abs(kept - kept[0]).max() < 1e-7 * np.abs(kept).max()
+    without = simulate(body, replace(setup, geometric_stiffness=False)).elastic
+    assert (np.abs(motion.elastic - without).max() > 1e-2 * np.abs(without).max()) == (stiffness is not None)
     assert np.ptp(motion.elastic[:, 0]) > 3e-4 and np.ptp(motion.angular_velocity, axis=0).max() > 1
     assert motion.drift == 0.0 and motion.constraint_force.shape == (51, 0)
 
