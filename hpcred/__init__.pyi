@@ -45,6 +45,8 @@ from .model.frames import Tangent as Tangent
 from .model.interfaces import Interface as Interface
 from .model.interfaces import InterfaceNode as InterfaceNode
 from .model.interfaces import Nodes as Nodes
+from .model.materials import ElementProperties as ElementProperties
+from .model.materials import Material as Material
 from .model.second_order_model import SecondOrderModel as SecondOrderModel
 from .model.units import Units as Units
 from .model.units import in_si as in_si

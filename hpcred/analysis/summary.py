@@ -9,6 +9,7 @@ from ..linalg.solvers.base import SingularMatrix
 from ..linalg.solvers.settings import Factoring
 from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.definiteness import check_definite, doubts_of_definiteness, growing_in_words, zero_of
+from ..model.materials import properties_in_words
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
 from ..model.second_order_model import require_model
 from ..parallel.declared import declared
@@ -65,6 +66,8 @@ def inspect(
     }
     if model.converted_from:
         report["converted_from"] = model.converted_from
+    if model.properties is not None:
+        report |= properties_in_words(model.properties, model.comm)
     if sets := model.set_sizes:
         report["sets"] = sets
     doubts = doubts_of_definiteness(model)

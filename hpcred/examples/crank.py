@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 
 from ..model.dofs import Dofs
+from ..model.materials import ElementProperties, Material
 from ..model.second_order_model import SecondOrderModel
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
@@ -65,9 +66,11 @@ def crank(
                   np.repeat(position, 3, axis=0))  # fmt: skip
     share = slice(*row_range(comm, len(quads) * layers))
     elements = {"hexahedron": _hexahedra(quads, layers, np.arange(len(quads) * layers)[share]) + 1}
+    material = Material(name="crank", young=young, poisson=poisson, density=density)
     sets = {name: nodes[np.isin(nodes // levels, plane)] + 1 for name, plane in inner.items()}
     return SecondOrderModel.from_csr(
-        comm, 3 * size, indptr, indices, values, dofs=labels, name="crank", elements=elements, sets=sets
+        comm, 3 * size, indptr, indices, values, dofs=labels, name="crank", elements=elements, sets=sets,
+        properties=ElementProperties.of_one(comm, elements, material),
     )
 
 

@@ -6,6 +6,7 @@ from math import prod
 import numpy as np
 
 from ..model.dofs import Dofs
+from ..model.materials import ElementProperties, Material
 from ..model.second_order_model import SecondOrderModel
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
@@ -65,10 +66,12 @@ def solid(
     labels = np.repeat(nodes - skipped + 1, 3)
     position = np.repeat(place * (size / cells), 3, axis=0)
     dofs = Dofs(labels, np.tile(np.arange(3, dtype=np.int8), len(nodes)), position)
+    material = Material(name="solid", young=young, poisson=poisson, density=density)
     elements = {"hexahedron": _hexahedra(comm, cells, grid, clamped, skipped)}
     face = np.linspace(0, grid[1] * grid[2] - 1, -(-inputs // 3)).astype(int) + count - grid[1] * grid[2] + 1
     with SecondOrderModel.from_csr(
-        comm, 3 * count, indptr, indices, values, dofs=dofs, name="solid", elements=elements
+        comm, 3 * count, indptr, indices, values, dofs=dofs, name="solid", elements=elements,
+        properties=ElementProperties.of_one(comm, elements, material),
     ) as model:
         return model.with_inputs([(int(node), direction) for node in face for direction in "xyz"][:inputs])
 

@@ -5,6 +5,9 @@ matrices/K, M and, where there is one, D (nonzeros)
 inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
 elements/<kind> (elements, nodes): node numbers, where known, for pictures; kinds of model.elements
+element_properties/<kind> (elements, 3), where known: number of the element, place of its type in element_types, and of
+its material in materials/, -1 for none; element_program: whose element types these are
+materials/name, young in Pa, poisson, density in kg/m^3, expansion in 1/K, NaN where not known, and reason: why not
 held/node, direction, position: as dofs/, of the dofs without row, held at zero by the program that wrote the matrices
 sets/<name>: node numbers; signs in the name that HDF5 does not take are written as in web addresses (%2F)
 remarks: sentences of the readers of the files
@@ -17,18 +20,24 @@ from urllib.parse import quote, unquote
 import numpy as np
 
 from ..model.dofs import Dofs, dofs_per_node
+from ..model.materials import ElementProperties, Material
 from ..model.second_order_model import SecondOrderModel, require_model
-from ..parallel.failures import agreed
+from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..parallel.shares import row_range
 from .checked import Array, damaged
 from .hdf5 import reading, texts, writing
 
 FORMAT, VERSION = "hpcred-model", 1
+CONSTANTS = ("young", "poisson", "density", "expansion")  # of materials
 NODES = {
     "dofs/node": Array("integer", ("n",)), "dofs/direction": Array("integer", ("n",)),
     "dofs/position": Array("real", ("n", 3)), "held/node": Array("integer", ("h",)),
     "held/direction": Array("integer", ("h",)), "held/position": Array("real", ("h", 3)),
+    "element_properties/*": Array("integer", ("?", 3)), "element_types": Array("text", ("t",)),
+    "element_program": Array("text", ()),
+    "materials/name": Array("text", ("a",)), "materials/reason": Array("text", ("a",)),
+    **{f"materials/{key}": Array("real", ("a",)) for key in CONSTANTS},
     "elements/*": Array("integer", ("?", "?")), "sets/*": Array("integer", ("?",)),
 }  # fmt: skip
 SCHEMA = NODES | {
@@ -81,15 +90,53 @@ def write_csr(file, comm, indptr, indices, values):
 
 
 def write_nodes(file, model):
-    """Labels of the rows and of the held dofs, the elements and the node sets, of all ranks. Collective."""
+    """Labels of the rows and of the held dofs, the elements, their properties and the node sets, of all ranks.
+    Collective."""
     for group, dofs in (("dofs", model.dofs), ("held", model.held)):
         if dofs is not None:
             for key in ("node", "direction", "position"):
                 file.rows(f"{group}/{key}", getattr(dofs, key))
     for kind, nodes in model.elements.items():
         file.rows(f"elements/{kind}", nodes)
+    if model.properties is not None:
+        _write_properties(file, model.properties)
     for name in sorted(set().union(*model.comm.allgather(set(model.sets)))):
         file.rows(place_of_set(name), model.sets.get(name, np.zeros(0, np.int64)))
+
+
+def _write_properties(file, properties):
+    """Numbers, types and materials of the elements of all ranks. Collective."""
+    file.small("element_program", properties.program)
+    file.small("element_types", list(properties.types))
+    for kind, table in properties.table.items():
+        file.rows(f"element_properties/{kind}", table)
+    if properties.materials:
+        for key in ("name", "reason"):
+            file.small(f"materials/{key}", [getattr(item, key) for item in properties.materials])
+        for key in CONSTANTS:
+            values = [getattr(item, key) for item in properties.materials]
+            file.small(f"materials/{key}", np.array([np.nan if value is None else value for value in values]),
+                       gaps=True)  # fmt: skip
+
+
+def read_properties(file, comm) -> ElementProperties | None:
+    """The properties of the elements of this rank from an open file, or None where it has none."""
+    if "element_types" not in file:
+        return None
+    tables = file.get("element_properties", {}).items()
+    table = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in tables}
+    materials = []
+    if "materials" in file:
+        columns = {key: file[f"materials/{key}"][...].tolist() for key in CONSTANTS}
+        columns |= {key: texts(file[f"materials/{key}"]) for key in ("name", "reason")}
+        for values in zip(*columns.values(), strict=True):
+            known = {key: value for key, value in zip(columns, values, strict=True) if value == value}  # not NaN
+            try:
+                materials.append(Material(**known))
+            except InputError as error:
+                raise InputError(f"{file.path}: {error}") from error
+    program = file["element_program"][()].decode()
+    return ElementProperties(program, tuple(texts(file["element_types"])), tuple(materials), table)
 
 
 def place_of_set(name: str) -> str:
@@ -124,10 +171,11 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         sets = {name: part[slice(*row_range(comm, len(part)))] for name, part in sets_of(file).items()}
         remarks = texts(file["remarks"]) if "remarks" in file else ()
         converted_from = file.attribute("converted_from", str, "")
+        properties = read_properties(file, comm)
     return SecondOrderModel.from_csr(
         comm, size, indptr - indptr[0], indices, values, dense["inputs"], dense["outputs"], dofs=dofs,
         input_names=names["inputs"], output_names=names["outputs"], name=Path(path).name, elements=elements, held=held,
-        sets=sets, remarks=remarks, converted_from=converted_from,
+        sets=sets, remarks=remarks, converted_from=converted_from, properties=properties,
     )  # fmt: skip
 
 

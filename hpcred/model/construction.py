@@ -18,6 +18,7 @@ from ..parallel.shares import row_range
 from .checked_arrays import check_columns, check_rows, coordinates, named_columns, real_columns, real_values, row_name
 from .dofs import Dofs, check_labels, dofs_per_node
 from .elements import check_elements
+from .materials import ElementProperties, check_properties
 from .petsc_matrices import decoupled, labels_of, taken
 
 
@@ -35,6 +36,7 @@ class Labels(TypedDict, total=False):
     sets: dict[str, np.ndarray]
     remarks: Iterable[str]
     converted_from: str
+    properties: ElementProperties | None
 
 
 def from_given(M, D, K, B, C, comm, **labels) -> dict:
@@ -62,6 +64,7 @@ def from_csr(comm, size, indptr, indices, values, inputs=None, outputs=None, *, 
         dofs = labels.get("dofs")
         check_labels(dofs, rows, name)
         check_elements(labels.get("elements"), name)
+        check_properties(labels.get("properties"), labels.get("elements"), name)
         check_columns(indptr, indices, size, first, name, dofs)
         check_rows(indptr, indices, values, first, name, dofs)
     if comm.size > size:
@@ -112,6 +115,7 @@ def from_petsc(K, M, D, nodes=None, numbers=None, held=None, inputs=None, output
     first = mats["K"].getOwnershipRange()[0]
     with agreed(comm):
         check_elements(labels.get("elements"), name)
+        check_properties(labels.get("properties"), labels.get("elements"), name)
         indptr, indices, _ = mats["K"].getValuesCSR()
         values = {key: real_values(mat.getValuesCSR()[2], f"{name}: {key}") for key, mat in mats.items()}
         check_rows(indptr, indices, values, first, name, dofs)

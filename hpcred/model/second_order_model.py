@@ -22,6 +22,7 @@ from .digests import digest_of
 from .dofs import SCALAR, Dofs
 from .interface_motion import with_interfaces
 from .interfaces import Interface, InterfaceNode
+from .materials import ElementProperties, Material
 from .targets import interface_targets, unit_columns
 
 if TYPE_CHECKING:
@@ -109,6 +110,8 @@ class SecondOrderModel:
         The interface nodes.
     converted_from : str
         The original units of a model that was converted to SI.
+    properties : ElementProperties or None
+        Numbers, types and materials of the elements, if known, for stresses and loads.
     """
 
     M: PETSc.Mat
@@ -127,6 +130,7 @@ class SecondOrderModel:
     Gt: PETSc.Mat | None = None
     interfaces: tuple[InterfaceNode, ...] = ()
     converted_from: str = ""
+    properties: ElementProperties | None = None
 
     def __init__(
         self,
@@ -391,6 +395,25 @@ class SecondOrderModel:
         """
         return self.with_output_columns(*unit_columns(self, "outputs", targets))
 
+    def with_material(self, material: Material) -> SecondOrderModel:
+        """Return the model with all its elements of one material, where the files did not tell it.
+
+        Collective.
+
+        Parameters
+        ----------
+        material : Material
+
+        Returns
+        -------
+        SecondOrderModel
+            The types of elements stay; without types they are plain elements with full integration.
+        """
+        declared("material", material, Material)
+        if self.properties is None:
+            return self.with_fields(properties=ElementProperties.of_one(self.comm, self.elements, material))
+        return self.with_fields(properties=self.properties.with_material(material))
+
     def with_input_columns(self, local: ArrayLike | None, names: Iterable[str]) -> SecondOrderModel:
         """Return the model with another B.
 
@@ -566,8 +589,8 @@ class SecondOrderModel:
         held : Dofs, optional
             Dofs that are held at zero and have no row.
         **labels
-            dofs, input_names, output_names, name, elements, sets, remarks and converted_from, as the attributes of the
-            model.
+            dofs, input_names, output_names, name, elements, sets, remarks, converted_from and properties, as the
+            attributes of the model.
 
         Returns
         -------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -176,11 +176,17 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
     inverse.destroy()
     dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, moved, scale, units.length))
              for mat in (model.B, model.Ct)]  # fmt: skip
+    properties = model.properties
+    if properties is not None:
+        stress, density = units.energy / units.length**3, units.mass / units.length**3
+        properties = replace(
+            properties, materials=tuple(item.in_units(stress, density) for item in properties.materials)
+        )
     dofs, held = (part and Dofs(part.node, part.direction, part.position * units.length)
                   for part in (model.dofs, model.held))  # fmt: skip
     return model.with_fields(
         M=mats["M"], K=mats["K"], D=mats.get("D"), B=dense[0], Ct=dense[1], dofs=dofs, held=held,
-        converted_from=units.name,
+        converted_from=units.name, properties=properties,
     )  # fmt: skip
 
 
