@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from ..parallel.failures import InputError, printable
+from ..parallel.failures import InputError, agreed, printable
 from .system_errors import open_input, reading_from
 
 try:
@@ -60,6 +60,12 @@ class Piece:
         found = shown(self.text.split(b"\n", line + 1)[line])
         number = line_number(self.path, self.start) + line
         return InputError(f"{self.path}, line {number}: found '{found}', expected {expected}")
+
+    def require(self, fits: np.ndarray, lines: np.ndarray | None, expected: str):
+        """Raise InputError for the first item that does not fit; `lines` of the items, None where each is one."""
+        if not fits.all():
+            wrong = int(fits.argmin())
+            raise self.refusal(wrong if lines is None else int(lines[wrong]), expected)
 
 
 def shown(line: bytes, most=80) -> str:
@@ -251,16 +257,32 @@ def places(comm, counts: list[tuple[int, int]]) -> np.ndarray:
     return np.concatenate(parts) if parts else np.zeros(0, np.int64)
 
 
+def end_to_end(found, decode) -> list[np.ndarray]:
+    """The arrays that `decode` makes of each of the Pieces, end to end; without any, those of an empty one."""
+    return _joined([decode(piece) for piece in found], decode)
+
+
+def read_lines(path, comm, decode, start=0) -> list[np.ndarray]:
+    """As `end_to_end` of the Pieces of a file, and the place in it of each line. Collective. Raises InputError."""
+    with agreed(comm):
+        found = {piece.start: decode(piece) for piece in pieces(path, comm, start)}
+        arrays = _joined(found.values(), decode)
+    return [*arrays, places(comm, [(begin, len(part[0])) for begin, part in found.items()])]
+
+
+def _joined(parts, decode):
+    return [np.concatenate(items) for items in zip(*(parts or [decode(Piece(Path(), b"", 0))]), strict=True)]
+
+
 def numbers(piece: Piece, columns: int, commas=True) -> tuple[np.ndarray, np.ndarray]:
     """The numbers (lines, columns) of the lines, and which line of the piece each row is.
 
     Blank lines and comments are left out; between numbers stand blanks, or commas where allowed. Exponents may
     be Fortran's (1.5D+02). Raises InputError that names the line.
     """
-    values, counts, lines = ragged(piece, commas, f"{columns} number{'s' * (columns > 1)}")
-    wrong = np.flatnonzero(counts != columns)
-    if wrong.size:
-        raise piece.refusal(lines[wrong[0]], f"{columns} number{'s' * (columns > 1)} a line")
+    expected = f"{columns} number{'s' * (columns > 1)}"
+    values, counts, lines = ragged(piece, commas, expected)
+    piece.require(counts == columns, lines, f"{expected} a line")
     return values.reshape(-1, columns), lines
 
 
@@ -274,7 +296,7 @@ def ragged(piece: Piece, commas=True, expected="numbers", blanks=True) -> tuple[
         refuse_empty_fields(piece, text)
     if not blanks:
         require_commas(piece, text)
-    plain = _plain(text, commas)
+    plain = with_e(text.replace(b",", b" ") if commas else text)
     values = parse(plain)
     bytes_ = np.frombuffer(plain, np.uint8)
     blank = bytes_ <= ord(" ")
@@ -321,13 +343,6 @@ def without_comments(text: bytes) -> bytes:
     return COMMENT.sub(b"", text) if any(mark in text for mark in (b"%", b"#", b"**")) else text
 
 
-def _plain(text, commas):
-    """The text with blanks between the numbers, and with e for the exponent."""
-    if commas:
-        text = text.replace(b",", b" ")
-    return with_e(text)
-
-
 def with_e(text: bytes) -> bytes:
     """The text with e for the D of Fortran's exponents, 1.5D-3."""
     return text.replace(b"D", b"e").replace(b"d", b"e")
@@ -352,12 +367,16 @@ def parse(text):
 
 def whole(piece: Piece, values: np.ndarray, lines: np.ndarray, what: str, low=1, high=LARGEST_WHOLE) -> np.ndarray:
     """Whole numbers from low to high, as int64. Raises InputError that names the line."""
+    limit = f"{low} to {high}" if high < LARGEST_WHOLE else f"at least {low}"
     with np.errstate(invalid="ignore"):
-        wrong = np.flatnonzero(~((values >= low) & (values <= high) & (values % 1 == 0)))
-    if wrong.size:
-        limit = f"{low} to {high}" if high < LARGEST_WHOLE else f"at least {low}"
-        raise piece.refusal(lines[wrong[0]], f"{what} as a whole number of {limit}")
+        fits = (values >= low) & (values <= high) & (values % 1 == 0)
+    piece.require(fits, lines, f"{what} as a whole number of {limit}")
     return values.astype(np.int64)
+
+
+def labels(piece: Piece, values: np.ndarray, lines: np.ndarray, what="the node number", low=1) -> np.ndarray:
+    """Numbers of nodes or elements from `low` on, as int64. Raises InputError that names the line."""
+    return whole(piece, values, lines, what, low, LARGEST_LABEL)
 
 
 def triples(piece: Piece, commas=False) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:

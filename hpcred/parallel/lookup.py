@@ -3,6 +3,7 @@
 import numpy as np
 
 from .exchange import exchange
+from .failures import InputError
 
 SAMPLES = 64  # of the keys of each rank, to find even shares
 
@@ -48,6 +49,12 @@ def repeated_key(comm, keys: np.ndarray) -> int | None:
     twice = ordered[1:][ordered[1:] == ordered[:-1]]
     found = [key for key in comm.allgather(int(twice[0]) if twice.size else None) if key is not None]
     return found[0] if found else None
+
+
+def require_once(comm, keys: np.ndarray, sentence):
+    """Raise InputError with `sentence(key)` where a key occurs twice or more. Collective."""
+    if (twice := repeated_key(comm, keys)) is not None:
+        raise InputError(sentence(twice))
 
 
 def number_over_ranks(comm, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,14 +1,25 @@
 """Rotate matrices from axes of single nodes to the global axes."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
-from .entries import Entries, label_name, label_of, node_and_direction
+from .entries import label_name, label_of, node_and_direction
 
 AXES = 3
 PIECE = 2**17  # entries that are turned in one step; each becomes up to nine
 ZERO = 1e-12  # cosine of a right angle, as programs write it
+
+
+@dataclass
+class Turn:
+    """Targets of dofs: `key` (k,) its row or label, `target` (k, 3) those that it goes to or -1, `factor` (k, 3)."""
+
+    key: np.ndarray
+    target: np.ndarray
+    factor: np.ndarray
 
 
 def rotation_of_angles(degrees: np.ndarray) -> np.ndarray:
@@ -38,55 +49,57 @@ def turn_to_global(comm, parts, node: np.ndarray, rotation: np.ndarray, where: s
     found, factors = look_up(comm, node, list(rotation.reshape(-1, 9).T), own)
     factors = np.array(factors).reshape(3, 3, -1)  # to, from
     came_from = direction % AXES
-    base = direction - came_from
-    target = np.array([label_of(own, base + k) for k in range(AXES)])
-    factor = np.where(found, factors[:, came_from, np.arange(len(label))], np.arange(AXES)[:, None] == came_from)
+    target = np.array([label_of(own, direction - came_from + k) for k in range(AXES)])
+    straight = np.arange(AXES)[:, None] == came_from
+    factor = np.where(found, factors[:, came_from, np.arange(len(label))], straight)
     factor[np.abs(factor) < ZERO] = 0.0
     exists, (place,) = look_up(comm, label, [row], target.ravel())
     exists, place = exists.reshape(AXES, -1), place.reshape(AXES, -1)
     with agreed(comm):
-        lost = np.flatnonzero(((factor != 0) & ~exists).any(axis=0))
-        if lost.size:
-            k = lost[0]
-            missing = target[:, k][(factor[:, k] != 0) & ~exists[:, k]][0]
+        lost = (factor != 0) & ~exists
+        if lost.any():
+            k = np.flatnonzero(lost.any(axis=0))[0]
             raise InputError(
                 f"{where}: found {label_name(label[k])} along an axis of its node that is not global, while "
-                f"{label_name(missing)} was held or is missing; turn the node's axes back (NROTAT or NMODIF), or "
-                "export the body without supports in turned axes"
+                f"{label_name(target[lost[:, k], k][0])} was held or is missing; turn the node's axes back (NROTAT or "
+                "NMODIF), or export the body without supports in turned axes"
             )
     place[factor == 0] = -1
-    turned = np.flatnonzero((factor != (np.arange(AXES)[:, None] == came_from)).any(axis=0))
-    table = [row[turned], *place[:, turned], *factor[:, turned]]
-    for key in list(parts.matrices):
-        parts.matrices[key] = _turned(comm, parts.matrices[key], table)
+    turned = np.flatnonzero((factor != straight).any(axis=0))
+    turn = Turn(row[turned], place[:, turned].T, factor[:, turned].T)
+    parts.matrices = {key: turned_entries(comm, turn, item) for key, item in parts.matrices.items()}
     return int(comm.allreduce(len(np.unique(own[turned]))))
 
 
-def _turned(comm, entries, table):
-    """Return T A T^T, with the rows of `table` (row, its three new rows or -1, their factors) in T, and ones
-    elsewhere."""
-    asked = np.unique(np.concatenate([entries.rows, entries.columns]))
-    hit, found = look_up(comm, table[0], table[1:], asked)
-    place = np.where(hit, np.array(found[:AXES]), np.array([asked, np.full_like(asked, -1), np.full_like(asked, -1)]))
+def turned_entries(comm, turn: Turn, entries):
+    """Return T A T^T, with the factors of the turn in T and ones elsewhere, of the entries of a matrix. Collective."""
+    if not comm.allreduce(len(turn.key)):
+        return entries
+    ends, values = (entries.rows, entries.columns), entries.values
+    asked = np.unique(np.concatenate([np.unique(item) for item in ends]))
+    arrays = [np.ascontiguousarray(part) for part in (*turn.target.T, *turn.factor.T)]
+    hit, found = look_up(comm, turn.key, arrays, asked)
+    nil = np.full_like(asked, -1)
+    target = np.where(hit, np.array(found[:AXES]), np.array([asked, nil, nil]))
     factor = np.where(hit, np.array(found[AXES:]), np.array([[1.0], [0.0], [0.0]]))
-    ends = [np.searchsorted(asked, item) for item in (entries.rows, entries.columns)]
-    touched = hit[ends[0]] | hit[ends[1]]
-    parts = [(entries.rows[~touched], entries.columns[~touched], entries.values[~touched])]
-    for low in range(0, int(touched.sum()), PIECE):
-        some = np.flatnonzero(touched)[low : low + PIECE]
-        i, j = (item[some] for item in ends)
-        rows = np.broadcast_to(place[:, None, i], (AXES, AXES, len(some))).ravel()
-        columns = np.broadcast_to(place[None, :, j], (AXES, AXES, len(some))).ravel()
-        values = (factor[:, None, i] * factor[None, :, j] * entries.values[some]).ravel()
-        kept = (rows >= 0) & (columns >= 0)
-        parts.append(_summed(rows[kept], columns[kept], values[kept], entries.shape[1]))
-    return Entries(entries.shape, *(np.concatenate(items) for items in zip(*parts, strict=True)))
+    places = [np.searchsorted(asked, item) for item in ends]
+    touched = hit[places[0]] | hit[places[1]]
+    parts = [(*(item[~touched] for item in ends), values[~touched])]
+    touched = np.flatnonzero(touched)
+    for low in range(0, len(touched), PIECE):
+        some = touched[low : low + PIECE]
+        i, j = (item[some] for item in places)
+        rows, columns = np.broadcast_arrays(target[:, None, i], target[None, :, j])
+        product = factor[:, None, i] * factor[None, :, j] * values[some]
+        kept = (rows >= 0) & (columns >= 0) & (product != 0)
+        parts.append(_summed(rows[kept], columns[kept], product[kept]))
+    rows, columns, values = map(np.concatenate, zip(*parts, strict=True))
+    return replace(entries, rows=rows, columns=columns, values=values)
 
 
-def _summed(rows, columns, values, width):
-    """Return entries at the same place as one."""
-    key = rows * width + columns
-    order = np.argsort(key, kind="stable")
-    key = key[order]
-    first = np.flatnonzero(np.append(True, key[1:] != key[:-1]))[: len(key)]
-    return key[first] // width, key[first] % width, np.add.reduceat(values[order], first) if len(key) else values
+def _summed(i, j, v):
+    """Return entries with those at one place summed."""
+    order = np.lexsort((j, i))
+    i, j, v = i[order], j[order], v[order]
+    new = np.append(True, (i[1:] != i[:-1]) | (j[1:] != j[:-1]))[: len(i)]
+    return i[new], j[new], np.add.reduceat(v, np.flatnonzero(new)) if len(v) else v

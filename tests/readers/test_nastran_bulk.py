@@ -8,10 +8,12 @@ from hpcred import InputError
 from hpcred.files import text as text_module
 from hpcred.model.dofs import OWN
 from hpcred.parallel.shares import row_range
+from hpcred.readers.entries import Entries
 from hpcred.readers.nastran import bulk as nastran_bulk
 from hpcred.readers.nastran import points as nastran_points
 from hpcred.readers.nastran.exports import read_nodes
 from hpcred.readers.nastran.sets import hold_rotations_of_solids, mark_sets
+from hpcred.readers.nodal_systems import turned_entries
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
 
@@ -286,8 +288,8 @@ def test_a_turned_matrix(comm):
     whole = rng.standard_normal((size, size))
     i, j = (part.ravel()[comm.rank :: comm.size] for part in np.indices((size, size)))
     got = np.zeros((size, size))
-    i, j, v = nastran_points.turned_entries(comm, turn, i, j, whole[i, j])
-    np.add.at(got, (i, j), v)
+    item = turned_entries(comm, turn, Entries((size, size), i, j, whole[i, j]))
+    np.add.at(got, (item.rows, item.columns), item.values)
     T = np.eye(size)
     T[:3, :3] = T[3:6, 3:6] = axes
     at = number[3, 3:6]

@@ -11,7 +11,6 @@ from helpers import to_dense
 from hpcred import InputError
 from hpcred.readers.model_source import load_export, load_source
 from hpcred.readers.nastran import op2 as nastran_op2
-from hpcred.readers.nastran import op2_matrices as nastran_op2_matrices
 from hpcred.readers.nastran import op4 as nastran_op4
 from hpcred.settings.source import Source
 
@@ -49,7 +48,7 @@ def block(name, matrix, form=6, order="<", size=4, kind="f8", strings=1):
 
 
 def dense(path, comm, matrix):
-    entries = nastran_op2_matrices.read_matrix(path, comm, matrix)
+    entries = nastran_op4.read_matrix(path, comm, matrix)
     local = np.zeros(entries.shape)
     np.add.at(local, (entries.rows, entries.columns), entries.values)
     return comm.allreduce(local)
@@ -67,7 +66,7 @@ def second(path, name):
 
 def test_a_matrix_of_nx_nastran(comm):
     path = DATA / "nastran" / "nx" / "nas2cam_notall6_nx2021.op2"
-    (found,) = nastran_op2_matrices.contents(path, comm)
+    (found,) = nastran_op4.contents(path, comm)
     assert (found.name, found.shape) == ("MAPS", (29, 34))
     assert np.array_equal(dense(path, comm, found), second(path, "MAPS"))
 
@@ -82,7 +81,7 @@ def test_all_forms(comm, folder, monkeypatch, order, size, kind):
     other = np.diag(np.arange(1.0, 4))
     content = block("KGG", matrix, 2, order, size, kind, 2) + block("PHGX", other, 6, order, size, kind)
     path = write(folder / "a.op2", content, comm)
-    found = nastran_op2_matrices.contents(path, comm)
+    found = nastran_op4.contents(path, comm)
     assert [item.name for item in found] == ["KGG", "PHGX"] and len(found[0].starts) > 3
     assert np.array_equal(dense(path, comm, found[0]), matrix) and np.array_equal(dense(path, comm, found[1]), other)
     if comm.rank == 0:

@@ -6,19 +6,19 @@ which are few, are collected on all ranks.
 """
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ...files.system_errors import open_input
-from ...files.text import first_bytes, first_line, line_number, records, refuse_packed, require_file
+from ...files.text import Piece, first_bytes, first_line, line_number, records, refuse_packed, require_file
 from ...model.elements import NODES
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import repeated_key, sort_over_ranks
-from ..nodes.table import LARGEST_COORDINATE
+from ...parallel.lookup import require_once, sort_over_ranks
+from ..nodes.table import LARGEST_COORDINATE, elements_of
 from .cards import CARD, components, lines_of, number_of, reals, whole_of, wholes
-from .points import CYLINDRICAL, HELD, RECTANGULAR, SPHERICAL, TINY, Points, System
+from .points import CYLINDRICAL, HELD, RECTANGULAR, SPHERICAL, Points, System
 
 START = re.compile(
     rb"(?mi)^[ \t]*(?:SOL[ ,]|CEND\b|BEGIN[ \t]+(?:BULK|SUPER)|NASTRAN[ ,]|PARAM[ ,]|"
@@ -49,6 +49,7 @@ VTK = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)], "wedge15": 
 WITH_NODES = {"CONM2": (1,), "CONM1": (1,), "CELAS1": (2, 4), "CELAS2": (2, 4), "CBUSH": (2, 3), "CDAMP1": (2, 4),
               "CDAMP2": (2, 4), "CMASS1": (2, 4), "CMASS2": (2, 4), "CVISC": (2, 3)}  # fmt: skip
 ANY_ELEMENT = re.compile(rb"C(?!ORD[12][RCS]$|SET1?$|SUPER$|REEP$|LOAD$|YJOIN$)[A-Z]+[0-9]*")
+GRID = re.compile(rb"GRID")
 FLUID = -1
 
 
@@ -89,20 +90,17 @@ class Card:
         """Return lowest and highest numbers of a list of points that may say THRU, from the field `first` on."""
         words = [word for word in self.fields[first:] if word]
         low, high = [], []
-        k = 0
-        while k < len(words):
-            number = whole_of(words[k], self.error, "a point")
-            last = number
-            if k + 2 < len(words) and words[k + 1] == "THRU":
-                last = whole_of(words[k + 2], self.error, "a point")
-                k += 2
-                if k + 1 < len(words) and words[k + 1] in ("BY", "EXCEPT"):
-                    raise self.error(f"found '{words[k + 1]}' behind THRU, which is not read; list the points")
+        while words:
+            number = last = whole_of(words.pop(0), self.error, "a point")
+            if len(words) > 1 and words[0] == "THRU":
+                last = whole_of(words[1], self.error, "a point")
+                del words[:2]
+                if words and words[0] in ("BY", "EXCEPT"):
+                    raise self.error(f"found '{words[0]}' behind THRU, which is not read; list the points")
             if last < number:
                 raise self.error(f"found {number} THRU {last}, expected ascending numbers")
             low.append(number)
             high.append(last)
-            k += 1
         return low, high
 
 
@@ -124,10 +122,10 @@ class Deck:
     held: np.ndarray
     cards: list[Card]
     case: dict | None
-    elements: dict[str, np.ndarray] = field(default_factory=dict)
-    other: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    unknown: set = field(default_factory=set)
-    point_mass: float = 0.0
+    elements: dict[str, np.ndarray]
+    other: np.ndarray
+    unknown: set
+    point_mass: float
 
     @property
     def mass_unit(self) -> float:
@@ -159,7 +157,7 @@ def read_deck(path, comm) -> Deck:
     """Read an input file and those that it includes. Collective. Raises InputError."""
     path = Path(path)
     segments, case = _segments(path, comm)
-    grids, cards, elements, other, unknown, point_mass = [], [], {}, [], set(), 0.0
+    grids, cards, elements, other, unknown, point_mass = [_grids(Piece(path, b"", 0))], [], {}, [], set(), 0.0
     with agreed(comm):
         for file, start, stop in segments:
             for piece in records(file, comm, start, stop, CARD):
@@ -168,25 +166,19 @@ def read_deck(path, comm) -> Deck:
                     _elements(found.of(name.decode()), name.decode(), elements, other, unknown)
                 table, number = found.of("CONM2").table(4)
                 point_mass += float(reals(piece, table[:, 3], number, "a mass").sum())
-                grids.append(_grids(lines_of(piece, re.compile(rb"GRID"))))
+                grids.append(_grids(piece))
                 cards += [Card(name, tuple(fields), str(file), piece.start, line)
                           for name, fields, line in lines_of(piece, SMALL).listed()]  # fmt: skip
     cards = sum(comm.allgather(cards), [])
-    kinds = sorted(set().union(*comm.allgather(set(elements))))
-    unknown = set().union(*comm.allgather(unknown))
     with agreed(comm):
         defaults = _defaults(cards)
-        columns = [np.concatenate([grid[k] for grid in grids] or [np.zeros(0, np.int64)]) for k in range(4)]
-        xyz = np.concatenate([np.zeros((0, 3)), *(grid[4] for grid in grids)])
-        held = np.concatenate([np.zeros((0, 6), bool), *(grid[5] for grid in grids)])
-        label, system, displacement, no_hold = columns
+        label, system, displacement, own_hold, xyz, held = map(np.concatenate, zip(*grids, strict=True))
         system = np.where(system < -1, defaults[0], system)
         displacement = np.where(displacement < -1, defaults[1], displacement)
-        held[no_hold == 0] = defaults[2]
+        held[~own_hold] = defaults[2]
     return Deck(
-        path, label, system, xyz, displacement, held, cards, case,
-        {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *elements.get(kind, [])]) for kind in kinds},
-        np.concatenate([np.zeros(0, np.int64), *other]), unknown,
+        path, label, system, xyz, displacement, held, cards, case, elements_of(comm, elements),
+        np.concatenate([np.zeros(0, np.int64), *other]), set().union(*comm.allgather(unknown)),
         comm.allreduce(point_mass),
     )  # fmt: skip
 
@@ -236,8 +228,7 @@ def _segments(path, comm, including=()):
 
 
 def _name_in_quotes(path, start, quote):
-    """Return the name from the byte `start` to the next quote, perhaps on a later line, and the byte where that
-    stands."""
+    """Return the name from the byte `start` to the next quote, perhaps on a later line, and the byte of that."""
     with open_input(path) as file:
         file.seek(start)
         name, end, _ = file.read(LONGEST_NAME).partition(quote)
@@ -247,8 +238,7 @@ def _name_in_quotes(path, start, quote):
 
 
 def _included(path, name, including):
-    """Return the file of an INCLUDE: beside the main file or the including one, in any case of letters where none has
-    that."""
+    """Return the file of an INCLUDE, beside the main or the including one, else in any case of letters."""
     name = name.decode("latin-1").strip().replace("\\", "/")
     for folder in dict.fromkeys([path.parent, *(file.parent for file in including)]):
         file = folder / name
@@ -273,17 +263,17 @@ def _case(path, stop):
     return found
 
 
-def _grids(lines):
-    """Return Label, CP, CD, whether PS is given, coordinates and PS of GRID cards; -2 where a system is left out."""
+def _grids(piece):
+    """Return label, CP, CD, whether PS is given, coordinates and PS of GRID cards; -2 where a system is left out."""
+    lines = lines_of(piece, GRID)
     table, number = lines.table(7)
-    piece = lines.piece
     if (more := lines.beyond(8)).size:
         raise piece.refusal(int(more[0]), "a grid point of at most eight fields")
     label = wholes(piece, table[:, 0], number, "the number of a grid point", 1)
     system, displacement = (_system(piece, table[:, k], number) for k in (1, 5))
     xyz = np.stack([reals(piece, table[:, k], number, "a coordinate") for k in (2, 3, 4)], axis=1)
     held = components(piece, table[:, 6], number, "the supports of a grid point")
-    return label, system, displacement, (table[:, 6] != b"").astype(np.int64), xyz, held
+    return label, system, displacement, table[:, 6] != b"", xyz, held
 
 
 def _system(piece, fields, number):
@@ -327,78 +317,62 @@ def _defaults(cards):
 
 
 def points_of(deck: Deck, comm) -> Points:
-    """Return all grid and scalar points, ascending by number, without marks but those of permanent supports.
-
-    Collective. Raises InputError.
-    """
+    """Return all grid and scalar points, ascending, without marks but those of permanent supports. Collective."""
     with agreed(comm):
-        scalars = _scalars(deck.cards) if comm.rank == 0 else np.zeros(0, np.int64)
+        spans = [span for card in deck.cards * (comm.rank == 0) if card.name == "SPOINT"
+                 for span in zip(*card.points(0), strict=True)]  # fmt: skip
+        scalars = np.unique(np.concatenate([np.zeros(0, np.int64), *(np.arange(a, b + 1) for a, b in spans)]))
         if (deck.displacement == FLUID).any():
             raise InputError(
                 f"{deck.path}: found the fluid point {deck.label[deck.displacement == FLUID][0]} (CD = -1), expected a "
                 "structure without fluid"
             )
     label = np.concatenate([deck.label, scalars])
-    count, extra = len(deck.label), len(scalars)
-    padded = [np.concatenate([part, np.zeros(extra, part.dtype)]) for part in (
+    padded = [np.concatenate([part, np.zeros(len(scalars), part.dtype)]) for part in (
         deck.system, deck.displacement, *deck.coordinates.T, *deck.held.T)]  # fmt: skip
-    twice = repeated_key(comm, label)
-    if twice is not None:
-        raise InputError(f"{deck.path}: found the point {twice} more than once, expected each point once")
+    require_once(comm, label, lambda twice: f"{deck.path}: found the point {twice} more than once, expected each point "
+                                            "once")  # fmt: skip
     label, scalar, system, displacement, x, y, z, *held = sort_over_ranks(
-        comm, label, [np.arange(len(label)) >= count, *padded]
+        comm, label, [np.arange(len(label)) >= len(deck.label), *padded]
     )
     if not comm.allreduce(len(label)):
         raise InputError(f"{deck.path}: found no points, expected GRID cards")
-    systems = _systems(comm, deck, label, system, np.stack([x, y, z], axis=1))
+    coordinates, scalar = np.stack([x, y, z], axis=1), scalar.astype(bool)
+    systems = _systems(comm, deck, label, system, coordinates)
     with agreed(comm):
+        if unknown := {*system[~scalar].tolist(), *displacement[~scalar].tolist()} - set(systems):
+            raise InputError(
+                f"{deck.path}: found points in the coordinate system {min(unknown)}, which no CORD card defines"
+            )
         position = np.zeros((len(label), 3))
         for number in np.unique(system):
             mine = (system == number) & ~scalar
-            position[mine] = _known(deck, systems, number).to_basic(np.stack([x, y, z], axis=1)[mine])
+            position[mine] = systems[number].to_basic(coordinates[mine])
         far = ~(np.abs(position) <= LARGEST_COORDINATE).all(axis=1)
         if far.any():
             raise InputError(f"{deck.path}: found the point {label[far][0]} at {position[far][0].tolist()}, expected "
                              "finite coordinates")  # fmt: skip
-        turned = np.flatnonzero((displacement != 0) & ~scalar)
-        axes = np.zeros((len(turned), 3, 3))
-        for number in np.unique(displacement[turned]):
-            mine = displacement[turned] == number
-            axes[mine] = _known(deck, systems, number).directions(position[turned[mine]])
-        axes[np.abs(axes) < TINY] = 0.0
-        same = (axes == np.eye(3)).all(axis=(1, 2))
     marks = np.where(np.stack(held, axis=1), HELD, 0).astype(np.uint8)
-    return Points(label, position, scalar.astype(bool), marks, turned[~same], axes[~same])
-
-
-def _known(deck, systems, number):
-    if number not in systems:
-        raise InputError(f"{deck.path}: found points in the coordinate system {number}, which no CORD card defines")
-    return systems[number]
-
-
-def _scalars(cards):
-    """Return numbers of the scalar points."""
-    found = []
-    for card in cards:
-        if card.name == "SPOINT":
-            low, high = card.points(0)
-            found += [np.arange(a, b + 1) for a, b in zip(low, high, strict=True)]
-    return np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
+    return Points.in_systems(label, position, scalar, marks, displacement, systems)
 
 
 def _systems(comm, deck, label, system, coordinates):
     """Return all coordinate systems by number. Collective."""
     with agreed(comm):
-        wanted = [card.whole(start + k, "a grid point") for card in deck.cards if card.name.startswith("CORD1")
-                  for start in _halves(card) for k in (1, 2, 3)]  # fmt: skip
+        given = _definitions(deck.cards)
+        wanted = [point for *_, points in given for point in points if isinstance(point, int)]
         mine = np.flatnonzero(np.isin(label, np.array(wanted, dtype=np.int64)))
-        own = {int(label[k]): (int(system[k]), coordinates[k]) for k in mine}
-    grids = {}
-    for part in comm.allgather(own):
-        grids |= part
+        own = {int(label[k]): (int(system[k]), coordinates[k].tolist()) for k in mine}
+    grids = {point: item for part in comm.allgather(own) for point, item in part.items()}
     with agreed(comm):
-        systems, open_ = {0: System()}, _definitions(deck, grids)
+        systems, open_ = {0: System()}, {}
+        for card, number, points in given:
+            if missing := [point for point in points if isinstance(point, int) and point not in grids]:
+                raise card.error(f"found the point {missing[0]}, which no GRID card defines")
+            item = SYSTEMS[card.name[5]], [grids[point] if isinstance(point, int) else point for point in points]
+            if number == 0 or (number in open_ and str(open_[number][:2]) != str(item)):
+                raise card.error(f"found the coordinate system {number} a second time, expected one definition")
+            open_[number] = *item, card
         while open_:
             ready = [number for number, (_, points, _) in open_.items() if all(ref in systems for ref, _ in points)]
             if not ready:
@@ -416,33 +390,17 @@ def _systems(comm, deck, label, system, coordinates):
         return systems
 
 
-def _halves(card):
-    """Return fields where the systems of a CORD1 card begin: it may define two."""
-    return (0, 4) if card.text(4) else (0,)
-
-
-def _definitions(deck, grids):
-    """Return Kind, three points (system, coordinates) and card of the systems by number."""
-    found = {}
-
-    def define(card, number, points):
-        item = (SYSTEMS[card.name[5]], points, card)
-        if number == 0 or number in found and (found[number][0] != item[0] or str(found[number][1]) != str(points)):
-            raise card.error(f"found the coordinate system {number} a second time, expected one definition")
-        found[number] = item
-
-    for card in deck.cards:
+def _definitions(cards):
+    """Return card, number and three points (a grid point, or system and coordinates) of each system."""
+    found = []
+    for card in cards:
         if card.name.startswith("CORD2"):
             reference = card.whole(1, "the system of reference", 0)
             values = [card.real(k, "a coordinate") for k in range(2, 11)]
-            define(card, card.whole(0, "the number of the system"),
-                   [(reference, values[k : k + 3]) for k in (0, 3, 6)])  # fmt: skip
+            points = [(reference, values[k : k + 3]) for k in (0, 3, 6)]
+            found.append((card, card.whole(0, "the number of the system"), points))
         elif card.name.startswith("CORD1"):
-            for start in _halves(card):
+            for start in (0, 4) if card.text(4) else (0,):  # a card may define two
                 points = [card.whole(start + k, "a grid point") for k in (1, 2, 3)]
-                missing = [point for point in points if point not in grids]
-                if missing:
-                    raise card.error(f"found the point {missing[0]}, which no GRID card defines")
-                define(card, card.whole(start, "the number of the system"),
-                       [(grids[point][0], grids[point][1].tolist()) for point in points])  # fmt: skip
+                found.append((card, card.whole(start, "the number of the system"), points))
     return found

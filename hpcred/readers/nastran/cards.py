@@ -108,12 +108,10 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     mine = (card >= 0) & np.asarray(fits, bool)[card] if len(names) else np.zeros(len(card), bool)
     stray = (card < 0) | (~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8)))
     stray &= (card < 0) | mine | (head[:, 0] != ord("="))  # cards that are not wanted may be repeated
-    if stray.any():
-        raise piece.refusal(int(number[stray][0]), "a card, or a line that continues one")
-    apart = _apart(text, start, stop, head, starts)
-    if apart.size:
-        raise piece.refusal(int(number[apart[0]]), "a line that continues the one above, which does not end with its "
-                            "name (field 10); put the lines of each card below each other")  # fmt: skip
+    piece.require(~stray, number, "a card, or a line that continues one")
+    for line in number[_apart(text, start, stop, head, starts)]:
+        raise piece.refusal(int(line), "a line that continues the one above, which does not end with its name (field "
+                            "10); put the lines of each card below each other")  # fmt: skip
     lines = piece.text.split(b"\n") if strict and b"$" in piece.text else ()
     for k in [k for k, line in enumerate(lines) if b"$" in line and not line.startswith(b"$")]:
         place = np.searchsorted(number, k, side="right") - 1  # of the line itself, or the last in front of a remark
@@ -121,22 +119,18 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
             raise piece.refusal(k, "a card without a remark behind it")
     card, start, stop, number, head, starts = (part[mine] for part in (card, start, stop, number, head, starts))
     if strict:
-        odd = visible[stop] > visible[np.minimum(start + 80, stop)]
-        if odd.any():
-            raise piece.refusal(int(number[odd][0]), "a card of at most 80 columns")
+        piece.require(visible[stop] <= visible[np.minimum(start + 80, stop)], number, "a card of at most 80 columns")
     count, fields = _fields(piece, text, start, stop, head, number)
     if strict and starts.any():
         first, label = card[starts], fields[starts, 0]
         gap = (np.diff(first) > 1) & (label[1:] == label[:-1])
-        if gap.any():
-            raise piece.refusal(int(number[starts][1:][gap][0]) - 1, "none but cards of one matrix here")
+        piece.require(~gap, number[starts][1:] - 1, "none but cards of one matrix here")
     name = names[card] if len(names) else np.zeros(0, "S8")
     return Lines(piece, card, name, starts, number, count, fields, total)
 
 
 def _apart(text, start, stop, head, starts):
-    """Return which lines continue another card than that above them, by their name (field 1) and that of the line
-    above."""
+    """Return which lines continue another card than that above them, by their names and that at its end."""
     named = ((head[:, 0] == ord("+")) | (head[:, 0] == ord("*"))) & (head[:, 1] > ord(" ")) & (head[:, 1] != ord(","))
     child = np.flatnonzero(named & ~starts)
     own = _name(np.where(np.logical_or.accumulate(head[child] == ord(","), axis=1), ord(" "), head[child]))
@@ -181,18 +175,15 @@ def _fields(piece, text, start, stop, head, number):
         low[free], high[free] = 0, 0
         low[line[data], place[data]], high[line[data], place[data]] = at[data] + 1, end[data]
         visible = np.concatenate([[0], np.cumsum(text > ord(" "))])
-        beyond = (place > count[line]) & (visible[end] > visible[np.minimum(at + 1, end)])
-        if beyond.any():
-            raise piece.refusal(int(number[line[beyond][0]]), f"at most {SMALL + 2} fields a line")
+        inside = (place <= count[line]) | (visible[end] <= visible[np.minimum(at + 1, end)])
+        piece.require(inside, number[line], f"at most {SMALL + 2} fields a line")
     low, high = np.minimum(low, stop[:, None]), np.maximum(high, np.minimum(low, stop[:, None]))
     last = len(text) - 1
     while (blank := (low < high) & (text[np.minimum(low, last)] == ord(" "))).any():  # in front
         low = low + blank
     far = np.minimum(low + WIDTH, high)
     visible = np.concatenate([[0], np.cumsum(text > ord(" "))])
-    long = (visible[high] > visible[far]).any(axis=1)
-    if long.any():
-        raise piece.refusal(int(number[long][0]), f"fields of at most {WIDTH} characters")
+    piece.require((visible[high] <= visible[far]).all(axis=1), number, f"fields of at most {WIDTH} characters")
     flat = _gather(text, low.ravel(), far.ravel(), WIDTH)
     flat = np.where(np.maximum.accumulate(flat[:, ::-1] > ord(" "), axis=1)[:, ::-1], flat, 0)  # blanks behind
     fields = flat.astype(np.uint8).view(f"S{WIDTH}").reshape(len(start), SMALL)
@@ -228,27 +219,29 @@ def wholes(piece, fields, lines, what, low=0, high=LARGEST_LABEL, empty=None) ->
     characters = _characters(filled)
     digit = (characters >= ord("0")) & (characters <= ord("9"))
     good = (digit | (characters == 0)).all(axis=1) & digit.any(axis=1) & (digit.sum(axis=1) <= 10)
-    value = np.zeros(len(filled), np.int64)
+    value = whole_numbers(characters, digit & good[:, None])
+    piece.require(good & (value >= low) & (value <= high), lines, f"{what}, a whole number of {low} to {high}")
+    return value
+
+
+def whole_numbers(characters, digit) -> np.ndarray:
+    """Return the numbers (n,) that the digits among characters (n, width) make."""
+    value = np.zeros(len(characters), np.int64)
     for k in range(characters.shape[1]):
-        value = np.where(digit[:, k] & good, 10 * value + characters[:, k] - ord("0"), value)
-    wrong = np.flatnonzero(~good | (value < low) | (value > high))
-    if wrong.size:
-        raise piece.refusal(int(lines[wrong[0]]), f"{what}, a whole number of {low} to {high}")
+        value = np.where(digit[:, k], 10 * value + characters[:, k] - ord("0"), value)
     return value
 
 
 def components(piece, fields, lines, what) -> np.ndarray:
     """Return which of the directions 1 to 6 (n, 6) the digits of fields (n,) name; 0 or none: no direction."""
     characters = _characters(fields)
-    wrong = np.flatnonzero(~((characters == 0) | ((characters >= ord("0")) & (characters <= ord("6")))).all(axis=1))
-    if wrong.size:
-        raise piece.refusal(int(lines[wrong[0]]), f"{what}, digits of 1 to 6")
+    fits = ((characters == 0) | ((characters >= ord("0")) & (characters <= ord("6")))).all(axis=1)
+    piece.require(fits, lines, f"{what}, digits of 1 to 6")
     return (characters[:, :, None] == ord("1") + np.arange(6)).any(axis=1)
 
 
 def number_of(field: str, where, what: str, empty=None) -> float:
-    """Return the number in a field of a card of which there are few. Raises InputError; `where` makes it from a
-    sentence."""
+    """Return the number in a field of one of few cards. Raises InputError, by `where` from a sentence."""
     text = field or ("" if empty is None else str(empty))
     value = parse_fortran(text.encode())
     if not text or value is None or len(value) != 1 or not np.isfinite(value[0]):

@@ -116,9 +116,7 @@ def _check_order(path, pieces):
 
 def read(path, comm, key="K", variables=None) -> LabelledEntries:
     """Read one matrix of a file, for -K and the like. Collective. Raises InputError."""
-    found = contents(path, comm)
-    place = single(path, [item.name for item in found], key, variables)
-    entries, _, lacking = read_matrices(path, comm, {key: found[place]})
+    entries, _, lacking = read_matrices(path, comm, {key: single(path, contents(path, comm), key, variables)})
     if lacking is not None:
         raise lacking.error("; where it counts dofs that have no row, convert the file with its input file beside it")
     return entries[key]

@@ -12,30 +12,18 @@ import numpy as np
 
 from ...files.text import first_bytes
 from ...model.dofs import OWN, SCALAR
+from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, number_over_ranks
 from ..base import Reader
-from ..entries import STRIDE, Entries, LabelledEntries, asymmetry, chunks, label_name, label_of
+from ..entries import STRIDE, Entries, LabelledEntries, asymmetry, label_name, label_of
+from ..nodal_systems import turned_entries
 from ..nodes.table import NodeTable
 from ..parts import Parts, common_size, labels_in_order
-from . import (
-    bulk as nastran_bulk,
-)
-from . import (
-    dmig as nastran_dmig,
-)
-from . import (
-    op2 as nastran_op2,
-)
-from . import (
-    op2_matrices as nastran_op2_matrices,
-)
-from . import (
-    op4 as nastran_op4,
-)
+from . import bulk, dmig, op2, op4
 from .mass import compare_mass
 from .names import STRUCTURAL, Choice, letter_of, named, none_found, pairs
-from .points import HELD, SETS, Points, present, refined, turn_of, turned_entries
+from .points import HELD, SETS, Points, present, refined, turn_of
 from .sets import hold_rotations_of_solids, mark_sets
 
 NO_USET = (
@@ -61,15 +49,11 @@ class _Rows:
 
 def begins_bulk(start: bytes) -> bool:
     """Test whether a text that starts so is a punch file with matrices, or an input file with them beside it."""
-    return nastran_dmig.begins(start) or nastran_bulk.begins(start)
+    return dmig.begins(start) or bulk.begins(start)
 
 
 def read_op4(path, comm, variables=None) -> Parts:
-    """Return the model of an OP4 file, or of an OP2 with matrices. `variables`: names of matrices by K, M, D.
-    Collective.
-
-    Raises InputError.
-    """
+    """Return the model of an OP4 file, or of an OP2 with matrices; `variables`: names by K, M, D. Collective."""
     path = Path(path)
     files, contents = _op4_files(path, comm)
     names = [matrix.name for matrix in contents]
@@ -77,25 +61,30 @@ def read_op4(path, comm, variables=None) -> Parts:
     choices = _choices(path, names, se, variables)
     rows, choice, warnings = _rows_of(path, comm, [(item, contents[item.places["K"]].shape[0], se[item.places["K"]])
                                                    for item in choices], bool(variables))  # fmt: skip
+    files = {key: files[place] for key, place in choice.places.items()}
     taken = {key: contents[place] for key, place in choice.places.items()}
-    matrices = {key: _read_matrix(files[choice.places[key]], comm, matrix) for key, matrix in taken.items()}
-    if "D" in matrices and not comm.allreduce(len(matrices["D"].values)):
-        del matrices["D"]
-    origins = {key: f"{files[choice.places[key]]}, matrix {taken[key].name}" for key in matrices}
-    warnings = [_taken(path, origins, names), *warnings]
-    _check(comm, matrices, origins)
-    matrices, number = _without_empty_rows(comm, matrices, warnings)
-    parts = Parts(matrices, origins, warnings=warnings)
+    parts = _parts(path, comm, {key: op4.read_matrix(files[key], comm, matrix) for key, matrix in taken.items()},
+                   {key: f"{files[key]}, matrix {taken[key].name}" for key in taken}, names)  # fmt: skip
+    parts.warnings += warnings
+    parts.matrices, number = _without_empty_rows(comm, parts.matrices, parts.warnings)
     if rows is not None:
         _label_rows(comm, parts, rows, number)
     return parts
 
 
+def _parts(path, comm, matrices, origins, names) -> Parts:
+    """Return the parts of matrices that fit each other, without a D of zeros, and which they are. Collective."""
+    if "D" in matrices and not comm.allreduce(len(matrices["D"].values)):
+        del matrices["D"], origins["D"]
+    _check(comm, matrices, origins)
+    return Parts(matrices, origins, warnings=[_taken(path, origins, names)])
+
+
 def _op4_files(path, comm):
     """Return all matrices of a file, and the file of each; those of OP4 files of the same name where it has no pair."""
+    contents = op4.contents(path, comm)
     with agreed(comm):
-        is_op2 = nastran_op2.begins(first_bytes(path))
-    contents = (nastran_op2_matrices if is_op2 else nastran_op4).contents(path, comm)
+        is_op2 = op2.begins(first_bytes(path))
     files = [path] * len(contents)
     if is_op2 and not contents:
         raise InputError(
@@ -103,31 +92,26 @@ def _op4_files(path, comm):
             ".op4 or .pch of the run, and leave this one beside it"
         )
     if not is_op2 and not pairs([matrix.name for matrix in contents]):
-        with agreed(comm):
-            others = [file for file in nastran_bulk.beside(path) if nastran_op4.begins(first_bytes(file))]
-        for file in comm.bcast(others):
-            more = nastran_op4.contents(file, comm)
+        for file in decided(comm, _beside, path, op4.begins):
+            more = op4.contents(file, comm)
             contents, files = contents + more, files + [file] * len(more)
     return files, contents
 
 
-def _read_matrix(file, comm, matrix):
-    is_op2 = isinstance(matrix, nastran_op2_matrices.Op2Matrix)
-    return (nastran_op2_matrices if is_op2 else nastran_op4).read_matrix(file, comm, matrix)
+def _beside(path, begins):
+    """Return the files of the same name of a kind."""
+    return [file for file in bulk.beside(path) if begins(first_bytes(file))]
 
 
 def _superelements(files, contents, comm):
-    """Return the number of the superelement to which each matrix belongs, where matrices SE_START say so, else None.
-
-    Raises InputError where LOOP_END is missing, which ends the file of a run that writes them.
-    """
+    """Return the number of the superelement of each matrix, as matrices SE_START say, else None. Collective."""
     numbers, number = [], None
     starts = [file for file, matrix in zip(files, contents, strict=True) if matrix.name == "SE_START"]
     if starts and "LOOP_END" not in {matrix.name for matrix in contents}:
         raise InputError(f"{starts[0]}: found matrices SE_START, but no LOOP_END behind the last; the file is cut off")
     for file, matrix in zip(files, contents, strict=True):
         if matrix.name == "SE_START" and matrix.shape == (1, 1):
-            values = comm.allgather(_read_matrix(file, comm, matrix).values)
+            values = comm.allgather(op4.read_matrix(file, comm, matrix).values)
             number = int(np.concatenate(values).sum())
         numbers.append(number)
     return numbers
@@ -197,48 +181,37 @@ def _check(comm, matrices, origins):
 
 
 def _rows_of(path, comm, candidates, insisted):
-    """Return the rows of the first candidate (choice, size, superelement) whose rows are known.
-
-    Returns _Rows or None, the choice, and warnings. Raises InputError where companions contradict the matrices.
-    """
-    with agreed(comm):
-        beside = nastran_bulk.beside(path)
-        op2 = next((file for file in (path, *beside) if nastran_op2.begins(first_bytes(file))), None)
-        other = next((file for file in beside if op2 is None and file.suffix.lower() == ".op2"), None)
-        if other is not None:
-            begins = first_bytes(other)[:12]
-            raise InputError(f"{other}: found a file that begins with {begins!r}, expected one of OUTPUT2")
-        files = nastran_bulk.companions(path)
-    op2, files = comm.bcast((op2, files))
-    if op2 is None and not files:
+    """Return _Rows or None, and warnings, of the first of candidates (choice, size, superelement) with known rows."""
+    op2_file, files = decided(comm, _companions, path)
+    if op2_file is None and not files:
         return None, candidates[0][0], [f"{path}: the nodes are not known; {NO_USET}"]
-    groups = nastran_op2.points_by_superelement(op2, comm) if op2 else []
-    if op2 == path and not groups and not files:
+    groups = op2.points_by_superelement(op2_file, comm) if op2_file else []
+    if op2_file == path and not groups and not files:
         return None, candidates[0][0], [f"{path}: found no tables BGPDT, EQEXIN and CSTM of all points; the nodes are "
                                         "not known; put the input file of the same name beside it"]  # fmt: skip
-    decks = [nastran_bulk.read_deck(file, comm) for file in files]
+    decks = [bulk.read_deck(file, comm) for file in files]
     decks = [deck for deck in decks if comm.allreduce(len(deck.label))]
     reasons = []
     for choice, size, se in candidates:
         letters = [choice.letter] if choice.letter else list(SETS)
         for letter in letters:
             of_se = [item for item in groups if se is None or item[0] in (None, se)]
-            rows = _rows_of_op2(op2, of_se, decks, comm, letter, size)
+            rows = _rows_of_op2(op2_file, of_se, decks, comm, letter, size)
             if rows is not None:
-                return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter, op2)]
+                return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter)]
         for deck in decks:
             for letter in letters:
                 rows, reason = _rows_of_deck(deck, comm, letter, size)
                 if rows is not None:
-                    return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter, deck.path)]
+                    return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter)]
                 reasons.append(f"{deck.path} has {reason}")
         if groups and not decks:
             counts = {points.count(comm, points.of_set(letter)) for _, points in groups for letter in letters}
-            reasons.append(f"{op2} has {' or '.join(map(str, sorted(counts)))} dofs in such a set")
+            reasons.append(f"{op2_file} has {' or '.join(map(str, sorted(counts)))} dofs in such a set")
         if insisted:
             break
     if not reasons:
-        reasons.append(f"{op2} has no tables BGPDT, EQEXIN and CSTM of all points")
+        reasons.append(f"{op2_file} has no tables BGPDT, EQEXIN and CSTM of all points")
     first = candidates[0]
     raise InputError(
         f"{path}: found matrices of {first[1]} rows, but {reasons[0]}; which dofs the rows are cannot be told: give "
@@ -247,14 +220,25 @@ def _rows_of(path, comm, candidates, insisted):
     )
 
 
+def _companions(path):
+    """Return the OP2 with tables, or None, and the input files. Raises InputError for an .op2 that is none."""
+    beside = bulk.beside(path)
+    found = next((file for file in (path, *beside) if op2.begins(first_bytes(file))), None)
+    other = next((file for file in beside if found is None and file.suffix.lower() == ".op2"), None)
+    if other is not None:
+        raise InputError(
+            f"{other}: found a file that begins with {first_bytes(other)[:12]!r}, expected one of OUTPUT2"
+        )
+    return found, bulk.companions(path)
+
+
 def _passed(reasons):
     """Return why matrices that would be better were not taken."""
     return [f"matrices with all constraints are there, but {reasons[0]}: their rows cannot be named"] if reasons else []
 
 
-def _rows_of_op2(op2, groups, decks, comm, letter, size):
-    """Return _Rows of a set from the points of an OP2 by superelement, with the places of input files where those are
-    rough; None where no set has so many rows."""
+def _rows_of_op2(file, groups, decks, comm, letter, size):
+    """Return _Rows of a set from the points of an OP2, with better places of input files; None if none has the size."""
     fitting = [(number, points) for number, points in groups if points.count(comm, points.of_set(letter)) == size]
     if not fitting:
         return None
@@ -262,13 +246,13 @@ def _rows_of_op2(op2, groups, decks, comm, letter, size):
     mask = points.of_set(letter)
     for deck in decks:
         if points.rough:
-            points = refined(comm, points, nastran_bulk.points_of(deck, comm))
-    return _Rows(points, mask, op2, next((deck.elements for deck in decks if deck.elements), {}))
+            points = refined(comm, points, bulk.points_of(deck, comm))
+    return _Rows(points, mask, file, next((deck.elements for deck in decks if deck.elements), {}))
 
 
 def _rows_of_deck(deck, comm, letter, size):
     """Return _Rows of a set from the input file, or why not."""
-    points = nastran_bulk.points_of(deck, comm)
+    points = bulk.points_of(deck, comm)
     if letter != "G":
         reason = mark_sets(deck, comm, points)
         if reason:
@@ -281,8 +265,8 @@ def _rows_of_deck(deck, comm, letter, size):
     return _Rows(points, points.of_set(letter), deck.path, deck.elements), None
 
 
-def _said_of_rows(comm, rows, letter, source):
-    points = rows.points
+def _said_of_rows(comm, rows, letter):
+    points, source = rows.points, rows.source
     held = comm.allreduce(int(np.count_nonzero(points.there() & (points.marks & HELD > 0))))
     gone = points.count(comm, points.there()) - points.count(comm, rows.mask)
     found = [f"nodes and sets of dofs are those of {source}"]
@@ -302,11 +286,8 @@ def _said_of_rows(comm, rows, letter, source):
 def _without_empty_rows(comm, matrices, warnings):
     """Return the matrices without rows that have no entry, and the old numbers of the new rows of this rank."""
     size = matrices["K"].shape[0]
-    used = [np.zeros(0, np.int64)]
-    for item in matrices.values():
-        used += [np.unique(item.rows[part][item.values[part] != 0]) for part in chunks(comm, len(item.values))]
-    used = np.unique(np.concatenate(used))
-    kept, _ = number_over_ranks(comm, used)
+    used = [np.unique(item.rows[item.values != 0]) for item in matrices.values()]
+    kept, _ = number_over_ranks(comm, np.concatenate(used))
     count = comm.allreduce(len(kept))
     if count == size:
         return matrices, None
@@ -325,7 +306,7 @@ def _without_empty_rows(comm, matrices, warnings):
 
 
 def _label_rows(comm, parts, rows, kept):
-    """Labels of numbered rows, in x, y, z as far as they go; the matrices are turned."""
+    """Label numbered rows, in x, y, z as far as they go, and turn the matrices."""
     points, mask = rows.points, rows.mask
     counts = comm.allgather(int(mask.sum()))
     number = np.full(mask.shape, -1)
@@ -335,16 +316,19 @@ def _label_rows(comm, parts, rows, kept):
         number[mask] = np.where(found, new, -1)
         mask = number >= 0
     turn = turn_of(points, mask, number, by_label=False)
-    for key, item in parts.matrices.items():
-        parts.matrices[key] = Entries(item.shape, *turned_entries(comm, turn, item.rows, item.columns, item.values))
+    _turn(comm, parts, turn)
     parts.row_labels = turn.label[mask], number[mask]
     _finish(comm, parts, rows, turn, mask)
+
+
+def _turn(comm, parts, turn):
+    parts.matrices = {key: turned_entries(comm, turn, item) for key, item in parts.matrices.items()}
 
 
 def _finish(comm, parts, rows, turn, mask):
     """Add nodes, elements, held dofs, and messages on rotated ones."""
     points = rows.points
-    parts.nodes, parts.elements = points.nodes(comm), rows.elements
+    parts.nodes, parts.elements = NodeTable.as_given(comm, points.label, points.position), rows.elements
     held = points.there() & ~mask & (points.marks & HELD > 0)
     label = points.local_labels()
     for low in (0, 3):
@@ -369,77 +353,59 @@ def _said_of_turn(comm, points, turn):
 
 
 def read_bulk(path, comm, variables=None) -> Parts:
-    """Return the model of DMIG cards, or of an input file with OP4 or a punch file beside it.
-
-    `variables`: names of matrices by K, M, D. Collective. Raises InputError.
-    """
+    """Return the model of DMIG cards, or of an input file with OP4 or a punch file beside it. Collective."""
     path = Path(path)
-    contents = nastran_dmig.contents(path, comm)
+    contents = dmig.contents(path, comm)
     if not contents:
         return _read_beside(path, comm, variables)
     names = [matrix.name for matrix in contents]
     with agreed(comm):
         choice = _choices(path, names, [None] * len(names), variables)[0]
     wanted = {key: contents[place] for key, place in choice.places.items()}
-    matrices, warnings, lacking = nastran_dmig.read_matrices(path, comm, wanted)
-    if "D" in matrices and not comm.allreduce(len(matrices["D"].values)):
-        del matrices["D"]
-    origins = {key: f"{path}, matrix {wanted[key].name}" for key in matrices}
-    _check(comm, matrices, origins)
-    parts = Parts(matrices, origins, warnings=[_taken(path, origins, names), *warnings], open_ended=set(matrices),
-                  loose=choice.letter == "G")  # fmt: skip
+    matrices, warnings, lacking = dmig.read_matrices(path, comm, wanted)
+    parts = _parts(path, comm, matrices, {key: f"{path}, matrix {wanted[key].name}" for key in wanted}, names)
+    parts.warnings += warnings
+    parts.open_ended, parts.loose = set(matrices), choice.letter == "G"
     if choice.letter == "G":
         parts.warnings.append(LOOSE.format("KAAX and MAAX"))
-    deck = nastran_bulk.read_deck(path, comm)
+    deck = bulk.read_deck(path, comm)
     if not comm.allreduce(len(deck.label)):
-        with agreed(comm):
-            files = nastran_bulk.companions(path)
-        file = next(iter(comm.bcast(files)), None)
+        file = next(iter(decided(comm, bulk.companions, path)), None)
         if file is None and lacking is not None:
             raise lacking.error("; the file is cut off or damaged, or counts dofs that have no row: put the input file "
                                 "of the same name beside it")  # fmt: skip
         if file is None:
             parts.warnings.append(f"{path}: the nodes are not known; put the input file of the same name beside it")
             return parts
-        deck = nastran_bulk.read_deck(file, comm)
+        deck = bulk.read_deck(file, comm)
     _label_entries(comm, parts, deck, lacking, path)
     return parts
 
 
 def read_nodes(path, comm) -> tuple[NodeTable, dict[str, np.ndarray], Points]:
-    """Return the nodes, ascending by number, and elements of an input file, for matrices of other files; and Points.
-
-    Collective. Raises InputError.
-    """
-    deck = nastran_bulk.read_deck(path, comm)
-    points = nastran_bulk.points_of(deck, comm)
-    label, position = points.label[~points.scalar], points.position[~points.scalar]
-    nodes = NodeTable(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label)))
+    """Return nodes, ascending by number, elements and Points of an input file for other matrices. Collective."""
+    deck = bulk.read_deck(path, comm)
+    points = bulk.points_of(deck, comm)
+    nodes = NodeTable.as_given(comm, points.label[~points.scalar], points.position[~points.scalar])
     return nodes, deck.elements, points
 
 
 def turn_rows(comm, parts, points, path):
-    """Turn rows of matrices, which are in the displacement systems (CD) of an input file, to x, y, z. Collective.
-
-    Rows are labelled or numbered, and then named by `row_labels` or by the order of the nodes. Raises InputError.
-    """
+    """Turn rows of matrices from the displacement systems (CD) of an input file to x, y, z. Collective."""
     if not comm.allreduce(len(points.turned)):
         return
     own = points.local_labels()
     if isinstance(parts.matrices["K"], LabelledEntries):
         labels = np.concatenate([end for item in parts.matrices.values() for end in (item.rows, item.columns)])
         turn = turn_of(points, present(comm, points, labels), own, by_label=True)
-        for key, item in parts.matrices.items():
-            parts.matrices[key] = LabelledEntries(*turned_entries(comm, turn, item.rows, item.columns, item.values))
     else:
         label, row = parts.row_labels or labels_in_order(comm, parts.nodes, common_size(parts), parts.files["K"])
         found, (number,) = look_up(comm, label, [row], own.ravel())
         mask, number = found.reshape(own.shape), np.where(found, number, -1).reshape(own.shape)
         turn = turn_of(points, mask, number, by_label=False)
-        for key, item in parts.matrices.items():
-            parts.matrices[key] = Entries(item.shape, *turned_entries(comm, turn, item.rows, item.columns, item.values))
         known, (new,) = look_up(comm, own[mask], [turn.label[mask]], label)
         parts.row_labels = np.where(known, new, label), row
+    _turn(comm, parts, turn)
     parts.warnings += [f"{path}: {sentence}" for sentence in _said_of_turn(comm, points, turn)]
     parts.warnings.append(
         f"{path}: matrices of Nastran are in these systems; where those of another program are in x, y, z, as the "
@@ -449,18 +415,13 @@ def turn_rows(comm, parts, points, path):
 
 def _read_beside(path, comm, variables):
     """Return the matrices beside an input file."""
-    with agreed(comm):
-        beside = nastran_bulk.beside(path)
-        op4 = [file for file in beside if nastran_op4.begins(first_bytes(file))]
-        punch = [file for file in beside if nastran_dmig.begins(first_bytes(file))]
-        op2 = [file for file in beside if nastran_op2.begins(first_bytes(file))]
-    op4, punch, op2 = comm.bcast((op4, punch, op2))
-    if op4:
-        return read_op4(op4[0], comm, variables)
+    of_op4, punch, of_op2 = (decided(comm, _beside, path, kind.begins) for kind in (op4, dmig, op2))
+    if of_op4:
+        return read_op4(of_op4[0], comm, variables)
     if punch:
         return read_bulk(punch[0], comm, variables)
-    if op2 and nastran_op2_matrices.contents(op2[0], comm):
-        return read_op4(op2[0], comm, variables)
+    if of_op2 and op4.contents(of_op2[0], comm):
+        return read_op4(of_op2[0], comm, variables)
     raise InputError(
         f"{path}: found an input file of Nastran without matrices, expected {path.stem}.op4, {path.stem}.pch or "
         f"{path.stem}.op2 with them beside it; see docs/formats-nastran.md for what to type in Nastran"
@@ -468,8 +429,8 @@ def _read_beside(path, comm, variables):
 
 
 def _label_entries(comm, parts, deck, lacking, path):
-    """Labelled entries in x, y, z as far as they go, with the nodes of an input file; `lacking`: see nastran_dmig."""
-    points = nastran_bulk.points_of(deck, comm)
+    """Label entries in x, y, z as far as they go, with the nodes of an input file; `lacking`: see dmig."""
+    points = bulk.points_of(deck, comm)
     _name_scalars(comm, parts, points)
     labels = np.concatenate([end for item in parts.matrices.values() for end in (item.rows, item.columns)])
     mask = present(comm, points, labels)
@@ -477,8 +438,7 @@ def _label_entries(comm, parts, deck, lacking, path):
     if lacking is not None:
         _require_whole_set(comm, parts, deck, points, mask, lacking, reason)
     turn = turn_of(points, mask, points.local_labels(), by_label=True)
-    for key, item in parts.matrices.items():
-        parts.matrices[key] = LabelledEntries(*turned_entries(comm, turn, item.rows, item.columns, item.values))
+    _turn(comm, parts, turn)
     parts.warnings.append(f"nodes are those of {deck.path}")
     held = points.count(comm, points.there() & ~mask & (points.marks & HELD > 0))
     if held and not reason:
@@ -490,9 +450,8 @@ def _label_entries(comm, parts, deck, lacking, path):
 
 
 def _require_whole_set(comm, parts, deck, points, mask, lacking, reason):
-    """Raise InputError unless K announces as many columns as the model has dofs, as Simcenter Nastran does, and lacks
-    none but of dofs that have no row. Says how many no card takes away. `mask`: the dofs of all matrices; `reason`: why
-    the cards do not tell them."""
+    """Raise InputError unless K announces all dofs of the model, as Simcenter's does, and lacks only those without row.
+    """
     total = points.count(comm, points.there())
     if total != lacking.matrix.columns:
         raise lacking.error(f"; the file is cut off or damaged, or {deck.path}, which has {total} dofs, belongs to "
@@ -535,8 +494,8 @@ class Op4(Reader):
 
     name, told_by, named = "Nastran OP4", "the header of its first matrix", True
     companions = "other .op4 files, .op2, .bdf or .dat with nodes"
-    begins = staticmethod(nastran_op4.begins)
-    read_matrix, read_model = staticmethod(nastran_op4.read), staticmethod(read_op4)
+    begins = staticmethod(op4.begins)
+    read_matrix, read_model = staticmethod(op4.read), staticmethod(read_op4)
 
 
 class Op2(Reader):
@@ -544,8 +503,8 @@ class Op2(Reader):
 
     name, told_by, named = "Nastran OP2 with matrices", "its records of one number", True
     companions = ".bdf or .dat with nodes"
-    begins = staticmethod(nastran_op2.begins)
-    read_matrix, read_model = staticmethod(nastran_op2_matrices.read), staticmethod(read_op4)
+    begins = staticmethod(op2.begins)
+    read_matrix, read_model = staticmethod(op4.read), staticmethod(read_op4)
 
 
 class Bulk(Reader):

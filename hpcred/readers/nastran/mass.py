@@ -7,9 +7,10 @@ import re
 import numpy as np
 
 from ...files.text import open_unpacked
-from ...parallel.failures import InputError, agreed
+from ...parallel.decisions import decided
+from ...parallel.failures import InputError
 from ..entries import STRIDE, LabelledEntries
-from . import bulk as nastran_bulk
+from .bulk import beside
 
 WEIGHT = re.compile(rb"MASS AXIS SYSTEM \(S\)[^\n]*\n[ \t]*X[ \t]+(?P<mass>[-+\d.]+E[-+]\d+)")  # of GRDPNT in an .f06
 LONGEST = 2**30  # bytes of a listing that is looked at
@@ -17,12 +18,10 @@ SAME = 0.01
 
 
 def compare_mass(comm, path, deck, M: LabelledEntries) -> list[str]:
-    """Return sentences on the mass in x, y, z of M, of a body without supports, against that of the listing beside
-    `path`, or of the point masses of the input file. Collective. Raises InputError where M has less."""
-    found = _mass(comm, M)
-    with agreed(comm):
-        told, source = _told(path) if comm.rank == 0 else (None, None)
-    told, source = comm.bcast((told, source))
+    """Compare the mass of M, without supports, with a listing or point masses; InputError if less. Collective."""
+    same = (M.rows % STRIDE == M.columns % STRIDE) & (M.rows % STRIDE < 3)
+    found = float(max(comm.allreduce(np.bincount(M.rows[same] % STRIDE, M.values[same], 3))))  # in x, y, z
+    told, source = decided(comm, _told, path)
     exact = told is not None
     if not exact:
         told, source = deck.point_mass, f"the CONM2 of {deck.path} sum up to"
@@ -37,15 +36,9 @@ def compare_mass(comm, path, deck, M: LabelledEntries) -> list[str]:
     return [f"{path}: the mass of M, {found:.6g}, is what {source}"] if exact else []
 
 
-def _mass(comm, M):
-    """Return the largest of the masses in x, y, z."""
-    same = (M.rows % STRIDE == M.columns % STRIDE) & (M.rows % STRIDE < 3)
-    return float(max(comm.allreduce(np.bincount(M.rows[same] % STRIDE, M.values[same], 3))))
-
-
 def _told(path):
     """Return the mass of the grid point weight generator in a listing of the same name, and words for it, or None."""
-    for file in nastran_bulk.beside(path):
+    for file in beside(path):
         if file.suffix.lower() == ".f06":
             with open_unpacked(file) as text:
                 masses = {float(match["mass"]) for match in WEIGHT.finditer(text.read(LONGEST))}

@@ -79,17 +79,18 @@ def none_found(path, names) -> InputError:
     )
 
 
-def single(path, names: list[str], key: str, variables: dict[str, str] | None) -> int:
-    """Return the place of the one matrix that a file is read for: K, M, D, B or C. Raises InputError."""
+def single(path, matrices: list, key: str, variables: dict[str, str] | None):
+    """Return the one matrix that a file is read for: K, M, D, B or C. Raises InputError."""
+    names = [item.name for item in matrices]
     if variables and key in variables:
-        return named(path, names, {key: variables[key]})[key]
+        return matrices[named(path, names, {key: variables[key]})[key]]
     if len(names) == 1:
-        return 0
+        return matrices[0]
     for choice in pairs(names):
         if key in choice.places:
-            return choice.places[key]
+            return matrices[choice.places[key]]
     starts = {"K": ("K", "STIF"), "M": ("M",), "D": ("B", "D")}.get(key, (key,))
-    fitting = [k for k, name in enumerate(names) if name.startswith(starts) and not name.startswith(STRUCTURAL)]
+    fitting = [item for item in matrices if item.name.startswith(starts) and not item.name.startswith(STRUCTURAL)]
     if len(fitting) == 1:
         return fitting[0]
     raise InputError(f"{path}: found the matrices {', '.join(names)}; say which is {key} by --variables {key}=NAME")

@@ -12,9 +12,10 @@ import numpy as np
 
 from ...files.system_errors import open_input, read_numbers
 from ...files.text import LARGEST_LABEL, first_bytes
+from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, repeated_key
-from .points import DEPENDENT, HELD, OMITTED, SUPPORTED, TINY, Points, System
+from .points import DEPENDENT, HELD, OMITTED, SUPPORTED, Points, System
 
 NAMES = ("SLIST", "BGPDT", "USET", "EQEXIN", "CSTM")
 SHARE = 2**22  # bytes of a matrix that one rank decodes at a time, at least
@@ -22,39 +23,6 @@ SCALAR_CODE = 2
 KIND, GRID, SCALAR = 3, 61, 12  # the place of the kind among the words of a point of the long form, and the kinds
 # bits of USET that the sets have: m; s, by cards and by points; o; r
 MEMBERS = {DEPENDENT: 1, HELD: 1 << 9 | 1 << 10, OMITTED: 1 << 2, SUPPORTED: 1 << 3}
-
-
-@dataclass(frozen=True)
-class Table:
-    """The records of a table: of each, pieces as (byte, bytes) of the file. `order` of bytes, `size` of a word."""
-
-    path: str
-    name: str
-    order: str
-    size: int
-    records: list
-
-    def words(self, record: int, low: int, high: int) -> np.ndarray:
-        """Return the bytes of words low..high of a record, as array of bytes."""
-        return self.bytes(record, low * self.size, high * self.size)
-
-    def length(self, record: int) -> int:
-        """Return bytes of a record; 0 where there is none."""
-        return sum(count for _, count in self.records[record]) if record < len(self.records) else 0
-
-    def bytes(self, record: int, low: int, high: int) -> np.ndarray:
-        parts, before = [np.zeros(0, np.uint8)], 0
-        for at, count in self.records[record]:
-            a, b = max(low - before, 0), min(high - before, count)
-            if a < b:
-                parts.append(read_numbers(self.path, np.uint8, b - a, offset=at + a))
-            before += count
-        return np.concatenate(parts)
-
-    def integers(self, record: int, low=0, high=None) -> np.ndarray:
-        """Return words low..high of a record as whole numbers."""
-        high = self.length(record) // self.size if high is None else high
-        return self.words(record, low, high).view(f"{self.order}i{self.size}").astype(np.int64)
 
 
 def begins(start: bytes) -> bool:
@@ -73,27 +41,20 @@ def _layout(start):
 
 
 def points_by_superelement(path, comm) -> list[tuple[int | None, Points]]:
-    """Return the points, in the order of their rows, of each superelement of a file. Collective. Raises InputError.
-
-    The number of the superelement is None where the file does not say. Points of which the file has not all tables
-    (numbers, or coordinate systems) are left out.
-    """
-    with agreed(comm):
-        tables = _tables(path) if comm.rank == 0 else None
-    tables = comm.bcast(tables)
+    """Return number, if known, and points of each superelement with all tables, in the order of rows. Collective."""
+    tables = decided(comm, lambda: [block for block in walk(path) if block.name.startswith(NAMES)])
     groups, group = [], {}
     for table in tables:
-        key = next((name for name in NAMES if table.name.startswith(name)), None)
-        if key in (None, "SLIST") or table.name.startswith("EQEXINX"):
+        key = next(name for name in NAMES if table.name.startswith(name))
+        if key == "SLIST" or table.name.startswith("EQEXINX"):
             continue
         if key in group:
             groups.append(group)
             group = {}
         group[key] = table
-    groups.append(group)
+    groups = [group for group in [*groups, group] if "BGPDT" in group]
     slist = next((table for table in tables if table.name == "SLIST"), None)
     numbers = slist.integers(0)[::7].tolist() if slist is not None else []
-    groups = [group for group in groups if "BGPDT" in group]
     if len(numbers) != len(groups):
         numbers = [None] * len(groups)
     found = [(number, _points(path, comm, group)) for number, group in zip(numbers, groups, strict=True)]
@@ -160,8 +121,7 @@ class _Chain:
         return letters.decode("latin-1").strip()
 
     def next_record(self) -> tuple[int, int]:
-        """Return the kind of the next record (1: a column of a matrix) and its words; both 0 at the end of the
-        table."""
+        """Return the kind of the next record (1: a column of a matrix) and its words; both 0 at the end."""
         self.pass_key(1, "start of a record")
         kind = self.key()
         if kind not in (0, 1):
@@ -169,11 +129,14 @@ class _Chain:
         return kind, self.key()
 
 
-@dataclass
+@dataclass(frozen=True)
 class Block:
-    """A table or matrix of a file; of a table its `records`, of a matrix (byte, columns before) of shares in `columns`.
+    """A table or matrix of a file, with the `order` of bytes and the `size` of a word.
+
+    Of a table, `records` of pieces (byte, bytes) behind the name; of a matrix, (byte, columns before) of `columns`.
     """
 
+    path: str
     name: str
     order: str
     size: int
@@ -181,9 +144,28 @@ class Block:
     records: list
     columns: list
 
+    def length(self, record: int) -> int:
+        """Return bytes of a record; 0 where there is none."""
+        return sum(count for _, count in self.records[record]) if record < len(self.records) else 0
+
+    def bytes(self, record: int, low: int, high: int) -> np.ndarray:
+        parts, before = [np.zeros(0, np.uint8)], 0
+        for at, count in self.records[record]:
+            a, b = max(low - before, 0), min(high - before, count)
+            if a < b:
+                parts.append(read_numbers(self.path, np.uint8, b - a, offset=at + a))
+            before += count
+        return np.concatenate(parts)
+
+    def integers(self, record: int, low=0, high=None) -> np.ndarray:
+        """Return words low..high of a record as whole numbers."""
+        high = self.length(record) // self.size if high is None else high
+        found = self.bytes(record, low * self.size, high * self.size)
+        return found.view(f"{self.order}i{self.size}").astype(np.int64)
+
 
 def walk(path):
-    """Yield generate the Blocks of a file, from one walk along its records on one rank. Raises InputError."""
+    """Yield the Blocks of a file, from one walk along its records on one rank. Raises InputError."""
     start = first_bytes(path)
     if not begins(start):
         raise InputError(f"{path}: found a file that begins with {start[:12]!r}, expected one of OUTPUT2")
@@ -202,7 +184,7 @@ def walk(path):
             chain.pass_key(7, "trailer of 7 words")
             place, _ = chain.pieces(7)[0]
             trailer = struct.unpack_from(order + ("7i" if size == 4 else "7q"), data, place)
-            block, number = Block(name, order, size, trailer, [], []), 0
+            block, number = Block(str(path), name, order, size, trailer, [], []), 0
             while True:
                 at = chain.at
                 kind, count = chain.next_record()
@@ -218,11 +200,12 @@ def walk(path):
                 number += kind
                 if not kind:
                     block.records.append(records)
+            del block.records[:1]  # the name again
             yield block
 
 
 def columns_of(path, data, matrix, share):
-    """Yield generate number (from 0) and strings (byte, bytes) of each column of a share of a matrix."""
+    """Yield number (from 0) and strings (byte, bytes) of each column of a share of a matrix."""
     chain = _Chain(data, path, *matrix.layout)
     chain.at = matrix.starts[share]
     for column in range(matrix.columns[share], matrix.columns[share + 1]):
@@ -230,15 +213,8 @@ def columns_of(path, data, matrix, share):
         yield column, chain.pieces(count, kind)
 
 
-def _tables(path):
-    """Return the wanted tables of a file."""
-    return [Table(str(path), block.name, block.order, block.size, block.records[1:])  # the first one is the name again
-            for block in walk(path) if block.name.startswith(NAMES)]  # fmt: skip
-
-
 def _points(path, comm, group):
-    """Return the Points of one set of tables: this rank's share of the places, in order. None where tables are
-    missing."""
+    """Return the Points of this rank of one set of tables, in order; None where tables are missing."""
     table = group["BGPDT"]
 
     def damaged(what):
@@ -272,8 +248,7 @@ def _points(path, comm, group):
         if (dof != before + np.cumsum(dofs) - dofs).any():
             raise damaged("dofs that do not follow each other")
         systems = _systems(group["CSTM"]) if "CSTM" in group else {}
-    turned = np.flatnonzero(~scalar & (system != 0))
-    if not all(comm.allgather(set(system[turned].tolist()) <= set(systems))):
+    if not all(comm.allgather(set(system[~scalar].tolist()) <= {0, *systems})):
         return None
     counts = comm.allgather(int(dofs.sum()))
     with agreed(comm):
@@ -292,14 +267,8 @@ def _points(path, comm, group):
             have = ~scalar[:, None] | (np.arange(6) == 0)
             for mark, bits in MEMBERS.items():
                 marks[have] |= np.where(members & bits, mark, 0).astype(np.uint8)
-        axes = np.zeros((len(turned), 3, 3))
-        for number in np.unique(system[turned]):
-            mine = system[turned] == number
-            axes[mine] = systems[number].directions(position[turned[mine]])
-        axes[np.abs(axes) < TINY] = 0.0
-        same = (axes == np.eye(3)).all(axis=(1, 2))
-    rough = width == 16  # coordinates of 32 bits
-    return Points(label, position, scalar, marks, turned[~same], axes[~same], rough)
+        rough = width == 16  # coordinates of 32 bits
+        return Points.in_systems(label, position, scalar, marks, system, systems, rough)
 
 
 def _form(table, numbers, damaged):
@@ -328,8 +297,7 @@ def _places(data, table, damaged):
 
 
 def _old_places(comm, data, numbers, first, damaged):
-    """Return the same from the short form, with EQEXIN: number and place in the order, number and 10 times dof plus
-    kind."""
+    """Return the same from the short form, which has only system and place, with EQEXIN."""
     kind = np.dtype([("system", f"{numbers.order}i{numbers.size}"), ("place", f"{numbers.order}f{numbers.size}", 3)])
     rows = data.view(kind)
     label, dof, scalar = _numbered(comm, numbers, first, len(rows), damaged)
@@ -337,7 +305,10 @@ def _old_places(comm, data, numbers, first, damaged):
 
 
 def _numbered(comm, numbers, first, count_here, damaged):
-    """Return Number, first dof and whether scalar of the points `first` and so on, by EQEXIN. Collective."""
+    """Return number, first dof and whether scalar of the points `first` and so on, by EQEXIN. Collective.
+
+    Its records have pairs: number and place in the order; number, and 10 times the dof plus the kind.
+    """
     with agreed(comm):
         count = numbers.length(0) // (2 * numbers.size)
         low, high = (count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
@@ -355,8 +326,7 @@ def _numbered(comm, numbers, first, count_here, damaged):
 
 
 def _systems(table):
-    """Return coordinate systems by number: pairs of whole numbers with 12 reals each, or both in a record of its
-    own."""
+    """Return coordinate systems by number: two whole numbers with 12 reals each, or both in records of their own."""
     if len(table.records) > 1:
         heads = table.integers(0).reshape(-1, 4)
         reals = table.bytes(1, 0, table.length(1)).view(f"{table.order}f8")

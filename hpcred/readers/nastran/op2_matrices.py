@@ -10,15 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...files.system_errors import open_input
-from ...files.text import refuse_packed
 from ...parallel.failures import InputError, agreed
-from ..entries import Entries
-from .names import single
-from .op2 import begins, columns_of, walk
-from .op4 import completed
+from .op2 import columns_of, walk
 from .op4_matrix import COMPLEX, DOUBLE, Op4Matrix, matrix_of, real_values
-
-__all__ = ["begins", "contents", "read", "read_matrix"]
 
 
 @dataclass(frozen=True)
@@ -28,12 +22,9 @@ class Op2Matrix(Op4Matrix):
     columns: tuple[int, ...] = ()
 
 
-def contents(path, comm) -> list[Op2Matrix]:
-    """Return the matrices of a file, in order. Collective. Raises InputError."""
-    with agreed(comm):
-        refuse_packed(path, "Nastran OP2")
-        found = [_matrix(path, block) for block in walk(path) if block.columns] if comm.rank == 0 else None
-    return comm.bcast(found)
+def contents(path) -> list[Op2Matrix]:
+    """Return the matrices of a file, from one walk along its records on one rank."""
+    return [_matrix(path, block) for block in walk(path) if block.columns]
 
 
 def _matrix(path, block):
@@ -49,19 +40,12 @@ def _matrix(path, block):
     return Op2Matrix(**vars(matrix) | {"columns": before})
 
 
-def read_matrix(path, comm, matrix: Op2Matrix) -> Entries:
-    """Return the entries of a matrix that `contents` found. Collective. Raises InputError."""
+def read(path, comm, matrix: Op2Matrix) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return rows and columns (from 0) and values of the shares of this rank. Collective. Raises InputError."""
     shares = len(matrix.starts) - 1
     low, high = shares * comm.rank // comm.size, shares * (comm.rank + 1) // comm.size
     with agreed(comm), open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        parts = [_decode(path, data, matrix, k) for k in range(low, high)]
-    return completed(path, comm, matrix, parts)
-
-
-def read(path, comm, key="K", variables=None) -> Entries:
-    """Read one matrix of a file, for -K and the like; `variables`: names by key. Collective. Raises InputError."""
-    found = contents(path, comm)
-    return read_matrix(path, comm, found[single(path, [item.name for item in found], key, variables)])
+        return [_decode(path, data, matrix, k) for k in range(low, high)]
 
 
 def _decode(path, data, matrix, share):

@@ -1,11 +1,14 @@
-"""Read the header of a matrix in a file of OUTPUT4."""
+"""Read the header of a matrix in a file of OUTPUT4, and what its form says of its entries."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...parallel.failures import InputError
+from ..entries import Entries, both_triangles, joined
 
+DIAGONAL, SYMMETRIC, IDENTITY = 3, 6, 8
+TRIANGLES = (4, 5)
 SMALL = 65536  # rows from which a string header needs two words
 COMPLEX = (3, 4)
 DOUBLE = (2, 4)
@@ -53,3 +56,24 @@ def real_values(path, matrix: Op4Matrix, numbers: np.ndarray) -> np.ndarray:
     if numbers[1::2].any():
         raise InputError(f"{path}: found the complex matrix {matrix}, expected a real one")
     return numbers[::2]
+
+
+def completed(path, comm, matrix: Op4Matrix, parts) -> Entries:
+    """Return entries from shares (rows, columns, values) of this rank, with what the form leaves out. Collective."""
+    if matrix.form in TRIANGLES:
+        raise InputError(
+            f"{path}: found the matrix {matrix} as a triangular factor (form {matrix.form}), expected a whole matrix"
+        )
+    i, j, v = joined(parts, (np.int64, np.int64, float))
+    del parts
+    rows, columns = matrix.shape
+    if matrix.form == DIAGONAL and columns == 1 < rows:  # the diagonal as one column
+        return Entries((rows, rows), i, i.copy(), v)
+    if matrix.form == IDENTITY and not comm.allreduce(len(v)) and rows == columns:
+        mine = np.arange(rows * comm.rank // comm.size, rows * (comm.rank + 1) // comm.size)
+        return Entries(matrix.shape, mine, mine.copy(), np.ones(len(mine)))
+    if matrix.form == SYMMETRIC:
+        below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
+        if below != above:
+            i, j, v = both_triangles(i, j, v)
+    return Entries(matrix.shape, i, j, v)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...files.text import parse, parse_fortran, pieces, records, shown, with_e
 from ...parallel.failures import InputError, agreed
+from .cards import whole_numbers
 from .op4_matrix import COMPLEX, DOUBLE, SMALL, Op4Matrix, matrix_of, real_values
 
 # the format of the numbers at the end tells the header line from all others: 1P,5E16.9; without it, four whole numbers
@@ -120,12 +121,8 @@ class _Lines:
         after = np.maximum.accumulate(digit, axis=1)
         wrong = ~(digit | (fields == ord(" "))).all(axis=1) | ~digit.any(axis=1) | (digit.sum(axis=1) > 18)
         wrong |= (after & ~digit & np.maximum.accumulate(digit[:, ::-1], axis=1)[:, ::-1]).any(axis=1)
-        if wrong.any():
-            raise self.piece.refusal(int(lines[wrong][0]), "whole numbers")
-        value = np.zeros(len(fields), np.int64)
-        for k in range(width):
-            value = np.where(digit[:, k], 10 * value + fields[:, k] - ord("0"), value)
-        return value
+        self.piece.require(~wrong, lines, "whole numbers")
+        return whole_numbers(fields, digit)
 
 
 class _Heads(NamedTuple):

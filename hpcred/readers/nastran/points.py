@@ -10,8 +10,8 @@ import numpy as np
 
 from ...model.dofs import OWN, SCALAR
 from ...parallel.lookup import look_up, number_over_ranks
-from ..entries import chunks, label_of
-from ..nodes.table import NodeTable
+from ..entries import label_of
+from ..nodal_systems import Turn
 
 RECTANGULAR, CYLINDRICAL, SPHERICAL = 1, 2, 3
 DEPENDENT, HELD, OMITTED, SUPPORTED = 1, 2, 4, 8
@@ -92,6 +92,18 @@ class Points:
     axes: np.ndarray
     rough: bool = False
 
+    @classmethod
+    def in_systems(cls, label, position, scalar, marks, system, systems: dict[int, System], rough=False):
+        """Return points whose displacements are in the `systems` of the numbers `system` (points,), 0 for the basic."""
+        turned = np.flatnonzero((system != 0) & ~scalar)
+        axes = np.zeros((len(turned), 3, 3))
+        for number in np.unique(system[turned]):
+            mine = system[turned] == number
+            axes[mine] = systems[number].directions(position[turned[mine]])
+        axes[np.abs(axes) < TINY] = 0.0
+        same = (axes == np.eye(3)).all(axis=(1, 2))
+        return cls(label, position, scalar, marks, turned[~same], axes[~same], rough)
+
     def there(self) -> np.ndarray:
         """Return which dofs (points, 6) there are before any is removed."""
         return ~self.scalar[:, None] | (np.arange(6) == 0)
@@ -107,11 +119,6 @@ class Points:
     def local_labels(self) -> np.ndarray:
         """Return labels (points, 6) of the dofs, in the directions of the points."""
         return label_of(self.label[:, None], np.where(self.scalar[:, None], SCALAR, np.arange(6)))
-
-    def nodes(self, comm) -> NodeTable:
-        """Return the points as nodes; scalar points at the origin. Collective."""
-        first = comm.exscan(len(self.label)) or 0
-        return NodeTable(self.label, self.position, first + np.arange(len(self.label)))
 
 
 def refined(comm, points: Points, finer: Points) -> Points:
@@ -130,21 +137,14 @@ def refined(comm, points: Points, finer: Points) -> Points:
 
 
 @dataclass
-class Turn:
-    """Targets of dofs: `key` (k,) its row or label, `target` (k, 3) those that it goes to, with `factor` (k, 3).
+class PointTurn(Turn):
+    """And `label` (points, 6) of all dofs after it; `own`: number of dofs that stay in directions of their own."""
 
-    A target of -1 is none. `label` (points, 6): of all dofs after the turn. `own`: number of dofs that stay in
-    directions of their own.
-    """
-
-    key: np.ndarray
-    target: np.ndarray
-    factor: np.ndarray
     label: np.ndarray
     own: int
 
 
-def turn_of(points: Points, mask: np.ndarray, names: np.ndarray, by_label: bool) -> Turn:
+def turn_of(points: Points, mask: np.ndarray, names: np.ndarray, by_label: bool) -> PointTurn:
     """Return how the dofs of a mask (points, 6), which have rows or labels `names` (points, 6), become dofs in x, y, z.
 
     Three directions of a point turn together. Where some have no row, dofs along x, y or z only change their name; the
@@ -178,44 +178,7 @@ def turn_of(points: Points, mask: np.ndarray, names: np.ndarray, by_label: bool)
                 targets.append(np.stack([new, *np.full((2, len(new)), -1)], axis=1))
                 factors.append(np.stack([scale[which], *np.zeros((2, len(new)))], axis=1))
             own += int(np.count_nonzero(~straight & ~whole & have[:, k]))
-    return Turn(np.concatenate(keys), np.concatenate(targets), np.concatenate(factors), label, own)
-
-
-def turned_entries(comm, turn: Turn, rows, columns, values):
-    """Return Rows, columns and values of T A T^T of the entries of this rank of a matrix A. Collective."""
-    if not comm.allreduce(len(turn.key)):
-        return rows, columns, values
-    parts = [_turned(comm, turn, rows[part], columns[part], values[part]) for part in chunks(comm, len(values))]
-    return tuple(np.concatenate(items) for items in zip(*parts, strict=True)) if parts else (rows, columns, values)
-
-
-def _turned(comm, turn, rows, columns, values):
-    sides = []
-    for name in (rows, columns):
-        distinct, back = np.unique(name, return_inverse=True)
-        arrays = [np.ascontiguousarray(part) for part in (*turn.target.T, *turn.factor.T)]
-        found, (a, b, c, x, y, z) = look_up(comm, turn.key, arrays, distinct)
-        target = np.stack([np.where(found, a, distinct), np.where(found, b, -1), np.where(found, c, -1)], axis=1)
-        factor = np.stack([np.where(found, x, 1.0), np.where(found, y, 0.0), np.where(found, z, 0.0)], axis=1)
-        sides.append((found[back], target[back], factor[back]))
-    (found_i, target_i, factor_i), (found_j, target_j, factor_j) = sides
-    touched = found_i | found_j
-    i = np.repeat(target_i[touched][:, :, None], 3, axis=2)
-    j = np.repeat(target_j[touched][:, None, :], 3, axis=1)
-    v = values[touched][:, None, None] * factor_i[touched][:, :, None] * factor_j[touched][:, None, :]
-    kept = (i >= 0) & (j >= 0) & (v != 0)
-    turned = _summed(i[kept], j[kept], v[kept])
-    return tuple(np.concatenate(pair) for pair in zip((rows[~touched], columns[~touched], values[~touched]), turned,
-                                                      strict=True))  # fmt: skip
-
-
-def _summed(i, j, v):
-    """Return entries with those at one place summed."""
-    order = np.lexsort((j, i))
-    i, j, v = i[order], j[order], v[order]
-    new = np.ones(len(i), bool)
-    new[1:] = (i[1:] != i[:-1]) | (j[1:] != j[:-1])
-    return i[new], j[new], np.add.reduceat(v, np.flatnonzero(new)) if len(v) else v
+    return PointTurn(np.concatenate(keys), np.concatenate(targets), np.concatenate(factors), label, own)
 
 
 def present(comm, points: Points, labels: np.ndarray) -> np.ndarray:

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ...files.text import LARGEST_LABEL, numbers, pieces, places, ragged, whole
-from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import repeated_key
+from ...files.text import labels, numbers, pieces, ragged, read_lines, whole
+from ...model.elements import NODES
+from ...parallel.failures import InputError
+from ...parallel.lookup import require_once, sort_over_ranks
 from ...parallel.petsc import MPI
-from ..entries import joined, label_name, label_of
+from ..entries import label_name, label_of
 
 LARGEST_COORDINATE = 1e15  # more than a body has, in any unit
 
@@ -25,24 +26,42 @@ class NodeTable:
     position: np.ndarray
     place: np.ndarray
 
+    @classmethod
+    def as_given(cls, comm, label, position):
+        """Return nodes in the order of the ranks. Collective."""
+        return cls(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label)))
+
+    @classmethod
+    def ascending(cls, comm, label, position):
+        """Return nodes by number over the ranks. Collective."""
+        label, *columns = sort_over_ranks(comm, label, list(position.T))
+        return cls.as_given(comm, label, np.stack(columns, axis=1))
+
+
+def elements_of(comm, parts: dict[str, list[np.ndarray]]) -> dict[str, np.ndarray]:
+    """Return node numbers (elements of this rank, nodes), with the same kinds on all ranks. Collective."""
+    kinds = sorted(set().union(*comm.allgather(set(parts))))
+    return {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *parts.get(kind, [])]) for kind in kinds}
+
 
 def read(path, comm) -> NodeTable:
     """Read lines of node, x, y, z in the order of the rows. Collective. Raises InputError."""
-    with agreed(comm):
-        parts, counts = [], []
-        for piece in pieces(path, comm):
-            table, lines = numbers(piece, 4)
-            finite(piece, table[:, 1:], lines)
-            parts.append((whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL), table[:, 1:]))
-            counts.append((piece.start, len(table)))
-        label = joined([(part[0],) for part in parts], (np.int64,))[0]
-        position = np.concatenate([np.zeros((0, 3)), *(part[1] for part in parts)])
+
+    def decode(piece):
+        table, lines = numbers(piece, 4)
+        finite(piece, table[:, 1:], lines)
+        return labels(piece, table[:, 0], lines), table[:, 1:]
+
+    label, position, place = read_lines(path, comm, decode)
+    require_nodes(comm, label, path, "expected lines of node, x, y, z", "one line a node")
+    return NodeTable(label, position, place)
+
+
+def require_nodes(comm, label, path, without: str, expected: str):
+    """Raise InputError where there are no nodes, or one has a second place. Collective."""
     if not comm.allreduce(len(label)):
-        raise InputError(f"{path}: found no nodes, expected lines of node, x, y, z")
-    twice = repeated_key(comm, label)
-    if twice is not None:
-        raise InputError(f"{path}: found the node {twice} more than once, expected one line a node")
-    return NodeTable(label, position, places(comm, counts))
+        raise InputError(f"{path}: found no nodes, {without}")
+    require_once(comm, label, lambda node: f"{path}: found the node {node} more than once, expected {expected}")
 
 
 def read_node_numbers(path) -> tuple[int, ...]:
@@ -54,7 +73,7 @@ def read_node_numbers(path) -> tuple[int, ...]:
     found = []
     for piece in pieces(path, MPI.COMM_SELF):
         values, counts, lines = ragged(piece, expected="node numbers")
-        found += whole(piece, values, np.repeat(lines, counts), "the node number", 1, LARGEST_LABEL).tolist()
+        found += labels(piece, values, np.repeat(lines, counts)).tolist()
     if not found:
         raise InputError(f"{path}: found no node numbers")
     return tuple(found)
@@ -62,26 +81,18 @@ def read_node_numbers(path) -> tuple[int, ...]:
 
 def finite(piece, values, lines):
     """Raise InputError that names the line for a coordinate that is NaN, Inf, or beyond all units."""
-    wrong = np.flatnonzero(~(np.abs(values) <= LARGEST_COORDINATE).all(axis=1))
-    if wrong.size:
-        raise piece.refusal(lines[wrong[0]], "finite node coordinates")
+    piece.require((np.abs(values) <= LARGEST_COORDINATE).all(axis=1), lines, "finite node coordinates")
 
 
 def read_row_labels(path, comm) -> tuple[np.ndarray, np.ndarray]:
-    """Return labels (see entries.label_of) of the lines node, direction (1 to 6) on this rank, and the row of each.
+    """Return labels of the lines node, direction (1 to 6) on this rank, and the row of each. Collective."""
 
-    Collective. Raises InputError.
-    """
-    with agreed(comm):
-        parts, counts = [], []
-        for piece in pieces(path, comm):
-            table, lines = numbers(piece, 2)
-            node = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
-            direction = whole(piece, table[:, 1], lines, "the direction (x, y, z, rx, ry, rz)", 1, 6)
-            parts.append((label_of(node, direction - 1),))
-            counts.append((piece.start, len(table)))
-        (label,) = joined(parts, (np.int64,))
-    twice = repeated_key(comm, label)
-    if twice is not None:
-        raise InputError(f"{path}: found two rows of {label_name(twice)}, expected one row a node and direction")
-    return label, places(comm, counts)
+    def decode(piece):
+        table, lines = numbers(piece, 2)
+        direction = whole(piece, table[:, 1], lines, "the direction (x, y, z, rx, ry, rz)", 1, 6)
+        return (label_of(labels(piece, table[:, 0], lines), direction - 1),)
+
+    label, row = read_lines(path, comm, decode)
+    require_once(comm, label, lambda twice: f"{path}: found two rows of {label_name(twice)}, expected one row a node "
+                                            "and direction")  # fmt: skip
+    return label, row
