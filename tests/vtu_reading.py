@@ -2,11 +2,12 @@
 
 import base64
 from dataclasses import dataclass
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
-NUMBERS = {"Float64": "<f8", "Int64": "<i8", "UInt8": "u1"}
+NUMBERS = {"Float64": "<f8", "Float32": "<f4", "Int64": "<i8", "Int32": "<i4", "UInt8": "u1"}
 
 
 @dataclass
@@ -19,12 +20,13 @@ class Mesh:
 
 
 def read(path) -> Mesh:
-    root = ElementTree.parse(path).getroot()
+    text, _, appended = Path(path).read_bytes().partition(b'<AppendedData encoding="raw">\n_')
+    root = ElementTree.fromstring(text + b"</VTKFile>" * bool(appended))
     assert root.attrib == {
         "type": "UnstructuredGrid", "version": "1.0", "byte_order": "LittleEndian", "header_type": "UInt64"
     }  # fmt: skip
     piece = root.find("UnstructuredGrid/Piece")
-    points, cells, data = (_arrays(piece.find(group)) for group in ("Points", "Cells", "PointData"))
+    points, cells, data = (_arrays(piece.find(group), appended) for group in ("Points", "Cells", "PointData"))
     types, ends = cells["types"], cells["offsets"]
     assert len(points["points"]) == int(piece.get("NumberOfPoints")) and len(types) == int(piece.get("NumberOfCells"))
     parts = np.split(cells["connectivity"], ends)
@@ -34,12 +36,16 @@ def read(path) -> Mesh:
     return Mesh(points["points"], grouped, data)
 
 
-def _arrays(group):
-    return {item.get("Name"): _numbers(item) for item in group}
+def _arrays(group, appended):
+    return {item.get("Name"): _numbers(item, appended) for item in group}
 
 
-def _numbers(item):
-    content = base64.b64decode(item.text)
+def _numbers(item, appended):
+    if item.get("format") == "appended":
+        content = appended[int(item.get("offset")) :]
+        content = content[: 8 + int.from_bytes(content[:8], "little")]
+    else:
+        content = base64.b64decode(item.text)
     values = np.frombuffer(content[8:], NUMBERS[item.get("type")])
     assert int.from_bytes(content[:8], "little") == values.nbytes
     columns = int(item.get("NumberOfComponents"))

@@ -47,10 +47,9 @@ def export(
         option = "-o" if os.path.splitext(more[0])[1] else "--format"
         raise InputError(f"export: found '{more[0]}' after {result}; a format is named by --format and the file to "
                          f"write by -o: hpcred export {result} {option} {more[0]}")  # fmt: skip
-    chosen = [int(word) if word.strip().isdecimal() else word.strip() for word in nodes.split(",")] if nodes else None
     shapes = [int(number) for number in values.numbers(modes, "--modes")] if modes else None
     report = hpcred.export_result(
-        result, kind, output, nodes=chosen, units=units, modes=shapes, progress=session.progress()
+        result, kind, output, nodes=values.labels(nodes), units=units, modes=shapes, progress=session.progress()
     )
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")

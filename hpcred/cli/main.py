@@ -18,6 +18,7 @@ from .evaluate import evaluate, response
 from .export import ExportCommand, export
 from .info import bores, info, modes
 from .options import JsonFile
+from .recover import recover
 from .reduce import reduce, store
 from .report import report
 from .simulate import simulate
@@ -87,7 +88,7 @@ app.add_typer(example, name="example")
 for command in (convert, info, bores, modes, reduce, store, sweep, collect, evaluate, report, response):
     app.command()(command)
 app.command(cls=ExportCommand, context_settings={"allow_extra_args": True})(export)
-for command in (simulate, paper, bench):
+for command in (simulate, recover, paper, bench):
     app.command()(command)
 for command in (solid, linkage, crank):
     example.command()(command)

@@ -29,6 +29,11 @@ def targets(text, option):
         raise InputError(f"{option}: found '{text}', expected such as 20:z,1:x or dof numbers 115,1") from error
 
 
+def labels(text):
+    """Numbers of nodes, and names of interfaces and node sets, separated by commas, or None."""
+    return [int(word) if word.strip().isdecimal() else word.strip() for word in text.split(",")] if text else None
+
+
 def amount(text, option, units):
     """A number with a unit, or None."""
     if text is None:

@@ -137,29 +137,60 @@ class CheckedWriter:
         self._names.append(name)
         shape, start = self._lay(name, local, axis)
         sums = sums_of_parts(self._comm, local, axis, start, tag_of(local.dtype, shape, axis))
+        self._lay_sums(name, sums, axis)
+
+    def _lay(self, name, local, axis):
+        """Write the parts of all ranks; returns the shape of the whole, and where the part of this rank begins."""
+        shape, start, offset = self._make(name, local.shape, axis, local.dtype)
+        row = local.dtype.itemsize * prod(shape[axis + 1 :])
+        self._put(offset, row * start, row * shape[axis], local, prod(shape[:axis]))
+        return shape, start
+
+    def _make(self, name, shape, axis, dtype):
+        """Make a dataset of parts with a shape; returns the shape of the whole, where the part of this rank begins
+        along the axis, and the byte where the numbers begin."""
+        counts = self._comm.allgather(shape[axis])
+        shape = [*shape[:axis], sum(counts), *shape[axis + 1 :]]
+        self._room.take(dtype.itemsize * prod(shape), datasets=1)
+        offset = None
+        with self._on_first() as file:
+            if file is not None:
+                offset = place_of(file, name, shape, dtype)
+        return shape, sum(counts[: self._comm.rank]), self._comm.bcast(offset)
+
+    def _put(self, offset, ahead, step, local, count):
+        """Write `count` pieces of an array of this rank, `step` bytes from one to the next, the first one so many bytes
+        behind an offset. Collective."""
+        with agreed(self._comm), writing_to(self._output, self._path):
+            if local.size:
+                _put(self._path, offset + ahead, step, np.ascontiguousarray(local).reshape(count, -1))
+
+    @contextmanager
+    def steps(self, name, count, shape, dtype):
+        """A dataset (count, rows, ...) that comes a few steps at a time, with `shape` (rows, ...) of this rank, whose
+        rows are distributed over the ranks in order. The block gets a function that takes the next steps (b, rows, ...)
+        of this rank, of any type; it is collective."""
+        dtype = np.dtype(dtype)
+        self._names.append(name)
+        whole, start, offset = self._make(name, (count, *shape), 1, dtype)
+        row, tag, done, sums = dtype.itemsize * prod(whole[2:]), tag_of(dtype, whole, 1), 0, []
+
+        def put(local):
+            nonlocal done
+            local = np.ascontiguousarray(local, dtype)
+            self._check(name, local)
+            self._put(offset, row * (done * whole[1] + start), row * whole[1], local, len(local))
+            sums.append(sums_of_parts(self._comm, local, 1, start, tag))
+            done += len(local)
+
+        yield put
+        self._lay_sums(name, np.concatenate(sums), 1)
+
+    def _lay_sums(self, name, sums, axis):
         self._lay(f"{SUMS}/{name}", sums, 1)
         with self._on_first() as file:
             if file is not None:
                 file[f"{SUMS}/{name}"].attrs["axis"] = axis
-
-    def _lay(self, name, local, axis):
-        """Write the parts of all ranks; returns the shape of the whole, and where the part of this rank begins."""
-        counts = self._comm.allgather(local.shape[axis])
-        start = sum(counts[: self._comm.rank])
-        shape = list(local.shape)
-        shape[axis] = sum(counts)
-        self._room.take(local.dtype.itemsize * prod(shape), datasets=1)
-        offset = None
-        with self._on_first() as file:
-            if file is not None:
-                offset = place_of(file, name, shape, local.dtype)
-        offset = self._comm.bcast(offset)
-        row = local.dtype.itemsize * prod(shape[axis + 1 :])
-        with agreed(self._comm), writing_to(self._output, self._path):
-            if local.size:
-                parts = np.ascontiguousarray(local).reshape(prod(shape[:axis]), -1)
-                _put(self._path, offset + row * start, row * shape[axis], parts)
-        return shape, start
 
     def _check(self, name, array, gaps=False):
         with agreed(self._comm):

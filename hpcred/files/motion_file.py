@@ -10,22 +10,28 @@ constraints/moment (nt, d) on the body; all joints and drives of a node together
 springs/name (s), such as 1:7 for the first one, at node 7; springs/force, moment (nt, s, 3) on the body; springs/energy
 (nt, s)
 energy/kinetic, elastic, gravity, springs, work (of forces and moments), drives (their work), dissipated (nt)
-provenance: JSON with versions, setup, largest errors, and where the time went
+provenance: JSON with versions, setup, digest of the basis, largest errors, and where the time went
 The .csv has one line a time: t, position, quaternion, elastic coordinates, displacements, rotations of nodes that have
 some, forces, moments and energies.
 """
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 
+from ..body.coordinates import Coordinates, FrameMotion
 from ..simulation.joints import AXES
 from ..simulation.simulation import Motion
 from .checked import Array
-from .hdf5 import writing
+from .hdf5 import reading, writing
 
 FORMAT = "hpcred-simulation"
 VERSION = 1
+FRAME = ("position", "quaternion", "velocity", "angular_velocity")
 SCHEMA = {
     "t": Array("real", ("t",), needed=True), "provenance": Array("text", (), needed=True),
     **{key: Array("real", ("t", size), needed=True) for key, size in (
@@ -66,6 +72,19 @@ def _arrays(motion) -> dict:
         **{f"springs/{name}": getattr(motion, f"spring_{name}") for name in ("force", "moment", "energy")},
         **{f"energy/{name}": value for name, value in motion.energies.items()},
     }
+
+
+def coordinates_of(motion) -> Coordinates:
+    """Return the elastic coordinates of a Motion with the motion of the frame."""
+    frame = {key: getattr(motion, key) for key in FRAME}
+    return Coordinates(t=motion.t, q=motion.elastic, velocity=motion.elastic_velocity, frame=FrameMotion(**frame))
+
+
+def read_coordinates(path) -> Coordinates:
+    """Read the elastic coordinates and the motion of the frame of simulation.h5, on this rank. Raises InputError."""
+    with reading(path, FORMAT, VERSION, SCHEMA) as file:
+        found = SimpleNamespace(**{key: file[key][...] for key in ("t", "elastic", "elastic_velocity", *FRAME)})
+        return replace(coordinates_of(found), basis=json.loads(file["provenance"][()]).get("basis", ""))
 
 
 def write_motion_csv(path, motion: Motion):

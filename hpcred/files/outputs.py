@@ -25,6 +25,7 @@ from .text import shown
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 JSON, CSV_OF_RESPONSES, CSV_OF_MOTION = "JSON file", ".csv file of responses", ".csv file of a simulation"
+CSV_OF_RECOVERY = ".csv file of recovered motion"
 PNG, SVG, PDF = "PNG picture", "SVG picture", "PDF file"
 ZIP, MATLAB, SID, UFF, VTK = "zip archive", "MATLAB .mat file", "SID file", "universal file", "VTK file"
 SUPERELEMENT, MBDYN, OP4 = "superelement", ".fem file for MBDyn", "Nastran OP4 file"
@@ -39,6 +40,7 @@ BEGINNINGS = (
     (b"** superelement", SUPERELEMENT), (b"! superelement", SUPERELEMENT), (b"$ superelement", SUPERELEMENT),
     (b"$ external superelement", SUPERELEMENT), (b"** hpcred ", MBDYN),
     (b"<VTKFile", VTK), (b"f_hz,", CSV_OF_RESPONSES), (b"t,position_x,", CSV_OF_MOTION), (b"{\n", JSON), (b"[\n", JSON),
+    *((b"t,%s_" % word, CSV_OF_RECOVERY) for word in (b"displacement", b"velocity", b"acceleration")),
     (b"[]", JSON), (b"{}", JSON), (b"# hpcred sweep", "job of a sweep"),
     (b"#!/bin/bash\n# hpcred sweep", "script of a sweep"),
 )  # fmt: skip

@@ -161,6 +161,11 @@ class Result:
                 basis = np.concatenate([basis, np.zeros((len(held), basis.shape[1]))])
         return shapes_of_rows(nodes, *parts, basis, str(self.path))
 
+    def basis_digest(self) -> str:
+        """Digits that tell this basis from others; empty without basis, or without checksums. On one rank."""
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
+            return file["basis/V"].digest if "basis/V" in file else ""
+
     def surface(self) -> BodySurface | None:
         """The surface of the body, or None: without elements or basis in the file, or above LARGE dofs. On one rank."""
         with reading(self.path, FORMAT, VERSION, SCHEMA) as file:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import motion_file, outputs, response_file, result_file
+from ..files import motion_file, outputs, recovered_file, response_file, result_file
 from ..files.hdf5 import reading, texts
 from ..parallel.failures import InputError
 from ..parallel.plugins import OWN, blamed
@@ -79,10 +79,25 @@ def simulation(path, comm) -> dict:
     return report | {"body": record["setup"]["body"], "warnings": list(record.get("notes", []))}
 
 
+def recovery(path, comm) -> dict:
+    """What a file of recovered motion says. Raises InputError."""
+    with reading(path, recovered_file.FORMAT, recovered_file.VERSION, recovered_file.SCHEMA) as file:
+        record = json.loads(file["record"][()])
+        report = {
+            "format": "hpcred recovered motion",
+            "times": file["t"].shape[0],
+            "end_s": float(file["t"][-1]),
+            "nodes": file["nodes/number"].shape[0],
+            "arrays": [key for key in recovered_file.FIELDS if key in file],
+        }
+    return report | {key: record[key] for key in ("result", "motion", "axes")} | {"warnings": record["remarks"]}
+
+
 OUTPUTS = {
     result_file.FORMAT: result,
     response_file.FORMAT: response,
     motion_file.FORMAT: simulation,
+    recovered_file.FORMAT: recovery,
 }
 
 
@@ -130,7 +145,7 @@ def described(path, tables=True) -> dict | None:
     if found := by_writers(path, WRITERS.own):
         return found
     kind = outputs.kind_of(path)
-    if kind in (outputs.CSV_OF_RESPONSES, outputs.CSV_OF_MOTION) or kind.startswith(".csv table"):
+    if kind in (outputs.CSV_OF_RESPONSES, outputs.CSV_OF_MOTION, outputs.CSV_OF_RECOVERY) or kind.startswith(".csv table"):
         return table(path) if tables else None
     if kind == outputs.JSON:
         return data(path)

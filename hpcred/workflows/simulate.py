@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
+from ..body.recovery import start_places
 from ..files.hdf5 import atomic_output
-from ..files.motion_file import FORMAT, write_motion, write_motion_csv
+from ..files.motion_file import FORMAT, coordinates_of, write_motion, write_motion_csv
 from ..files.outputs import CSV_OF_MOTION, PNG, VTK, check_outputs, hdf5_kind
 from ..files.result_file import read_result
+from ..files.result_points import read_points
 from ..files.room import rescued
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
@@ -20,7 +20,7 @@ from ..reduction.record import versions
 from ..report.figures import has_matplotlib, motion_figure
 from ..settings.simulation_file import read_simulation
 from ..simulation.simulation import simulate
-from ..writers.vtk import write_motion_vtk
+from ..writers.recovered import write_recovered
 from .workflow import workflow
 
 
@@ -42,17 +42,17 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     if setup.paraview:
         written[output.with_suffix(".pvd")] = VTK
     check_outputs(written, comm, [path, setup.body], progress=progress)
-    motion = None
+    motion = basis = None
     # the stage on all ranks, because the first one starts PETSc, which is collective
     with progress.stage("simulate", setup.body), agreed(comm):
         if comm.rank == 0:
             result = read_result(setup.body, MPI.COMM_SELF)
-            body = result.body(setup.nodes)
+            body, basis = result.body(setup.nodes), result.basis_digest()
             if setup.paraview:
                 with result.shapes():
                     pass  # refused early where the file has no basis
             motion = simulate(body, setup, progress)
-    motion = comm.bcast(motion)
+    motion, basis = comm.bcast((motion, basis))
     files = [(output.with_suffix(".csv"), write_motion_csv)]
     notes = list(motion.notes)
     if comm.bcast(has_matplotlib()):
@@ -61,31 +61,27 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
         notes.append("no picture was drawn, which needs matplotlib: pip install 'hpcred[plots]'")
     report = {"output": [str(output), *(str(name) for name, _ in files)], **_figures(motion), "notes": notes}
     with progress.stage("write", str(output)):
-        record = {"versions": versions(), "setup": asdict(setup), **report, "timing": asdict(progress.timing())}
+        record = {"versions": versions(), "setup": asdict(setup), "basis": basis, **report,
+                  "timing": asdict(progress.timing())}  # fmt: skip
         rescued(lambda place: write_motion(place, motion, record, comm), output, comm)
         for target, write in files:
             with atomic_output(target, comm) as temporary, agreed(comm):
                 if comm.rank == 0:
                     write(temporary, motion)
     if setup.paraview:
-        with progress.stage("write", str(output.with_suffix(".pvd"))):
-            report["output"].append(_write_paraview(output, setup.body, motion, comm))
+        target = output.with_suffix(".pvd")
+        with progress.stage("write", str(target)):
+            report["output"].append(str(target))
+            _write_paraview(target, setup.body, motion, comm)
     return report
 
 
-def _write_paraview(output, body, motion, comm):
-    """A .pvd, and one .vtu a time in a folder beside it, made new. Collective. Returns the name of the .pvd."""
-    target, folder = output.with_suffix(".pvd"), output.with_name(f"{output.stem}_vtu")
-    with atomic_output(target, comm) as temporary, agreed(comm):
-        if comm.rank == 0:
-            result = read_result(body, MPI.COMM_SELF)
-            with result.shapes() as shapes, tempfile.TemporaryDirectory(dir=output.parent) as fresh:
-                made = Path(fresh) / folder.name
-                made.mkdir()
-                write_motion_vtk(temporary, made, shapes, motion, result.floating_frame.origin)
-                shutil.rmtree(folder, ignore_errors=True)
-                made.rename(folder)
-    return str(target)
+def _write_paraview(target, body, motion, comm):
+    """A .pvd, and one .vtu a time in a folder beside it, made new. Collective."""
+    coordinates = coordinates_of(motion)
+    points, origin = read_points(body, comm), read_result(body, comm).floating_frame.origin
+    start = start_places(points.position - origin, coordinates)
+    write_recovered(target, points, coordinates, ("displacement",), {}, comm, origin=origin, start=start)
 
 
 def _figures(motion):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from ..files import model_file, motion_file, response_file, result_file
+from ..files import model_file, motion_file, recovered_file, response_file, result_file
 from ..files.hdf5 import kind_of_file, reading, require_whole
 from ..parallel.failures import InputError, agreed
 from ..parallel.shares import row_range
 from .workflow import workflow
 
-FORMATS = {item.FORMAT: item for item in (model_file, result_file, response_file, motion_file)}
+FORMATS = {item.FORMAT: item for item in (model_file, result_file, response_file, motion_file, recovered_file)}
 
 
 @workflow

@@ -229,6 +229,12 @@ def _kind(name):
     return TRANSLATION if index < 3 else ROTATION if index < SCALAR else UNKNOWN
 
 
+def output_rows(reduced) -> dict:
+    """Return the rows (m,) of C by the names of the outputs, but for names that are changed since two are alike."""
+    words = [_variable(_kind(name)[1][0], name) for name in reduced.output_names]
+    return {word: row for word, row in zip(words, reduced.C, strict=True) if words.count(word) == 1}
+
+
 def _variable(word, name) -> str:
     """force_20_z of "force" and "20:z": a name that every program takes."""
     return re.sub(r"\W", "_", f"{word}_{name}", flags=re.ASCII)

@@ -1,0 +1,141 @@
+"""The reduced coordinates of a body over time, whatever program computed them, and perhaps the motion of its frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from ..parallel.failures import InputError
+
+FEWEST = 3  # instants of a difference of second order
+SAME_OUTPUT = 1e-6  # of the largest value: what is left of the digits of a table
+SAME_TIME = 1e-9  # of the largest time: a limit that somebody typed
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameMotion:
+    """The motion of the body frame at nt instants.
+
+    Attributes
+    ----------
+    position : ndarray, shape (nt, 3)
+        Of its origin, in inertial axes, in m.
+    quaternion : ndarray, shape (nt, 4)
+        Its orientation, scalar first.
+    velocity, angular_velocity : ndarray, shape (nt, 3)
+        In body axes.
+    acceleration, angular_acceleration : ndarray, shape (nt, 3), optional
+        Rates of change of the components of both in body axes.
+    """
+
+    position: np.ndarray
+    quaternion: np.ndarray
+    velocity: np.ndarray | None = None
+    angular_velocity: np.ndarray | None = None
+    acceleration: np.ndarray | None = None
+    angular_acceleration: np.ndarray | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coordinates:
+    """Reduced coordinates at nt instants: plain arrays, the same on all ranks.
+
+    Attributes
+    ----------
+    t : ndarray, shape (nt,)
+        Instants in s, ascending.
+    q : ndarray, shape (nt, m)
+        Reduced coordinates.
+    velocity, acceleration : ndarray, shape (nt, m), optional
+        Their first and second derivatives.
+    frame : FrameMotion, optional
+        None for a body whose frame is at rest, or not known.
+    basis : str
+        The digest of the basis that the coordinates belong to, where it is known.
+    outputs : dict of str to ndarray, shape (nt,)
+        Values of outputs by their names, which must be C q.
+    remarks : tuple of str
+        What a reader of the results should know.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    velocity: np.ndarray | None = None
+    acceleration: np.ndarray | None = None
+    frame: FrameMotion | None = None
+    basis: str = ""
+    outputs: dict = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+    def require_sound(self, path):
+        """Raise InputError for numbers that are not finite, and for instants that do not ascend."""
+        if not len(self.t):
+            raise InputError(f"{path}: found no instants, expected at least one")
+        arrays = {"t": self.t, "q": self.q, "velocity": self.velocity, "acceleration": self.acceleration}
+        arrays |= {f"frame {key}": value for key, value in vars(self.frame).items()} if self.frame else {}
+        for key, array in arrays.items():
+            if array is not None and not np.isfinite(array).all():
+                first = np.argwhere(~np.isfinite(array))[0]
+                raise InputError(
+                    f"{path}: {key} is not finite at instant {first[0] + 1} of {len(self.t)}, expected finite numbers"
+                )
+        if (np.diff(self.t) <= 0).any():
+            k = int(np.argmax(np.diff(self.t) <= 0))
+            raise InputError(f"{path}: found t = {self.t[k + 1]:g} s after {self.t[k]:g} s, expected instants that "
+                             "ascend; leave out the others")  # fmt: skip
+
+    def require_outputs(self, path, rows: dict):
+        """Raise InputError where recorded outputs are not those of the coordinates; `rows` (m,) of C by their names."""
+        for name in sorted(set(rows).intersection(self.outputs)):
+            values, expected = self.outputs[name], self.q @ rows[name]
+            wrong = np.abs(values - expected)
+            if not wrong.max() <= SAME_OUTPUT * max(np.abs(values).max(), np.abs(expected).max()):
+                k = int(np.argmax(wrong))
+                raise InputError(f"{path}: {name} is {values[k]:.6g} at {self.t[k]:g} s, and {expected[k]:.6g} by the "
+                                 "coordinates; the motion is that of another body")  # fmt: skip
+
+    def with_rates(self, path, velocity: bool, acceleration: bool) -> Coordinates:
+        """Return these with the derivatives that are wanted, by differences where they are not given.
+
+        Raises InputError for too few instants.
+        """
+        found, remarks = {}, []
+        if (velocity or acceleration) and self.velocity is None:
+            found["velocity"] = self._difference(path, self.q, "velocities", "coordinates", remarks)
+        if acceleration and self.acceleration is None:
+            rates = found.get("velocity", self.velocity)
+            found["acceleration"] = self._difference(path, rates, "accelerations", "velocities", remarks)
+        if acceleration and self.frame and self.frame.acceleration is None:
+            names = (("acceleration", "velocity"), ("angular_acceleration", "angular_velocity"))
+            rates = {key: self._difference(path, getattr(self.frame, of), f"{key.replace('_', ' ')}s of the frame",
+                                           "velocities", remarks) for key, of in names}  # fmt: skip
+            found["frame"] = replace(self.frame, **rates)
+        return replace(self, **found, remarks=(*self.remarks, *remarks))
+
+    def _difference(self, path, values, what, of, remarks):
+        if len(self.t) < FEWEST:
+            raise InputError(
+                f"{path}: found {len(self.t)} instant{'s' * (len(self.t) > 1)} and no {what}, which differences give "
+                f"from {FEWEST} on; give more instants, or ask for displacements only"
+            )
+        remarks.append(f"{what} by differences of the {of} over time, of second order in the step, since {path} has "
+                       "none")  # fmt: skip
+        return np.gradient(values, self.t, axis=0, edge_order=2)
+
+    def thinned(self, path, first=None, last=None, every=1) -> Coordinates:
+        """Return every so-many-th instant from `first` to `last` (s). Raises InputError where none is left."""
+        slack = SAME_TIME * np.abs(self.t).max()
+        low = -np.inf if first is None else first - slack
+        high = np.inf if last is None else last + slack
+        chosen = np.flatnonzero((self.t >= low) & (self.t <= high))[::every]
+        if not len(chosen):
+            raise InputError(f"{path}: no instant from {low:g} to {high:g} s, found {self.t[0]:g} to {self.t[-1]:g} s")
+        return replace(self, **_taken(self, chosen, ("t", "q", "velocity", "acceleration")),
+                       frame=self.frame and replace(self.frame, **_taken(self.frame, chosen)),
+                       outputs={key: value[chosen] for key, value in self.outputs.items()})  # fmt: skip
+
+
+def _taken(item, chosen, keys=None) -> dict:
+    keys = keys or [part.name for part in fields(item)]
+    return {key: getattr(item, key)[chosen] for key in keys if getattr(item, key) is not None}

@@ -1,0 +1,50 @@
+"""Recover the motion of the nodes of a reduced body."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+import hpcred
+
+from ..report.tables import show_table
+from . import session, values
+from .options import JsonFile
+
+LARGEST = {"largest_displacement_m": "displacement (m)", "largest_velocity_m_s": "velocity (m/s)",
+           "largest_acceleration_m_s2": "acceleration (m/s^2)",
+           "largest_von_mises_pa": "von Mises stress (Pa)"}  # fmt: skip
+
+
+def recover(
+    result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
+    motion: Annotated[str, typer.Argument(metavar="MOTION", help="simulation.h5, a solution of Exudyn, .csv or HDF5.")],
+    output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="A .pvd, .vtu, .csv or .h5 file.")],
+    nodes: Annotated[
+        str | None, typer.Option(metavar="1,20,bearing,...", help="Numbers, interfaces, node sets; default: all nodes.")
+    ] = None,
+    quantities: Annotated[
+        str, typer.Option(metavar="NAME,...", help="displacement, velocity, acceleration.")
+    ] = "displacement",
+    inertial: Annotated[bool, typer.Option("--inertial", help="In inertial axes, with the frame's motion.")] = False,
+    stress: Annotated[bool, typer.Option("--stress", help="Stresses too, of a result with stress modes.")] = False,
+    start: Annotated[float | None, typer.Option("--from", metavar="T", help="First instant in s.")] = None,
+    end: Annotated[float | None, typer.Option("--to", metavar="T", help="Last instant in s.")] = None,
+    every: Annotated[int, typer.Option(metavar="N", help="Every N-th instant only.")] = 1,
+    single: Annotated[bool, typer.Option("--single", help="Single precision: half the bytes.")] = False,
+    first: Annotated[
+        int | None, typer.Option(metavar="N", help="Exudyn: number of the first reduced coordinate in the system.")
+    ] = None,
+    json: JsonFile = None,
+):
+    """Displacements, velocities and accelerations of nodes from reduced coordinates over time, and stresses."""
+    report = hpcred.recover(
+        result, motion, output, nodes=values.labels(nodes), quantities=quantities.split(","), inertial=inertial,
+        stress=stress, start=start, end=end, every=every, single=single, first=first, progress=session.progress(),
+    )  # fmt: skip
+    rows = [{"largest": name, "value": report[key]["value"], "node": report[key]["node"], "t (s)": report[key]["t_s"]}
+            for key, name in LARGEST.items() if key in report]  # fmt: skip
+    show_table(f"{report['output']}: {report['instants']} instants of {report['nodes']} nodes", rows)
+    session.list_all("remark", report["remarks"])
+    session.write_json(json, report)

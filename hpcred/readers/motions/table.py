@@ -1,0 +1,91 @@
+"""Read coordinates over time from a .csv with names in its first line.
+
+Ours: t, q1 .. qm, and qdot1 .. qdotm, qddot1 .. qddotm perhaps, as `hpcred simulate` writes the first of them. Those of
+an FMU that hpcred wrote, as FMPy records them: time, q[1] .. q[m], v[1] .. v[m], der(v[1]) .. der(v[m]). Other columns
+are left out, but for those with names as of outputs of an FMU, which tell whether the body is the same.
+"""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+
+from ...body.coordinates import Coordinates
+from ...files.system_errors import open_input
+from ...files.text import BYTE_ORDER_MARK, LONGEST_LINE
+from ...parallel.failures import InputError
+from .columns import read_columns
+
+TIMES = ("t", "time")
+OUTPUTS = ("displacement_", "rotation_", "output_")
+FAMILIES = {  # names of columns, of which the first family counts that is there
+    "q": ("q{}", "q[{}]"),
+    "velocity": ("qdot{}", "v[{}]", "der(q[{}])"),
+    "acceleration": ("qddot{}", "der(v[{}])"),
+}
+
+
+def begins(start: bytes) -> bool:
+    """Test whether a file that starts so is a table with a time in its first column."""
+    first = start.removeprefix(BYTE_ORDER_MARK).split(b"\n")[0]
+    return first.split(b",")[0].strip().strip(b'"').decode("latin-1").lower() in TIMES
+
+
+def read(path) -> Coordinates:
+    """Read a table. On one rank. Raises InputError."""
+    names, start = _head(path)
+    chosen = {key: _family(path, names, patterns) for key, patterns in FAMILIES.items()}
+    if not chosen["q"]:
+        raise InputError(
+            f"{path}: found columns {', '.join(names[:6])}{', ...' * (len(names) > 6)}, and none of the reduced "
+            "coordinates, q1, q2, ... or q[1], q[2], ...; outputs alone do not give them: record the states"
+        )
+    for key in ("velocity", "acceleration"):
+        if chosen[key] and len(chosen[key]) != len(chosen["q"]):
+            raise InputError(
+                f"{path}: found {len(chosen['q'])} coordinates and {len(chosen[key])} columns of their {key}, such as "
+                f"{names[chosen[key][0]]}; expected as many"
+            )
+    table = read_columns(path, start, len(names))
+    inertial = "position_x" in names  # of hpcred simulate, whose displacements are no outputs of the body
+    outputs = {name: table[:, k].copy() for k, name in enumerate(names) if name.startswith(OUTPUTS) and not inertial}
+    return Coordinates(
+        t=table[:, 0].copy(), outputs=outputs,
+        **{key: np.ascontiguousarray(table[:, at]) for key, at in chosen.items() if at},
+    )  # fmt: skip
+
+
+def _head(path) -> tuple[list[str], int]:
+    """Return the names of the columns, and where the line below them begins."""
+    with open_input(path) as file:
+        line = file.readline(LONGEST_LINE)
+    try:
+        (names,) = csv.reader([line.removeprefix(BYTE_ORDER_MARK).decode()], skipinitialspace=True)
+    except (UnicodeDecodeError, csv.Error, ValueError) as error:
+        raise InputError(f"{path}: its first line is no list of names ({error})") from error
+    names = [name.strip() for name in names]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(f"{path}: found the column '{twice[0]}' more than once, expected names that differ")
+    return names, len(line)
+
+
+def _family(path, names, patterns) -> list[int]:
+    """Return the places of the columns 1, 2, ... of the first pattern that is there, or none. Raises InputError."""
+    place = {name: k for k, name in enumerate(names)}
+    for pattern in patterns:
+        before, after = pattern.split("{}")
+        numbers = [name[len(before) : len(name) - len(after)] for name in names
+                   if name.startswith(before) and name.endswith(after) and len(name) > len(before) + len(after)]
+        numbers = sorted(int(text) for text in numbers if text.isdecimal())
+        if not numbers:
+            continue
+        missing = set(range(1, len(numbers) + 1)).difference(numbers)
+        if missing:
+            raise InputError(
+                f"{path}: found {len(numbers)} columns such as {pattern.format(numbers[0])}, and no "
+                f"{pattern.format(min(missing))}; expected all from 1 on"
+            )
+        return [place[pattern.format(number)] for number in numbers]
+    return []

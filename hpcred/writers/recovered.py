@@ -1,0 +1,118 @@
+"""Recover the motion of nodes and their stresses in blocks of instants, and write each block: HDF5, .csv or ParaView.
+
+Each rank does its nodes: what it holds is its rows of the basis, and a block of instants of its nodes.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..body.coordinates import Coordinates
+from ..body.recovery import QUANTITIES, Recovery, inertial_motion
+from ..files.outputs import CSV_OF_RECOVERY, VTK, check_room, hdf5_kind
+from ..files.recovered_file import FORMAT, recovered_file, recovered_table
+from ..files.result_points import Points
+from ..parallel.failures import InputError, agreed
+from .vtk_series import series, single
+
+AT_ONCE, FEWEST = 2**22, 8  # numbers of a field of a rank at a time, and instants: products of fewer are slow
+ENDINGS = {".pvd": VTK, ".vtu": VTK, ".csv": CSV_OF_RECOVERY, ".h5": hdf5_kind(FORMAT), ".hdf5": hdf5_kind(FORMAT)}
+STRESSES = ("stress", "von_mises")
+UNITS = {"displacement": "largest_displacement_m", "velocity": "largest_velocity_m_s",
+         "acceleration": "largest_acceleration_m_s2", "von_mises": "largest_von_mises_pa"}  # fmt: skip
+
+
+def kind_of_recovery(path) -> str:
+    """Return the kind of an output by its ending, see outputs.kind_of. Raises InputError for other endings."""
+    ending = Path(path).suffix.lower()
+    if ending not in ENDINGS:
+        raise InputError(f"output {path}: found a name that ends in {ending or 'nothing'}, expected one of "
+                         f"{', '.join(ENDINGS)}")  # fmt: skip
+    return ENDINGS[ending]
+
+
+def write_recovered(path, points: Points, coordinates: Coordinates, quantities, record: dict, comm, *, origin,
+                    start=None, dtype="<f8", progress=None) -> dict:  # fmt: skip
+    """Write the motion of points, in inertial axes where their places at the `start` (k, 3) are given.
+
+    `origin` (3,) of the body frame. Returns the largest values with their nodes and instants. Collective.
+    """
+    path, t = Path(path), coordinates.t
+    keys = (*quantities, *(STRESSES if points.stress is not None else ()))
+    if not comm.allreduce(len(points.stressed)) and points.stress is not None:
+        raise InputError("stress: none of the nodes has stresses; choose others, or leave out --nodes")
+    ending, largest = path.suffix.lower(), {}
+    shown = ending in (".pvd", ".vtu")
+    if ending == ".vtu" and len(t) > 1:
+        raise InputError(f"output {path}: found {len(t)} instants, and a .vtu has one; choose .pvd, or one instant by "
+                         "--from and --to")  # fmt: skip
+    if ending == ".pvd":
+        needed = len(t) * points.total * np.dtype(dtype).itemsize * (3 * len(quantities) + 3)
+        with agreed(comm):
+            if comm.rank == 0:
+                check_room(path, needed)
+        output = series(path, points, t, comm, dtype)
+    elif ending == ".vtu":
+        output = single(path, points, comm, dtype)
+    elif ending == ".csv":
+        output = recovered_table(path, points, t, keys, comm)
+    else:
+        places = points.position if start is None else start
+        output = recovered_file(path, points, places, t, keys, record, comm, dtype)
+    local, moved = points.position - origin, start is not None
+    needed = {*quantities, *(QUANTITIES[: QUANTITIES.index(quantities[-1]) + 1] if moved else ())}
+    wanted = [key for key in QUANTITIES if key in needed]
+    chosen = ("place", "elastic", *keys) if moved and shown else keys
+    step = min(max(AT_ONCE * comm.size // max(3 * points.total, 1), FEWEST), len(t))
+    recovery = Recovery(coordinates, step)
+    with output as put:
+        for first in range(0, len(t), step):
+            part = slice(first, min(first + step, len(t)))
+            found = recovery.motion(points.shapes, part, wanted)
+            if moved:
+                found = inertial_motion(found, local, start, coordinates, part)
+            if points.stress is not None:
+                found |= recovery.stresses(points.stress, part)
+            _keep_largest(largest, {key: found[key] for key in keys if key != "stress"}, points, t[part])
+            found = {key: found[key] for key in chosen}
+            put(_at_all(found, points) if shown else found)
+            if progress is not None:
+                progress.step("instants", part.stop, len(t))
+        report = _all_largest(largest, comm)
+        record |= report
+    return report
+
+
+def _at_all(found, points) -> dict:
+    """Return fields for all nodes of this rank, NaN where there are no stresses."""
+    result = dict(found)
+    for key in set(STRESSES).intersection(found):
+        values = found[key]
+        result[key] = np.full((len(values), len(points.node), *values.shape[2:]), np.nan)
+        result[key][:, points.stressed] = values
+    return result
+
+
+def _keep_largest(largest, fields, points, t):
+    """Keep (value, node, instant) of the largest of each field of this rank."""
+    for key, values in fields.items():
+        known = largest.setdefault(key, (0.0, None, float(t[0])))
+        flat = values.reshape(len(values), -1)
+        if not flat.size:
+            continue
+        bound = np.maximum(flat.max(axis=1), -flat.min(axis=1)) * (1.0 if values.ndim == 2 else np.sqrt(3.0))
+        for i in np.flatnonzero(bound > known[0]):  # few instants are looked at as a whole
+            size = values[i] if values.ndim == 2 else np.linalg.norm(values[i], axis=1)
+            place = int(size.argmax())
+            if size[place] > largest[key][0]:
+                node = points.node[points.stressed[place] if key in STRESSES else place]
+                largest[key] = (float(size[place]), points.names.get(int(node), int(node)), float(t[i]))
+
+
+def _all_largest(largest, comm) -> dict:
+    """Return the largest of each field over the ranks, by the names of UNITS. Collective."""
+    parts = comm.allgather(largest)
+    found = {key: max((part[key] for part in parts), key=lambda item: item[0]) for key in largest}
+    return {UNITS[key]: {"value": value, "node": node, "t_s": t} for key, (value, node, t) in found.items()}

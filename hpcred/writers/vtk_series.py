@@ -1,0 +1,149 @@
+"""Write a motion for ParaView: a .pvd and one .vtu an instant in a folder beside it, or a .vtu of one instant.
+
+All ranks write: rank 0 the XML, each rank its rows of the arrays, which are appended as they are in memory.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ..files.hdf5 import atomic_output
+from ..files.result_points import Points
+from ..files.system_errors import writing_to
+from ..parallel.failures import Owned, agreed
+from .vtk import TYPES
+
+KINDS = {"<f8": "Float64", "<f4": "Float32", "<i8": "Int64", "<i4": "Int32", "|u1": "UInt8"}
+LENGTH = 8  # bytes of the number of bytes in front of an array
+
+
+@dataclass(eq=False)
+class Rows:
+    """An array (total, components) of a file; `local` are the rows of this rank, from `first` on."""
+
+    name: str
+    group: str
+    local: np.ndarray
+    first: int
+    total: int
+
+
+@contextmanager
+def series(path, points: Points, t, comm, dtype):
+    """Write a .pvd. The block gets a function that takes the fields of the next instants (b, k, ...); collective."""
+    path = Path(path)
+    folder, digits, done = path.with_name(f"{path.stem}_vtu"), len(str(len(t))), 0
+    names = [f"{folder.name}_{i:0{digits}d}.vtu" for i in range(len(t))]
+    with atomic_output(path, comm) as temporary, Owned(comm) as owned, writing_to(path, temporary):
+        fresh = None
+        with agreed(comm), writing_to(path, temporary):
+            if comm.rank == 0:
+                fresh = owned.enter_context(tempfile.TemporaryDirectory(dir=path.parent))
+        made = Path(comm.bcast(fresh)) / folder.name
+        with agreed(comm), writing_to(path, temporary):
+            if comm.rank == 0:
+                made.mkdir()
+        mesh = _mesh(points, comm, dtype)
+
+        def put(fields):
+            nonlocal done
+            count = len(next(iter(fields.values())))
+            _write([made / name for name in names[done : done + count]], mesh, points, fields, comm, dtype)
+            done += count
+
+        yield put
+        with agreed(comm), writing_to(path, temporary):
+            if comm.rank == 0:
+                _write_collection(temporary, t, [f"{folder.name}/{name}" for name in names])
+                shutil.rmtree(folder, ignore_errors=True)
+                made.rename(folder)
+
+
+@contextmanager
+def single(path, points: Points, comm, dtype):
+    """Write a .vtu of one instant. The block gets a function that takes its fields (1, k, ...); collective."""
+    with atomic_output(path, comm) as temporary:
+        mesh = _mesh(points, comm, dtype)
+        yield lambda fields: _write([temporary], mesh, points, fields, comm, dtype)
+
+
+def _write_collection(path, t, names):
+    file = ElementTree.Element("VTKFile", type="Collection", version="0.1")
+    collection = ElementTree.SubElement(file, "Collection")
+    for time, name in zip(t, names, strict=True):
+        ElementTree.SubElement(collection, "DataSet", timestep=repr(float(time)), part="0", file=name)
+    ElementTree.ElementTree(file).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _mesh(points, comm, dtype) -> list[Rows]:
+    """Return what is the same in all files: cells, and numbers of nodes. Collective."""
+    cells = {kind: nodes for kind, nodes in points.cells.items() if comm.allreduce(len(nodes))}
+    if not cells:
+        cells = {"vertex": points.first + np.arange(len(points.node))[:, None]}
+    index = np.int32 if comm.allreduce(sum(part.size for part in cells.values())) < 2**31 else np.int64
+    sizes = np.repeat([nodes.shape[1] for nodes in cells.values()], [len(nodes) for nodes in cells.values()])
+    types = np.repeat([TYPES[kind] for kind in cells], [len(nodes) for nodes in cells.values()])
+    ends = np.cumsum(sizes) + (comm.exscan(int(sizes.sum())) or 0)
+    arrays = {"connectivity": np.concatenate([nodes.ravel() for nodes in cells.values()]).astype(index),
+              "offsets": ends.astype(index), "types": types.astype(np.uint8)}  # fmt: skip
+    found = [_rows(name, "Cells", local, comm) for name, local in arrays.items()]
+    return [*found, _rows("node", "PointData", points.node.astype(np.int64), comm)]
+
+
+def _rows(name, group, local, comm):
+    return Rows(name, group, local, comm.exscan(len(local)) or 0, comm.allreduce(len(local)))
+
+
+def _write(paths, mesh, points, fields, comm, dtype):
+    """Write one file an instant, all ranks their rows. Collective."""
+    places = fields.get("place")
+    for i, path in enumerate(paths):
+        arrays = {name: ("PointData", values[i]) for name, values in fields.items() if name != "place"}
+        arrays["points"] = "Points", points.position if places is None else places[i]
+        rows = [*(Rows(name, group, np.ascontiguousarray(values, dtype), points.first, points.total)
+                  for name, (group, values) in arrays.items()), *mesh]  # fmt: skip
+        head, starts, end = _head(rows)
+        with agreed(comm):
+            if comm.rank == 0:
+                with open(path, "wb") as file:
+                    file.write(head)
+                    for item, start in zip(rows, starts, strict=True):
+                        file.seek(start - LENGTH)
+                        file.write((item.total * _row_bytes(item)).to_bytes(LENGTH, "little"))
+                    file.seek(end)
+                    file.write(b"\n</AppendedData>\n</VTKFile>\n")
+        with agreed(comm), open(path, "r+b") as file:
+            for item, start in zip(rows, starts, strict=True):
+                if item.local.size:
+                    file.seek(start + item.first * _row_bytes(item))
+                    file.write(item.local.data)
+
+
+def _row_bytes(item) -> int:
+    return item.local.dtype.itemsize * int(np.prod(item.local.shape[1:]))
+
+
+def _head(rows) -> tuple[bytes, list[int], int]:
+    """Return the XML in front of the numbers, the byte where each array begins, and that behind the last one."""
+    counts = {item.name: item.total for item in rows}
+    text = ('<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
+            'header_type="UInt64">\n<UnstructuredGrid>\n'
+            f'<Piece NumberOfPoints="{counts["points"]}" NumberOfCells="{counts["types"]}">\n')  # fmt: skip
+    offsets = np.cumsum([0, *(LENGTH + item.total * _row_bytes(item) for item in rows)])
+    for group in ("PointData", "Points", "Cells"):
+        text += f"<{group}>\n"
+        for item, offset in zip(rows, offsets, strict=False):
+            if item.group == group:
+                components = int(np.prod(item.local.shape[1:]))
+                text += (f'<DataArray type="{KINDS[item.local.dtype.str]}" Name="{item.name}" '
+                         f'NumberOfComponents="{components}" format="appended" offset="{offset}"/>\n')  # fmt: skip
+        text += f"</{group}>\n"
+    head = (text + '</Piece>\n</UnstructuredGrid>\n<AppendedData encoding="raw">\n_').encode()
+    return head, [len(head) + int(offset) + LENGTH for offset in offsets[:-1]], len(head) + int(offsets[-1])
