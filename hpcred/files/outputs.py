@@ -26,6 +26,7 @@ from .text import shown
 HDF5 = b"\x89HDF\r\n\x1a\n"
 JSON, CSV_OF_RESPONSES, CSV_OF_MOTION = "JSON file", ".csv file of responses", ".csv file of a simulation"
 CSV_OF_RECOVERY = ".csv file of recovered motion"
+TABLES = (CSV_OF_RESPONSES, CSV_OF_MOTION, CSV_OF_RECOVERY)
 PNG, SVG, PDF = "PNG picture", "SVG picture", "PDF file"
 ZIP, MATLAB, SID, UFF, VTK = "zip archive", "MATLAB .mat file", "SID file", "universal file", "VTK file"
 SUPERELEMENT, MBDYN, OP4 = "superelement", ".fem file for MBDyn", "Nastran OP4 file"

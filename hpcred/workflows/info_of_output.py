@@ -145,7 +145,7 @@ def described(path, tables=True) -> dict | None:
     if found := by_writers(path, WRITERS.own):
         return found
     kind = outputs.kind_of(path)
-    if kind in (outputs.CSV_OF_RESPONSES, outputs.CSV_OF_MOTION, outputs.CSV_OF_RECOVERY) or kind.startswith(".csv table"):
+    if kind in outputs.TABLES or kind.startswith(".csv table"):
         return table(path) if tables else None
     if kind == outputs.JSON:
         return data(path)

@@ -283,8 +283,8 @@ def test_what_is_refused(coordinates, message, more):
 
 def test_a_large_table_is_refused(coordinates, monkeypatch):
     monkeypatch.setattr("hpcred.files.recovered_file.LARGEST_TABLE", 3000)
-    with pytest.raises(InputError, match=r"output out.csv: 3 instants of 60 numbers, about 3.29e-06 GB of text; expected "
-                                         r"at most 3e-06 GB: choose nodes or fewer instants"):  # fmt: skip
+    with pytest.raises(InputError, match=r"output out.csv: 3 instants of 60 numbers, about 3.29e-06 GB of text; "
+                                         r"expected at most 3e-06 GB: choose nodes or fewer instants"):  # fmt: skip
         coordinates(np.ones((3, 6)), output="out.csv")
 
 
@@ -303,6 +303,7 @@ def test_a_result_without_basis_or_nodes_is_refused(linkage_folder):
     from helpers import MODES_JOB, reduce_linkage
 
     reduce_linkage(Path(), "write_basis = false\n" + MODES_JOB)
-    np.savetxt("q.csv", np.ones((3, 7)) * np.arange(1, 4)[:, None], "%g", ",", header="t,q1,q2,q3,q4,q5,q6", comments="")
+    np.savetxt("q.csv", np.ones((3, 7)) * np.arange(1, 4)[:, None], "%g", ",", comments="",
+               header="t,q1,q2,q3,q4,q5,q6")  # fmt: skip
     with pytest.raises(InputError, match=r"result.h5: no basis with node coordinates; reduce a model with nodes"):
         hpcred.recover("result.h5", "q.csv", "out.h5")
