@@ -11,6 +11,7 @@ from ..model.definiteness import doubts_of_definiteness
 from ..model.digits import digits_of
 from ..model.dofs import DIRECTIONS, SCALAR
 from ..model.elements import solid_volume
+from ..model.load_columns import loads_of
 from ..model.rigid_body_modes import (
     FORCE_FREE,
     doubts_of_nodes,
@@ -81,6 +82,8 @@ def check(model) -> dict:
                 f"looks like {report['units']}: from the mass, the size, and the speed of waves between neighbouring "
                 "nodes"
             )
+    if loads := loads_of(model):
+        report["loads"] = [item.row for item in loads]
     digits = digits_of(model.K) or FEW_DIGITS
     if digits < FEW_DIGITS:
         sentences.append(f"K has {digits} digits; modes, responses and reductions warn of frequencies without any")

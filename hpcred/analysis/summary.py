@@ -9,6 +9,7 @@ from ..linalg.solvers.base import SingularMatrix
 from ..linalg.solvers.settings import Factoring
 from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.definiteness import check_definite, doubts_of_definiteness, growing_in_words, zero_of
+from ..model.load_columns import loads_of
 from ..model.materials import properties_in_words
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
 from ..model.second_order_model import require_model
@@ -70,6 +71,8 @@ def inspect(
         report |= properties_in_words(model.properties, model.comm)
     if sets := model.set_sizes:
         report["sets"] = sets
+    if loads := loads_of(model):
+        report["loads"] = [item.row for item in loads]
     doubts = doubts_of_definiteness(model)
     if report["mass_matrix"] == "indefinite" and not any("M is" in sentence for sentence in doubts):
         doubts.append(f"{model.name}: M is indefinite by the inertia of its factor, which no mass matrix is")

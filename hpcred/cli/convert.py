@@ -64,9 +64,10 @@ def convert(
         source, output, inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"),
         variables=names, units=units, progress=session.progress(),
     )  # fmt: skip
-    told = ("output", "sentences", "warnings")
+    told = ("output", "sentences", "warnings", "loads")
     show_table(None, [{"": key.replace("_", " "), output: in_words(value)} for key, value in report.items()
                       if key not in told])  # fmt: skip
+    session.show_loads(report.get("loads", []))
     for sentence in report["sentences"]:
         print(sentence)
     session.warn(report["warnings"])

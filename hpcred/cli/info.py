@@ -37,10 +37,11 @@ def info(
         file, frequencies=values.numbers(below, "--below"), band_top=band_top, modes=modes, figure=figure,
         sets=names.split(",") if names else None, progress=session.progress(),
     )  # fmt: skip
-    below_it = ("sets", "interfaces", "warnings")
+    below_it = ("sets", "interfaces", "loads", "warnings")
     rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
     show_table(None, rows)
     show_table(INTERFACES, report.get("interfaces", []))
+    session.show_loads(report.get("loads", []))
     sets = [{"node set": name, "nodes": count} for name, count in report.get("sets", {}).items()]
     show_table(None, sets[:MOST_SETS])
     if len(sets) > MOST_SETS:

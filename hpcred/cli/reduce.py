@@ -49,6 +49,7 @@ def reduce(
           **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.components],
     )  # fmt: skip
     show_table(INTERFACES, record.interface_rows)
+    session.show_loads([item.row for item in record.loads])
     if accuracy is not None:
         show_table("Expansion points", [
             {"f (Hz)": item.frequency, "columns": item.columns, "modes below": in_words(item.modes_below),

@@ -26,6 +26,7 @@ class Session:
     out = sys.stdout
 
 
+MOST_LOADS = 20  # that are listed
 FLAGS = ("--traceback", "--profile", "--quiet", "--verbose", "--keep")  # global options, anywhere on the line
 
 
@@ -130,6 +131,13 @@ def list_all(word, items):
     """Print each item behind a word."""
     for item in items:
         print(f"{word}: {item}")
+
+
+def show_loads(rows):
+    """Print the sums of loads, of very many the first ones."""
+    tables.show_table("Loads, and their sums; moments about the origin", rows[:MOST_LOADS])
+    if len(rows) > MOST_LOADS:
+        print(f"and {len(rows) - MOST_LOADS} more loads; --json - lists all")
 
 
 def verdict(sentence, good):

@@ -3,6 +3,8 @@
 matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all matrices, columns from 0
 matrices/K, M and, where there is one, D (nonzeros)
 inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T
+loads/name, kind, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads, as of model.loads.LoadColumn; the sums
+    are force, moment, and the parts of both on held dofs
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
 elements/<kind> (elements, nodes): node numbers, where known, for pictures; kinds of model.elements
 element_properties/<kind> (elements, 3), where known: number of the element, place of its type in element_types, and of
@@ -20,6 +22,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 
 from ..model.dofs import Dofs, dofs_per_node
+from ..model.loads import LoadColumn
 from ..model.materials import ElementProperties, Material
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.failures import InputError, agreed
@@ -30,6 +33,7 @@ from .hdf5 import reading, texts, writing
 
 FORMAT, VERSION = "hpcred-model", 1
 CONSTANTS = ("young", "poisson", "density", "expansion")  # of materials
+SUMS = ("force", "moment", "held_force", "held_moment")
 NODES = {
     "dofs/node": Array("integer", ("n",)), "dofs/direction": Array("integer", ("n",)),
     "dofs/position": Array("real", ("n", 3)), "held/node": Array("integer", ("h",)),
@@ -46,6 +50,8 @@ SCHEMA = NODES | {
     "matrices/K": Array("real", ("z",), needed=True), "matrices/M": Array("real", ("z",), needed=True),
     "matrices/D": Array("real", ("z",)),
     "inputs/B": Array("real", ("p", "n")), "inputs/names": Array("text", ("p",)),
+    "loads/name": Array("text", ("l",)), "loads/kind": Array("text", ("l",)), "loads/area": Array("real", ("l",)),
+    "loads/sums": Array("real", ("l", 4, 3)),
     "outputs/C": Array("real", ("r", "n")), "outputs/names": Array("text", ("r",)),
     "remarks": Array("text", ("?",)),
 }  # fmt: skip
@@ -72,6 +78,10 @@ def write_model(path, model: SecondOrderModel):
                 name = f"{group}/{'B' if group == 'inputs' else 'C'}"
                 file.rows(name, np.ascontiguousarray(mat.getDenseArray().real.T), axis=1)
                 file.small(f"{group}/names", list(names))
+        if model.loads:
+            for key in ("name", "kind", "area"):
+                file.small(f"loads/{key}", [getattr(item, key) for item in model.loads])
+            file.small("loads/sums", np.array([[getattr(item, key) for key in SUMS] for item in model.loads]))
         write_nodes(file, model)
         if model.remarks:
             file.small("remarks", list(model.remarks))
@@ -172,16 +182,30 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         remarks = texts(file["remarks"]) if "remarks" in file else ()
         converted_from = file.attribute("converted_from", str, "")
         properties = read_properties(file, comm)
-    return SecondOrderModel.from_csr(
+        loads = _loads(file["loads"]) if "loads" in file else ()
+    model = SecondOrderModel.from_csr(
         comm, size, indptr - indptr[0], indices, values, dense["inputs"], dense["outputs"], dofs=dofs,
         input_names=names["inputs"], output_names=names["outputs"], name=Path(path).name, elements=elements, held=held,
         sets=sets, remarks=remarks, converted_from=converted_from, properties=properties,
     )  # fmt: skip
+    if not loads:
+        return model
+    with model:
+        return model.with_fields(loads=loads)
 
 
 def sets_of(file) -> dict:
     """The datasets of the node sets of an open file, by the names of the sets."""
     return {unquote(name): part for name, part in file.get("sets", {}).items()}
+
+
+def _loads(group) -> tuple[LoadColumn, ...]:
+    rows = zip(texts(group["name"]), texts(group["kind"]), group["area"][...].tolist(), group["sums"][...].tolist(),
+               strict=True)  # fmt: skip
+    return tuple(
+        LoadColumn(name=name, kind=kind, area=area, **dict(zip(SUMS, map(tuple, sums), strict=True)))
+        for name, kind, area, sums in rows
+    )
 
 
 def _dofs(group, first, last):

@@ -2,6 +2,7 @@
 
 attributes: format, version; loss_factor of structural damping
 reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
+reduced/resultants (p, 6): force in N and moment about the origin in N m of each input, of a model with nodes
 reduced/interfaces/name, node (k), position (k, 3): in interface coordinates, the nodes whose displacements come first
 basis/V (m, n), one row a basis vector in the dofs of the full model (basis/W: the left one of a two-sided projection)
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kind> (elements, nodes), held/,
@@ -49,7 +50,7 @@ QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
 SCHEMA = NODES | {
     **{f"reduced/{key}": Array("real", ("m", "m"), needed=True) for key in "MDK"},
     "reduced/B": Array("real", ("m", "p"), needed=True), "reduced/C": Array("real", ("r", "m"), needed=True),
-    "reduced/frequencies": Array("real", ("m",), needed=True),
+    "reduced/frequencies": Array("real", ("m",), needed=True), "reduced/resultants": Array("real", ("p", 6)),
     "reduced/input_names": Array("text", ("p",), needed=True),
     "reduced/output_names": Array("text", ("r",), needed=True),
     "reduced/interfaces/name": Array("text", ("i",)), "reduced/interfaces/node": Array("integer", ("i",)),
@@ -284,6 +285,8 @@ def write_result(
             file.small(f"reduced/{key}", getattr(reduced, key))
         for key in NAMES:
             file.small(f"reduced/{key}", list(getattr(reduced, key)))
+        if reduced.resultants is not None:
+            file.small("reduced/resultants", reduced.resultants)
         if reduced.interfaces:
             for key in ("name", "node", "position"):
                 file.small(f"reduced/interfaces/{key}", [getattr(item, key) for item in reduced.interfaces])
@@ -326,6 +329,7 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
             **{key: group[key][...] for key in ARRAYS},
             **{key: tuple(texts(group[key])) for key in NAMES},
             interfaces=_interfaces(group["interfaces"]) if "interfaces" in group else (),
+            resultants=group["resultants"][...] if "resultants" in group else None,
             loss_factor=file.attribute("loss_factor", float),
             record=record,
         )

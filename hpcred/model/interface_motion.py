@@ -80,17 +80,12 @@ def members(model, item) -> np.ndarray:
     held = model.held if model.held is not None else dofs.take(slice(0, 0))
     placed = (dofs.direction != SCALAR, np.ones(len(held.node), bool))
     if isinstance(nodes, Nodes) and nodes.surface is not None:
-        numbers = _on_surface(model, nodes, where)
+        numbers = on_surface(model, nodes, f"{where}: nodes")
         inside = [np.isin(part.node, numbers) for part in (dofs, held)]
     elif isinstance(nodes, Nodes) and nodes.set is None:
         inside = [mask & nodes.contain(part.position) for mask, part in zip(placed, (dofs, held), strict=True)]
     elif isinstance(nodes, Nodes):
-        names = model.set_sizes
-        if nodes.set not in names:
-            known = ", ".join(names) or "none"
-            meant = nearest(nodes.set, names)
-            raise InputError(f"{where}: nodes.set: {model.name} has no set '{nodes.set}'{meant}; it has {known}")
-        numbers = model.sets.get(nodes.set, np.zeros(0, np.int64))
+        numbers = numbers_of_set(model, nodes.set, f"{where}: nodes")
         inside = [look_up(comm, numbers, [], part.node)[0] for part in (dofs, held)]
     else:
         inside = [np.isin(part.node, nodes) for part in (dofs, held)]
@@ -107,9 +102,9 @@ def members(model, item) -> np.ndarray:
     if not comm.allreduce(bool(inside[0].any()), op=MPI.LOR):
         if isinstance(nodes, Nodes) and nodes.set is not None:
             raise InputError(
-                f"{where}: nodes.set: none of the {names[nodes.set]} nodes of the set '{nodes.set}' has a row in "
-                f"{model.name}; nodes that follow another one, as in a rigid body, have none: take their reference "
-                "node in place of the interface, inputs = [[node, 'x'], ...], or export the body without it"
+                f"{where}: nodes.set: none of the {model.set_sizes[nodes.set]} nodes of the set '{nodes.set}' has a "
+                f"row in {model.name}; nodes that follow another one, as in a rigid body, have none: take their "
+                "reference node in place of the interface, inputs = [[node, 'x'], ...], or export the body without it"
             )
         ends = comm.allgather((dofs.position.min(axis=0), dofs.position.max(axis=0)) if dofs.node.size else None)
         low, high = zip(*(pair for pair in ends if pair is not None), strict=True)
@@ -121,8 +116,19 @@ def members(model, item) -> np.ndarray:
     return inside[0]
 
 
-def _on_surface(model, nodes, where):
-    """Return the numbers (k,) of the nodes of a bore or a pin. Collective. Raises InputError where there are none."""
+def numbers_of_set(model, name, where) -> np.ndarray:
+    """Return this rank's part of the node numbers (k,) of a set; `where` the key stands. Collective. Raises InputError
+    for a set that does not exist."""
+    names = model.set_sizes
+    if name not in names:
+        known = ", ".join(names) or "none"
+        raise InputError(f"{where}.set: {model.name} has no set '{name}'{nearest(name, names)}; it has {known}")
+    return model.sets.get(name, np.zeros(0, np.int64))
+
+
+def on_surface(model, nodes, where) -> np.ndarray:
+    """Return the numbers (k,) of the nodes of a bore or a pin; `where` the key stands. Collective. Raises InputError
+    where there are none."""
     *ends, radius = nodes.surface
     key = "bore" if nodes.bore is not None else "pin"
     numbers = nodes_on_cylinder(model, ends, radius, key == "bore")
@@ -130,11 +136,11 @@ def _on_surface(model, nodes, where):
         return numbers
     if not any(model.comm.allgather(any(len(part) for part in model.elements.values()))):
         raise InputError(
-            f"{where}: nodes.{key}: {model.name} has no elements, by which its surface is known; take a cylinder of a "
+            f"{where}.{key}: {model.name} has no elements, by which its surface is known; take a cylinder of a "
             "little more than the radius, a node set, or numbers"
         )
     raise InputError(
-        f"{where}: nodes.{key}: no face of {model.name} lies on the cylinder of radius {radius:g} m "
+        f"{where}.{key}: no face of {model.name} lies on the cylinder of radius {radius:g} m "
         f"{'around a hole' if key == 'bore' else 'seen from outside'}; `hpcred bores` lists those that there are"
     )
 

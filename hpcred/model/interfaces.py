@@ -52,21 +52,21 @@ class Nodes:
     pin: tuple[Vector, Vector, float] | None = None
 
     def __post_init__(self):
-        as_declared(self, "interface.nodes.")
+        as_declared(self, "nodes.")
         given = [key for key in WAYS if getattr(self, key) is not None]
         if len(given) != 1:
             raise InputError(
-                f"interface.nodes: found {', '.join(given) or 'none'}, expected exactly one of {', '.join(WAYS)}, "
+                f"nodes: found {', '.join(given) or 'none'}, expected exactly one of {', '.join(WAYS)}, "
                 "or node numbers"
             )
         for key in WAYS[1:]:
-            within(f"interface.nodes.{key}", getattr(self, key), COORDINATE)
+            within(f"nodes.{key}", getattr(self, key), COORDINATE)
         axial = self.cylinder or self.surface
         radius = (self.sphere or axial or (1.0,))[-1]
         if radius <= 0:
-            raise InputError(f"interface.nodes: found radius {radius:g} m, expected a positive one")
+            raise InputError(f"nodes: found radius {radius:g} m, expected a positive one")
         if axial is not None and axial[0] == axial[1]:
-            raise InputError(f"interface.nodes.{given[0]}: its two points are the same, expected the ends of its axis")
+            raise InputError(f"nodes.{given[0]}: its two points are the same, expected the ends of its axis")
 
     @property
     def surface(self) -> tuple[Vector, Vector, float] | None:

@@ -22,6 +22,8 @@ from .digests import digest_of
 from .dofs import SCALAR, Dofs
 from .interface_motion import with_interfaces
 from .interfaces import Interface, InterfaceNode
+from .load_columns import with_loads
+from .loads import AnyLoad, LoadColumn
 from .materials import ElementProperties, Material
 from .targets import interface_targets, unit_columns
 
@@ -108,6 +110,8 @@ class SecondOrderModel:
         G^T, sparse, with the motions G q of k interface nodes.
     interfaces : tuple of InterfaceNode
         The interface nodes.
+    loads : tuple of LoadColumn
+        The inputs that are loads, with the sums of their forces and moments.
     converted_from : str
         The original units of a model that was converted to SI.
     properties : ElementProperties or None
@@ -129,6 +133,7 @@ class SecondOrderModel:
     remarks: tuple[str, ...] = ()
     Gt: PETSc.Mat | None = None
     interfaces: tuple[InterfaceNode, ...] = ()
+    loads: tuple[LoadColumn, ...] = ()
     converted_from: str = ""
     properties: ElementProperties | None = None
 
@@ -436,7 +441,36 @@ class SecondOrderModel:
             For NaN, Inf, and shapes and numbers of names that do not fit.
         """
         B, names = construction.columns_of(self.K, local, names, f"{self.name}: inputs")
-        return self.with_fields(B=B, input_names=names)
+        return self.with_fields(B=B, input_names=names, loads=())
+
+    def with_loads(self, loads: Iterable[AnyLoad] = (), given: dict[str, ArrayLike] | None = None) -> SecondOrderModel:
+        """Return the model with loads as further inputs, after those that it has.
+
+        Collective.
+
+        Parameters
+        ----------
+        loads : iterable of Pressure, Traction, LineLoad or Gravity, default ()
+            Each is a column of B.
+        given : dict of str to array_like, shape (rows of this rank,), optional
+            Load vectors by name.
+
+        Returns
+        -------
+        SecondOrderModel
+            Its `loads` have the sums of the forces and moments. Forces on held dofs count in them, and in nothing else.
+
+        Raises
+        ------
+        InputError
+            For sets, faces and edges that do not exist, loads on nodes without dofs, loads that are zero, and names
+            that occur twice.
+
+        Examples
+        --------
+        >>> loaded = model.with_loads([hpcred.Pressure(name="oil", on="BORE", value=2e6)])
+        """
+        return with_loads(self, loads, given)
 
     def with_output_columns(self, local: ArrayLike | None, names: Iterable[str]) -> SecondOrderModel:
         """Return the model with another C.
@@ -489,7 +523,9 @@ class SecondOrderModel:
 
     def as_dual(self) -> SecondOrderModel:
         """Return the model of the transposed transfer function: D^T for D, C^T for B. Collective."""
-        changed = {"B": None if self.Ct is None else copy(self.Ct), "Ct": None, "input_names": self.output_names}
+        changed = {
+            "B": None if self.Ct is None else copy(self.Ct), "Ct": None, "input_names": self.output_names, "loads": ()
+        }  # fmt: skip
         if self.D is not None and not self.symmetric:
             changed["D"] = PETSc.Mat()
             self.D.transpose(changed["D"])

@@ -12,6 +12,7 @@ from ..model.damping import Damping, NoDamping, doubts_of_damping, loss_factor_o
 from ..model.definiteness import doubts_of_definiteness, growing
 from ..model.digits import doubts_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
+from ..model.load_columns import loads_of, resultants
 from ..model.port_counts import require_room
 from ..model.scales import in_usual_units
 from ..model.second_order_model import require_model
@@ -62,8 +63,10 @@ class BasisReductor(Reductor):
             reduced.B, reduced.C = reduced.B * inputs, reduced.C * outputs
             accuracy = reduced.record.accuracy
             reduced.record = replace(
-                reduced.record, signature=signature_of(model), accuracy=accuracy and accuracy.times(inputs, outputs)
-            )
+                reduced.record, signature=signature_of(model), loads=loads_of(model),
+                accuracy=accuracy and accuracy.times(inputs, outputs),
+            )  # fmt: skip
+        reduced.resultants = resultants(model)
         reduced.model = model.shared()
         return reduced
 

@@ -16,6 +16,8 @@ from ..linalg.solvers.base import FactorRecord
 from ..model.damping import Damping
 from ..model.frames import Frame
 from ..model.interfaces import Interface, InterfaceNode
+from ..model.load_columns import loads_of
+from ..model.loads import LoadColumn
 from ..parallel import processor
 from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
@@ -32,11 +34,11 @@ class Record:
     """What made a reduced model.
 
     Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs
-    by name, interfaces and their nodes, and `signature` (see signature_of), by which it is known again. Of the
-    reduction: frame, damping, basis and settings; what each component brought; every factorisation, and how many more
-    a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings; where the time went, and hints at what
-    would take less; of an automatic one its accuracy. `job`: the job file with its overrides, file names absolute, and
-    `contents` of the files that it names, by name.
+    by name, interfaces and their nodes, loads with their sums, and `signature` (see signature_of), by which it is known
+    again. Of the reduction: frame, damping, basis and settings; what each component brought; every factorisation, and
+    how many more a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings; where the time went, and
+    hints at what would take less; of an automatic one its accuracy. `job`: the job file with its overrides, file names
+    absolute, and `contents` of the files that it names, by name.
     """
 
     date: str
@@ -71,6 +73,7 @@ class Record:
     timing: Timing
     interfaces: tuple[Interface, ...] = ()
     interface_nodes: tuple[InterfaceNode, ...] = ()
+    loads: tuple[LoadColumn, ...] = ()
     coordinates: str = "modal"
     accuracy: Accuracy | None = None
     factorisations_saved: int = 0
@@ -177,6 +180,7 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         outputs=model.output_names,
         interfaces=tuple(item.definition for item in model.interfaces),
         interface_nodes=tuple(replace(item, definition=None) for item in model.interfaces),
+        loads=loads_of(model),
         components=tuple(notes[0].components),
         factorisations=tuple(record for item in notes for record in item.factorisations),
         factorisations_saved=sum(item.factorisations_saved for item in notes),

@@ -32,6 +32,8 @@ class ReducedModel:
     `loss_factor`: eta of structural damping, for frequency responses only. `record`: what made it.
     `interfaces`: in interface coordinates, the nodes whose displacements x, y, z, rx, ry, rz are the first coordinates,
     six a node, in this order; empty in pseudo-modal ones.
+    `resultants` (p, 6): force and moment about the origin of each input at 1 on the whole body, in N and N m, which
+    move its frame; None where the model has no nodes.
     `columns`: the basis V as a distributed block (n, m), zero at the dofs that the frame holds, when the reduction
     was run here, and `left_columns` W of a two-sided projection; `model`: the SecondOrderModel that was reduced. None
     after reading a file. close() frees them.
@@ -47,6 +49,7 @@ class ReducedModel:
     input_names: tuple[str, ...] = ()
     output_names: tuple[str, ...] = ()
     interfaces: tuple[InterfaceNode, ...] = ()
+    resultants: np.ndarray | None = None
     record: Record | None = None
     columns: object = None
     left_columns: object = None

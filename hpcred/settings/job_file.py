@@ -14,6 +14,7 @@ from ..model.damping import Damping, NoDamping
 from ..model.dofs import direction_index, target_of
 from ..model.frames import Frame, NoFrame
 from ..model.interfaces import Interface
+from ..model.loads import AnyLoad
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, LABEL, require_band, within
 from ..reduction.components.craig_bampton import (
@@ -49,7 +50,8 @@ class Job:
     `model`: model.h5, or matrix files. `inputs` and `outputs`: a matrix file, or a list of dofs as numbers from 1 or
     [node, direction], and of names of interfaces, for all of their directions; without them those of the model
     are taken, or all directions of all interfaces. `interface`: see model.interfaces.Interface; its name stands for a
-    node in inputs, outputs and frames. `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over
+    node in inputs, outputs and frames. `load`: further inputs, behind `inputs`.
+    `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over
     the band, within the limits `adaptive` (see reduction.tolerance.accuracy.Limits); `measure`, `static`: see
     reduction.tolerance.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that
     says so ("mark"), as `output` ("write"), or not ("refuse").
@@ -73,6 +75,7 @@ class Job:
     inputs: Targets | None = None
     outputs: Targets | None = None
     interface: tuple[Interface, ...] = ()
+    load: tuple[AnyLoad, ...] = ()
     frame: Frame = NoFrame()
     damping: Damping | None = None
     deflation_tolerance: float = Reduction.deflation_tolerance
@@ -98,6 +101,7 @@ class Job:
             model=self.model, output=self.output, inputs=self.inputs, outputs=self.outputs,
             out_of_core=self.out_of_core, store=self.store,
             **{f"interface '{item.name}': nodes": item.nodes for item in self.interface},
+            **{f"load '{item.name}': file": item.file for item in self.load if hasattr(item, "file")},
         )  # fmt: skip
         for key in ("inputs", "outputs"):
             _check_targets(key, getattr(self, key))
@@ -149,8 +153,9 @@ class Job:
     def files(self) -> list[str]:
         """All files that the run reads."""
         model = [self.model] if isinstance(self.model, str) else self.model.files
-        named = (self.inputs, self.outputs, *(item.nodes for item in self.interface))
-        return [*model, *(item for item in named if isinstance(item, str))]
+        named = (self.inputs, self.outputs, *(item.nodes for item in self.interface),
+                 *(getattr(item, "file", None) for item in self.load))  # fmt: skip
+        return list(dict.fromkeys([*model, *(item for item in named if isinstance(item, str))]))
 
 
 def _check_targets(key, targets):
@@ -195,7 +200,8 @@ def _with_folder(job, folder):
     )  # fmt: skip
     moved = {key: at(getattr(job, key)) for key in PLACES}
     interface = tuple(replace(item, nodes=at(item.nodes)) for item in job.interface)
-    return replace(job, model=model, interface=interface, **moved)
+    load = tuple(replace(item, file=at(item.file)) if hasattr(item, "file") else item for item in job.load)
+    return replace(job, model=model, interface=interface, load=load, **moved)
 
 
 def plain(job: Job) -> dict:
@@ -212,4 +218,7 @@ def plain(job: Job) -> dict:
         table["model"] = {key: absolute(name) for key, name in table["model"].items()}
     for item in table["interface"]:
         item["nodes"] = absolute(item["nodes"])
+    for item in table["load"]:
+        if "file" in item:
+            item["file"] = absolute(item["file"])
     return table

@@ -40,6 +40,8 @@ def result(path, comm) -> dict:
         report["accuracy"] = record.accuracy.sentence
     if record.interface_rows:
         report["interfaces"] = record.interface_rows
+    if record.loads:
+        report["loads"] = [item.row for item in record.loads]
     return report | {"warnings": list(record.warnings)}
 
 

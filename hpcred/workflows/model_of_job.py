@@ -19,11 +19,15 @@ def model_of_job(job: Job, comm):
         model = with_targets(model, key, getattr(job, key + "s"))
     if model.B is None and model.interfaces:
         model = with_targets(model, "input", [item.name for item in model.interfaces])
+    if job.load:
+        with model:
+            loaded = model.with_loads(job.load)
+        model = loaded
     if model.B is None:
         with model:
             raise InputError(
-                f"inputs: neither the job nor {model.name} has any; give dof numbers or [node, direction] pairs, or "
-                "bearings by [[interface]]"
+                f"inputs: neither the job nor {model.name} has any; give dof numbers or [node, direction] pairs, "
+                "bearings by [[interface]], or loads by [[load]]"
             )
     return model
 

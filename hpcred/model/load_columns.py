@@ -1,0 +1,240 @@
+"""Make columns of B of loads, with the sums of their forces and moments, and add them to the inputs of a model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..linalg.blocks import from_dense, inner
+from ..parallel.declared import declared, nearest
+from ..parallel.exchange import exchange
+from ..parallel.failures import InputError, Owned, agreed
+from ..parallel.lookup import look_up
+from .checked_arrays import named_columns
+from .dofs import DIRECTIONS, OWN, SCALAR, require_dofs, target_of
+from .face_loads import NodalForces, edges_of, forces_on_edges, forces_on_faces
+from .interface_motion import numbers_of_set, on_surface
+from .interfaces import Nodes, find_interface
+from .loads import AnyLoad, LoadColumn
+from .rigid_body_modes import rigid_motions
+from .surface_faces import Faces, places_of, surface_faces
+
+ROUND_OFF = 1e-13  # of the largest force, or of a sum of sizes: what is left in directions without a load
+STRIDE = 8  # of keys of node and direction
+
+
+def with_loads(model, loads, given=None):
+    """Return the model with loads as further inputs, see SecondOrderModel.with_loads. Collective."""
+    loads, given = declared("loads", loads, tuple[AnyLoad, ...]), dict(given or {})
+    names = [*model.input_names, *(item.name for item in loads), *given]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"load '{twice[0]}': found two inputs of this name, expected each once; give it another name")
+    if not loads and not given:
+        return model.shared()
+    made = [_column(model, item) for item in loads]
+    for name, column in given.items():
+        local, _ = named_columns(model.comm, model.local_rows, np.reshape(column, (-1, 1)), [name], f"load '{name}'")
+        made.append((local[:, 0], sums_of_column(model, local[:, 0], name, "given")))
+    for (local, _), name in zip(made, names[len(model.input_names) :], strict=True):
+        if not any(model.comm.allgather(bool(local.any()))):
+            raise InputError(
+                f"load '{name}': every force of it acts on held dofs or is zero, so that it deforms nothing; leave it "
+                "out, or export the body without these supports"
+            )
+    before = np.zeros((model.local_rows, 0)) if model.B is None else model.B.getDenseArray().real
+    B = np.column_stack([before, *(local for local, _ in made)])
+    with model.with_input_columns(B, names) as loaded:
+        return loaded.with_fields(loads=(*model.loads, *(sums for _, sums in made)))
+
+
+def _column(model, load):
+    """Return the rows (rows,) of this rank of the column of a load, and its LoadColumn. Collective."""
+    where = f"load '{load.name}'"
+    if load.kind == "given":
+        import hpcred  # the public functions, which stand above
+
+        column = hpcred.read_load_column(model, load)
+        return column, sums_of_column(model, column, load.name, load.kind)
+    require_dofs(model, where)
+    if load.kind == "gravity":
+        column = accelerated(model, where, load.value)
+        return column, sums_of_column(model, column, load.name, load.kind)
+    if load.kind == "line":
+        forces = forces_on_edges(model, _edges(model, load.on, where), where, load.value)
+    else:
+        faces = faces_on(model, load.on, where)
+        key, value = ("pressure", load.value) if load.kind == "pressure" else ("traction", np.array(load.value))
+        count = len(faces.behind)
+        spread = np.broadcast_to(value, (count, *np.shape(value)))
+        forces = forces_on_faces(model, faces, where, **{key: spread})
+    return column_of(model, forces, load.name, load.kind)
+
+
+def accelerated(model, where, value):
+    """Return M times a field of accelerations (rows,): of all nodes by `value` (3,) in m/s^2. Collective."""
+    dofs = model.dofs
+    if any(model.comm.allgather(bool((dofs.direction >= OWN).any()))):
+        raise InputError(f"{where}: {model.name} has dofs in directions of their own, whose acceleration is not known")
+    moved = dofs.direction < 3
+    field, product = model.M.createVecRight(), model.M.createVecLeft()
+    values = np.zeros(model.local_rows)
+    values[moved] = np.asarray(value)[dofs.direction[moved]]
+    field.setArray(values)
+    model.M.mult(field, product)
+    found = product.getArray(readonly=True).real.copy()
+    field.destroy()
+    product.destroy()
+    return found
+
+
+def sums_of_column(model, column, name, kind) -> LoadColumn:
+    """Return the sums of a column (rows,), without a part on held dofs; zero without nodes. Collective."""
+    force = np.zeros(6)
+    if model.dofs is not None:
+        mine = model.dofs.direction < SCALAR
+        value = np.zeros((int(mine.sum()), 6))
+        value[np.arange(len(value)), model.dofs.direction[mine]] = column[mine]
+        force = _sums(model.comm, model.dofs.position[mine], value)
+    return LoadColumn(name=name, kind=kind, force=tuple(force[:3].tolist()), moment=tuple(force[3:].tolist()))
+
+
+def loads_of(model) -> tuple[LoadColumn, ...]:
+    """Return all inputs of a model with nodes that are not directions of nodes, with their sums. Collective."""
+    if model.B is None or model.dofs is None:
+        return model.loads
+    known = {item.name: item for item in model.loads}
+    columns = model.B.getDenseArray().real
+    return tuple(
+        known.get(name) or sums_of_column(model, columns[:, j], name, "given")
+        for j, name in enumerate(model.input_names) if target_of(name) is None
+    )  # fmt: skip
+
+
+def resultants(model) -> np.ndarray | None:
+    """Return force and moment (p, 6) about the origin of all inputs at 1, in N and N m, with the parts of loads that
+    act on held dofs; None without inputs or nodes. Collective."""
+    if model.B is None or model.dofs is None:
+        return None
+    with Owned(model.comm) as owned:
+        found = inner(owned.owns(rigid_motions(model)), owned.owns(from_dense(model.B))).T
+    for item in model.loads:
+        found[model.input_names.index(item.name)] += [*item.held_force, *item.held_moment]
+    return model.comm.bcast(found)
+
+
+def _sums(comm, position, value):
+    """Return force and moment about the origin (6,) of forces and moments (k, 6) at positions (k, 3), zero for
+    round-off. Collective."""
+    arms = np.hstack([value[:, :3], value[:, 3:] + np.cross(position, value[:, :3])])
+    total, size = np.sum(comm.allgather([arms.sum(axis=0), np.abs(arms).sum(axis=0)]), axis=0)
+    largest = np.repeat(size.reshape(2, 3).max(axis=1), 3)
+    return np.where(np.abs(total) > ROUND_OFF * largest, total, 0.0)
+
+
+def column_of(model, forces: NodalForces, name, kind):
+    """Return the rows (rows,) of this rank of a column of nodal forces, and its LoadColumn. Collective.
+
+    Forces on held dofs have no row, and count in the sums. Raises InputError for dofs that do not exist.
+    """
+    comm, dofs, where = model.comm, model.dofs, f"load '{name}'"
+    size = max(comm.allgather(float(np.abs(forces.value).max(initial=0.0))))
+    place, direction = np.nonzero(np.abs(forces.value) > ROUND_OFF * size)
+    keys, back = np.unique(forces.node[place] * STRIDE + direction, return_inverse=True)
+    value = forces.value[place, direction]
+    own = np.flatnonzero(dofs.direction < SCALAR)
+    there, (row,) = look_up(comm, _keys(dofs.take(own)), [model.first_row + own], keys)
+    held = np.zeros(len(keys), bool)
+    if model.held is not None:
+        held, _ = look_up(comm, _keys(model.held), [], keys)
+    with agreed(comm):
+        lost = keys[~there & ~held]
+        if lost.size:
+            node, axis = divmod(int(lost[0]), STRIDE)
+            raise InputError(
+                f"{where}: node {node} has no dof in {DIRECTIONS[axis]} in {model.name}; it follows another node, is "
+                "condensed, or does not exist: let the load act elsewhere, or export the body with this dof"
+            )
+    sums = np.bincount(back, weights=value, minlength=len(keys))
+    owner = np.searchsorted(model.row_starts, row[there], side="right") - 1
+    rows, values = exchange(comm, owner, [row[there], sums[there]])
+    column = np.zeros(model.local_rows)
+    np.add.at(column, rows - model.first_row, values)
+    still = np.zeros_like(forces.value)
+    still[place, direction] = np.where((held & ~there)[back], value, 0.0)
+    total, lost = (_sums(comm, forces.position, part) for part in (forces.value, still))
+    parts = {"force": total[:3], "moment": total[3:], "held_force": lost[:3], "held_moment": lost[3:]}
+    return column, LoadColumn(
+        name=name, kind=kind, area=forces.area, **{key: tuple(part.tolist()) for key, part in parts.items()}
+    )
+
+
+def _keys(dofs):
+    return dofs.node.astype(np.int64) * STRIDE + dofs.direction
+
+
+def _inside(model, on, nodes, where):
+    """Test which nodes (k,) are those that a load is `on`. Collective. Raises InputError."""
+    if isinstance(on, str):
+        place = find_interface(model, on)
+        if on in model.set_sizes or place is None or model.interfaces[place].definition is None:
+            known = {*model.set_sizes, *(item.name for item in model.interfaces)}
+            if on not in model.set_sizes:
+                raise InputError(
+                    f"{where}: on: {model.name} has no node set or interface '{on}'{nearest(on, known)}; it has "
+                    f"{', '.join(sorted(known)) or 'none'}"
+                )
+            on = Nodes(set=on)
+        else:
+            on = model.interfaces[place].definition.nodes
+    if isinstance(on, tuple):
+        return np.isin(nodes, on)
+    if on.set is not None:
+        return look_up(model.comm, numbers_of_set(model, on.set, f"{where}: on"), [], nodes)[0]
+    if on.surface is not None:
+        return np.isin(nodes, on_surface(model, on, f"{where}: on"))
+    there, points = places_of(model, nodes)
+    return there & on.contain(points)
+
+
+def _chosen(model, on, table, where):
+    """Test of which rows of a table (f, k) of nodes, -1 for none, all nodes are those that a load is `on`."""
+    nodes = np.unique(table[table >= 0])
+    inside = nodes[_inside(model, on, nodes, where)]
+    return ((table < 0) | np.isin(table, inside)).all(axis=1) & (table >= 0).any(axis=1)
+
+
+def faces_on(model, on, where) -> Faces:
+    """Return this rank's part of the faces of the surface that a load acts on. Collective. Raises InputError."""
+    faces = _surface(model, where)
+    found = faces.take(_chosen(model, on, np.hstack([faces.corners, faces.middles]), where))
+    if not model.comm.allreduce(len(found.behind)):
+        raise InputError(
+            f"{where}: on: no face of the surface of {model.name} has all its nodes there, those in the middle of its "
+            "edges too; `hpcred info model.h5 --figure sets.png` draws the node sets"
+        )
+    return found
+
+
+def _surface(model, where):
+    if not any(model.comm.allgather(any(len(part) for part in model.elements.values()))):
+        raise InputError(
+            f"{where}: {model.name} has no elements, and so no faces and edges; convert it with the input file of the "
+            "finite-element program, or give the load vector (kind = 'given')"
+        )
+    return surface_faces(model.comm, model.elements)
+
+
+def _edges(model, on, where):
+    """Return this rank's part of the edges that a line load acts on. Collective. Raises InputError."""
+    faces = _surface(model, where)
+    edges = edges_of(model.comm, faces, model.elements)
+    found = edges[_chosen(model, on, edges, where)]
+    if not model.comm.allreduce(len(found)):
+        raise InputError(f"{where}: on: no edge of an element on the surface of {model.name} has all its nodes there")
+    whole = _chosen(model, on, np.hstack([faces.corners, faces.middles]), where)
+    if count := model.comm.allreduce(int(whole.sum())):
+        raise InputError(
+            f"{where}: on: found {count} whole faces among these nodes, expected nodes along a line; take kind = "
+            "'traction' for faces"
+        )
+    return found

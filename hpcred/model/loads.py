@@ -1,0 +1,228 @@
+"""Define loads that are more than a force at a node: pressure, traction, line loads, gravity, load vectors of files.
+
+Each load is a column of B (a moving load several), and its input is a factor without unit: the load acts as it is
+declared where the factor is 1. The output that belongs to it by C = B^T is the work b^T q of the load on displacements
+q, in J.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ..parallel.declared import as_declared
+from ..parallel.failures import InputError
+from ..parallel.ranges import ANYTHING, LABEL, within
+from .interfaces import NAME, Nodes
+
+Vector = tuple[float, float, float]
+Place = tuple[int, ...] | Nodes | str
+
+
+def _checked(load, *values):
+    """Check the name of a load, its nodes, and that `values` of it are finite and not all zero."""
+    where = f"load '{load.name}': "
+    as_declared(load, where)
+    if not NAME.fullmatch(load.name):
+        raise InputError(
+            f"load.name: found '{load.name[:80]}', expected a word that begins with a letter, of letters, digits, "
+            "'_', '-' and '.', of at most 63 signs"
+        )
+    on = getattr(load, "on", None)
+    if isinstance(on, tuple):
+        within(f"{where}on", on, LABEL)
+        if not on or len(set(on)) < len(on):
+            raise InputError(f"{where}on: expected at least one number of a node, and each once")
+    for key in values:
+        within(f"{where}{key}", getattr(load, key), ANYTHING)
+        if not np.any(getattr(load, key)):
+            raise InputError(f"{where}{key}: found {getattr(load, key)}, which is no load; leave it out")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressure:
+    """A pressure on faces of the surface.
+
+    Parameters
+    ----------
+    name : str
+        Name of the input: a word that begins with a letter.
+    on : str, Nodes or sequence of int
+        The faces of the surface all of whose nodes are these: those of a node set or of an interface of this name, of
+        a bore, pin, box, sphere or cylinder, or nodes by number.
+    value : float, default 1.0
+        In N/m^2. It pushes on solids from outside; on shells in the direction of their normal, from which the nodes of
+        an element are seen counterclockwise.
+
+    Raises
+    ------
+    InputError
+        For a value of zero, and names that are no words.
+    """
+
+    name: str
+    on: Place
+    value: float = 1.0
+    kind: Literal["pressure"] = field(default="pressure", repr=False)
+
+    def __post_init__(self):
+        _checked(self, "value")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traction:
+    """A force per area on faces of the surface, of one direction.
+
+    Parameters
+    ----------
+    name : str
+        Name of the input.
+    on : str, Nodes or sequence of int
+        The faces, as for Pressure.
+    value : tuple of three floats
+        In N/m^2.
+
+    Raises
+    ------
+    InputError
+        As Pressure.
+    """
+
+    name: str
+    on: Place
+    value: Vector
+    kind: Literal["traction"] = field(default="traction", repr=False)
+
+    def __post_init__(self):
+        _checked(self, "value")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineLoad:
+    """A force per length along edges of elements.
+
+    Parameters
+    ----------
+    name : str
+        Name of the input.
+    on : str, Nodes or sequence of int
+        The beams, and the edges of faces of the surface, all of whose nodes are these (as for Pressure).
+    value : tuple of three floats
+        In N/m.
+
+    Raises
+    ------
+    InputError
+        As Pressure.
+    """
+
+    name: str
+    on: Place
+    value: Vector
+    kind: Literal["line"] = field(default="line", repr=False)
+
+    def __post_init__(self):
+        _checked(self, "value")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gravity:
+    """The weight of the body: M times a rigid-body translation, exact for all elements.
+
+    Parameters
+    ----------
+    name : str
+        Name of the input.
+    value : tuple of three floats
+        Acceleration of gravity in m/s^2, such as (0, 0, -9.81).
+
+    Raises
+    ------
+    InputError
+        As Pressure.
+    """
+
+    name: str
+    value: Vector
+    kind: Literal["gravity"] = field(default="gravity", repr=False)
+
+    def __post_init__(self):
+        _checked(self, "value")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GivenLoad:
+    """A column of a matrix file, as those of inputs.
+
+    Parameters
+    ----------
+    name : str
+        Name of the input.
+    file : str
+        A matrix file with the rows of the model, SI units.
+    column : int, default 1
+        Number of the column.
+
+    Raises
+    ------
+    InputError
+        For names that are no words, and numbers below 1.
+    """
+
+    name: str
+    file: str
+    column: int = 1
+    kind: Literal["given"] = field(default="given", repr=False)
+    reads: ClassVar[bool] = True
+
+    def __post_init__(self):
+        _checked(self)
+        within(f"load '{self.name}': column", self.column, LABEL)
+
+
+AnyLoad = Annotated[Pressure | Traction | LineLoad | Gravity | GivenLoad, Field(discriminator="kind")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadColumn:
+    """A load of a model: an input that is not the direction of a node, and its sums.
+
+    Attributes
+    ----------
+    name : str
+        Name of the input.
+    kind : str
+        As of its definition.
+    force, moment : tuple of three floats
+        Sums of the forces in N, and of their moments about the origin in N m, with those on held dofs.
+    held_force, held_moment : tuple of three floats
+        The parts of the sums on dofs that are held and have no row, which do not deform the body.
+    area : float
+        Of the faces that it acts on, in m^2.
+    """
+
+    name: str
+    kind: str
+    force: Vector
+    moment: Vector
+    held_force: Vector = (0.0, 0.0, 0.0)
+    held_moment: Vector = (0.0, 0.0, 0.0)
+    area: float = 0.0
+
+    @property
+    def row(self) -> dict:
+        """For a table: name, kind, force and moment by axis."""
+        found = {"load": self.name, "kind": self.kind}
+        found |= {f"F{axis} (N)": value for axis, value in zip("xyz", self.force, strict=True)}
+        return found | {f"M{axis} (N m)": value for axis, value in zip("xyz", self.moment, strict=True)}
+
+    @property
+    def note(self) -> str | None:
+        """A sentence on the part that acts on held dofs."""
+        if not (any(self.held_force) or any(self.held_moment)):
+            return None
+        lost = ", ".join(f"{value:.6g}" for value in self.held_force)
+        return f"load '{self.name}': [{lost}] N of it act on held dofs; they count in its sums, and deform nothing"

@@ -1,0 +1,266 @@
+"""Load vectors against closed forms: shares of single faces, resultants, moments; and each refusal."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+from helpers import block_with_ends, columns_of, dense_model, gather
+
+import hpcred
+from hpcred import Dofs, Gravity, InputError, LineLoad, Nodes, Pressure, SecondOrderModel, Traction
+from hpcred.model.elements import FACES
+from hpcred.model.rigid_body_modes import rigid_motions
+
+pytestmark = pytest.mark.mpi
+
+END = Nodes(box=((0.03, -1.0, -1.0), (0.03, 1.0, 1.0)))
+# nodes of one element of each kind, in the order of VTK, of edges of 1 m
+CORNERS = {
+    "tetra": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+    "wedge": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)],
+    "hexahedron": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)],
+    "pyramid": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1)],
+    "quad": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], "triangle": [(0, 0, 0), (1, 0, 0), (0, 1, 0)],
+}  # fmt: skip
+MIDDLES = {
+    "tetra10": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
+    "wedge15": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
+    "hexahedron20": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
+    "quad8": [(0, 1), (1, 2), (2, 3), (3, 0)], "triangle6": [(0, 1), (1, 2), (2, 0)],
+}  # fmt: skip
+SHARES = {3: [1 / 3] * 3, 4: [1 / 4] * 4, 6: [0] * 3 + [1 / 3] * 3, 8: [-1 / 12] * 4 + [1 / 3] * 4}  # of a flat face
+
+
+def points_of(kind):
+    corners = np.array(CORNERS.get(kind) or CORNERS[kind.rstrip("0123456789")], dtype=float)
+    return np.concatenate([corners, *(corners[list(pair)].mean(axis=0)[None] for pair in MIDDLES.get(kind, ()))])
+
+
+def model_of(comm, points, elements, sets=None, held=None):
+    """A model with three dofs a node, numbered from 1, with matrices of no meaning; elements on the last rank."""
+    count = len(points)
+    dofs = Dofs(np.repeat(np.arange(1, count + 1), 3), np.tile(np.arange(3), count), np.repeat(points, 3, axis=0))
+    free = np.ones(3 * count, bool)
+    if held is not None:
+        free[np.isin(dofs.node, held)] = False
+    there = comm.rank == comm.size - 1
+    mine = {kind: np.array(part if there else np.zeros((0, np.shape(part)[1])), int) for kind, part in elements.items()}
+    eye = scipy.sparse.eye(int(free.sum()))
+    return SecondOrderModel.from_scipy(
+        eye, eye, comm=comm, dofs=dofs.take(free), elements=mine,
+        held=dofs.take(~free if there else np.zeros(0, int)) if held is not None else None,
+        sets={name: np.array(part if there else [], int) for name, part in (sets or {}).items()},
+    )  # fmt: skip
+
+
+def loaded(model, load):
+    """Its only new column (n, 3) by node, and its LoadColumn."""
+    with model.with_loads([load]) as found:
+        return columns_of(found.B)[:, -1].reshape(-1, 3), found.loads[-1]
+
+
+@pytest.mark.mpi(build="real")
+@pytest.mark.parametrize("kind", [*CORNERS, *MIDDLES])
+def test_shares_of_flat_faces(comm, kind):
+    """Each face of one element: pressure pushes inwards, by a third of the corners of a triangle, the middles of a
+    curved one, -1/12 of corners and 1/3 of middles of a curved quadrilateral; both directions of numbering."""
+    points = points_of(kind)
+    middle = points.mean(axis=0)
+    for turned in (False, True):
+        order = np.arange(len(points))
+        if turned and kind in ("hexahedron", "tetra"):  # an element that is numbered inside out
+            order = order[[3, 2, 1, 0, 7, 6, 5, 4]] if kind == "hexahedron" else order[[0, 2, 1, 3]]
+        for face in FACES[kind]:
+            nodes = order[list(face)]
+            a, b, c = points[nodes[:3]]
+            n = np.cross(b - a, c - a) / (2.0 if len(face) in (3, 6) else 1.0)
+            if kind.startswith(("quad", "triangle")):
+                push = n
+            else:
+                push = -n if n @ (a - middle) > 0 else n
+            with model_of(comm, points, {kind: order[None] + 1}) as model:
+                b, sums = loaded(model, Pressure(name="p", on=tuple((nodes + 1).tolist()), value=3.0))
+                t, _ = loaded(model, Traction(name="t", on=tuple((nodes + 1).tolist()), value=(1.0, 0.0, -2.0)))
+            shares = np.zeros(len(points))
+            shares[nodes] = SHARES[len(face)]
+            area = np.linalg.norm(n)
+            assert np.abs(b - 3.0 * shares[:, None] * push).max() < 1e-13
+            assert np.abs(t - shares[:, None] * area * np.array([1.0, 0.0, -2.0])).max() < 1e-13
+            assert sums.force == pytest.approx(3.0 * push, abs=1e-13) and sums.area == pytest.approx(area)
+            at = points[np.unique(nodes[:3] if len(face) in (3, 6) else nodes[:4])].mean(axis=0)
+            assert sums.moment == pytest.approx(np.cross(at, 3.0 * push), abs=1e-13)
+
+
+@pytest.mark.parametrize("size", [2000, 6000])
+def test_pressure_in_a_bore_is_in_balance(comm, size):
+    """Of a closed ring the sums vanish, and each half pushes by p times diameter times length."""
+    with hpcred.crank(size, comm) as model:
+        b, sums = loaded(model, Pressure(name="oil", on="BIG_EYE", value=2e6))
+        position = np.concatenate(comm.allgather(model.dofs.position))[::3]
+        scale = np.abs(b).sum()
+        assert np.abs(sums.force).max() < 1e-12 * scale and np.abs(sums.moment).max() < 1e-12 * scale
+        arm = position[:, :2]
+        radial = (b[:, :2] * arm).sum(axis=1)
+        assert radial.sum() > 0.9 * scale * 0.5 * np.linalg.norm(arm[np.abs(b).max(axis=1) > 0], axis=1).min()
+        # half of the ring: the projected area between its ends
+        ring = np.abs(b).max(axis=1) > 0
+        radius, length = np.linalg.norm(arm[ring], axis=1).max(), np.ptp(position[ring, 2])
+        right = ring & (arm[:, 0] > 1e-9)
+        on = ring & (np.abs(arm[:, 0]) <= 1e-9)
+        pushed = b[right, 0].sum()
+        assert not on.any() or np.abs(b[on, 0]).max() < 0.2 * pushed
+        assert pushed == pytest.approx(2e6 * 2 * radius * length, rel=0.05)
+        assert sums.area == pytest.approx(2 * np.pi * radius * length, rel=0.05)
+
+
+def test_gravity_is_mass_times_acceleration(comm):
+    """M R a in numpy, also of nodes that turn; the sums are mass and centre of mass."""
+    for make in (lambda: hpcred.solid((3, 2, 2), clamped=False, comm=comm), lambda: hpcred.linkage(comm)):
+        with make() as model:
+            K, M, _ = dense_model(model)
+            R = gather(rigid_motions(model))
+            a = np.array([0.5, -1.0, -9.81])
+            with model.with_loads([Gravity(name="g", value=tuple(a))]) as found:
+                b = columns_of(found.B)[:, -1]
+                (sums,) = found.loads
+            assert np.abs(b - M @ R[:, :3] @ a).max() < 1e-12 * np.abs(b).max()
+            assert sums.force == pytest.approx((R.T @ b)[:3], abs=1e-12 * np.abs(R.T @ b).max())
+            assert sums.moment == pytest.approx((R.T @ b)[3:], abs=1e-12 * np.abs(R.T @ b).max())
+
+
+def test_line_loads_on_edges_and_beams(comm):
+    """Straight edges: halves at ends, 1/6 and 4/6 with a middle; a beam of two elements; each edge once."""
+    points = points_of("hexahedron20")
+    with model_of(comm, points, {"hexahedron20": np.arange(20)[None] + 1}) as model:
+        b, sums = loaded(model, LineLoad(name="l", on=(1, 2, 9), value=(0.0, 0.0, -6.0)))
+        expected = np.zeros((20, 3))
+        expected[[0, 1, 8], 2] = -1.0, -1.0, -4.0
+        assert np.abs(b - expected).max() < 1e-13
+        assert sums.force == pytest.approx((0.0, 0.0, -6.0)) and sums.moment == pytest.approx((0.0, 3.0, 0.0))
+    points = np.array([(0.0, 0, 0), (1, 0, 0), (3, 0, 0)])
+    with model_of(comm, points, {"line": [[1, 2], [2, 3]]}) as model:
+        b, _ = loaded(model, LineLoad(name="l", on=(1, 2, 3), value=(0.0, 2.0, 0.0)))
+        assert b[:, 1] == pytest.approx([1.0, 3.0, 2.0]) and not b[:, [0, 2]].any()
+    with hpcred.solid((3, 2, 2), comm=comm) as model:
+        edge = Nodes(box=((0.03, -1.0, 0.0), (0.03, 1.0, 0.0)))
+        _, sums = loaded(model, LineLoad(name="l", on=edge, value=(0.0, 0.0, 1.0)))
+        assert sums.force == pytest.approx((0.0, 0.0, 0.02))
+
+
+def test_loads_come_behind_the_inputs_and_are_kept_in_the_file(comm, folder):
+    with hpcred.solid((3, 2, 2), inputs=2, comm=comm) as model:
+        first = columns_of(model.B)
+        loads = [Pressure(name="p", on=END), Gravity(name="g", value=(0.0, 0.0, -9.81))]
+        wind = np.arange(model.first_row, model.first_row + model.local_rows, dtype=float)
+        with model.with_loads(loads, {"wind": wind}) as found:
+            assert found.input_names == (*model.input_names, "p", "g", "wind") == found.output_names
+            assert np.array_equal(columns_of(found.B)[:, :2], first)
+            assert np.array_equal(columns_of(found.B)[:, -1], np.arange(model.size))
+            assert [item.name for item in found.loads] == ["p", "g", "wind"]
+            hpcred.write_model(folder / "loaded.h5", found)
+            with hpcred.read_model(folder / "loaded.h5", comm) as again:
+                assert again.loads == found.loads and again.input_names == found.input_names
+                assert np.array_equal(columns_of(again.B), columns_of(found.B))
+            with found.with_inputs([(20, "x")]) as other:
+                assert other.loads == ()
+        with model.with_input_columns(None, []) as bare, bare.with_loads(loads) as alone:
+            assert alone.input_names == ("p", "g")
+
+
+def test_loads_on_held_dofs_count_in_the_sums(comm):
+    points = points_of("hexahedron")
+    face = tuple(np.flatnonzero(points[:, 2] == 1) + 1)
+    with model_of(comm, points, {"hexahedron": np.arange(8)[None] + 1}, held=[5, 6]) as model:
+        with model.with_loads([Pressure(name="p", on=tuple(map(int, face)))]) as found:
+            (sums,) = found.loads
+            assert sums.force == pytest.approx((0.0, 0.0, -1.0)) and sums.moment == pytest.approx((-0.5, 0.5, 0.0))
+            assert sums.held_force == pytest.approx((0.0, 0.0, -0.5))
+            assert columns_of(found.B).sum() == pytest.approx(-0.5)
+            assert "[0, 0, -0.5] N of it act on held dofs" in sums.note
+    with model_of(comm, points, {"hexahedron": np.arange(8)[None] + 1}, held=[5, 6, 7, 8]) as model:
+        with pytest.raises(InputError, match="load 'p': every force of it acts on held dofs or is zero"):
+            model.with_loads([Pressure(name="p", on=tuple(map(int, face)))])
+
+
+def test_the_load_of_an_interface_is_that_of_its_nodes(comm):
+    with block_with_ends(comm, clamped=True) as model:
+        of_interface, _ = loaded(model, Traction(name="t", on="right", value=(0.0, 1.0, 0.0)))
+        box = Nodes(box=((0.06, -1.0, -1.0), (0.06, 1.0, 1.0)))
+        of_box, _ = loaded(model, Traction(name="t", on=box, value=(0.0, 1.0, 0.0)))
+        assert np.array_equal(of_interface, of_box) and of_box.any()
+
+
+def test_a_load_on_a_rigid_set_is_transferred_to_its_reference_node(comm):
+    """The reduced model has the compliance of the coupled one: the load's resultant on the reference node."""
+    with block_with_ends(comm, "rigid", clamped=True) as model, model.with_loads(
+        [Traction(name="t", on="right", value=(0.0, 1.0, 0.0))]
+    ) as found:
+        (sums,) = found.loads
+        H = hpcred.frequency_response(found, [0.0])[0].real
+        names = found.input_names
+        wrench = np.zeros(6)
+        wrench[:3] = sums.force
+        wrench[3:] = np.subtract(sums.moment, np.cross(found.interfaces[0].position, sums.force))
+        at = [names.index(f"right:{d}") for d in ("x", "y", "z", "rx", "ry", "rz")]
+        assert H[-1, -1] == pytest.approx(wrench @ H[np.ix_(at, at)] @ wrench, rel=1e-8)
+
+
+@pytest.mark.mpi(build="real")
+@pytest.mark.parametrize(
+    ("load", "words"),
+    [
+        (Pressure(name="p", on="NOSE"), "load 'p': on: solid has no node set or interface 'NOSE'; it has none"),
+        (Pressure(name="p", on=(1, 2, 3)), "load 'p': on: no face of the surface of solid has all its nodes there"),
+        (Pressure(name="p", on=Nodes(bore=((0, 0, 0), (0, 0, 1), 0.1))), "load 'p': on.bore: no face of solid lies"),
+        (LineLoad(name="l", on=END, value=(1, 0, 0)), "load 'l': on: found 4 whole faces among these nodes, expected"),
+        (LineLoad(name="l", on=(1, 14), value=(1, 0, 0)), "load 'l': on: no edge of an element on the surface of"),
+    ],
+)  # fmt: skip
+def test_refused_loads(comm, load, words):
+    with hpcred.solid((3, 2, 2), inputs=2, comm=comm) as model:
+        with pytest.raises(InputError, match=words.replace("(", r"\(")):
+            model.with_loads([load])
+
+
+@pytest.mark.mpi(build="real")
+def test_refusals_of_names_and_models(comm):
+    with hpcred.solid((3, 2, 2), inputs=2, comm=comm) as model:
+        twice = [Pressure(name="p", on=END), Gravity(name="p", value=(0.0, 0.0, 1.0))]
+        with pytest.raises(InputError, match="load 'p': found two inputs of this name, expected each once"):
+            model.with_loads(twice)
+        with pytest.raises(InputError, match="load 'wind': found NaN or Inf in column 1"):
+            model.with_loads(given={"wind": np.full(model.local_rows, np.nan)})
+        with model.with_fields(elements={}) as bare:
+            with pytest.raises(InputError, match="load 'p': solid has no elements, and so no faces and edges"):
+                bare.with_loads([Pressure(name="p", on=END)])
+        with model.with_fields(dofs=None) as bare:
+            with pytest.raises(InputError, match="has no node coordinates, which load 'g' needs"):
+                bare.with_loads([Gravity(name="g", value=(0.0, 0.0, 1.0))])
+    points = points_of("hexahedron")
+    with model_of(comm, points, {"hexahedron": np.arange(8)[None] + 1}, held=[]) as model:
+        kept = [n for n in range(1, 8)]
+        rows = np.isin(model.dofs.node, kept)
+        with SecondOrderModel.from_scipy(
+            scipy.sparse.eye(21), scipy.sparse.eye(21), comm=comm, elements=model.elements,
+            dofs=Dofs(np.repeat(kept, 3), np.tile(np.arange(3), 7), np.repeat(points[:7], 3, axis=0)),
+        ) as lacking:  # fmt: skip
+            assert rows.any() or comm.size > 1
+            with pytest.raises(InputError, match="load 'p': node 8 of its faces or edges has no row in model, since"):
+                lacking.with_loads([Pressure(name="p", on=(5, 6, 7, 8))])
+
+
+@pytest.mark.mpi(ranks=(1,), build="real")
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Pressure(name="1p", on="A"), "load.name: found '1p', expected a word that begins with a letter"),
+        (lambda: Pressure(name="p", on="A", value=0.0), "load 'p': value: found 0.0, which is no load; leave it out"),
+        (lambda: Gravity(name="g", value=(0, 0, 0)), r"load 'g': value: found \(0.0, 0.0, 0.0\), which is no load"),
+        (lambda: Gravity(name="g", value=(0, 0, np.inf)), "load 'g': value: found inf, expected a finite number"),
+        (lambda: Pressure(name="p", on=()), "load 'p': on: expected at least one number of a node, and each once"),
+        (lambda: Pressure(name="p", on=(1, 1)), "load 'p': on: expected at least one number of a node, and each once"),
+        (lambda: Traction(name="t", on="A", value=1.0), "load 't': value: found 1.0, expected"),
+    ],
+)
+def test_refused_settings(make, words):
+    with pytest.raises(InputError, match=words):
+        make()
