@@ -154,7 +154,8 @@ def column_of(model, forces: NodalForces, name, kind):
                 f"{where}: node {node} has no dof in {DIRECTIONS[axis]} in {model.name}; it follows another node, is "
                 "condensed, or does not exist: let the load act elsewhere, or export the body with this dof"
             )
-    sums = np.bincount(back, weights=value, minlength=len(keys))
+    sums = np.zeros(len(keys))
+    np.add.at(sums, back, value)
     owner = np.searchsorted(model.row_starts, row[there], side="right") - 1
     rows, values = exchange(comm, owner, [row[there], sums[there]])
     column = np.zeros(model.local_rows)
