@@ -1,4 +1,4 @@
-"""The automatic reduction: factorisations, columns, size, seconds, and what is said of the error against full solves.
+"""The automatic reduction: factorisations, columns, size, seconds, and the estimated error against full solves.
 
 usage: python benchmarks/adaptive.py [--ranks 2] [--fresh 31] [row ...]
 
@@ -73,15 +73,15 @@ def reduce(name, tolerance, groups):
             factors = [item.factor_seconds + item.analysis_seconds for item in record.factorisations]
             if model.comm.rank == 0:
                 print(json.dumps({
-                    "factorisations": len(factors), "columns": accuracy.big_size, "size": reduced.size,
-                    "said": accuracy.largest, "noise": accuracy.noise, "reached": accuracy.reached,
+                    "factorisations": len(factors), "columns": accuracy.uncompressed_size, "size": reduced.size,
+                    "estimated": accuracy.largest, "noise": accuracy.noise, "reached": accuracy.reached,
                     "seconds": record.timing.elapsed,
                     "factor seconds": sum(factors),
                 }))  # fmt: skip
 
 
 def check(name, fresh):
-    """In a job of its own, with complex arithmetic: the largest true error, and said over true where it is clear."""
+    """In a job of its own, with complex arithmetic: the largest true error, and the estimated over it where clear."""
     import hpcred
     from hpcred.analysis.error_check import check_reduced
 
@@ -89,10 +89,11 @@ def check(name, fresh):
     with model_of(ROWS[name]) as model:
         reduced = hpcred.read_result("result.h5").reduced
         found = check_reduced(reduced, model, fresh, seed=5)
-        clear = [(said / exact) for said, exact in zip(found.said, found.exact, strict=True)
-                 if exact > 10 * reduced.record.accuracy.noise]  # fmt: skip
+        clear = [(estimated / measured) for estimated, measured in zip(found.estimated, found.measured, strict=True)
+                 if measured > 10 * reduced.record.accuracy.noise]  # fmt: skip
         if model.comm.rank == 0:
-            print(json.dumps({"true": max(found.exact), "ratios": [min(clear, default=1.0), max(clear, default=1.0)]}))
+            ratios = [min(clear, default=1.0), max(clear, default=1.0)]
+            print(json.dumps({"true": max(found.measured), "ratios": ratios}))
 
 
 def measured(name, tolerance, groups, ranks, fresh):
@@ -108,12 +109,12 @@ def measured(name, tolerance, groups, ranks, fresh):
         ("factorisations", ours["factorisations"] <= most + (groups > 1)), ("size", ours["size"] <= size),
         ("columns", row.columns is None or ours["columns"] <= row.columns),
         ("seconds", row.share is None or share <= row.share),
-        ("error", ours["reached"] and true["true"] <= tolerance), ("said", low >= 0.5 and high <= 2),
+        ("error", ours["reached"] and true["true"] <= tolerance), ("estimated", low >= 0.5 and high <= 2),
     ) if not good]  # fmt: skip
     return {
         "model": name, "asked": tolerance, "groups": groups, "factorisations": ours["factorisations"], "at most": most,
-        "columns": ours["columns"], "size": ours["size"], "size at most": size, "said": ours["said"],
-        "true": true["true"], "said / true": f"{low:.2f} to {high:.2f}", "noise": ours["noise"],
+        "columns": ours["columns"], "size": ours["size"], "size at most": size, "estimated": ours["estimated"],
+        "true": true["true"], "estimated / true": f"{low:.2f} to {high:.2f}", "noise": ours["noise"],
         "seconds": ours["seconds"], "over two factors": share, "reached": ", ".join(fails) or "yes",
     }  # fmt: skip
 

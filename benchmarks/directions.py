@@ -2,7 +2,7 @@
 
 usage: python benchmarks/directions.py [body ...]
 
-Bodies of up to 3,000 dofs, whose modes are all known. For each tolerance and solver: the size, the error that is said,
+Bodies of up to 3,000 dofs, whose modes are all known. For each tolerance and solver: the size, the estimated error,
 and the true one at fresh frequencies, beside poles and beside zeros of drive points; the worst drive point by itself
 and the worst static compliance. "paper" is the size by the Frobenius norm (55) at the same tolerance, and the worst
 drive point that it leaves; "Craig-Bampton" the size that has the same error as ours; "best" the number of singular
@@ -182,7 +182,7 @@ def measured(name):
                 rows.append({
                     "body": name, "dofs": model.size, "asked": tolerance, "solver": solver,
                     "reached": "yes" if accuracy.reached else accuracy.stopped, "size": size,
-                    "said": accuracy.largest, "true": most, "said / true": accuracy.largest / most,
+                    "estimated": accuracy.largest, "true": most, "estimated / true": accuracy.largest / most,
                     "drive point": float(own.max()), "static": float(own[0].max()),
                     "paper": paper, "its drive point": float(np.einsum("fii->fi", hidden).max()),
                     "Craig-Bampton": craig_bampton(model, body, given, truth, accuracy.measure, most),

@@ -40,7 +40,7 @@ def work(name):
         difference = hpcred.relative_error(direct, found.response[some]).max()
         print(json.dumps({
             "case": name, "dofs": size, "ranks": comm.size, "factorisations": len(found.factorisations),
-            "columns": found.accuracy.big_size, "response (s)": seconds, "one direct solve (s)": each,
+            "columns": found.accuracy.uncompressed_size, "response (s)": seconds, "one direct solve (s)": each,
             f"{POINTS} direct (s)": each * POINTS, "ratio": each * POINTS / seconds,
             "as many direct solves": seconds / each, "estimated": float(found.eps.max()),
             "largest difference": float(difference),

@@ -178,7 +178,7 @@ def fresh(case, rom, seed=5, count=31, beside=3):
     return np.concatenate([np.random.default_rng(seed).uniform(low, high, count), near])
 
 
-def said_and_true(case, rom, frequencies):
+def estimated_and_true(case, rom, frequencies):
     """eps (S,) as the curve of the result has it there, and by dense solves."""
     law, given = case.law(), isinstance(case.damping, GivenDamping)
     H, drive = case.truth_and_drive(frequencies)

@@ -124,7 +124,7 @@ def test_entries_of_a_store_are_in_their_own_files(linkage_folder, capsys):
     """Links of HDF5 in an entry are not followed: the run computes what it should have found."""
     assert run(["reduce", "job.toml", "--store", "points"]) == 0
     reference = package.read_result("result.h5").reduced
-    (entry,) = Path("points").glob("chain-*.h5")
+    (entry,) = Path("points").glob("krylov-*.h5")
     Path("moved.h5").write_bytes(entry.read_bytes())
     with h5py.File(entry, "a") as file:
         del file["blocks/0"]

@@ -59,7 +59,7 @@ COMMANDS = {
     "response": "response model.h5 --frequencies 10,150 --frame buckens --damping loss:0.01 -o y.csv --figure y.svg",
     "modes": "modes model.h5 --count 8 --figure m.png",
     "simulate": "simulate sim.toml --set paraview=true",
-    "report": "report result.h5 --full model.h5 --exact 2 --csv tables --png figures -o r.html",
+    "report": "report result.h5 --full model.h5 --solves 2 --csv tables --png figures -o r.html",
     "sweep": "sweep sweep.toml --json w.json",
     "collect": "collect sweep.toml -o table.csv --figures figures",
     "collect-h5": "collect sweep.toml -o table.h5",

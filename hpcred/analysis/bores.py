@@ -83,10 +83,10 @@ def find_bores(model: SecondOrderModel, *, turn: float = TURN) -> tuple[Bore, ..
     Corners of faces have to lie on the cylinder to 0.2 % of its radius and span less than 52 degrees each, so that 8
     faces make a turn. Cones, tori, spheres and flats are left out. The surface of the body is on one rank at a time.
     """
-    return bores_and_doubts(model, turn)[0]
+    return bores_and_warnings(model, turn)[0]
 
 
-def bores_and_doubts(model, turn: float) -> tuple[tuple[Bore, ...], list[str]]:
+def bores_and_warnings(model, turn: float) -> tuple[tuple[Bore, ...], list[str]]:
     """What find_bores gives, and sentences on what it could not see. Collective."""
     require_model(model)
     turn = declared("turn", turn, float)

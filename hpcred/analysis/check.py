@@ -7,17 +7,17 @@ from contextlib import closing
 
 import numpy as np
 
-from ..model.definiteness import doubts_of_definiteness
+from ..model.definiteness import warnings_of_definiteness
 from ..model.digits import digits_of
 from ..model.dofs import DIRECTIONS, SCALAR
 from ..model.elements import solid_volume
 from ..model.load_columns import loads_of
 from ..model.rigid_body_modes import (
     FORCE_FREE,
-    doubts_of_nodes,
     exchange_of_matrices,
     rigid_body_quantities,
     rigid_body_residuals,
+    warnings_of_nodes,
 )
 from ..model.second_order_model import SYMMETRIC_TO, massless, require_model
 from ..model.units import SI, UNITS, Units, units_of
@@ -45,7 +45,7 @@ def check(model) -> dict:
     Returns
     -------
     dict
-        Plain numbers for a table or JSON; `sentences` on what they mean, and `warnings` of what is doubtful.
+        Plain numbers for a table or JSON; `sentences` on what they mean, and `warnings` of what looks wrong.
     """
     require_model(model)
     sentences, warnings = [], list(model.remarks)
@@ -76,7 +76,7 @@ def check(model) -> dict:
         if model.converted_from:
             report["converted_from"] = model.converted_from
         sentences.append(_on_rigid_motions(residuals, free))
-        warnings = with_doubts(warnings, model, body)
+        warnings = with_warnings(warnings, model, body)
         if report["units"]:
             sentences.append(
                 f"looks like {report['units']}: from the mass, the size, and the speed of waves between neighbouring "
@@ -90,11 +90,12 @@ def check(model) -> dict:
     return report | {"sentences": sentences, "warnings": list(dict.fromkeys(warnings))}
 
 
-def with_doubts(warnings, model, body, first=None) -> list[str]:
-    """The warnings with what is doubtful of nodes, supports and units; `first`: as in doubts_of_units. Collective."""
+def with_warnings(warnings, model, body, first=None) -> list[str]:
+    """Return the warnings with those of nodes, supports and units; `first`: as in warnings_of_units. Collective."""
     if exchanged := exchange_of_matrices(model):
-        return [exchanged, *warnings]  # all other doubts follow from it
-    return [*warnings, *on_held_dofs(model, body), *doubts_of_nodes(model), *doubts_of_units(model, body.mass, first)]
+        return [exchanged, *warnings]  # all others follow from it
+    of_nodes = [*on_held_dofs(model, body), *warnings_of_nodes(model)]
+    return [*warnings, *of_nodes, *warnings_of_units(model, body.mass, first)]
 
 
 def _on_symmetry(model):
@@ -108,7 +109,7 @@ def _on_symmetry(model):
 
 
 def _on_signs(model):
-    found = doubts_of_definiteness(model)
+    found = warnings_of_definiteness(model)
     if model.D is not None:
         with closing(_Diagonal(model.D)) as D:
             if model.comm.allreduce(float(D.values.sum())) < 0:
@@ -238,7 +239,7 @@ def _share_of_elements(model) -> float:
     return float(usual / total) if total else 1.0
 
 
-def doubts_of_units(model, mass, first=None) -> list[str]:
+def warnings_of_units(model, mass, first=None) -> list[str]:
     """A sentence where mass, size, stiffness and perhaps the `first` frequency (Hz) are those of other units.
 
     Of bodies that fill little of their box, such as frames of beams, the speed of waves alone. Collective.

@@ -129,7 +129,7 @@ def _silent(reduced, frequencies):
 
 
 def as_compared(reduced: ReducedModel, band) -> tuple[ReducedModel, Damping, str]:
-    """A reduced model as it can be set beside the full one over a band (Hz), the damping law of that, and words on it:
+    """A reduced model as it can be set beside the full one over a band (Hz), the damping of that, and words on it:
     modal ratios, of which the full model has no response, are the loss factor of the smallest over the band."""
     damping = reduced.record.damping
     if not isinstance(damping, ModalDamping):

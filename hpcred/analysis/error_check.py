@@ -30,34 +30,35 @@ SOME = 3  # resonances at most
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """At `frequencies` (Hz) that `seed` drew: the relative error that was `said`, and the `exact` one; `bound`: eps."""
+    """At `frequencies` (Hz) that `seed` drew: the `estimated` and the `measured` relative error; `bound`: eps."""
 
     seed: int
     bound: float
     frequencies: tuple[float, ...]
-    said: tuple[float, ...]
-    exact: tuple[float, ...]
+    estimated: tuple[float, ...]
+    measured: tuple[float, ...]
 
     @property
     def passed(self) -> bool:
-        """Whether no exact error is above the bound."""
-        return max(self.exact) <= self.bound
+        """Whether no measured error is above the bound."""
+        return max(self.measured) <= self.bound
 
     @property
     def rows(self) -> list[dict]:
-        """Frequency, said and exact, for a table."""
-        values = zip(self.frequencies, self.said, self.exact, strict=True)
-        return [{"f (Hz)": f, "said": said, "exact": exact} for f, said, exact in values]
+        """Frequency, estimated and measured error, for a table."""
+        values = zip(self.frequencies, self.estimated, self.measured, strict=True)
+        return [dict(zip(("f (Hz)", "estimated", "measured"), row, strict=True)) for row in values]
 
     @property
     def sentence(self) -> str:
         """The verdict."""
-        above = sum(not error <= self.bound for error in self.exact)
-        worst = int(np.argmax(self.exact))
+        above = sum(not error <= self.bound for error in self.measured)
+        worst = int(np.argmax(self.measured))
+        at = f"at {self.frequencies[worst]:.6g} Hz (estimated {self.estimated[worst]:.2e})"
         verdict = "never above" if not above else f"ABOVE at {above} of them:"
         return (
-            f"checked at {len(self.exact)} fresh frequencies (--seed {self.seed}): {verdict} eps = {self.bound:.3g}; "
-            f"at most {self.exact[worst]:.2e}, at {self.frequencies[worst]:.6g} Hz (said {self.said[worst]:.2e})"
+            f"checked at {len(self.frequencies)} fresh frequencies (--seed {self.seed}): {verdict} eps = "
+            f"{self.bound:.3g}; at most {self.measured[worst]:.2e}, {at}"
         )
 
 
@@ -82,7 +83,7 @@ def fresh_frequencies(band, resonances, count: int, seed: int | None, comm) -> t
     return seed, comm.bcast(np.unique(np.concatenate([drawn, near])))
 
 
-def said_at(accuracy: Accuracy, frequencies) -> np.ndarray:
+def estimate_at(accuracy: Accuracy, frequencies) -> np.ndarray:
     """The stored curve of an accuracy at frequencies (F,) of its band, by linear interpolation of its logarithm."""
     frequencies = np.asarray(frequencies, dtype=float)
     low, high = accuracy.band
@@ -94,7 +95,7 @@ def said_at(accuracy: Accuracy, frequencies) -> np.ndarray:
 
 
 def measuring_damping(accuracy: Accuracy, damping):
-    """The damping law that an accuracy was measured with, for a full response."""
+    """The damping that an accuracy was measured with, for a full response."""
     if not accuracy.loss_factor:
         return damping
     return (GivenDamping if accuracy.beside_damping else Structural)(loss_factor=accuracy.loss_factor)
@@ -142,10 +143,10 @@ def check_reduced(
         groups=groups, progress=progress,
     )  # fmt: skip
     measured = frequency_response(as_measured(reduced, accuracy), frequencies)
-    exact = relative_error(full, measured, accuracy.measure, drive=drive)
+    errors = relative_error(full, measured, accuracy.measure, drive=drive)
     return Check(
         seed=seed, bound=bound_of(accuracy), frequencies=tuple(frequencies.tolist()),
-        said=tuple(said_at(accuracy, frequencies).tolist()), exact=tuple(exact.tolist()),
+        estimated=tuple(estimate_at(accuracy, frequencies).tolist()), measured=tuple(errors.tolist()),
     )  # fmt: skip
 
 

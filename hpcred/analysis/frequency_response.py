@@ -15,7 +15,7 @@ from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.damping import Damping, ModalDamping, caughey_terms, damping_or_given, loss_factor_of
 from ..model.definiteness import check_definite
 from ..model.frames import Frame, apply_frame
-from ..model.port_counts import require_room
+from ..model.input_output_counts import require_room
 from ..model.scales import in_usual_units, unscaled
 from ..model.second_order_model import SecondOrderModel, require_inputs, require_model
 from ..parallel.declared import declared, spelled
@@ -241,7 +241,7 @@ def _full_matrix(mat):
 
 
 class _Solvers:
-    """The arithmetic that a damping law needs: real without damping and at rest, complex otherwise."""
+    """The arithmetic that a damping model needs: real without damping and at rest, complex otherwise."""
 
     def __init__(self, framed, factoring):
         self.model, self.rigid, self.factoring = framed.model, framed.rigid, factoring

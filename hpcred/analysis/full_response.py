@@ -18,9 +18,9 @@ from ..linalg.basis import Basis
 from ..linalg.solvers.base import FactorRecord
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import Caughey, Damping, ModalDamping, Rayleigh, Structural, caughey_terms, damping_or_given
-from ..model.digits import doubts_of_digits
+from ..model.digits import warnings_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
-from ..model.port_counts import FREQUENCIES, require_room
+from ..model.input_output_counts import FREQUENCIES, require_room
 from ..model.rigid_body_modes import RigidBodyModes
 from ..model.scales import in_usual_units, unscaled
 from ..model.second_order_model import SecondOrderModel, require_model
@@ -159,13 +159,14 @@ def full_response(
             with progress.stage("check"):
                 accuracy = found.accuracy
                 seed, fresh = fresh_frequencies(accuracy.band, models.resonances, check, seed, model.comm)
-                exact = frequency_response(
+                solved = frequency_response(
                     usual, fresh, frame, measuring_damping(accuracy, damping), factoring=factoring, groups=groups,
                     progress=progress,
                 )  # fmt: skip
-                said, errors = decided(model.comm, models.against, fresh, exact)
+                estimated, measured = decided(model.comm, models.against, fresh, solved)
             checked = Check(
-                seed=seed, bound=bound_of(accuracy), frequencies=tuple(fresh.tolist()), said=said, exact=errors
+                seed=seed, bound=bound_of(accuracy), frequencies=tuple(fresh.tolist()), estimated=estimated,
+                measured=measured,
             )
             found = replace(found, check=checked, timing=progress.timing())
     if usual is model:
@@ -201,7 +202,7 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
             warnings += inputs_without_effect(framed)
         room, deflation = min(ROOM, adaptive.columns), deflation_of_search(framed.model)
         run = owned.owns(Run(framed, progress, deflation, factoring, inertia=True, columns=room))
-        basis = owned.owns(Basis(run.mass, framed.rigid_columns, deflation, room, run.keeps_images))
+        basis = owned.owns(Basis(run.mass, framed.rigid_columns, deflation, room, run.keeps_mass_images))
         search = Search(basis, run, adaptive)
         search.run_to_end()
         projections = search.projections
@@ -209,7 +210,7 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
             outer = decided(model.comm, projections.model)
             seen = decided(model.comm, _seen, search, outer)
             basis.multiply(outer.vectors)
-            run.notes.remarks += doubts_of_digits(model, framed.model.K, outer.eigenvalues, basis.columns)
+            run.notes.remarks += warnings_of_digits(model, framed.model.K, outer.eigenvalues, basis.columns)
             again = tuple(projected_again(projections))
             pair = search.judge.compare(outer if seen is None else seen, outer, _embedding(seen, outer))
             models = _Models(pair, again, seen is not None, damping_of_response)
@@ -280,12 +281,12 @@ class _Models:
             noise = np.maximum(noise, pair.measure.eps(other - H, H, drive))
         return curve, noise
 
-    def against(self, frequencies, exact):
-        """What is said at frequencies (S,), and the error against exact responses (S, r, p)."""
+    def against(self, frequencies, solved):
+        """The estimated error at frequencies (S,), and that against responses (S, r, p) of full solves."""
         pair = self.pair
         H, drive = pair.outer.responses(frequencies)
-        said = sum(self.curve(pair.outer.damping, frequencies))
-        return tuple(said.tolist()), tuple(pair.measure.eps(exact - H, exact, drive).tolist())
+        estimated = sum(self.curve(pair.outer.damping, frequencies))
+        return tuple(estimated.tolist()), tuple(pair.measure.eps(solved - H, solved, drive).tolist())
 
 
 def _embedding(seen, outer):
@@ -304,8 +305,8 @@ def _evaluate(search, frequencies, models):
     """Response and estimated error at the frequencies, and the accuracy over the band."""
     outer = models.pair.outer
     if models.damping == UNDAMPED and outer.D is None:
-        squares = outer.eigenvalues / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
-        gap = np.abs(frequencies[:, None] ** 2 - squares).min(axis=1, initial=np.inf)
+        squared = outer.eigenvalues / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
+        gap = np.abs(frequencies[:, None] ** 2 - squared).min(axis=1, initial=np.inf)
         poles = frequencies[gap <= POLE * frequencies**2]
         if len(poles):
             raise InputError(f"frequency {poles[0]:.10g} Hz is a pole of the full model; leave it out or add damping")

@@ -12,8 +12,8 @@ from ..linalg.free_motions import ZERO
 from ..linalg.refinement import IllConditioned
 from ..linalg.solvers.base import SingularMatrix
 from ..linalg.solvers.settings import Factoring
-from ..model.definiteness import check_definite, doubts_of_definiteness, growing
-from ..model.digits import doubts_of_digits
+from ..model.definiteness import check_definite, growing, warnings_of_definiteness
+from ..model.digits import warnings_of_digits
 from ..model.frames import Buckens, Frame, NoFrame, apply_frame
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities, rigid_motions
 from ..model.second_order_model import SecondOrderModel, require_model
@@ -36,7 +36,7 @@ class NaturalModes:
     `participation` (m, 6), the factors x^T M r_k in kg^(1/2) and kg^(1/2) m; `masses` (6,), r_k^T M r_k in kg and
     kg m^2; both None without nodes. `residual`: largest ||K x - lambda M x|| / (lambda ||M x||) of the elastic modes.
     `shapes`: the elastic modes in all dofs as a block (n, m - rigid), or None where there is none: call close().
-    `doubts`: sentences on frequencies that the digits of K do not hold.
+    `warnings`: sentences on frequencies for which K has too few digits.
     """
 
     frequencies: np.ndarray
@@ -45,7 +45,7 @@ class NaturalModes:
     masses: np.ndarray | None
     residual: float
     shapes: object = None
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def effective_masses(self) -> np.ndarray | None:
@@ -97,8 +97,8 @@ def natural_modes(
         raise InputError(f"modes: found the number {count}, expected at least 1")
     check_symmetric(model)
     check_definite(model)
-    if doubts := doubts_of_definiteness(model):
-        raise InputError(f"{doubts[0]}, which have no natural frequency")
+    if signs := warnings_of_definiteness(model):
+        raise InputError(f"{signs[0]}, which have no natural frequency")
     progress = progress or Progress(model.comm, show=False)
     with Owned(model.comm) as owned:
         framed = owned.owns(apply_frame(model, frame or _frame_of(model)))
@@ -131,11 +131,11 @@ def natural_modes(
         participation, masses = _participation(model, [*found, *([] if shapes is None else [shapes])])
         frequencies = np.sqrt(np.where(still, 0.0, values)) / (2 * np.pi)
         elastic = np.where(still, np.inf, values)
-        doubts = [] if shapes is None else doubts_of_digits(model, model.K, elastic, shapes)
+        warnings = [] if shapes is None else warnings_of_digits(model, model.K, elastic, shapes)
         return NaturalModes(
             frequencies=np.append(np.zeros(rigid), frequencies)[:count], rigid=min(rigid + int(still.sum()), count),
             participation=None if participation is None else participation[:count], masses=masses, residual=residual,
-            shapes=shapes, doubts=tuple(doubts),
+            shapes=shapes, warnings=tuple(warnings),
         )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from ..linalg.free_motions import ZERO
 from ..linalg.solvers.base import SingularMatrix
 from ..linalg.solvers.settings import Factoring
 from ..linalg.solvers.shifted import ShiftedSolver
-from ..model.definiteness import check_definite, doubts_of_definiteness, growing_in_words, zero_of
+from ..model.definiteness import check_definite, growing_in_words, warnings_of_definiteness, zero_of
 from ..model.load_columns import loads_of
 from ..model.materials import properties_in_words
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
@@ -17,7 +17,7 @@ from ..parallel.declared import declared
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import MPI, PETSc, is_complex
 from ..parallel.ranges import FREQUENCY, within
-from .check import held_count, known, with_doubts
+from .check import held_count, known, with_warnings
 from .frequency_response import checked_frequencies
 from .natural_modes import natural_modes
 
@@ -49,7 +49,7 @@ def inspect(
     -------
     dict
         Counts are None without a real build and a package that tells the inertia. `sets`: number of nodes by name of
-        the node set. `warnings` lists what is doubtful.
+        the node set. `warnings` lists what looks wrong.
     """
     require_model(model)
     factoring = factoring or Factoring()
@@ -73,18 +73,18 @@ def inspect(
         report["sets"] = sets
     if loads := loads_of(model):
         report["loads"] = [item.row for item in loads]
-    doubts = doubts_of_definiteness(model)
-    if report["mass_matrix"] == "indefinite" and not any("M is" in sentence for sentence in doubts):
-        doubts.append(f"{model.name}: M is indefinite by the inertia of its factor, which no mass matrix is")
+    signs = warnings_of_definiteness(model)
+    if report["mass_matrix"] == "indefinite" and not any("M is" in sentence for sentence in signs):
+        signs.append(f"{model.name}: M is indefinite by the inertia of its factor, which no mass matrix is")
     if frequencies or band_top or modes is not None:
         check_definite(model)
     first, rounded = None, ()
     if modes is not None:
         with closing(natural_modes(model, min(modes, model.size), factoring=factoring, progress=progress)) as found:
             report["lowest_frequencies_hz"] = found.frequencies.tolist()
-            rounded = found.doubts
+            rounded = found.warnings
             first = next(iter(found.frequencies[found.rigid :].tolist()), None)
-    rigid_count, warnings = None, [*doubts, *model.remarks]
+    rigid_count, warnings = None, [*signs, *model.remarks]
     if model.dofs is not None:
         body = rigid_body_quantities(model)
         with closing(RigidBodyModes(model)) as rigid:
@@ -99,11 +99,11 @@ def inspect(
             }
             if count := held_count(model):
                 report["held_dofs"] = count
-        warnings = with_doubts(warnings, model, body, first)
+        warnings = with_warnings(warnings, model, body, first)
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
     if model.symmetric and factoring.package.counts() and (limits or rigid_count is None):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:
-            if not doubts and (negative := _count_below(solver, -zero_of(model))):
+            if not signs and (negative := _count_below(solver, -zero_of(model))):
                 warnings.append(growing_in_words(model, negative))
             if rigid_count is None:
                 # without nodes: eigenvalues that are zero to round-off

@@ -57,7 +57,7 @@ def reduce(
         ])  # fmt: skip
         show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
         print(f"{accuracy.measured}; {accuracy.missing_modes} modes missing; round-off {accuracy.noise:.0e}; "
-              f"{accuracy.big_size} columns before the compression")  # fmt: skip
+              f"{accuracy.uncompressed_size} columns before the compression")  # fmt: skip
     residual = max((item.residual for item in record.factorisations), default=0.0)
     print(
         f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "

@@ -17,7 +17,7 @@ def report(
     full: FullFile = None,
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="The HTML file.")] = "report.html",
     band: Band = None,
-    exact: Annotated[int, typer.Option(help="Frequencies at which the full model is solved.")] = 21,
+    solves: Annotated[int, typer.Option(help="Frequencies at which the full model is solved.")] = 21,
     pairs: Pairs = None,
     modes: Annotated[int, typer.Option(help="Number of shapes to look at.")] = 10,
     png: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
@@ -31,7 +31,7 @@ def report(
 ):
     """Write a report on results beside each other, one HTML file to look at in a browser, without a network."""
     told = hpcred.report_file(
-        results, full, output=output, band=values.band(band), exact=exact, pairs=pairs.split(",") if pairs else (),
+        results, full, output=output, band=values.band(band), solves=solves, pairs=pairs.split(",") if pairs else (),
         modes=modes, png=png, svg=svg, csv=csv, groups=groups,
         factoring=values.factoring(out_of_core, low_rank, package),
         progress=session.progress(),

@@ -1,6 +1,6 @@
 """Keep expansion points in a folder: the blocks of a Krylov sequence or a set of modes, a file each, for any ranks.
 
-The name of an entry is its kind (chain, modes, attachment modes, solution, count) and a digest of its key; see
+The name of an entry is its kind (krylov, modes, attachment modes, solution, count) and a digest of its key; see
 reduction.store.Entry.
 attributes: format, version
 about: JSON of key, facts, model (name), made (a number at random), date, hpcred (version)
@@ -34,7 +34,7 @@ from .hdf5 import CheckedWriter, reading, require_whole
 from .seal import seal
 
 FORMAT, VERSION = "hpcred-point", 3
-NAME = re.compile(r"(chain|modes|attachment modes|solution|count)-[0-9a-f]{32}\.h5(\.tmp-[0-9a-f]{16})?")
+NAME = re.compile(r"(krylov|chain|modes|attachment modes|solution|count)-[0-9a-f]{32}\.h5(\.tmp-[0-9a-f]{16})?")
 
 
 class PointStore:
@@ -58,9 +58,11 @@ class PointStore:
 
     def load(self, model, key, say, most: int | None = None):
         """See Store. An entry that is damaged, of another version or of another key is ignored with a warning."""
-        comm, path = model.comm, self.folder / name_of(key)
-        if not comm.bcast(path.is_file() if comm.rank == 0 else None):
+        comm = model.comm
+        key = comm.bcast(self._known(key) if comm.rank == 0 else None)
+        if key is None:
             return None
+        path = self.folder / name_of(key)
         about = blocks = arrays = reason = None
         try:
             with reading(path, FORMAT, VERSION) as file:
@@ -87,6 +89,11 @@ class PointStore:
             with local_rows(block) as rows:
                 rows[...] = np.concatenate(blocks, axis=1)
         return Entry(about["facts"], widths, block, arrays)
+
+    def _known(self, key):
+        """The key of what is there, in which earlier versions call a Krylov sequence a chain; None for nothing."""
+        older = key | {"kind": "chain" if key["kind"] == "krylov" else key["kind"]}
+        return next((item for item in (key, older) if (self.folder / name_of(item)).is_file()), None)
 
     def save(self, model, key, entry, say) -> None:
         """See Store. Of a disk that is full `say` gets a sentence, and nothing else happens."""
@@ -154,8 +161,9 @@ def describe_entry(path: Path, check: bool = False) -> dict | None:
     """What an entry is: kind, model, point, blocks, columns, bytes, date, time of last use (s), and whether it is
     valid, with the reason where not; `check` reads all of it. None for a file of another format. On one rank."""
     state = path.stat()
-    found = {"entry": path.name, "kind": path.name.partition("-")[0], "model": None, "point": None, "blocks": None,
-             "columns": None, "bytes": state.st_size, "date": None, "used": state.st_mtime, "valid": False}  # fmt: skip
+    kind = path.name.partition("-")[0].replace("chain", "krylov")
+    found = {"entry": path.name, "kind": kind, "model": None, "point": None, "blocks": None, "columns": None,
+             "bytes": state.st_size, "date": None, "used": state.st_mtime, "valid": False}  # fmt: skip
     if ".tmp-" in path.name:
         return found | {"reason": "being written, or left by a run that was killed"}
     try:

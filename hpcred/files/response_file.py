@@ -5,7 +5,7 @@ frequencies (F) in Hz, ascending; input_names (p), output_names (r), such as 20:
 response (F, r, p), complex: of a full model, from `hpcred response`
 reduced (F, r, p), full (F, r, p), complex: of a reduced model, and of its full model by factorising, from `evaluate`
 drive (F, p): beside `full`, its responses where the inputs act
-eps (F): relative error, estimated beside `response`, exact beside `full`
+eps (F): relative error, estimated beside `response`, measured beside `full`
 record: JSON with what is known of the error, and what made it
 The .csv has one line a frequency: f_hz, then for every pair of an output and an input, such as 20:z/1:x, its
 real and imaginary part (re_20:z/1:x, im_20:z/1:x) or magnitude and phase in degrees (abs_..., deg_...); last eps.

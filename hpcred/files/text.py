@@ -117,7 +117,7 @@ def is_cut_line(path) -> bool:
         return file.read(1) != b"\n"
 
 
-def doubts_of_end(path) -> list[str]:
+def warnings_of_end(path) -> list[str]:
     """A sentence on a text whose last number nothing but a line break would show to be whole."""
     if not is_cut_line(path):
         return []

@@ -34,7 +34,7 @@ RESOLVED = 1e-4  # eigenvalues of a unit-diagonal Gram matrix above this are saf
 PASSES = 20  # of projection or separation; two or three are usual
 NO_MASS = 1e-13  # of x^T diag(M) x: x^T M x below it is round-off, and x moves no mass
 NEGATIVE = 1e-10  # the same, which is no round-off if negative
-STALE = 10  # how far columns may be cancelled before their images are computed anew
+STALE = 10  # how far columns may be cancelled before their mass images are computed anew
 ORTHONORMAL = 1e-13  # what a block that is taken as it is may differ by from an orthonormal one
 
 
@@ -53,39 +53,39 @@ class Extension:
     massless: int = 0
 
 
-class Imaged:
-    """Columns X with their images M X, which linear combinations act on alike.
+class WithMassImages:
+    """Columns X with their mass images M X, which linear combinations act on alike.
 
     `cancelled`: how much smaller a column may have become by subtraction since M was applied; its image has round-off
     so many times larger. Owns both blocks: call close(). All methods are collective.
     """
 
-    def __init__(self, mass: PETSc.Mat, block: Block, images: Block | None = None, cancelled: float = 1.0):
+    def __init__(self, mass: PETSc.Mat, block: Block, mass_images: Block | None = None, cancelled: float = 1.0):
         self._mass, self.cancelled = mass, cancelled
         self.block = copy_of(block, mass)
-        if images is not None:
-            self.images = copy_of(images, mass)
+        if mass_images is not None:
+            self.mass_images = copy_of(mass_images, mass)
         else:
             count = self.block.getActiveColumns()[1]
-            self.images = create_block(mass, max(count, 1))
-            self.images.setActiveColumns(0, count)
+            self.mass_images = create_block(mass, max(count, 1))
+            self.mass_images.setActiveColumns(0, count)
             self.renew()
 
     def close(self):
         self.block.destroy()
-        self.images.destroy()
+        self.mass_images.destroy()
 
-    def copy(self) -> Imaged:
-        return Imaged(self._mass, self.block, self.images, self.cancelled)
+    def copy(self) -> WithMassImages:
+        return WithMassImages(self._mass, self.block, self.mass_images, self.cancelled)
 
     def renew(self):
-        """Compute the images anew."""
-        apply(self._mass, self.block, self.images)
+        """Compute the mass images anew."""
+        apply(self._mass, self.block, self.mass_images)
         self.cancelled = 1.0
 
     def combine(self, factor: np.ndarray, cancelled: float = 1.0):
         """X <- X factor; `cancelled`: how much smaller than before a column has become."""
-        for block in (self.block, self.images):
+        for block in (self.block, self.mass_images):
             multiply(block, factor)
             block.setActiveColumns(0, factor.shape[1])
         self.cancelled *= cancelled
@@ -112,11 +112,11 @@ class Basis:
         self.size = 0
         deflated = 0 if deflate is None else np.diff(deflate.getActiveColumns())[0]
         self._block = create_block(mass, deflated + self.width * room)
-        self._images = create_block(mass, deflated + self.width * room) if keeps else None
+        self._mass_images = create_block(mass, deflated + self.width * room) if keeps else None
         if deflate is not None:
             with Owned(self.comm) as owned:
-                given = owned.owns(Imaged(mass, deflate))
-                self._append(given.block, given.images)
+                given = owned.owns(WithMassImages(mass, deflate))
+                self._append(given.block, given.mass_images)
             self._leading, self.size = deflated, 0
 
     @staticmethod
@@ -134,7 +134,7 @@ class Basis:
             block.destroy()
 
     def _blocks(self):
-        return [block for block in (self._block, self._images) if block is not None]
+        return [block for block in (self._block, self._mass_images) if block is not None]
 
     @property
     def columns(self) -> View:
@@ -145,16 +145,16 @@ class Basis:
         """A view of the columns start .. stop - 1."""
         return View(self._block, self._leading + self.width * start, self._leading + self.width * stop)
 
-    def images_between(self, start: int, stop: int) -> View | None:
+    def mass_images_between(self, start: int, stop: int) -> View | None:
         """A view of M times the columns start .. stop - 1, None where M V is not kept."""
-        return None if self._images is None else self.columns_between(start, stop)._replace(bv=self._images)
+        return None if self._mass_images is None else self.columns_between(start, stop)._replace(bv=self._mass_images)
 
     def coefficients(self, block: Block) -> np.ndarray:
         """V^H M block (size, columns): the columns of a block in terms of the basis."""
-        if self._images is not None:
-            return self._gram(inner(self.images_between(0, self.size), block))
+        if self._mass_images is not None:
+            return self._gram(inner(self.mass_images_between(0, self.size), block))
         with Owned(self.comm) as owned:
-            return self._gram(inner(self.columns, owned.owns(Imaged(self.mass, block)).images))
+            return self._gram(inner(self.columns, owned.owns(WithMassImages(self.mass, block)).mass_images))
 
     @property
     def _end(self):
@@ -164,8 +164,8 @@ class Basis:
         """All columns, with those that are deflated, or M times these."""
         return View(self._block if bv is None else bv, 0, self._end)
 
-    def extend(self, block: Block, images: Block | None = None) -> Extension:
-        """Add the span of the active columns of `block`, which stays as it is; `images`: M block where it is known.
+    def extend(self, block: Block, mass_images: Block | None = None) -> Extension:
+        """Add the span of the active columns of `block`, which stays as it is; `mass_images`: M block if known.
 
         Raises ComputationError when a column is not finite or M shows a negative norm.
         """
@@ -173,11 +173,11 @@ class Basis:
         if first == last:
             return Extension()
         start, weight, smallest, largest, massless = self.size, None, np.inf, 0.0, 0
-        if images is not None and decided(self.comm, _is_orthonormal, *self._products(block, images)[:2]):
-            self._append(block, images)
+        if mass_images is not None and decided(self.comm, _is_orthonormal, *self._products(block, mass_images)[:2]):
+            self._append(block, mass_images)
             return Extension(self.size - start, smallest_kept=1.0)
         with Owned(self.comm) as owned:
-            pending, taken = self._pending(owned, block, images)
+            pending, taken = self._pending(owned, block, mass_images)
             for _ in range(PASSES):
                 weight, gram, dropped, none = self._project_and_scale(pending, weight, taken)
                 largest, massless = max(largest, dropped), massless + none
@@ -189,7 +189,7 @@ class Basis:
                     fresh = inner_owned.owns(pending.copy()) if weight.size else pending
                     fresh.combine(self._factor(scaled), cancelled)
                     self._polish(fresh)
-                    self._append(fresh.block, fresh.images)
+                    self._append(fresh.block, fresh.mass_images)
                 if not weight.size:
                     break
                 pending.combine(self._factor(rest), np.inf)
@@ -197,11 +197,11 @@ class Basis:
                 raise ComputationError("a block of basis vectors could not be orthonormalised: is M positive definite?")
         return Extension(self.size - start, float(smallest), float(largest), massless)
 
-    def renew_images(self, start: int, stop: int):
-        """Compute the images of the columns start .. stop - 1 anew, of which they then are a function."""
-        images = self.images_between(start, stop)
-        if images is not None and stop > start:
-            apply(self.mass, self.columns_between(start, stop), images)
+    def renew_mass_images(self, start: int, stop: int):
+        """Compute the mass images of the columns start .. stop - 1 anew, of which they then are a function."""
+        mass_images = self.mass_images_between(start, stop)
+        if mass_images is not None and stop > start:
+            apply(self.mass, self.columns_between(start, stop), mass_images)
 
     def restore(self, block: Block, ends):
         """Take over the columns of a basis that was written, in blocks that end before the columns `ends`.
@@ -210,7 +210,7 @@ class Basis:
         """
         self._append(block, block)
         for start, stop in zip([0, *ends], ends, strict=False):
-            self.renew_images(start, stop)
+            self.renew_mass_images(start, stop)
         defect = self.comm.bcast(self.defect())
         if not defect <= 1e-10:
             raise ComputationError(f"the columns of an earlier run are not orthonormal (defect {defect:.1e})")
@@ -238,31 +238,31 @@ class Basis:
         """Drop all columns but those that are deflated."""
         self.size = 0
 
-    def _pending(self, owned, block, images):
+    def _pending(self, owned, block, mass_images):
         """Columns to add, and what was taken out of them at once: V^H M X, or None.
 
-        The images of V serve for that, so that M is applied to columns that will not be cancelled much more.
+        The mass images of V serve for that, so that M is applied to columns that will not be cancelled much more.
         """
-        if images is not None or self._images is None or not self._end:
-            return owned.owns(Imaged(self.mass, block, images)), None
+        if mass_images is not None or self._mass_images is None or not self._end:
+            return owned.owns(WithMassImages(self.mass, block, mass_images)), None
         rest = owned.owns(copy_of(block, self.mass))
-        taken = self._gram(inner(self._all(self._images), rest))
+        taken = self._gram(inner(self._all(self._mass_images), rest))
         add_product(rest, self._all(), self._factor(taken), alpha=-1.0)
-        return owned.owns(Imaged(self.mass, rest)), taken
+        return owned.owns(WithMassImages(self.mass, rest)), taken
 
-    def _products(self, block, images):
-        """V^H M X, X^H M X and x^T diag(M) x of a block X with its images."""
-        *products, squares = stacked_inner((self._all(), block), images, self._diagonal)
-        return *map(self._gram, products), np.diag(self._gram(np.diag(squares[0]))).real
+    def _products(self, block, mass_images):
+        """V^H M X, X^H M X and x^T diag(M) x of a block X with its mass images."""
+        *products, squared_norms = stacked_inner((self._all(), block), mass_images, self._diagonal)
+        return *map(self._gram, products), np.diag(self._gram(np.diag(squared_norms[0]))).real
 
     def _project(self, pending):
         """X <- X - V (V^H M X); returns the coefficients, X^H M X and x^T diag(M) x from before."""
-        inside, gram, sizes = self._products(pending.block, pending.images)
+        inside, gram, sizes = self._products(pending.block, pending.mass_images)
         add_product(pending.block, self._all(), self._factor(inside), alpha=-1.0)
-        if self._images is None:
+        if self._mass_images is None:
             pending.renew()
         else:
-            add_product(pending.images, self._all(self._images), self._factor(inside), alpha=-1.0)
+            add_product(pending.mass_images, self._all(self._mass_images), self._factor(inside), alpha=-1.0)
         return inside, (gram + gram.conj().T) / 2, sizes
 
     def _project_and_scale(self, pending, weight, taken):
@@ -288,10 +288,10 @@ class Basis:
         inside, gram, _ = self._project(block)
         block.combine(self._factor(decided(self.comm, _inverse_root, gram - inside.conj().T @ inside)))
 
-    def _append(self, block, images):
+    def _append(self, block, mass_images):
         count = block.getActiveColumns()[1] - block.getActiveColumns()[0]
         end = self._end + count
-        for own, given in zip(self._blocks(), (block, images), strict=False):
+        for own, given in zip(self._blocks(), (block, mass_images), strict=False):
             if end > own.getSizes()[1]:
                 own.resize(max(end, 2 * own.getSizes()[1]), copy=True)
             with dense(given) as source, dense(View(own, end - count, end)) as target:
@@ -332,15 +332,15 @@ def _judge(inside, gram, sizes, weight, taken, tolerance):
     the Gram matrix of those kept, whether another projection would take next to nothing, the largest weight dropped,
     how many columns move no mass, and how much smaller a column has become.
     """
-    squares = np.diag(gram).real
-    if not np.isfinite(squares).all():
+    squared_norms = np.diag(gram).real
+    if not np.isfinite(squared_norms).all():
         raise ComputationError("a basis vector has entries that are not finite")
-    if (squares < -NEGATIVE * np.maximum(sizes, np.abs(squares).max(initial=0.0))).any():
+    if (squared_norms < -NEGATIVE * np.maximum(sizes, np.abs(squared_norms).max(initial=0.0))).any():
         raise ComputationError("a basis vector has a negative M-norm: the mass matrix is indefinite")
-    massless = int(((squares <= NO_MASS * sizes) & (sizes > 0)).sum())
-    norms = np.sqrt(np.where(squares > NO_MASS * sizes, squares, 0.0))
+    massless = int(((squared_norms <= NO_MASS * sizes) & (sizes > 0)).sum())
+    norms = np.sqrt(np.where(squared_norms > NO_MASS * sizes, squared_norms, 0.0))
     if weight is None:
-        before = squares if taken is None else squares + _squares_taken(taken, inside)
+        before = squared_norms if taken is None else squared_norms + _squared_norms_taken(taken, inside)
         weight = np.sqrt(np.divide(1.0, before, out=np.ones_like(before), where=before > 0))
     weight = weight * norms
     kept = np.flatnonzero((norms > 0) & (weight > tolerance))
@@ -357,7 +357,7 @@ def _judge(inside, gram, sizes, weight, taken, tolerance):
     return scale * unit, weight / unit, gram * np.outer(unit, unit), True, dropped, massless, 1.0
 
 
-def _squares_taken(taken, inside):
+def _squared_norms_taken(taken, inside):
     """By how much the squared M-norms of columns X have become smaller when V `taken` was taken out of them.
 
     `inside`: V^H M X that round-off left in them.

@@ -171,24 +171,24 @@ def stacked_inner(lefts, right: Block, diagonal: np.ndarray) -> list[np.ndarray]
 
 
 def independent(gram: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
-    """Orthogonal combinations (k, m) of columns from their Gram matrix (k, k), and the squares (m,) of their lengths.
+    """Orthogonal combinations (k, m) of columns from their Gram matrix (k, k), and their squared lengths (m,).
 
-    Of columns scaled to length 1; combinations whose square is not above `least` are left out.
+    Of columns scaled to length 1; combinations whose squared length is not above `least` are left out.
     """
     size = np.sqrt(np.diag(gram))
     scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
-    squares, turn = np.linalg.eigh(gram * np.outer(scale, scale))
-    kept = squares > least
-    return scale[:, None] * turn[:, kept], squares[kept]
+    eigenvalues, turn = np.linalg.eigh(gram * np.outer(scale, scale))
+    kept = eigenvalues > least
+    return scale[:, None] * turn[:, kept], eigenvalues[kept]
 
 
 def column_norms(*blocks: Block) -> np.ndarray:
     """2-norms of the active columns (blocks, columns), without the first axis for one block."""
-    squares = []
+    squared = []
     for block in blocks:
         with local_rows(block) as rows:
-            squares.append((np.abs(rows) ** 2).sum(axis=0))
-    norms = np.sqrt(summed(blocks[0].comm.tompi4py(), np.array(squares)))
+            squared.append((np.abs(rows) ** 2).sum(axis=0))
+    norms = np.sqrt(summed(blocks[0].comm.tompi4py(), np.array(squared)))
     return norms if len(blocks) > 1 else norms[0]
 
 

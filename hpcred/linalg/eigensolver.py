@@ -147,15 +147,15 @@ def _dense_eigenpairs(matrix):
     eps.setFromOptions()
     eps.solve()
     vector = mat.createVecRight()
-    squares, vectors = np.zeros(size), np.zeros((size, size), dtype=PETSc.ScalarType)
+    eigenvalues, vectors = np.zeros(size), np.zeros((size, size), dtype=PETSc.ScalarType)
     for i in range(size):
-        squares[i] = eps.getEigenpair(i, vector).real
+        eigenvalues[i] = eps.getEigenpair(i, vector).real
         vectors[:, i] = vector.getArray()
     for item in (vector, eps, mat):
         item.destroy()
     if np.abs(vectors.imag).max() > 1e-12:  # a complex build computes with the real numbers that it was given
         raise ComputationError("the eigenvectors of a real symmetric matrix are not real")
-    return squares, vectors.real.copy()
+    return eigenvalues, vectors.real.copy()
 
 
 def _create(K, M):

@@ -19,7 +19,7 @@ from .options import temporary_options
 COARSEST = 2000  # rows that every rank can have the eigenvectors of
 LOW, HIGH = 0.1, 1.1  # what a smoother damps, of the largest eigenvalue estimated
 LANCZOS = 12  # steps of that estimate
-DEPENDENT_NEAR_NULL = 1e-12  # square of a combination of unit near null vectors that is round-off
+DEPENDENT_NEAR_NULL = 1e-12  # squared norm of a combination of unit near null vectors that is round-off
 SINGULAR = 1e-11  # of the largest eigenvalue of the coarsest matrix: a motion that meets no force
 
 
@@ -194,8 +194,8 @@ def _set_near_null(matrix, near_null):
     with local_rows(near_null) as rows:
         basis = rows.real
         for _ in range(2):
-            factor, squares = decided(comm, independent, summed(comm, basis.T @ basis), DEPENDENT_NEAR_NULL)
-            basis = basis @ (factor / np.sqrt(squares))
+            factor, eigenvalues = decided(comm, independent, summed(comm, basis.T @ basis), DEPENDENT_NEAR_NULL)
+            basis = basis @ (factor / np.sqrt(eigenvalues))
         for column in basis.T:
             vectors.append(matrix.createVecRight())
             vectors[-1].setArray(column)
@@ -217,7 +217,7 @@ def _coarsest(matrix):
     local = np.zeros((len(indptr) - 1, size))
     local[np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)), indices] = values.real
     whole = np.concatenate(matrix.comm.tompi4py().allgather(local))
-    squares, vectors = np.linalg.eigh((whole + whole.T) / 2)
-    regular = squares > SINGULAR * squares[-1]
-    inverse = (vectors[:, regular] / squares[regular]) @ vectors[:, regular].T
+    eigenvalues, vectors = np.linalg.eigh((whole + whole.T) / 2)
+    regular = eigenvalues > SINGULAR * eigenvalues[-1]
+    inverse = (vectors[:, regular] / eigenvalues[regular]) @ vectors[:, regular].T
     return matrix.comm.tompi4py().bcast(inverse), *matrix.getOwnershipRange()

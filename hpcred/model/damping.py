@@ -187,7 +187,7 @@ def loss_factor_of(damping) -> float:
     return damping.loss_factor if isinstance(damping, Structural | GivenDamping) else 0.0
 
 
-def doubts_of_damping(damping) -> tuple[str, ...]:
+def warnings_of_damping(damping) -> tuple[str, ...]:
     """Return warnings of ratios and loss factors of 1 and more, which were probably meant as per cent."""
     if isinstance(damping, ModalDamping):
         largest = max([ratio for _, ratio in damping.table or ()] or damping.ratios or [damping.ratio])

@@ -22,7 +22,7 @@ def check_definite(model):
             raise InputError(sentence)
 
 
-def doubts_of_definiteness(model) -> list[str]:
+def warnings_of_definiteness(model) -> list[str]:
     """Return sentences on K and M where one of them has the other sign, or is indefinite."""
     return [sentence for sentence in (_of_stiffness(model), _of_mass(model)) if sentence]
 

@@ -19,7 +19,7 @@ SAME = 5e-16  # relative: a number times a power of ten, as in other units
 ROUNDED = 0.13  # mean error of a rounded number, in units of its last digit and of its first
 BESIDE = 6.0  # of all entries of a row to that of the diagonal, with those of equal elements, which are rounded alike
 MODES = 12  # that are looked at
-DOUBTFUL = 1e-5  # relative error of a frequency
+INACCURATE = 1e-5  # relative error of a frequency
 
 
 def digits_of(mat) -> int | None:
@@ -40,7 +40,7 @@ def digits_of(mat) -> int | None:
     return digits if rounded else None
 
 
-def doubts_of_digits(model, K, eigenvalues: np.ndarray, block) -> list[str]:
+def warnings_of_digits(model, K, eigenvalues: np.ndarray, block) -> list[str]:
     """Return warnings of frequencies that are uncertain by the digits of K in the files. Collective.
 
     `eigenvalues` (m,) in (rad/s)^2, ascending, Inf for those that do not count, belong to the columns of `block` (n, m)
@@ -57,7 +57,7 @@ def doubts_of_digits(model, K, eigenvalues: np.ndarray, block) -> list[str]:
     moved = BESIDE * ROUNDED * 10.0 ** (1 - digits) * np.sqrt(model.comm.allreduce(moved))
     errors = moved / np.maximum(eigenvalues, np.finfo(float).tiny) / 2
     worst = int(np.argmax(errors))
-    if errors[worst] <= DOUBTFUL:
+    if errors[worst] <= INACCURATE:
         return []
     frequency = np.sqrt(max(eigenvalues[worst], 0.0)) / (2 * np.pi)
     uncertain = f"by up to about {errors[worst]:.0e} of itself" if errors[worst] < 1 else "altogether"

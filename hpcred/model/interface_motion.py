@@ -27,9 +27,9 @@ from .elements import share_of_faces, surface_areas
 from .interfaces import SIX, Interface, InterfaceNode, Nodes
 
 FAR = 20.0  # times the size of the body, beyond which a reference node is not meant
-MOST = 0.5  # of the surface, or of the nodes, of a body: beyond it a set is doubted as a bearing
+MOST = 0.5  # of the surface, or of the nodes, of a body: beyond it a set looks unlike a bearing
 SOME = 0.02  # of the nodes: a set with fewer is not looked at
-OFF = 3.0  # times the reach of its set: beyond it the place of a reference node is doubted
+OFF = 3.0  # times the reach of its set: beyond it a reference node looks misplaced
 FLAT = 1e-9  # of the radius of gyration of a set, or of the size of the body, below which a distance is round-off
 UNDEFINED_MOTION = 1e-10  # eigenvalue of sum w E^T E, scaled, below which a motion of the reference node is not defined
 
@@ -61,9 +61,9 @@ def with_interfaces(model, interfaces):
         mask = members(model, item)
         own = _set_of(model, mask)
         position, directions, rows, weights = _reference(model, item, mask, own)
-        doubts = _doubts(model, item, own, position, sets)
+        warnings = _warnings(model, item, own, position, sets)
         found.append(
-            InterfaceNode(item.name, number, tuple(position.tolist()), directions, item, len(own.nodes), doubts)
+            InterfaceNode(item.name, number, tuple(position.tolist()), directions, item, len(own.nodes), warnings)
         )
         sets[item.name] = own.nodes
         entries.append((rows, weights))
@@ -169,29 +169,29 @@ def _set_of(model, mask) -> _Set:
     return _Set(nodes, points, surface_areas(model.comm, model.elements, nodes, points))
 
 
-def _doubts(model, item, own, position, sets) -> tuple[str, ...]:
+def _warnings(model, item, own, position, sets) -> tuple[str, ...]:
     """Return sentences on a set that takes most of the body, that shares nodes with others (`sets` by name), or whose
     reference node lies far from it. Collective."""
-    where, doubts, total = f"interface '{item.name}'", [], model.node_count
+    where, warnings, total = f"interface '{item.name}'", [], model.node_count
     share = len(own.nodes) / max(total, 1)
     if share > SOME and len(own.nodes) > 1:
         surface = share_of_faces(model.comm, model.elements, own.nodes)
         if max(share, surface) > MOST and total > len(own.nodes) // 2:
             much = f"{surface:.0%} of the surface" if surface > share else f"{share:.0%} of all nodes"
-            doubts.append(
+            warnings.append(
                 f"{where}: its set has {len(own.nodes)} nodes, {much} of {model.name}; are its places and radii in m?"
             )
     for name, nodes in sets.items():
         if common := len(np.intersect1d(nodes, own.nodes)):
-            doubts.append(f"{where}: {common} of its {len(own.nodes)} nodes belong to '{name}' as well")
+            warnings.append(f"{where}: {common} of its {len(own.nodes)} nodes belong to '{name}' as well")
     centre = own.points.mean(axis=0)
     reach, off = np.linalg.norm(own.points - centre, axis=1).max(), np.linalg.norm(position - centre)
     if reach > 0 and off > OFF * reach:
-        doubts.append(
+        warnings.append(
             f"{where}: at: its reference node lies {off:.3g} m from the centre of its set, which reaches {reach:.3g} m "
             "from there; is `at` in m?"
         )
-    return tuple(doubts)
+    return tuple(warnings)
 
 
 def coupled_rows(model, item, mask):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from ..parallel.declared import as_declared
+from ..parallel.declared import as_declared, renamed
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, LABEL, within
 from .dofs import DIRECTIONS
@@ -179,7 +179,7 @@ class InterfaceNode:
         The interface that it was made from; None after reading a result.
     count : int
         Number of nodes of the set; 0 after reading a result.
-    doubts : tuple of str
+    warnings : tuple of str
         Warnings.
     """
 
@@ -189,7 +189,7 @@ class InterfaceNode:
     directions: tuple[str, ...] = SIX
     definition: Interface | None = field(default=None, compare=False)
     count: int = field(default=0, compare=False)
-    doubts: tuple[str, ...] = field(default=(), compare=False)
+    warnings: Annotated[tuple[str, ...], renamed("warnings", "doubts")] = field(default=(), compare=False)
 
 
 def find_interface(model, node) -> int | None:
@@ -197,11 +197,11 @@ def find_interface(model, node) -> int | None:
     return next((i for i, item in enumerate(model.interfaces) if node in (item.name, item.node)), None)
 
 
-def doubts_of_interfaces(model) -> list[str]:
+def warnings_of_interfaces(model) -> list[str]:
     """Return warnings of sets that look unintended, or with nodes without rows, which do not contribute. Collective."""
     made = [item for item in model.interfaces if item.definition and isinstance(item.definition.nodes, Nodes)]
     sizes = model.set_sizes if made else {}
-    return [doubt for item in model.interfaces for doubt in item.doubts] + [
+    return [warning for item in model.interfaces for warning in item.warnings] + [
         f"interface '{item.name}': {total - item.count} of the {total} nodes of the set '{name}' have no row in "
         f"{model.name}, since they follow others; it moves with the {item.count} that have"
         for item in made if (name := item.definition.nodes.set) and item.count < (total := sizes.get(name, 0))

@@ -326,7 +326,7 @@ def rigid_body_residuals(model) -> tuple[np.ndarray, int]:
     return np.where(np.isinf(sizes), np.nan, np.sqrt(np.abs(np.diag(forces)))), free.shape[1]
 
 
-def doubts_of_nodes(model) -> list[str]:
+def warnings_of_nodes(model) -> list[str]:
     """Return sentences where the nodes seem not to belong to the rows, or the masses in x, y and z differ. Collective.
 
     A direction in which no node has a dof has no mass to compare. Dofs that are held in some directions only make a

@@ -16,6 +16,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from pydantic import AliasChoices, Field
 
 from .failures import InputError
 
@@ -45,6 +46,11 @@ def declared(key: str, value, kind):
     except _Misfit as misfit:
         such = f", such as {meant}(...)" if (meant := _class_of_kind(value, kind)) else meant_by(value, kind)
         raise InputError(f"{key}: found {_shown(value)}, expected {in_words(kind)}{such}") from misfit
+
+
+def renamed(name: str, before: str):
+    """The annotation of a field of a record that has another name in files of earlier versions."""
+    return Field(validation_alias=AliasChoices(name, before))
 
 
 def _class_of_kind(word, kind) -> str | None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..files.text import doubts_of_end, first_bytes
+from ..files.text import first_bytes, warnings_of_end
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, repeated_key, sort_over_ranks
 from ..settings.source import Source
@@ -30,7 +30,7 @@ def read_source(source: Source, comm) -> Parts:
                   files)  # fmt: skip
     with agreed(comm):
         for path, reader in readers.items():
-            parts.warnings += doubts_of_end(path) if reader.line_ended else []
+            parts.warnings += warnings_of_end(path) if reader.line_ended else []
         parts.open_ended = {key for key, path in files.items() if readers[path].open_ended}
         parts.loose = readers[files["K"]].loose
     if _name_rows_of_calculix(comm, parts, source):

@@ -35,7 +35,7 @@ class Rows:
 
 
 def refuse_cut(comm, parts, rows: dict[str, Rows], labels) -> list[str]:
-    """Raise InputError where a matrix of parts.open_ended lacks rows that it should have; returns doubts.
+    """Raise InputError where a matrix of parts.open_ended lacks rows that it should have; returns warnings.
 
     `rows`: of K and M; `labels`: of the rows of this rank, or None.
     """

@@ -8,12 +8,12 @@ import numpy as np
 
 from ..linalg.basis import Basis
 from ..linalg.solvers.settings import Factoring
-from ..model.damping import Damping, NoDamping, doubts_of_damping, loss_factor_of
-from ..model.definiteness import doubts_of_definiteness, growing
-from ..model.digits import doubts_of_digits
+from ..model.damping import Damping, NoDamping, loss_factor_of, warnings_of_damping
+from ..model.definiteness import growing, warnings_of_definiteness
+from ..model.digits import warnings_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
+from ..model.input_output_counts import require_room
 from ..model.load_columns import loads_of, resultants
-from ..model.port_counts import require_room
 from ..model.scales import in_usual_units
 from ..model.second_order_model import require_model
 from ..parallel.failures import ComputationError, InputError, Owned
@@ -90,7 +90,8 @@ class BasisReductor(Reductor):
             ))  # fmt: skip
             runs = [run, *(owned.owns(other) for other in self._more_runs(run))]
             bases = [
-                owned.owns(Basis(run.mass, framed.rigid_columns, deflation, columns, run.keeps_images)) for _ in runs
+                owned.owns(Basis(run.mass, framed.rigid_columns, deflation, columns, run.keeps_mass_images))
+                for _ in runs
             ]
             groups = number_of_groups(settings.groups, run, self._points(model))
             search = self._fill(bases, runs, groups)
@@ -116,15 +117,15 @@ class BasisReductor(Reductor):
     # steps that other reductors have their own of
 
     def _check(self, model) -> tuple[str, ...]:
-        """Refuse what cannot be reduced in this way; returns what is doubtful of the model. Collective."""
+        """Refuse what cannot be reduced in this way; returns warnings of the model. Collective."""
         check_model(model)
         self._check_room(model)
         if self.settings.coordinates == "interface":
             check_interface_coordinates(model, self.frame)
-        doubts = doubts_of_damping(self.damping)
+        warnings = warnings_of_damping(self.damping)
         if model.D is not None and isinstance(self.damping, NoDamping):
-            doubts += (f"damping: none, though {model.name} has a damping matrix, which kind = 'given' takes",)
-        return warnings_of(model, self.frame) + doubts
+            warnings += (f"damping: none, though {model.name} has a damping matrix, which kind = 'given' takes",)
+        return warnings_of(model, self.frame) + warnings
 
     def _check_room(self, model):
         require_room(model, 0)
@@ -191,8 +192,8 @@ class BasisReductor(Reductor):
                 f"{ORTHONORMAL_TO:g}"
             )
         columns = vectors.columns
-        run.notes.remarks += doubts_of_digits(model, full.K, eigenvalues, columns)
-        if not doubts_of_definiteness(model) and (unstable := growing(model, eigenvalues)):
+        run.notes.remarks += warnings_of_digits(model, full.K, eigenvalues, columns)
+        if not warnings_of_definiteness(model) and (unstable := growing(model, eigenvalues)):
             run.notes.remarks.append(unstable)
         small = {"M": mass, "K": np.diag(eigenvalues)}
         if "D" in full.matrices:

@@ -1,13 +1,13 @@
-"""Refuse models that cannot be reduced, and tell what is doubtful of the others."""
+"""Refuse models that cannot be reduced, and warn of others that look wrong."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..model.definiteness import check_definite, doubts_of_definiteness
+from ..model.definiteness import check_definite, warnings_of_definiteness
 from ..model.frames import Buckens
-from ..model.interfaces import doubts_of_interfaces
-from ..model.rigid_body_modes import doubts_of_nodes, exchange_of_matrices, soft_supports
+from ..model.interfaces import warnings_of_interfaces
+from ..model.rigid_body_modes import exchange_of_matrices, soft_supports, warnings_of_nodes
 from ..model.second_order_model import SYMMETRIC_TO, require_inputs
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
@@ -33,24 +33,24 @@ def check_symmetric(model):
 
 
 def warnings_of(model, frame) -> tuple[str, ...]:
-    """What is doubtful of the model; refused where the frame depends on it."""
-    signs = tuple(doubts_of_definiteness(model))
+    """Return warnings of the model; those that the frame depends on are refusals."""
+    signs = tuple(warnings_of_definiteness(model))
     if model.dofs is None:
         return signs
     exchanged = exchange_of_matrices(model)
-    doubts = (exchanged,) if exchanged else tuple(doubts_of_nodes(model))  # all else follows from it
-    if doubts and isinstance(frame, Buckens):
-        raise InputError(doubts[0])
+    of_nodes = (exchanged,) if exchanged else tuple(warnings_of_nodes(model))  # all else follows from it
+    if of_nodes and isinstance(frame, Buckens):
+        raise InputError(of_nodes[0])
     if isinstance(frame, Buckens) and (soft := soft_supports(model).max(initial=0.0)):
-        doubts += (
+        of_nodes += (
             f"frame: {model.name} counts as free, but K resists translations by up to {soft:.1e} of its diagonal: soft "
             "springs to the ground, which the Buckens frame leaves out, have to be put into the multibody model",
         )
     on_held = [note for item in model.loads if (note := item.note)]
-    return (*signs, *doubts, *doubts_of_interfaces(model), *on_held)
+    return (*signs, *of_nodes, *warnings_of_interfaces(model), *on_held)
 
 
-def doubts_of_band(model, band) -> tuple[str, ...]:
+def warnings_of_band(model, band) -> tuple[str, ...]:
     """A band that ends far above all that the mesh follows, as one in other units does. Collective."""
     K, M = (matrix.getDiagonal() for matrix in (model.K, model.M))
     stiffness, mass = K.getArray(readonly=True).real, M.getArray(readonly=True).real

@@ -89,7 +89,7 @@ def to_interface_coordinates(framed, given: Projected) -> Projected:
 def _with_rigid(framed, given):
     """[R, V] in place of V: M^ = I and K^ = 0 for the rigid-body motion, to the last digit.
 
-    A given damping matrix acts on it; a damping law, which is one of the deformation, does not.
+    A given damping matrix acts on it; other damping is that of the deformation and does not.
     """
     model, rigid = framed.model, framed.rigid
     first, last = given.columns.getActiveColumns()
@@ -129,11 +129,11 @@ def transformation(motion, M, K, interfaces):
     psi = right[:count].T @ ((left.T / sizes) / values[:, None])
     if N.shape[1] == 0:
         return psi
-    squares, X = _eigh(_symmetric(N.T @ K @ N), _symmetric(N.T @ M @ N))
-    if squares[0] <= 1e-12 * squares[-1]:
+    eigenvalues, X = _eigh(_symmetric(N.T @ K @ N), _symmetric(N.T @ M @ N))
+    if eigenvalues[0] <= 1e-12 * eigenvalues[-1]:
         raise InputError("coordinates: with all interfaces held the body can still move; add an interface")
     phi = N @ X
-    psi = psi - phi @ ((phi.T @ K @ psi) / squares[:, None])
+    psi = psi - phi @ ((phi.T @ K @ psi) / eigenvalues[:, None])
     return np.concatenate([psi, phi], axis=1)
 
 

@@ -88,10 +88,10 @@ class IRKA(Reductor):
     def reduce(self, model) -> ReducedModel:
         """Reduce a SecondOrderModel. Collective. Raises InputError for a model without viscous damping."""
         require_model(model)
-        law = damping_or_given(model, self.damping)
-        if isinstance(law, NoDamping | Structural):
-            raise InputError(f"irka: found the damping '{law.kind}', expected a viscous one, such as Rayleigh: poles "
-                             "without it have no mirror image; or reduce to a tolerance")  # fmt: skip
+        damping = damping_or_given(model, self.damping)
+        if isinstance(damping, NoDamping | Structural):
+            raise InputError(f"irka: found the damping '{damping.kind}', expected a viscous one, such as Rayleigh: "
+                             "poles without it have no mirror image; or reduce to a tolerance")  # fmt: skip
         two_sided = {"projection": "two_sided", "allow_unstable": True} if model.Ct is not None else {}
         points, inputs, outputs = self._first(model)
         reduced, moved = None, np.inf

@@ -9,7 +9,6 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AliasChoices, Field
 
 from ..linalg.blocks import apply, create_block, from_dense, inner, random_block
 from ..linalg.solvers.base import FactorRecord
@@ -19,6 +18,7 @@ from ..model.interfaces import Interface, InterfaceNode
 from ..model.load_columns import loads_of
 from ..model.loads import LoadColumn
 from ..parallel import processor
+from ..parallel.declared import renamed
 from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ..parallel.progress import Timing, counted
@@ -62,9 +62,7 @@ class Record:
     deflation_tolerance: float
     drop_above: float | None
     groups: int
-    components: Annotated[  # "ingredients" in results of earlier versions
-        tuple[ComponentRecord, ...], Field(validation_alias=AliasChoices("components", "ingredients"))
-    ]
+    components: Annotated[tuple[ComponentRecord, ...], renamed("components", "ingredients")]
     factorisations: tuple[FactorRecord, ...]
     symbolic_analyses: int
     orthonormality_defect: float

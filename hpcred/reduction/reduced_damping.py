@@ -1,4 +1,4 @@
-"""Make the reduced D of the damping laws that have no sparse matrix: modal ratios (52) and the Caughey series (39)."""
+"""Make the reduced D of damping that has no sparse matrix: modal ratios (52) and the Caughey series (39)."""
 
 import numpy as np
 

@@ -25,7 +25,7 @@ from .store import Store
 from .tolerance.independent_loads import independent_loads
 
 NEAR_ZERO = 0.01  # of a frequency of interest, below which a pseudo-mode may be a motion without force
-FOR_IMAGES = 0.1  # of the memory of a rank may go to M V beside the columns V
+FOR_MASS_IMAGES = 0.1  # of the memory of a rank may go to M V beside the columns V
 DEPENDENT_LOAD = 1e-14  # square of a combination of unit loads below which they count as dependent
 
 
@@ -62,9 +62,9 @@ class Run:
             )
 
     @cached_property
-    def keeps_images(self) -> bool:
+    def keeps_mass_images(self) -> bool:
         """Whether M V is kept beside V, of basis and point: where it takes little of the memory."""
-        return 2 * self._columns_mb() <= FOR_IMAGES * self.factoring.limit_mb(self.model.comm)
+        return 2 * self._columns_mb() <= FOR_MASS_IMAGES * self.factoring.limit_mb(self.model.comm)
 
     def _columns_mb(self):
         rows = np.diff(self.model.M.getOwnershipRanges()).max()
@@ -72,7 +72,7 @@ class Run:
 
     def _reserved_mb(self):
         """Memory for the columns of the basis and those of a point."""
-        return (4 if self.keeps_images else 2) * self._columns_mb()
+        return (4 if self.keeps_mass_images else 2) * self._columns_mb()
 
     def check_free_motions(self, lowest: float, among: float):
         """Refuse a free body in parts or with hinges, whose other free motions are pseudo-modes near 0 Hz.

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..linalg.blocks import inner
 from ..model.damping import ModalDamping
-from ..model.digits import doubts_of_digits
+from ..model.digits import warnings_of_digits
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError
 from .basis_reductor import BasisReductor, reduced_model
@@ -39,7 +39,7 @@ class TwoSidedReductor(BasisReductor):
         """The reduced model of a two-sided projection (20), its poles checked, and the biorthonormality defect."""
         (right, left), full = bases, framed.model
         eigenvalues = diagonalise(right, project(full.K, right.columns))
-        run.notes.remarks += doubts_of_digits(model, full.K, eigenvalues, right.columns)
+        run.notes.remarks += warnings_of_digits(model, full.K, eigenvalues, right.columns)
         defect = biorthogonal(left, right, run)
         V, W = right.columns, left.columns
         small = {key: project(mat, V, W) for key, mat in full.matrices.items()}

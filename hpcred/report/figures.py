@@ -231,7 +231,7 @@ def pair_figure(path, curves, output, given, errors=(), kind="png"):
     error where `errors` are given.
 
     `curves`: (label, frequencies (F,) in Hz, complex (F,)); `errors`: (label, frequencies, (F,)). Those whose label
-    ends in "full model", and errors that end in "exact", are dots where there are few. `kind`: png, svg or pdf.
+    ends in "full model", and errors that end in "measured", are dots where there are few. `kind`: png, svg or pdf.
     """
     plt = pyplot()
     rows = 3 if errors else 2
@@ -247,7 +247,7 @@ def pair_figure(path, curves, output, given, errors=(), kind="png"):
 
 
 def errors_figure(path, curves, title, tolerance=None, kind="png"):
-    """Relative errors over frequency. `curves`: ("result, estimate" or "result, exact", frequencies (F,) in Hz, (F,)),
+    """Relative errors over frequency. `curves`: ("result, estimate" or "result, measured", frequencies in Hz, (F,)),
     as in pair_figure; what belongs to one result has one colour."""
     figure, axes = pyplot().subplots(figsize=(7.5, 4.2), layout="constrained")
     results = list(dict.fromkeys(label.rpartition(", ")[0] for label, _, _ in curves))
@@ -261,7 +261,7 @@ def _style(place, label, count):
     colour = INK if full else COLOURS[place % len(COLOURS)]
     if full and count > FEW:  # under the others
         return {"color": "#bbbbbb", "linestyle": "-", "linewidth": 3.5, "zorder": 1}
-    if label.endswith(("full model", "exact")) and count <= FEW:
+    if label.endswith(("full model", "measured")) and count <= FEW:
         return {"color": colour, "linestyle": "none", "marker": "o", "markersize": 4.5, "fillstyle": "none"}
     return {"color": colour, "linestyle": DASHES[place // len(COLOURS) % len(DASHES)], "linewidth": 1.2}
 

@@ -113,7 +113,7 @@ class Simulation:
             raise InputError(f"start: 'static' is a state of rest; leave out {', '.join(moving)}")
 
     @property
-    def doubts(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """Warnings of numbers that look like mm."""
         size = float(np.linalg.norm(self.gravity))
         return [f"gravity: found {size:g} m/s^2; in SI it is 9.81"] if size > LARGE_GRAVITY else []
@@ -272,11 +272,11 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         [element_of(item, *start[item.node]) for item in setup.spring],
         holds_of(setup.constraint, setup.drive, start),
     )  # fmt: skip
-    doubts = setup.doubts + doubts_of_places(body, setup, {node: motion.x for node, motion in first.items()})
+    warnings = setup.warnings + warnings_of_places(body, setup, {node: motion.x for node, motion in first.items()})
     if progress is not None:
-        for doubt in doubts:  # before a run that may take long for that reason
-            progress.tell(doubt)
-    notes = doubts + remarks(body) + _loads_without_stress(body, setup)
+        for warning in warnings:  # before a run that may take long for that reason
+            progress.tell(warning)
+    notes = warnings + remarks(body) + _loads_without_stress(body, setup)
     if setup.start == "static":
         r, p, q = system.equilibrium(r, p)
     else:
@@ -319,7 +319,7 @@ def _loads_without_stress(body, setup) -> list[str]:
     ]
 
 
-def doubts_of_places(body: Body, setup: Simulation, start: dict) -> list[str]:
+def warnings_of_places(body: Body, setup: Simulation, start: dict) -> list[str]:
     """Return sentences on places so far from their nodes, which start at `start` {number: (3,)}, that they look like
     mm."""
     frame = body.floating_frame

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis.bores import TURN, Bore, bores_and_doubts
+from ..analysis.bores import TURN, Bore, bores_and_warnings
 from ..files.model_file import read_model
 from ..parallel.progress import Progress
 from .pair_figures import check_figure
@@ -27,7 +27,7 @@ def bores_of_file(
         loaded = read_model(model, comm)
     with loaded:
         with progress.stage("bores"):
-            found, doubts = bores_and_doubts(loaded, turn)
+            found, warnings = bores_and_warnings(loaded, turn)
         if figure is not None:
             with progress.stage("figure"):
                 draw_sets_of(figure, loaded, {item.name: np.array(item.nodes) for item in found})
@@ -36,7 +36,7 @@ def bores_of_file(
                                              "turn")} | {"nodes": len(item.nodes)}
         for item in found
     ]  # fmt: skip
-    return {"model": str(model), "bores": rows, "job": "\n".join(map(lines_of_job, found)), "warnings": doubts}
+    return {"model": str(model), "bores": rows, "job": "\n".join(map(lines_of_job, found)), "warnings": warnings}
 
 
 def lines_of_job(bore: Bore) -> str:

@@ -56,10 +56,10 @@ def compare_results(
     if figure is not None:
         written |= {Path(figure).with_suffix(suffix): PICTURES[suffix] for suffix in (".png", ".svg")}
     check_outputs(written, comm, [*results, full], progress=progress)
-    reduced, laws, _ = zip(*(as_compared(item, (grid[0], grid[-1])) for item in reduced), strict=True)
-    if laws.count(laws[0]) < len(laws):
+    reduced, dampings, _ = zip(*(as_compared(item, (grid[0], grid[-1])) for item in reduced), strict=True)
+    if dampings.count(dampings[0]) < len(dampings):
         raise InputError("compare: found results with different modal damping; compare those of one damping")
-    with full_of_record(full, first, results[0], damping=laws[0], factoring=factoring, comm=comm) as full_model:
+    with full_of_record(full, first, results[0], damping=dampings[0], factoring=factoring, comm=comm) as full_model:
         known, drive = full_model.response(grid, groups, progress)
         shapes = _modes(full_model, modes, results, labels, whole, reduced, progress)
     rows, curves = [], []

@@ -27,7 +27,7 @@ def convert(
     `inputs`, `outputs`: dofs as for SecondOrderModel.with_inputs. `variables`: names of matrices by K, M, D, where the
     main file of an export holds several. `units`: those of the files, see model.units.units_of; the model file is in
     SI. Returns what analysis.check says of the model: plain numbers for a table or
-    JSON, with `sentences` on them and `warnings` of what is doubtful. Raises InputError.
+    JSON, with `sentences` on them and `warnings` of what looks wrong. Raises InputError.
     """
     system = units_of(units)
     reads = source.files if isinstance(source, Source) else [source]
@@ -53,10 +53,10 @@ def convert(
             report["warnings"] = [*report["warnings"], *comm.bcast(READERS.broken)]
         with progress.stage("write", str(output)):
             rescued(lambda place: write_model(place, model), output, comm)
-        ports = {"inputs": list(model.input_names)}
+        names = {"inputs": list(model.input_names)}
         if model.output_names != model.input_names:
-            ports["outputs"] = list(model.output_names)
-        return {"output": str(output), **ports, **report}
+            names["outputs"] = list(model.output_names)
+        return {"output": str(output), **names, **report}
 
 
 def list_formats() -> list[dict]:

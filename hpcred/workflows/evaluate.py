@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.error import as_compared, error_integral, errors_of
-from ..analysis.error_check import accuracy_of, check_reduced, measuring_damping, said_at
+from ..analysis.error_check import accuracy_of, check_reduced, estimate_at, measuring_damping
 from ..analysis.frequency_response import checked_frequencies, frequencies_to_draw, frequency_response, resonances_of
 from ..files.outputs import check_outputs
 from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
@@ -101,7 +101,7 @@ def evaluate_result(
 
 @workflow
 def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) -> dict:
-    """eps(f) as result.h5 says it, of an automatic reduction: nothing is computed. Collective.
+    """eps(f) of result.h5, a reduction to a tolerance: nothing is computed. Collective.
 
     `rows`: the error at `frequencies` (Hz), or else where it is largest in each of `parts` equal parts of the band.
     Besides the whole curve, its maximum, Q (57), the proofs and the sentence. Raises InputError where the basis was
@@ -111,7 +111,7 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
     accuracy = accuracy_of(reduced, result)
     if len(frequencies):
         chosen = frequencies_over(frequencies, accuracy.band, 2)
-        errors = said_at(accuracy, chosen)
+        errors = estimate_at(accuracy, chosen)
     else:
         if parts < 1:
             raise InputError(f"points: found {parts}, expected at least 1")
@@ -143,16 +143,17 @@ def check_result(
     result, full, count: int = 5, *, seed: int | None = None, groups: int | None = None,
     factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """The error that result.h5 says, against full solves of the model file `full`, at `count` fresh frequencies of the
-    band and some right beside resonances. Collective.
+    """The estimated error of result.h5 against full solves of the model file `full`, at `count` fresh frequencies of
+    the band and some right beside resonances. Collective.
 
-    `seed` draws the same frequencies again; the other keywords are those of evaluate_result. Returns rows of f, said
-    and exact, whether it `passed`, and the sentence. Raises InputError where the basis was chosen by hand.
+    `seed` draws the same frequencies again; the other keywords are those of evaluate_result. Returns rows of f,
+    estimated and measured errors, whether it `passed`, and the sentence. Raises InputError where the basis was chosen
+    by hand.
     """
     reduced = elastic_part(read_result(result, comm).reduced)
     accuracy, record = accuracy_of(reduced, result), reduced.record
-    law = measuring_damping(accuracy, record.damping)
-    with full_of_record(full, record, result, damping=law, factoring=factoring, comm=comm) as known:
+    damping = measuring_damping(accuracy, record.damping)
+    with full_of_record(full, record, result, damping=damping, factoring=factoring, comm=comm) as known:
         check = check_reduced(
             reduced, known.model, count, seed=seed, factoring=known.factoring, groups=groups, progress=progress
         )

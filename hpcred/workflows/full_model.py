@@ -49,7 +49,7 @@ class FullModel:
 def full_of_record(path, record: Record, result, *, damping=None, factoring=None, comm):
     """The FullModel of a model file `path` while the context is open; `result` names the file of the record.
 
-    `damping`: the law of the responses, by default that of the record, which decides on the PETSc build where none is
+    `damping`: that of the responses, by default that of the record, which decides on the PETSc build where none is
     loaded; `factoring` likewise. Collective. Raises InputError where it is another model.
     """
     damping = record.damping if damping is None else damping
@@ -59,9 +59,9 @@ def full_of_record(path, record: Record, result, *, damping=None, factoring=None
         yield FullModel(model, record, damping, factoring)
 
 
-def start_for(laws, factoring):
-    """Load the PETSc build that suits responses with these damping laws, where none is loaded yet."""
-    damped = not all(isinstance(law, NoDamping) for law in laws)
+def start_for(dampings, factoring):
+    """Load the PETSc build that suits responses with these damping models, where none is loaded yet."""
+    damped = not all(isinstance(item, NoDamping) for item in dampings)
     startup.start(preferred="complex" if damped else "real", low_rank=factoring.low_rank is not None)
 
 

@@ -16,7 +16,7 @@ from ..files.outputs import HDF5, hdf5_kind
 from ..files.system_errors import reading_from
 from ..files.text import first_bytes, first_line
 from ..model.interface_motion import members
-from ..model.interfaces import doubts_of_interfaces
+from ..model.interfaces import warnings_of_interfaces
 from ..parallel.declared import nearest
 from ..parallel.failures import HpcredError, InputError, agreed
 from ..parallel.plugins import OWN, blamed
@@ -168,7 +168,7 @@ def _job(path, job, figure, comm, progress):
         ]  # fmt: skip
         return {
             "format": "job file", "model": model.name, "dofs": model.size, "output": job.output,
-            "interfaces": rows, "warnings": [*model.remarks, *doubts_of_interfaces(model)],
+            "interfaces": rows, "warnings": [*model.remarks, *warnings_of_interfaces(model)],
         }  # fmt: skip
 
 

@@ -50,7 +50,7 @@ def modes_of_file(
     with loaded, closing(natural_modes(loaded, count, frame, factoring=factoring, progress=progress)) as found:
         report = {"model": str(model), "size": loaded.size, **_numbers(found)}
         exchanged = exchange_of_matrices(loaded) if loaded.dofs is not None else None
-        report["warnings"] = [*([exchanged] if exchanged else []), *loaded.remarks, *found.doubts]
+        report["warnings"] = [*([exchanged] if exchanged else []), *loaded.remarks, *found.warnings]
         if figure is not None:
             with progress.stage("figure"):
                 _draw(figure, loaded, found)

@@ -87,5 +87,5 @@ def _errors(reduced, full=None):
     size = np.abs(values)
     difference = np.abs(reduced[2][np.searchsorted(reduced[1], frequencies)] - values)
     error = np.divide(difference, size, out=np.full(len(size), np.nan), where=size > 0)
-    return [("of this pair, exact", frequencies, error)]
+    return [("of this pair, measured", frequencies, error)]
 

@@ -21,13 +21,13 @@ MOST_PAIRS = 36  # responses on a page, the largest
 
 @workflow
 def report_file(
-    results, full=None, *, output="report.html", band=None, exact: int = 21, pairs=(), modes: int = 10,
+    results, full=None, *, output="report.html", band=None, solves: int = 21, pairs=(), modes: int = 10,
     png=None, svg=None, csv=None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
     progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Write a report on results, names of files, as one HTML file that needs no network. Collective.
 
-    `full`: the model file that they were reduced from; its response is then computed at `exact` equally spaced
+    `full`: the model file that they were reduced from; its response is then computed at `solves` equally spaced
     frequencies and beside pseudo-frequencies, and its modes. `band` (Hz): default that of the job. `pairs`: names
     "output/input" of responses, by default the largest. `modes`: number of shapes that can be looked at. `png`, `svg`,
     `csv`: folders for figures and tables of the same. Returns the file, its size in MB, the names of figures and
@@ -43,7 +43,7 @@ def report_file(
     if png is not None or svg is not None:
         check_drawing(comm)
     sheets = sheets_of(
-        results, full, band=band, exact=exact, groups=groups, factoring=factoring, comm=comm, progress=progress
+        results, full, band=band, solves=solves, groups=groups, factoring=factoring, comm=comm, progress=progress
     )
     chosen = [choose_pairs(sheet, pairs) for sheet in sheets]
     report = None

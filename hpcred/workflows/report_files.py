@@ -72,7 +72,7 @@ def _errors_of(sheets):
         if accuracy is not None:
             curves.append((f"{sheet.name}, estimate", accuracy.frequencies, accuracy.eps))
         if sheet.errors is not None:
-            curves.append((f"{sheet.name}, exact", sheet.full.frequencies, sheet.errors.eps))
+            curves.append((f"{sheet.name}, measured", sheet.full.frequencies, sheet.errors.eps))
     return curves
 
 
@@ -90,7 +90,7 @@ def write_tables(folder, sheets) -> list[str]:
             tables["directions"] = directions
         if sheet.errors is not None:
             rows = zip(sheet.full.frequencies.tolist(), sheet.errors.eps.tolist(), strict=True)
-            tables["error_exact"] = [{"f_hz": f, "eps": eps} for f, eps in rows]
+            tables["error_measured"] = [{"f_hz": f, "eps": eps} for f, eps in rows]
         for key, rows in tables.items():
             written.append(_write_table(folder, f"{key}_{sheet.name}", rows))
         names = {"input_names": reduced.input_names, "output_names": reduced.output_names}

@@ -70,7 +70,7 @@ def _drawn(sheet, pairs):
         drawn |= {"eps_frequencies": packed(accuracy.frequencies), "eps": packed(accuracy.eps)}
     if full is not None:
         drawn |= {
-            "full_frequencies": packed(full.frequencies), "exact_eps": packed(sheet.errors.eps),
+            "full_frequencies": packed(full.frequencies), "measured_eps": packed(sheet.errors.eps),
             "modes": packed(full.modes),
         }  # fmt: skip
     return drawn
@@ -97,12 +97,13 @@ def _shown(sheet):
         "directions": directions_of(sheet),
         "facts": _facts(sheet),
         "warnings": [item for item in record.warnings if accuracy is None or item not in accuracy.warnings],
-        "exact": [] if sheet.errors is None else [
-            {"f (Hz)": f, "exact eps": eps}
+        "errors": [] if sheet.errors is None else [
+            {"f (Hz)": f, "measured eps": eps}
             for f, eps in zip(sheet.full.frequencies.tolist(), sheet.errors.eps.tolist(), strict=True)
         ],
         "proofs": [] if accuracy is None else [
-            {"f (Hz)": item.frequency, "said": item.said, "exact": item.exact} for item in accuracy.proofs
+            {"f (Hz)": item.frequency, "estimated": item.estimated, "measured": item.measured}
+            for item in accuracy.proofs
         ],
         "points": [] if accuracy is None else [
             {"point": k + 1, "f (Hz)": item.frequency, "columns": item.columns, "modes below": item.modes_below,

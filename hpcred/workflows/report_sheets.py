@@ -22,7 +22,7 @@ from .evaluate import band_of, short_names
 from .full_model import difference_of, factoring_of, full_of_record, start_for
 
 BESIDE = 1.0003  # times a pseudo-frequency
-BESIDE_AT_MOST = 8  # exact frequencies beside pseudo-frequencies
+BESIDE_AT_MOST = 8  # frequencies beside pseudo-frequencies
 MOST_MODES = 40  # of the full model
 
 
@@ -39,8 +39,8 @@ class FullSolution:
 
 @dataclass
 class Sheet:
-    """What a report says of one result: the file, the reduced model as it is `measured` and the damping `law` of the
-    full model for that, with `words` on it; its response (F, r, p) at `frequencies` (F,) in Hz over the band.
+    """What a report says of one result: the file, the reduced model as it is `measured`, the `damping` of the full
+    model for that, with `words` on it; its response (F, r, p) at `frequencies` (F,) in Hz over the band.
 
     With a full model: `full`, which may be that of a sheet before (`full_as_before`), and the `errors` at its
     frequencies. `body`: shapes for the page and a sentence, by body_for_page.
@@ -49,7 +49,7 @@ class Sheet:
     name: str
     result: Result
     measured: ReducedModel
-    law: Damping
+    damping: Damping
     words: str
     band: tuple[float, float]
     frequencies: np.ndarray
@@ -79,45 +79,46 @@ class Sheet:
 
 
 def sheets_of(
-    results, full=None, *, band=None, exact: int = 21, groups=None, factoring=None, comm=None, progress=None
+    results, full=None, *, band=None, solves: int = 21, groups=None, factoring=None, comm=None, progress=None
 ) -> list[Sheet]:  # fmt: skip
     """A Sheet for every result, with the full model's response where `full` names its file. Collective."""
     progress = progress or Progress(comm, show=False)
     if not results:
         raise InputError("report: no result; give the name of at least one result.h5")
-    if exact < 2:
-        raise InputError(f"exact: found {exact}, expected at least 2 frequencies")
+    if solves < 2:
+        raise InputError(f"solves: found {solves}, expected at least 2 frequencies")
     read = [read_result(path, comm) for path in results]
     for result in read:
         if result.reduced.record is None:
             raise InputError(f"{result.path}: has no record of its reduction, which a report is about")
     sheets = [_sheet(name, result, read, band) for name, result in zip(short_names(results), read, strict=True)]
     if full is not None:
-        start_for([sheet.law for sheet in sheets], factoring or factoring_of(sheets[0].record))
+        start_for([sheet.damping for sheet in sheets], factoring or factoring_of(sheets[0].record))
         for k, sheet in enumerate(sheets):
             with progress.stage("full model", sheet.name):
-                _add_full(sheet, full, exact, sheets[:k], groups, factoring, comm, progress)
+                _add_full(sheet, full, solves, sheets[:k], groups, factoring, comm, progress)
     return sheets
 
 
 def _sheet(name, result, read, band):
     """The Sheet of one of the results, without the full model."""
     reduced, accuracy = elastic_part(result.reduced), _measuring(result, read)
-    law = reduced.record.damping
-    words = f"measured with the damping of the job: {kind_in_words(law)}"
+    damping = reduced.record.damping
+    words = f"measured with the damping of the job: {kind_in_words(damping)}"
     if accuracy is not None:
-        reduced, law, words = as_measured(reduced, accuracy), measuring_damping(accuracy, law), accuracy.measured
+        reduced, damping = as_measured(reduced, accuracy), measuring_damping(accuracy, damping)
+        words = accuracy.measured
     limits = tuple(band or band_of(result.reduced, [other.reduced for other in read]))
     if accuracy is None:
-        reduced, law, told = as_compared(reduced, limits)
+        reduced, damping, told = as_compared(reduced, limits)
         words = told or words
     grid = frequencies_to_draw(limits, resonances_of(reduced))
-    return Sheet(name, result, reduced, law, words, limits, grid, frequency_response(reduced, grid))
+    return Sheet(name, result, reduced, damping, words, limits, grid, frequency_response(reduced, grid))
 
 
 def _measuring(result, read):
     """The accuracy that says with which damping a result is drawn: its own, or else, so that curves beside each other
-    have one damping, that of another result with the same damping law. None where there is none."""
+    have one damping, that of another result with the same damping model. None where there is none."""
     own = result.reduced.record
     known = [record.accuracy for record in (other.reduced.record for other in read)
              if record.damping == own.damping and record.accuracy is not None]  # fmt: skip
@@ -130,7 +131,7 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
     if same is not None:
         sheet.full, sheet.full_as_before = same.full, True
     else:
-        with full_of_record(path, sheet.record, sheet.result.path, damping=sheet.law, factoring=factoring,
+        with full_of_record(path, sheet.record, sheet.result.path, damping=sheet.damping, factoring=factoring,
                             comm=comm) as full_model:  # fmt: skip
             sheet.full = _solved(full_model, sheet, count, groups, progress)
             units = check(full_model.model)["units"] if full_model.model.dofs is not None else None
@@ -162,12 +163,12 @@ def _same_question(one, other):
     """Whether the full model has one response for two sheets."""
     keys = ("frame", "interfaces", "inputs", "outputs")
     same = all(getattr(one.record, key) == getattr(other.record, key) for key in keys)
-    same &= (one.law, one.band) == (other.law, other.band)
+    same &= (one.damping, one.band) == (other.damping, other.band)
     return same and difference_of(other.record.signature, one.record) is None
 
 
 def kind_in_words(value) -> str:
-    """A frame, a damping law or a component in words."""
+    """A frame, a damping model or a component in words."""
     given = {key: list(item) if isinstance(item, tuple) else item for key, item in table_of(value).items()
              if key != "kind" and item is not None}  # fmt: skip
     return value.kind.replace("_", " ") + (f" ({in_words(given)})" if given else "")

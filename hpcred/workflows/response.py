@@ -111,7 +111,7 @@ def _report(found: FullResponse, size: int) -> dict:
         "outputs": list(found.output_names),
         "reached": found.reached,
         "sentences": list(found.sentences),
-        "columns": accuracy.big_size,
+        "columns": accuracy.uncompressed_size,
         "factorisations": len(found.factorisations),
         "points": [asdict(point) for point in accuracy.points],
         "proofs": [asdict(proof) for proof in accuracy.proofs],

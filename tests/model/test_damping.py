@@ -6,7 +6,7 @@ from helpers import close, damped, dense_model, gather
 
 import hpcred
 from hpcred import Caughey, GivenDamping, Krylov, Modes, Rayleigh, SecondOrderKrylov
-from hpcred.model.damping import doubts_of_damping, is_proportional
+from hpcred.model.damping import is_proportional, warnings_of_damping
 
 pytestmark = pytest.mark.mpi
 
@@ -61,12 +61,12 @@ def test_proportional_damping_is_recognised(solid):
         (Rayleigh(2.0, 1e-5), None),
     ],
 )
-def test_ratios_in_per_cent_are_doubted(damping, says):
-    found = doubts_of_damping(damping)
+def test_ratios_in_per_cent_are_warned_of(damping, says):
+    found = warnings_of_damping(damping)
     assert found == () if says is None else says in found[0] and "0.01 is 1 %" in found[0]
 
 
-def test_a_reduction_records_the_doubt(comm):
+def test_a_reduction_records_the_warning(comm):
     with (
         hpcred.solid((2, 2, 2), inputs=2, comm=comm) as model,
         hpcred.reduce(model, [Krylov(0.0, 0)], damping=hpcred.ModalDamping(ratio=1.0)) as rom,

@@ -8,7 +8,7 @@ from helpers import dense_model
 import hpcred
 from hpcred.analysis.check import check
 from hpcred.linalg.eigensolver import lowest_modes
-from hpcred.model.definiteness import check_definite, doubts_of_definiteness
+from hpcred.model.definiteness import check_definite, warnings_of_definiteness
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.petsc import is_complex
 
@@ -90,7 +90,7 @@ def test_a_soft_motion_that_grows_is_found(comm):
     """Too soft to be seen in a few products with K; modes had called it rigid."""
     K, values = buckled()
     with model_of(comm, K, scipy.sparse.eye(400)) as model:
-        assert not doubts_of_definiteness(model)
+        assert not warnings_of_definiteness(model)
         with pytest.raises(hpcred.InputError, match="1 negative eigenvalue") as error:
             hpcred.natural_modes(model, 4)
         assert f"-({np.sqrt(-values[0]) / 2 / np.pi:.4g} Hz)^2" in str(error.value)
@@ -114,12 +114,12 @@ def test_poles_of_growing_motions_are_at_no_frequency(comm):
 
 
 @pytest.mark.parametrize("digits", [None, 10, 8])
-def test_free_and_massless_bodies_are_not_doubted(comm, linkage, digits):
+def test_free_and_massless_bodies_are_not_warned_of(comm, linkage, digits):
     """Semidefinite matrices, and those whose digits were cut."""
     K, M, _ = dense_model(linkage)
     if digits:
         K, M = (np.vectorize(lambda value: float(f"{value:.{digits - 1}e}"))(mat) for mat in (K, M))
     M[4::6] = M[:, 4::6] = 0.0
     with SecondOrderModel.from_scipy(K, M, comm=comm) as model:
-        assert doubts_of_definiteness(model) == []
+        assert warnings_of_definiteness(model) == []
         check_definite(model)

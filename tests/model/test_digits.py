@@ -9,7 +9,7 @@ import scipy.sparse
 
 import hpcred
 from hpcred.linalg.blocks import create_block, local_rows
-from hpcred.model.digits import digits_of, doubts_of_digits
+from hpcred.model.digits import digits_of, warnings_of_digits
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
@@ -52,7 +52,7 @@ def test_what_the_digits_leave_is_said(comm, digits):
         assert hpcred.check(model)["sentences"][-1].startswith(f"K has {digits} digits; ") == (digits < 13)
         with closing(hpcred.natural_modes(model, 3)) as found, hpcred.reduce(model, [hpcred.Modes(count=3)]) as rom:
             said = [line for line in rom.record.warnings if "digits" in line]
-            assert list(found.doubts) == said
+            assert list(found.warnings) == said
             f = found.frequencies[0] * np.array([0.5, 0.9])
             assert [line for line in hpcred.full_response(model, f).warnings if "digits" in line] == said
         with model.with_outputs([3]) as both:
@@ -69,7 +69,7 @@ def test_what_the_digits_leave_is_said(comm, digits):
         assert digits_of(other.K) == digits
 
 
-def test_entries_with_all_digits_are_not_doubted(comm):
+def test_entries_with_all_digits_are_not_warned_of(comm):
     K, M = beam(80)
     for A in (K, np.round(K), rounded(K, 6), np.diag(np.arange(1.0, 161.0))):
         with of(comm, A, M) as model:
@@ -89,5 +89,5 @@ def test_twelve_modes_are_looked_at(comm):
         for place, found in ((0, 1), (11, 1), (12, 0)):
             squares = np.full(13, np.inf)
             squares[place] = 1e-3
-            assert len(doubts_of_digits(model, model.K, squares, block)) == found
+            assert len(warnings_of_digits(model, model.K, squares, block)) == found
         block.destroy()

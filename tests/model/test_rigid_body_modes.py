@@ -9,7 +9,7 @@ from helpers import columns_of, dense_model, to_dense  # noqa: F401
 
 import hpcred
 from hpcred import Buckens, Dofs, InputError
-from hpcred.model.rigid_body_modes import doubts_of_nodes, misfit_of_nodes, rigid_body_residuals
+from hpcred.model.rigid_body_modes import misfit_of_nodes, rigid_body_residuals, warnings_of_nodes
 
 pytestmark = pytest.mark.mpi
 
@@ -27,7 +27,7 @@ def relabelled(model, **labels):
 
 def test_nodes_in_the_order_of_the_rows_fit(free, solid, linkage):
     for model in (free, solid, linkage):
-        assert doubts_of_nodes(model) == []
+        assert warnings_of_nodes(model) == []
 
 
 def test_coordinates_of_other_rows_are_noticed(free):
@@ -45,7 +45,7 @@ def test_directions_of_other_rows_are_noticed(free):
         assert "rows" in misfit_of_nodes(mixed)
 
 
-def test_a_doubt_is_kept_in_the_record_where_the_frame_does_not_need_the_nodes(solid):
+def test_a_warning_is_kept_in_the_record_where_the_frame_does_not_need_the_nodes(solid):
     mixed = relabelled(solid, position=solid.dofs.position[:, [1, 0, 2]] + 0.0)
     with mixed, hpcred.reduce(mixed, [hpcred.Krylov(100.0)]) as reduced:
         assert len(reduced.record.warnings) == 1
@@ -63,7 +63,7 @@ def test_masses_that_differ_are_noticed(comm):
     rows = np.arange(6)
     dofs = hpcred.Dofs(rows // 3 + 1, (rows % 3).astype(np.int8), np.repeat([[0.0, 0, 0], [1.0, 0, 0]], 3, axis=0))
     with hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, dofs=dofs) as model:
-        assert any("masses in x, y and z are 2, 4 and 2 kg" in doubt for doubt in doubts_of_nodes(model))
+        assert any("masses in x, y and z are 2, 4 and 2 kg" in doubt for doubt in warnings_of_nodes(model))
 
 
 @pytest.mark.parametrize("digits, stiffness", [(None, 0.0), (None, 1e-9), (11, 0.0), ("single", 0.0)])

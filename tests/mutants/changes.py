@@ -21,7 +21,7 @@ SILENT = {"stage", "say", "note", "warn", "print", "InputError", "ComputationErr
           "destroy", "damaged", "isinstance", "perf_counter", "monotonic", "require_band", "as_declared"}  # fmt: skip
 FEW = 4  # larger whole numbers are limits of effort, of which the last one says little
 SMALL = 1e-3
-TEXTS = {"sentence", "_name", "_text", "doubts_of_damping", "describe"}  # functions that make messages
+TEXTS = {"sentence", "_name", "_text", "warnings_of_damping", "describe"}  # functions that make messages
 
 
 class Change(NamedTuple):

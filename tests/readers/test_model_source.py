@@ -97,7 +97,7 @@ def test_one_triangle_alone_is_refused(comm, folder, half, side, suffix):
             load_source(Source(K=str(folder / "K.npz"), M=str(folder / "M.npz")), comm)
 
 
-def test_a_last_line_without_end_is_doubted(comm, folder):
+def test_a_last_line_without_end_is_warned_of(comm, folder):
     """1.25 may be what is left of 1.257; a file that ends with a line break is whole."""
     if comm.rank == 0:
         for key in "KM":

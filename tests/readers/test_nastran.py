@@ -10,7 +10,7 @@ from helpers import to_dense
 import hpcred
 from hpcred import Buckens, InputError, Modes
 from hpcred.model.dofs import DIRECTIONS
-from hpcred.model.rigid_body_modes import doubts_of_nodes
+from hpcred.model.rigid_body_modes import warnings_of_nodes
 from hpcred.readers.assembly import assemble
 from hpcred.readers.model_source import load_export, load_source
 from hpcred.readers.nastran import exports as nastran
@@ -37,7 +37,7 @@ def test_frequencies_are_those_of_the_program(comm, folder, name):
     with load_export(folder / file, comm) as model:
         assert (model.size, model.nonzeros) == (size, entries)
         report = hpcred.inspect(model)
-        assert report["rigid_body_modes"] == rigid and doubts_of_nodes(model) == []
+        assert report["rigid_body_modes"] == rigid and warnings_of_nodes(model) == []
         # the ten digits of the punch file are too few for an inertia relief
         frame, band = (None, [3.0, 20.0]) if name == "maewing1" else (Buckens() if rigid else None, None)
         basis = [Modes(band=band) if band else Modes(count=4)]
@@ -112,7 +112,7 @@ def test_rows_are_turned_to_the_global_axes(comm, folder, monkeypatch):
     assert "4 nodes have displacement systems of their own (CD)" in said
     with assemble(parts, comm) as model:
         report = hpcred.inspect(model)
-        assert report["rigid_body_modes"] == 6 and doubts_of_nodes(model) == [] and model.size == 273
+        assert report["rigid_body_modes"] == 6 and warnings_of_nodes(model) == [] and model.size == 273
         assert np.allclose(report["masses_in_x_y_z_kg"], 0.4 * 0.2 * 0.005 * 7850 + 0.5)
         turned = to_dense(model.K)
     monkeypatch.setattr(nastran, "turned_entries", lambda comm, turn, entries: entries)

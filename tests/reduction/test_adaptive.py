@@ -8,12 +8,12 @@ import scipy.linalg
 from adaptive_models import (
     Case,
     chain,
+    estimated_and_true,
     fresh,
     hard_cases,
     massless_along,
     pair,
     random_case,
-    said_and_true,
     tied_chains,
     unit,
     up_to,
@@ -48,8 +48,8 @@ LONG = ("30 inputs", "30 inputs, Rayleigh", "90 modes", "localised modes", "othe
 STIFF = "stiffness jump"
 
 
-def agree(said, true):
-    return ((said <= 2 * true) & (true <= 2 * said)).all()
+def agree(estimated, true):
+    return ((estimated <= 2 * true) & (true <= 2 * estimated)).all()
 
 
 def checked(case, tolerance, comm, groups=1, **limits):
@@ -59,10 +59,10 @@ def checked(case, tolerance, comm, groups=1, **limits):
     with case.model(comm) as model, hpcred.reduce(model, **given) as rom:
         accuracy = rom.record.accuracy
         frequencies = np.append(fresh(case, rom), accuracy.worst)
-        said, true = said_and_true(case, rom, frequencies)
+        estimated, true = estimated_and_true(case, rom, frequencies)
         size = rom.size
     clear = true > 10 * accuracy.noise
-    assert agree(said[clear], true[clear])
+    assert agree(estimated[clear], true[clear])
     if accuracy.reached:
         assert true.max() <= tolerance
         assert accuracy.largest + accuracy.noise <= tolerance
@@ -75,8 +75,8 @@ def checked(case, tolerance, comm, groups=1, **limits):
     # what was said at a point before it was factored; without inertia a proof may be what finds a mode
     for proof in accuracy.proofs[-1:] if is_complex() else accuracy.proofs:
         # far below the goal the round-off decides which column is the last one
-        if proof.exact > max(10 * proof.own, 100 * accuracy.noise, 0.01 * tolerance):
-            assert 0.5 <= proof.said / proof.exact <= 2
+        if proof.measured > max(10 * proof.uncertainty, 100 * accuracy.noise, 0.01 * tolerance):
+            assert 0.5 <= proof.estimated / proof.measured <= 2
     return accuracy, size
 
 
@@ -117,7 +117,7 @@ def test_dofs_without_mass_are_kept_up_to_the_last_mode(comm):
     B[[8, 53, 92], range(3)], B[[76, 121, 24], range(3)] = 1.0, (1.0, -1.0, 1.0)
     case = Case("without mass", K, M, B, (0.0, 56.9), damping=Rayleigh(0.0, 2e-7))
     accuracy, size = checked(case, 0.06, comm)
-    assert accuracy.reached and size == accuracy.big_size == 137 - len(massless)
+    assert accuracy.reached and size == accuracy.uncompressed_size == 137 - len(massless)
     case.B[44, 0] = 1.0  # a force at one of them takes a coordinate more than there are
     with pytest.raises(InputError, match="without mass, by forces on them or by round-off"):
         checked(case, 0.06, comm)
@@ -243,10 +243,10 @@ def test_all_damping_laws(solid, damping):
     case = block_case(solid, damping)
     with reduced(solid, damping=damping) as rom:
         accuracy = rom.record.accuracy
-        said, true = said_and_true(case, rom, np.append(fresh(case, rom), accuracy.worst))
+        estimated, true = estimated_and_true(case, rom, np.append(fresh(case, rom), accuracy.worst))
     assert accuracy.reached and true.max() <= 1e-4
     clear = true > 10 * accuracy.noise
-    assert clear.any() and agree(said[clear], true[clear])
+    assert clear.any() and agree(estimated[clear], true[clear])
 
 
 def test_damping_that_is_measured_with():
@@ -272,7 +272,7 @@ def test_the_curve_its_mean_and_its_largest_value_belong_together(solid):
         assert accuracy.worst == f[eps.argmax()]
         assert accuracy.mean == pytest.approx(((eps[1:] + eps[:-1]) / 2 * np.diff(f)).sum() / (f[-1] - f[0]))
         assert accuracy.highest == pytest.approx(rom.frequencies.max())
-        assert accuracy.big_size == sum(point.columns for point in accuracy.points) > rom.size
+        assert accuracy.uncompressed_size == sum(point.columns for point in accuracy.points) > rom.size
         assert "eps <= 0.0001 over 0 to 30000 Hz" in accuracy.sentence
 
 
@@ -280,14 +280,14 @@ def test_components_of_the_user_come_first(solid):
     with reduced(solid, basis=[Modes(count=4), Krylov(1000.0, 1)]) as rom, reduced(solid) as alone:
         accuracy = rom.record.accuracy
         assert "lowest modes" in rom.record.components[0].where
-        assert accuracy.reached and accuracy.big_size == 10 + sum(point.columns for point in accuracy.points)
+        assert accuracy.reached and accuracy.uncompressed_size == 10 + sum(point.columns for point in accuracy.points)
         assert accuracy.points[0].columns < alone.record.accuracy.points[0].columns
         case = block_case(solid)
-        _, true = said_and_true(case, rom, fresh(case, rom))
+        _, true = estimated_and_true(case, rom, fresh(case, rom))
         assert true.max() <= 1e-4
     # a basis that has it all already
     with reduced(solid, basis=[Krylov(20000.0, 20)]) as rom:
-        assert rom.record.accuracy.reached and rom.record.accuracy.big_size < 80
+        assert rom.record.accuracy.reached and rom.record.accuracy.uncompressed_size < 80
 
 
 @pytest.mark.parametrize("limits, why", [
@@ -306,9 +306,9 @@ def test_limits_end_with_a_model_that_says_so(solid, limits, why):
         if "size" in limits:
             assert rom.size == 8
         if len(accuracy.points) > 1:  # what is said of it is true all the same
-            said, true = said_and_true(case, rom, np.append(fresh(case, rom), accuracy.worst))
+            estimated, true = estimated_and_true(case, rom, np.append(fresh(case, rom), accuracy.worst))
             assert 0.5 <= accuracy.largest / true.max() <= 2
-            assert agree(said, true)
+            assert agree(estimated, true)
 
 
 def test_too_few_factorisations(comm):
@@ -324,7 +324,7 @@ def test_too_few_factorisations(comm):
             assert rom.record.accuracy.stopped == "after 2 factorisations"
         with hpcred.reduce(model, adaptive=replace(adaptive, factorisations=14)) as rom:
             assert rom.record.accuracy.reached and 3 <= len(rom.record.accuracy.points) <= 8
-            _, true = said_and_true(case, rom, fresh(case, rom))
+            _, true = estimated_and_true(case, rom, fresh(case, rom))
             assert true.max() <= 1e-6
 
 
@@ -443,7 +443,7 @@ def test_what_a_full_basis_leaves_of_a_load_is_an_error_of_second_order(comm, pa
     case = massless_along(t, across + part * t)
     with case.model(comm) as model, hpcred.reduce(model, tolerance=tolerance, band=case.band) as rom:
         accuracy = rom.record.accuracy
-        true = said_and_true(case, rom, fresh(case, rom))[1].max()
+        true = estimated_and_true(case, rom, fresh(case, rom))[1].max()
     assert true <= accuracy.largest + 1.1 * accuracy.noise
     assert accuracy.reached == (part**2 < tolerance)
     if not accuracy.reached:
@@ -476,14 +476,14 @@ def test_modes_of_a_cluster_that_dashpots_leave_alone(comm, seed):
     law = {"damping": GivenDamping(), "tolerance": 1e-3, "band": case.band}
     with case.model(comm) as model, hpcred.reduce(model, **law) as rom:
         assert rom.record.accuracy.reached
-        _, true = said_and_true(case, rom, np.outer([0.9999, 1.0, 1.0001], sharp).ravel())
+        _, true = estimated_and_true(case, rom, np.outer([0.9999, 1.0, 1.0001], sharp).ravel())
         check = hpcred.check_reduced(rom, model, 1, seed=seed)
     assert true.max() <= 1e-3
     assert check.passed and any(np.abs(f / sharp - 1).min() < 3e-4 for f in check.frequencies)
 
 
 @pytest.mark.mpi
-def test_a_band_beyond_all_that_the_mesh_follows_is_doubted(comm):
+def test_a_band_beyond_all_that_the_mesh_follows_is_warned_of(comm):
     with hpcred.solid((4, 1, 1)) as model:
         top = float(hpcred.natural_modes(model, model.size).frequencies.max())
         for upper, doubted in ((20 * top, True), (top, False)):

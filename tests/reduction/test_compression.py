@@ -75,7 +75,7 @@ def test_no_goal_keeps_everything_and_a_zero_response_harms_nothing():
         assert np.isfinite(compressed(whole(apart, measured), S, 1e-3)).all()
 
 
-def test_the_big_model_is_kept_where_no_compression_reaches_the_goal(monkeypatch):
+def test_the_uncompressed_model_is_kept_where_no_compression_reaches_the_goal(monkeypatch):
     """After TRIALS of them, each with more frequencies than the one before."""
     law, tried = Proportional(eta=2e-3), []
     model = model_of("plain", law)

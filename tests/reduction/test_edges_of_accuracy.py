@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from adaptive_models import Case, chain, fresh, said_and_true, unit, up_to
+from adaptive_models import Case, chain, estimated_and_true, fresh, unit, up_to
 from helpers import dense_model
 
 import hpcred
@@ -29,7 +29,7 @@ def reached(case, tolerance, comm, **more):
     with case.model(comm) as model, hpcred.reduce(model, damping=case.damping, tolerance=tolerance, band=case.band,
                                                   **more) as rom:  # fmt: skip
         accuracy, size = rom.record.accuracy, rom.size
-        _, true = said_and_true(case, rom, fresh(case, rom))
+        _, true = estimated_and_true(case, rom, fresh(case, rom))
     assert accuracy.reached and true.max() <= tolerance
     return accuracy, size
 
@@ -56,7 +56,7 @@ def test_what_a_damping_matrix_leaves_undamped_has_a_loss_factor(comm):
             accuracy, size = rom.record.accuracy, rom.size
         check = hpcred.check_reduced(rom, model, 5, seed=2)
     assert accuracy.reached and accuracy.beside_damping and accuracy.loss_factor == 0.002 and size < n / 2
-    assert check.passed and np.allclose(check.said, check.exact, rtol=0.2, atol=1e-7)
+    assert check.passed and np.allclose(check.estimated, check.measured, rtol=0.2, atol=1e-7)
 
 
 @pytest.mark.parametrize("inclined", [1e-5, 2e-7, 1e-8])
@@ -110,7 +110,7 @@ def test_multigrid_finds_modes_that_no_load_moves(comm):
         factoring = Factoring(solver=LinearSolver(kind="multigrid"))
         with hpcred.reduce(model, tolerance=1e-2, band=band, factoring=factoring) as rom:
             assert rom.record.accuracy.reached and rom.record.accuracy.proofs
-            _, true = said_and_true(Case("", K, M, B, band), rom, np.linspace(*band, 50))
+            _, true = estimated_and_true(Case("", K, M, B, band), rom, np.linspace(*band, 50))
     assert true.max() <= 1e-2
 
 
@@ -122,5 +122,5 @@ def test_resonances_sharper_than_any_grid_are_looked_at(comm):
         accuracy = rom.record.accuracy
         f = np.concatenate([case.frequencies[:9], rom.frequencies[rom.frequencies < case.band[1]]])
         near = np.outer(f, 1 + 1e-6 * np.linspace(-5, 5, 41)).ravel()
-        _, true = said_and_true(case, rom, near[near < case.band[1]])
+        _, true = estimated_and_true(case, rom, near[near < case.band[1]])
     assert accuracy.reached and true.max() <= 1e-2

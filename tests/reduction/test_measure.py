@@ -119,7 +119,7 @@ def test_the_tolerance_holds_for_every_direction_and_the_paper_says_what_it_hide
             H = hpcred.frequency_response(rod, [0.0], hpcred.Buckens())[0]
             static = np.abs(1 - np.diag(hpcred.frequency_response(rom, [0.0])[0]) / np.diag(H))
         assert accuracy.reached and accuracy.measure.kind == measure and check.passed
-        assert np.allclose(check.said, check.exact, rtol=0.1, atol=1e-6)
+        assert np.allclose(check.estimated, check.measured, rtol=0.1, atol=1e-6)
         known = {item.output: item for item in accuracy.directions}
         errors = [known[name].static_error for name in rod.input_names]
         assert np.allclose(errors, static, rtol=0.01, atol=1e-6)
@@ -256,7 +256,7 @@ def test_inputs_in_unusual_units_have_the_same_error(comm):
             case = Case("far", K, M, unit(20, 3, 11) * factor, up_to(K, M, 5), Ct=None if Ct is None else Ct / factor)
             with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-3, band=case.band) as rom:
                 check = hpcred.check_reduced(rom, model, 2, seed=1)
-            assert check.passed and np.allclose(check.said, check.exact, rtol=0.2, atol=1e-8)
+            assert check.passed and np.allclose(check.estimated, check.measured, rtol=0.2, atol=1e-8)
             found.append((rom.size, rom.record.accuracy))
         (size, one), (other, far) = found
         assert size == other and far.largest == pytest.approx(one.largest, rel=1e-6)

@@ -1,10 +1,12 @@
 """What tells the model of a result from another one."""
 
+import json
 from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers import block_with_ends
 from pydantic import TypeAdapter
 
 import hpcred
@@ -41,10 +43,29 @@ def test_what_a_search_may_take_and_what_older_records_leave_out():
     assert not (known["beside_damping"] or known["multigrid"] or known["from_store"])
 
 
-def test_records_of_earlier_versions_are_read(linkage):
-    """Which called the components of a basis ingredients."""
-    record = hpcred.reduce(linkage, hpcred.Modes(count=8), hpcred.Buckens()).record
+BEFORE = {  # names in records of earlier versions
+    "components": "ingredients", "estimated": "said", "measured": "exact", "uncertainty": "own",
+    "uncompressed_size": "big_size", "warnings": "doubts",
+}  # fmt: skip
+
+
+def as_before(value, inside=""):
+    """A record as plain data with the names of earlier versions."""
+    if isinstance(value, list):
+        return [as_before(item, inside) for item in value]
+    if not isinstance(value, dict):
+        return value
+    changed = {"": {"components"}, "accuracy": {"uncompressed_size"}, "interface_nodes": {"warnings"},
+               "proofs": {"estimated", "measured", "uncertainty"}}.get(inside, ())  # fmt: skip
+    return {BEFORE[key] if key in changed else key: as_before(item, key) for key, item in value.items()}
+
+
+def test_records_of_earlier_versions_are_read(comm):
+    with block_with_ends(comm) as model:
+        record = hpcred.reduce(model, frame=hpcred.Buckens(), tolerance=1e-2, band=(0.0, 20000.0)).record
     text = TypeAdapter(hpcred.Record).dump_json(record).decode()
-    assert '"components":' in text
-    older = text.replace('"components":', '"ingredients":')
-    assert TypeAdapter(hpcred.Record).validate_json(older) == record
+    older = json.dumps(as_before(json.loads(text)))
+    for now, before in BEFORE.items():
+        assert f'"{now}":' in text and f'"{before}":' in older and f'"{before}":' not in text
+    found = TypeAdapter(hpcred.Record).validate_json(older)
+    assert found == record and TypeAdapter(hpcred.Record).dump_json(found).decode() == text

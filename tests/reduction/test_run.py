@@ -35,9 +35,9 @@ def test_the_square_of_a_frequency_has_one_key_whatever_the_sign_of_its_zero():
         run = Run(framed, Progress(model.comm, show=False), 1e-12)
         keys = []
         for square in (complex(-1e4, 0.0), complex(-1e4, -0.0), complex(-1e4, 1.0)):
-            chain = ComplexPencilSequence(run, square, "a point")
-            keys.append(str(chain._key))
-            chain.close()
+            sequence = ComplexPencilSequence(run, square, "a point")
+            keys.append(str(sequence._key))
+            sequence.close()
         run.close()
         framed.close()
     assert keys[0] == keys[1] != keys[2]

@@ -190,7 +190,7 @@ def test_a_search_that_failed_beside_its_basis_is_repeated_without_a_factor(comm
     ]
 
 
-CHAINS = {
+SEQUENCES = {
     "real": (Krylov(frequency=80.0, order=1), Krylov(frequency=80.0, order=4)),
     "complex": (Krylov(frequency=80.0, decay=5.0), Krylov(frequency=80.0, decay=5.0, order=3)),
     "infinity": (Krylov(infinity=True), Krylov(infinity=True, order=2)),
@@ -200,10 +200,10 @@ CHAINS = {
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("chain", CHAINS)
-def test_a_chain_is_extended_from_where_it_ends(comm, folder, chain):
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_a_sequence_is_extended_from_where_it_ends(comm, folder, sequence):
     """By one factor, to what it is when made at once; then it serves the shorter one as well."""
-    short, long = CHAINS[chain]
+    short, long = SEQUENCES[sequence]
     with package.linkage(comm) as model:
         before, _ = reduced(model, PointStore(folder / "one", comm), [short], Chord((1, 7, 14), "yxz"), DAMPED)
         found, record = reduced(model, PointStore(folder / "one", comm), [long], Chord((1, 7, 14), "yxz"), DAMPED)
@@ -217,9 +217,29 @@ def test_a_chain_is_extended_from_where_it_ends(comm, folder, chain):
         assert same(before, after) and not record.factorisations
 
 
+class OfAnEarlierVersion(PointStore):
+    """A store as earlier versions wrote it, which called Krylov sequences chains."""
+
+    def save(self, model, key, entry, say):
+        super().save(model, key | {"kind": key["kind"].replace("krylov", "chain")}, entry, say)
+
+
+@pytest.mark.mpi
+def test_stores_of_earlier_versions_serve(comm, folder):
+    basis = [Krylov(frequency=80.0, order=2)]
+    with package.linkage(comm) as model:
+        before, _ = reduced(model, OfAnEarlierVersion(folder, comm), basis, Buckens())
+        names = comm.bcast([path.name for path in folder.iterdir()] if comm.rank == 0 else None)
+        assert len(names) == 1 and names[0].startswith("chain-")
+        found, record = reduced(model, PointStore(folder, comm), basis, Buckens())
+        assert same(before, found) and not record.factorisations and record.factorisations_saved == 1
+    (row,) = package.list_store(folder, check=True, comm=comm)
+    assert row["valid"] and (row["kind"], row["point"], row["columns"]) == ("krylov", "80 Hz", found["K"].shape[0])
+
+
 @pytest.mark.parametrize("case", ["linkage", "solid"])
 def test_a_sweep_factors_each_point_once(comm, folder, case):
-    """Damping, orders and mixtures; the highest order comes first, so that no chain has to grow."""
+    """Damping, orders and mixtures; the highest order comes first, so that no sequence has to grow."""
     model = package.linkage(comm) if case == "linkage" else package.solid((4, 2, 3), inputs=3, comm=comm)
     frame = Buckens() if case == "linkage" else None
     laws = [None, Rayleigh(2.0, 1e-5), Caughey((1.0, 1e-6, 1e-14)), Structural(0.02)]
@@ -239,7 +259,7 @@ def test_a_sweep_factors_each_point_once(comm, folder, case):
 
 
 def test_a_search_serves_others(comm, folder):
-    """Another damping law and a looser tolerance find all that they need; a tighter one extends the chains."""
+    """Another damping law and a looser tolerance find all that they need; a tighter one extends the sequences."""
     store = PointStore(folder, comm)
     with package.solid((4, 2, 3), inputs=3, comm=comm) as model:
         given = {"band": (0.0, 30000.0), "store": store}
@@ -318,7 +338,7 @@ def cut(path):
 
 def of_another(path):
     """The entry of another point under this name."""
-    other = next(item for item in sorted(path.parent.iterdir()) if item != path and item.name.startswith("chain"))
+    other = next(item for item in sorted(path.parent.iterdir()) if item != path and item.name.startswith("krylov"))
     shutil.copy(other, path)
 
 

@@ -101,7 +101,7 @@ def test_vibrations_without_end_are_refused_after_some_steps(linkage_body, monke
     assert simulate(linkage_body, Simulation(end=0.5, elastic=elastic, steps=5)).balance < 1e-2
 
 
-def test_progress_and_doubts_are_told(linkage_body):
+def test_progress_and_warnings_are_told(linkage_body):
     """At twentieths of the time, each once, and before the integration."""
     said, told = [], []
     progress = SimpleNamespace(say=said.append, tell=told.append)

@@ -167,10 +167,10 @@ def test_fresh_frequencies_bear_out_what_was_said(automatic, capsys, name):
     report = json.loads(Path("c.json").read_text())
     assert measured in report["measured"]
     rows = report["rows"]
-    assert 12 < len(rows) <= 15 and max(row["exact"] for row in rows) <= 1e-4
+    assert 12 < len(rows) <= 15 and max(row["measured"] for row in rows) <= 1e-4
     unknown = max(10 * accuracy.noise, 0.03 * accuracy.largest, accuracy.points[-1].estimate)
-    compared = [row for row in rows if row["said"] > unknown]
-    assert compared and all(0.5 < row["exact"] / row["said"] < 2 for row in compared)
+    compared = [row for row in rows if row["estimated"] > unknown]
+    assert compared and all(0.5 < row["measured"] / row["estimated"] < 2 for row in compared)
     assert "never above eps = 0.0001" in capsys.readouterr().out
 
 
@@ -286,7 +286,7 @@ def test_curves_show_their_peaks_and_units(linkage_folder, monkeypatch):
     assert np.abs(H).max() > 100 * np.abs(full).max()
     assert drawn["names"][:2] == ("20:z", "20:z")
     (label, error_f, error), = drawn["names"][2]
-    assert label.endswith("exact") and error_f.tolist() == full_f.tolist()
+    assert label.endswith("measured") and error_f.tolist() == full_f.tolist()
     assert error == pytest.approx(np.abs(H[np.isin(f, full_f)] - full) / np.abs(full))
 
 

@@ -119,7 +119,7 @@ def test_files_beside_a_superelement_replace_their_own_kind_and_say_so(folder, c
     for key in "KMD":
         assert said.count(f"arm_ansys_{key}.mtx exists and will be replaced") == 1
     sparse = "%%MatrixMarket matrix coordinate real general\n1 1 1\n1 1 5.0\n"
-    (folder / "rod_M.mtx").write_text(sparse)  # of the big model
+    (folder / "rod_M.mtx").write_text(sparse)  # of the full model
     with pytest.raises(InputError, match="rod_M.mtx: found a Matrix Market file there, .* not replaced by Matrix"):
         export_result(folder / "arm.h5", "ansys", folder / "rod.inp")
     assert (folder / "rod_M.mtx").read_text() == sparse

@@ -71,7 +71,7 @@ def linkage_report(tmp_path_factory):
     assert run(["reduce", str(folder / "modal.toml")]) == 0
     for _ in range(2):  # what is there is replaced
         told = report_file(
-            [folder / "result.h5", folder / "mod<al.h5"], folder / "model.h5", output=folder / "report.html", exact=5,
+            [folder / "result.h5", folder / "mod<al.h5"], folder / "model.h5", output=folder / "report.html", solves=5,
             csv=folder / "tables", svg=folder / "figures",
         )  # fmt: skip
     return folder, told
@@ -112,7 +112,7 @@ def test_what_is_drawn_is_what_the_files_say(linkage_report):
             assert np.abs(seen - expected[:, i, j]).max() < 1e-9 * np.abs(expected).max()
         measure = "directions" if record.accuracy is None else record.accuracy.measure
         eps = package.relative_error(expected, package.frequency_response(reduced, exact), measure)
-        assert unpacked(drawn["exact_eps"]) == pytest.approx(eps, rel=1e-3, abs=1e-9)
+        assert unpacked(drawn["measured_eps"]) == pytest.approx(eps, rel=1e-3, abs=1e-9)
         each = np.abs(1 - H[np.searchsorted(f, exact[-1])] / expected[-1])  # at the end of the band
         assert "Directions of" in " ".join(page.texts) and np.isfinite(each).all()
         assert np.array_equal(unpacked(drawn["pseudo"]), reduced.frequencies)
@@ -217,7 +217,7 @@ def test_results_beside_each_other_have_one_damping_and_one_full_response(folder
             with package.reduce(model, frame=package.Buckens(), **chosen) as rom:
                 package.write_result(folder / f"{name}.h5", rom, model)
     files = [folder / "modes.h5", folder / "automatic.h5"]
-    one, two = sheets_of(files, folder / "model.h5", exact=3, comm=comm)
+    one, two = sheets_of(files, folder / "model.h5", solves=3, comm=comm)
     assert one.measured.loss_factor == two.measured.loss_factor == 0.002 and one.words == two.words
     assert one.band == two.band == (0.0, 300.0)
     assert two.full is one.full and two.full_as_before and not one.full_as_before
@@ -244,10 +244,10 @@ def test_tables_and_figures(linkage_report):
         "error.svg", "response_1z-1z.svg", "response_20z-1z.svg", "response_20z-20z.svg", "shapes_mod_al.svg",
         "shapes_result.svg",
     ]  # fmt: skip
-    with open(folder / "tables/error_exact_result.csv", encoding="utf-8") as file:
+    with open(folder / "tables/error_measured_result.csv", encoding="utf-8") as file:
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
     drawn = json.loads(page_of(folder / "report.html")[0].data)["results"][0]
-    assert [row["eps"] for row in rows] == unpacked(drawn["exact_eps"]).tolist()
+    assert [row["eps"] for row in rows] == unpacked(drawn["measured_eps"]).tolist()
 
 
 def test_errors_of_one_result_have_one_colour(linkage_report):
@@ -297,9 +297,9 @@ def test_a_model_without_nodes_has_a_report(folder):
 @pytest.mark.mpi
 def test_on_any_number_of_ranks(reduced_linkage, comm):
     result = reduced_linkage()
-    report_file([result], result.with_name("model.h5"), output=result.with_name("a.html"), exact=3, band=(0.0, 100.0))
+    report_file([result], result.with_name("model.h5"), output=result.with_name("a.html"), solves=3, band=(0.0, 100.0))
     data = json.loads(page_of(result.with_name("a.html"))[0].data)
-    assert max(unpacked(data["results"][0]["exact_eps"])) < 1.0 and data["band"] == [0.0, 100.0]
+    assert max(unpacked(data["results"][0]["measured_eps"])) < 1.0 and data["band"] == [0.0, 100.0]
 
 
 def test_where_nothing_is_solved_ranks_do_not_wait_for_each_other(hpcred, tmp_path):
@@ -316,7 +316,7 @@ def test_reports_are_refused(linkage_folder, capsys):
         (("nowhere.h5",), "nowhere.h5: no such file"),
         (("model.h5",), "found an HDF5 file of format 'hpcred-model', expected 'hpcred-result'"),
         (("result.h5", "--pairs", "20:x/20:z"), "expected output/input of result, such as 20:z/20:z"),
-        (("result.h5", "--full", "model.h5", "--exact", "1"), "exact: found 1, expected at least 2"),
+        (("result.h5", "--full", "model.h5", "--solves", "1"), "solves: found 1, expected at least 2"),
         (("result.h5", "-o", "./result.h5"), "found a name that ends in .h5, expected .html"),
         (("result.h5", "-o", "nowhere/r.html"), "the folder nowhere does not exist"),
     ):

@@ -48,7 +48,7 @@ def screenshot(page, name):
 def linkage_page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("browser")
     reduce_linkage(folder)
-    package.report_file([folder / "result.h5"], folder / "model.h5", output=folder / "report.html", exact=5)
+    package.report_file([folder / "result.h5"], folder / "model.h5", output=folder / "report.html", solves=5)
     return folder / "report.html"
 
 

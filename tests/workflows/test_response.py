@@ -135,10 +135,10 @@ def test_a_tolerance_below_round_off_is_said_first(model_file, capsys):
 
 
 def test_a_check_can_fail():
-    check = Check(seed=7, bound=1e-4, frequencies=(1.0, 2.0), said=(1e-5, 1e-5), exact=(1e-5, 2e-3))
+    check = Check(seed=7, bound=1e-4, frequencies=(1.0, 2.0), estimated=(1e-5, 1e-5), measured=(1e-5, 2e-3))
     assert not check.passed
-    assert "ABOVE at 1 of them: eps = 0.0001; at most 2.00e-03, at 2 Hz (said 1.00e-05)" in check.sentence
-    assert not Check(seed=7, bound=1e-4, frequencies=(1.0,), said=(1e-5,), exact=(float("nan"),)).passed
+    assert "ABOVE at 1 of them: eps = 0.0001; at most 2.00e-03, at 2 Hz (estimated 1.00e-05)" in check.sentence
+    assert not Check(seed=7, bound=1e-4, frequencies=(1.0,), estimated=(1e-5,), measured=(float("nan"),)).passed
 
 
 def test_texts_of_frames_and_laws():

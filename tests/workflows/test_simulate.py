@@ -27,13 +27,13 @@ def made(reduced_linkage, folder, comm):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("gravity, doubted", [("[0.0, 0.0, -9810.0]", True), ("[-9.81, 0.0, 0.0]", False)])
-def test_gravity_in_mm_is_doubted(made, gravity, doubted):
+def test_gravity_in_mm_is_warned_of(made, gravity, doubted):
     notes = simulate_file(made(), overrides=["end=1e-4", f"gravity={gravity}"])["notes"]
     assert ("gravity: found 9810 m/s^2; in SI it is 9.81" in notes) == doubted
 
 
 @pytest.mark.mpi
-def test_places_in_mm_are_doubted(made):
+def test_places_in_mm_are_warned_of(made):
     path, spring = made(), "spring=[{kind='line', node=20, at=[%s, 0.0, 3.0], stiffness=1.0}]"
     doubted, meant = (simulate_file(path, overrides=["end=1e-4", spring % x])["notes"] for x in (500.0, -20.0))
     assert any(re.match(r"spring.at: found \[500.0, 0.0, 3.0\] m, [45]\d\d m from where node 20 starts", note)

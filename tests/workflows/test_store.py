@@ -112,7 +112,7 @@ def test_list_check_and_prune(linkage_folder, capsys):
     status, rows = listed("--check")
     said = capsys.readouterr().out
     assert status == 0 and len(rows) == 4 and "4 entries" in said
-    assert sum(line.split()[:1] in (["chain"], ["modes"]) for line in said.splitlines()) == 4  # one line an entry
+    assert sum(line.split()[:1] in (["krylov"], ["modes"]) for line in said.splitlines()) == 4  # one line an entry
     points = sorted((row["point"], row["blocks"], row["columns"], row["model"]) for row in rows.values())
     assert points == [("100 Hz", 2, 2, "model.h5"), ("200 Hz", 1, 1, "model.h5"), ("250 Hz", 1, 1, "model.h5"),
                       ("lowest", 1, 3, "model.h5")]  # fmt: skip
@@ -120,14 +120,14 @@ def test_list_check_and_prune(linkage_folder, capsys):
     assert all(row["bytes"] == (folder / name).stat().st_size for name, row in rows.items())
     # what is no entry is not listed, and stays whatever is asked for
     (folder / "notes.txt").write_text("mine")
-    (folder / ("chain-" + "0" * 31 + ".h5")).write_text("a name that is too short")
-    shutil.copy("result.h5", folder / ("chain-" + "0" * 32 + ".h5"))
-    (folder / ("chain-" + "1" * 32 + ".h5")).symlink_to(Path("model.h5").absolute())
+    (folder / ("krylov-" + "0" * 31 + ".h5")).write_text("a name that is too short")
+    shutil.copy("result.h5", folder / ("krylov-" + "0" * 32 + ".h5"))
+    (folder / ("krylov-" + "1" * 32 + ".h5")).symlink_to(Path("model.h5").absolute())
     (folder / ("modes-" + "2" * 32 + ".h5")).mkdir()
     others = {path.name for path in folder.iterdir()} - set(rows)
     assert len(others) == 5 and listed()[1].keys() == rows.keys()
     # a file that a run is writing, one that was left by another, and a block that is damaged
-    running, left = (folder / (f"chain-{'a' * 32}.h5.tmp-{number}") for number in ("0" * 16, "1" * 16))
+    running, left = (folder / (f"krylov-{'a' * 32}.h5.tmp-{number}") for number in ("0" * 16, "1" * 16))
     for path in (running, left):
         path.touch()
     os.utime(left, (time.time() - 7200,) * 2)

@@ -104,7 +104,7 @@ class Solver(ABC):
         """Number of negative eigenvalues of A, or None where it is not known."""
         return None
 
-    def solve_below(self, mass, right, solution, basis, squares):
+    def solve_below(self, mass, right, solution, basis, stiffness):
         """Solve with K + mass M, mass < 0, by what was made for another mass, beside a basis; see IterativeSolves.
 
         Raises NotSolved, as here, where the solver cannot.

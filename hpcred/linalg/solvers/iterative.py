@@ -47,14 +47,14 @@ class IterativeSolves:
 
     # the solves
 
-    def solve_below(self, mass, right, solution, basis, squares):
+    def solve_below(self, mass, right, solution, basis, stiffness):
         """solution = (K + mass M)^-1 right for a mass < 0, with what there is for another mass, where a basis V (a
         block, V^T M V = I) has all modes below: what is left of the matrix beside V is positive definite.
 
-        `squares`: V^T K V (m, m). Deflated conjugate gradients (Nicolaides, SIAM J. Numer. Anal. 24(2), 1987). Raises
+        `stiffness`: V^T K V (m, m). Deflated conjugate gradients (Nicolaides, SIAM J. Numer. Anal. 24(2), 1987). Raises
         NegativeCurvature where V lacks a mode that the loads move, or NotSolved.
         """
-        small = squares + mass * np.eye(len(squares))
+        small = stiffness + mass * np.eye(len(stiffness))
         terms = [(1.0, self.model.K), (mass, self.model.M)]
         self._solve(right, solution, terms, (basis, decided(self.model.comm, _inverse, small)))
 
@@ -127,8 +127,8 @@ class IterativeSolves:
         return deflated
 
     def _norms(self, rows):
-        squares = np.array([np.vdot(column, column).real for column in rows.T])
-        return np.sqrt(summed(self.model.comm, squares))
+        squared = np.array([np.vdot(column, column).real for column in rows.T])
+        return np.sqrt(summed(self.model.comm, squared))
 
     def _multiplication(self, room, columns, terms):
         """p, q -> q = A p for the rows of this rank."""

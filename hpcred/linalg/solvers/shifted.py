@@ -75,9 +75,9 @@ class ShiftedSolver(DirectSolver):
         mat.copy(self.matrix, structure=SAME)
         self.matrix.stateIncrease()
 
-    def solve_below(self, mass, right, solution, basis, squares):
+    def solve_below(self, mass, right, solution, basis, stiffness):
         """Solve with K + mass M by the factor that there is for another mass; see IterativeSolves."""
-        self._nearby.solve_below(mass, right, solution, basis, squares)
+        self._nearby.solve_below(mass, right, solution, basis, stiffness)
 
     @cached_property
     def _nearby(self):  # which takes the norm of K

@@ -47,9 +47,9 @@ class PencilSequence(KrylovSequence):
         if not self.ends:
             return copy_of(self._loads, self.run.model.K)
         start, stop = self._start(len(self.ends) - 1), self.ends[-1]
-        images = self.vectors.images_between(start, stop)
-        if images is not None and self._square != np.inf:
-            return copy_of(images, self.run.model.K)
+        mass_images = self.vectors.mass_images_between(start, stop)
+        if mass_images is not None and self._square != np.inf:
+            return copy_of(mass_images, self.run.model.K)
         load = create_block(self.run.model.K, self.vectors.width * (stop - start))
         matrix = self.run.model.K if self._square == np.inf else self.run.model.M
         apply(matrix, self.vectors.columns_between(start, stop), load)

@@ -30,8 +30,8 @@ class KrylovSequence:
         self.labels = ("", "")  # of the factor, as FactorRecord has them
         self._place, self._residual, self._solver = 0, 0.0, None
         room = wanted * max(self._load_columns(), 1) if wanted else run.columns
-        self.vectors = self.kind(run.mass, tolerance=run.tolerance, room=room, keeps=run.keeps_images)
-        self._key = {"kind": "chain", "rule": self.rule, "tolerance": run.tolerance, **key}
+        self.vectors = self.kind(run.mass, tolerance=run.tolerance, room=room, keeps=run.keeps_mass_images)
+        self._key = {"kind": "krylov", "rule": self.rule, "tolerance": run.tolerance, **key}
         self._take_stored(wanted)
         self.stored = len(self.ends)
 
@@ -100,7 +100,7 @@ class KrylovSequence:
             with progress.stage("orthogonalise"):
                 start = self.vectors.size
                 self.massless |= self.vectors.extend(block).massless > 0
-                self.vectors.renew_images(start, self.vectors.size)  # as those that come from a store have them
+                self.vectors.renew_mass_images(start, self.vectors.size)  # as those that come from a store have them
                 self.complete = self.vectors.size == start
                 self._took(load, block)
         self.run.notes.massless |= self.massless
@@ -143,7 +143,7 @@ class KrylovSequence:
             except ComputationError as error:
                 self.run.remark(f"store: {error}; the point is made again")
                 self.vectors.close()
-                self.vectors = self.kind(self.run.mass, tolerance=self.run.tolerance, keeps=self.run.keeps_images)
+                self.vectors = self.kind(self.run.mass, tolerance=self.run.tolerance, keeps=self.run.keeps_mass_images)
                 return
         self.massless = facts["massless"]
         self.run.notes.massless |= self.massless

@@ -25,17 +25,17 @@ class PointBlocks:
 
     def join(self, basis, run):
         """Add the vectors to the basis, block by block, and free them. Collective."""
-        join(self.parts, self.vectors.columns_between, basis, run, self.vectors.images_between)
+        join(self.parts, self.vectors.columns_between, basis, run, self.vectors.mass_images_between)
         self.vectors.close()
 
 
-def join(parts, columns_between, basis, run, images_between=lambda start, stop: None):
+def join(parts, columns_between, basis, run, mass_images_between=lambda start, stop: None):
     """Add blocks to the basis and note what each brought.
 
-    `columns_between(start, stop)` gives their vectors, `images_between` M times these, or None where not known.
+    `columns_between(start, stop)` gives their vectors, `mass_images_between` M times these, or None where not known.
     """
     for part in parts:
         with run.progress.stage("orthogonalise"):
             place = part.start, part.stop
-            found = basis.extend(columns_between(*place), images_between(*place))
+            found = basis.extend(columns_between(*place), mass_images_between(*place))
         run.note(part.label, part.columns, found, from_store=part.from_store)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
-from ...parallel.declared import as_declared
+from ...parallel.declared import as_declared, renamed
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
 from ..measure import IDLE, PAPER, TINY, AnyMeasure, Directions, Measure, Paper, measure_called
@@ -24,9 +24,9 @@ NAMED = 3  # outputs that a warning names
 class Limits:
     """What an automatic reduction may take.
 
-    At most `factorisations`, `columns` of the big basis, `size` coordinates of the result and `seconds`; where one of
-    them ends the search the tolerance is not reached. `points` (Hz) are taken first, before the search chooses. The
-    response of an undamped model is measured with the loss factor 2 `zeta0`.
+    At most `factorisations`, `columns` of the uncompressed model, `size` coordinates of the result and `seconds`; where
+    one of them ends the search the tolerance is not reached. `points` (Hz) are taken first, before the search chooses.
+    The response of an undamped model is measured with the loss factor 2 `zeta0`.
     """
 
     factorisations: int = 14
@@ -104,13 +104,13 @@ class Point:
 
 @dataclass(frozen=True, kw_only=True)
 class Proof:
-    """At a new point (Hz): the error that the estimate had `said` there of the model before, the `exact` one, and the
-    estimated rest (`own`) of the value that is called exact."""
+    """At a new point (Hz): the error of the model before it, as it was `estimated` and as it is `measured` there, and
+    the `uncertainty` of the measured one."""
 
     frequency: float
-    said: float
-    exact: float
-    own: float
+    estimated: Annotated[float, renamed("estimated", "said")]
+    measured: Annotated[float, renamed("measured", "exact")]
+    uncertainty: Annotated[float, renamed("uncertainty", "own")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,14 +178,14 @@ class Accuracy:
     """How large the error of an automatic reduction is, and how that is known.
 
     `largest`: the estimated eps over the band, at `worst` (Hz), `mean` its mean Q / (upper - lower), `noise` the
-    round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, in
-    words; `unproven`: why no exact value stands behind the estimate, "" where one does. `measured`: with which damping,
-    in words; `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model
-    alone, else 0; `beside_damping`: whether the damping matrix counts too. `big_size`: columns before the compression;
+    round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, as text;
+    `unproven`: why no measured error supports the estimate, "" where one does. `measured`: with which damping, as text;
+    `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model alone, else 0;
+    `beside_damping`: whether the damping matrix counts too. `uncompressed_size`: columns before the compression;
     `highest`: pseudo-frequency (Hz); `missing_modes`: of the band that inertia counts and the model has not.
-    `measure`: what eps is, with its floors; `directions`: of every output, the worst first, against the big model.
-    `frequencies` (S,) and `eps` (S,): the curve. `proofs`: said against
-    exact. `points`: in order. `multigrid`: whether there was no factor.
+    `measure`: what eps is, with its floors; `directions`: of every output, the worst first, against the uncompressed
+    model. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: estimated errors beside measured ones. `points`: in
+    order. `multigrid`: whether there was no factor.
     """
 
     tolerance: float
@@ -197,7 +197,7 @@ class Accuracy:
     mean: float
     noise: float
     measured: str
-    big_size: int
+    uncompressed_size: Annotated[int, renamed("uncompressed_size", "big_size")]
     highest: float
     missing_modes: int
     points: tuple[Point, ...]
@@ -234,9 +234,9 @@ class Accuracy:
         low, high = self.band
         proven = self.proofs[-1] if self.proofs else None
         if self.multigrid:  # whose first points in the band are no proofs yet
-            proven = max(self.proofs[1:] or self.proofs, key=lambda item: item.exact, default=None)
-        by = f", proven {proven.exact:.1e} at {proven.frequency:g} Hz of the big model" if proven else ""
-        # responses of round-off are compared with each other; without an exact value nothing bounds an estimate
+            proven = max(self.proofs[1:] or self.proofs, key=lambda item: item.measured, default=None)
+        by = f", proven {proven.measured:.1e} at {proven.frequency:g} Hz of the uncompressed model" if proven else ""
+        # responses of round-off are compared with each other; without a measured value nothing bounds an estimate
         more = " or more" if self.stopped == ROUND_OFF or self.unproven else ""
         about = f"{self.largest + self.noise:.1e}{more}"
         eps = "eps" + (" (55)" if isinstance(self.measure, Paper) else "")
@@ -245,8 +245,8 @@ class Accuracy:
             else f"NOT REACHED: {eps} is about {about}, not {self.tolerance:g}, over {low:g} to {high:g} Hz, "
             f"{self.stopped}"
         )  # fmt: skip
-        doubt = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
-        return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{doubt}"
+        unproven = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
+        return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{unproven}"
 
     @property
     def direction_rows(self) -> list[dict]:
@@ -282,15 +282,13 @@ def measured_damping(damping, zeta0: float, band) -> tuple[Proportional, bool, s
     """With which damping the response of a model is measured: its proportional part, whether a given D comes on top,
     and that in words."""
     if isinstance(damping, GivenDamping):
-        law, loss = Proportional(eta=damping.loss_factor), damping.loss_factor
+        loss = damping.loss_factor
         words = "measured with the damping matrix of the model"
-        return law, True, f"{words} and the loss factor {loss:g}" if loss else words
+        return Proportional(eta=loss), True, f"{words} and the loss factor {loss:g}" if loss else words
     if isinstance(damping, Structural) and damping.loss_factor:
         return Proportional(eta=damping.loss_factor), False, f"measured with the loss factor {damping.loss_factor:g}"
-    if isinstance(damping, Rayleigh | Caughey):
-        law, ratio = proportional(damping.coefficients), smallest_ratio(damping.coefficients, band)
-        if ratio > UNDAMPED:
-            return law, False, "measured with the damping of the model"
+    if isinstance(damping, Rayleigh | Caughey) and smallest_ratio(damping.coefficients, band) > UNDAMPED:
+        return proportional(damping.coefficients), False, "measured with the damping of the model"
     ratio, why = zeta0, "undamped"
     if isinstance(damping, ModalDamping):
         ratio = max(float(damping.at(np.linspace(*band, UNIFORM)).min()), 1e-6)

@@ -21,7 +21,7 @@ from .search_checks import check_massless, check_support, extend_by_random, is_s
 BLOCK = 16  # columns of a block that is made from residuals
 FEW_BELOW = 0.1  # of the upper end of a band: a lower end up to it leaves few modes below the band
 HOPELESS = 300  # modes in the band, beyond which a search that may have fewer columns is not begun
-MANY, LARGE_PART = 30, 0.2  # modes in the band, and of all modes: beyond both the band is doubted
+MANY, LARGE_PART = 30, 0.2  # modes in the band, and of all modes: beyond both the band looks wrong
 AT_END = 0.9  # of the band: above it a point counts the modes of the band
 
 
@@ -113,8 +113,8 @@ class Expansion:
         return made
 
     def _look_at_count(self, f, count):
-        """Doubt a band with a large part of all modes, and refuse one with more than the basis may have, once the first
-        point has counted them."""
+        """Warn of a band with a large part of all modes, and refuse one with more than the basis may have, once the
+        first point has counted them."""
         low, high = self.settings.band
         if self.points or not count or low > FEW_BELOW * high or f < AT_END * high:
             return
@@ -157,8 +157,8 @@ class Expansion:
         """Add the next block of a point; returns how many columns are new."""
         f, projections, first = blocks.frequency, self.projections, blocks.order < 0
         if sequence is not None:
-            place = sequence.advance()
-            return projections.extend(sequence.vectors.columns_between(*place), sequence.vectors.images_between(*place))
+            place, vectors = sequence.advance(), sequence.vectors
+            return projections.extend(vectors.columns_between(*place), vectors.mass_images_between(*place))
         by_residuals = not first or (
             self.judge.candidate is not None and (not self.by_mass or (self.solver.multigrid and not f))
         )
@@ -198,7 +198,7 @@ class Expansion:
 
 def expanded(run: Run, settings: Adaptive, f) -> tuple[PointBlocks, Point]:
     """The blocks of one point (Hz) on a basis of its own, and what is known of the point. Collective."""
-    vectors = Basis(run.mass, run.framed.rigid_columns, run.tolerance, room=COLUMNS, keeps=run.keeps_images)
+    vectors = Basis(run.mass, run.framed.rigid_columns, run.tolerance, room=COLUMNS, keeps=run.keeps_mass_images)
     expansion = Expansion(vectors, run, replace(settings, points=(f,)))
     expansion.at(f)
     parts = [Part(f"{f:.6g} Hz", stop - start, start, stop, False) for start, stop in expansion.projections.blocks]

@@ -11,7 +11,7 @@ from ...parallel.failures import InputError, Owned
 from .pseudo_modal import InputsOutputs
 
 GONE = ONLY_RIGID  # of the norm of a load: what is left without its rigid-body part is round-off
-DEPENDENT_PORT = 1e-13  # of the square of a load: what others leave of it, below which it is a combination of them
+DEPENDENT = 1e-13  # of the squared norm of a load: what others leave of it, below which it is a combination of them
 
 
 def independent_loads(run):
@@ -66,7 +66,7 @@ def _independent_columns(gram, before):
     scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > GONE * before)
     unit = gram * np.outer(scale, scale)
     rest, kept = unit.copy(), []
-    while len(kept) < len(unit) and np.diag(rest).max() > DEPENDENT_PORT:
+    while len(kept) < len(unit) and np.diag(rest).max() > DEPENDENT:
         k = int(np.diag(rest).argmax())
         kept.append(k)
         rest = rest - np.outer(rest[:, k], rest[k]) / rest[k, k]

@@ -47,7 +47,7 @@ class Judgement:
     @property
     def measured(self) -> float:
         """The largest measured error of the candidate, inf without one."""
-        return max((proof.exact for proof in self.proofs), default=np.inf)
+        return max((proof.measured for proof in self.proofs), default=np.inf)
 
 
 @dataclass
@@ -171,9 +171,9 @@ class Judge:
             return False
         goal = max(self._goal_at(blocks), found.noise)
         good = found.estimate <= goal
-        if good and blocks.proving and found.proofs:  # the value that is called exact has to be
+        if good and blocks.proving and found.proofs:  # the measured error has to be nearly exact
             proof = found.proofs[0]
-            good = proof.own <= max(proof.exact / 10, self.goal / 100, found.noise)
+            good = proof.uncertainty <= max(proof.measured / 10, self.goal / 100, found.noise)
         promising = _columns_ahead([*blocks.history, found.estimate], goal, new) <= AHEAD
         most = self._limit() + (AHEAD if promising else 0)
         full = blocks.added + (0 if promising else new) > most or self.projections.basis.size >= self.settings.columns
@@ -189,8 +189,8 @@ class Judge:
             return float(self.compare(old, outer, nested(old, outer, which), pair.measure).curve(at)[0])
 
         return Proof(
-            frequency=f, exact=error(pair.outer, columns), said=error(seen_from, np.searchsorted(among, columns)),
-            own=float(pair.curve(at)[0]),
+            frequency=f, estimated=error(seen_from, np.searchsorted(among, columns)),
+            measured=error(pair.outer, columns), uncertainty=float(pair.curve(at)[0]),
         )  # fmt: skip
 
     # the band

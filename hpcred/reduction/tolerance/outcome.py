@@ -75,7 +75,7 @@ def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, no
     """
     settings, expansion, missing = search.settings, search.expansion, search.missing_modes
     multigrid, unproven = expansion.solver.multigrid, []
-    if not search.proofs and (multigrid or reason):  # no exact value stands behind the estimate
+    if not search.proofs and (multigrid or reason):  # no measured error stands behind the estimate
         unproven.append(UNPROVEN if multigrid else ENDED)
     if reason and missing > 0:
         unproven.append(f"{counted(missing, 'mode')} of the band not found")
@@ -85,7 +85,7 @@ def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, no
         largest=largest, worst=float(frequencies[curve.argmax()]), noise=noise, measured=expansion.measured,
         highest=float(pair.inner.frequencies.max()),
         mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(frequencies)).sum() / (high - low)),
-        big_size=search.projections.basis.size, missing_modes=max(missing, 0), points=tuple(expansion.points),
+        uncompressed_size=search.projections.basis.size, missing_modes=max(missing, 0), points=tuple(expansion.points),
         proofs=tuple(search.proofs), frequencies=tuple(frequencies.tolist()), eps=tuple(curve.tolist()),
         loss_factor=pair.outer.damping.eta, beside_damping=search.projections.D is not None, multigrid=multigrid,
         unproven="; ".join(unproven), measure=pair.measure,

@@ -31,11 +31,11 @@ class Projections:
         self.D = np.zeros((0, 0)) if damped else None
         self._project(0)
 
-    def extend(self, block, images=None) -> int:
-        """Add the span of a block to the basis; returns how many columns are new. `images`: M block where known."""
+    def extend(self, block, mass_images=None) -> int:
+        """Add the span of a block to the basis; returns how many columns are new. `mass_images`: M block if known."""
         start = self.basis.size
         with self.run.progress.stage("orthogonalise"):
-            self.run.notes.massless |= self.basis.extend(block, images).massless > 0
+            self.run.notes.massless |= self.basis.extend(block, mass_images).massless > 0
         self._project(start)
         if self.basis.size > start:
             self._starts.append(start)

@@ -158,11 +158,11 @@ class PseudoModal:
 
     def _diagonal(self, frequencies):
         """a omega^2 + b (S, m): A(s) without D."""
-        law = self.damping
-        a, b, s = law.coefficients(frequencies)
+        damping = self.damping
+        a, b, s = damping.coefficients(frequencies)
         found = a[:, None] * self.eigenvalues + b[:, None]
-        if law.higher:
-            found += s[:, None] * (law.at(self.eigenvalues) - law.alpha - law.beta * self.eigenvalues)
+        if damping.higher:
+            found += s[:, None] * (damping.at(self.eigenvalues) - damping.alpha - damping.beta * self.eigenvalues)
         return found
 
     def parts_of(self, frequencies: np.ndarray) -> list[np.ndarray]:
@@ -206,9 +206,9 @@ def diagonalised(
 
 def poles_of(model: PseudoModal) -> Poles:
     """The poles of a model with a D, and the eigenvectors of its first-order form with the state (y, s y)."""
-    m, law = len(model), model.damping
-    D = model.D + np.diag(law.alpha + law.beta * model.eigenvalues)
-    below = np.diag(-(1 + 1j * law.eta) * model.eigenvalues) if law.eta else np.diag(-model.eigenvalues)
+    m, damping = len(model), model.damping
+    D = model.D + np.diag(damping.alpha + damping.beta * model.eigenvalues)
+    below = np.diag(-(1 + 1j * damping.eta) * model.eigenvalues) if damping.eta else np.diag(-model.eigenvalues)
     matrix = np.block([[np.zeros((m, m)), np.eye(m)], [below, -D]])
     values, vectors = np.linalg.eig(matrix)
     return Poles(values, vectors[:m], np.linalg.inv(vectors)[:, m:])

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...linalg.solvers.base import DoesNotFit
-from ...model.port_counts import require_room
+from ...model.input_output_counts import require_room
 from ...parallel.failures import InputError
 from ..basis_reductor import BasisReductor, extend_by_all
-from ..checks import doubts_of_band
+from ..checks import warnings_of_band
 from ..components.craig_bampton import ConstraintModes
 from ..components.krylov import StaticCorrection
 from ..interface_coordinates import elastic_part
@@ -33,10 +33,10 @@ class ToleranceReductor(BasisReductor):
 
     def _check(self, model):
         warnings = super()._check(model)
-        doubts = doubts_of_band(model, self.goal.band)  # before a search that may take long for that reason
-        for doubt in doubts:
-            self.progress.tell(doubt)
-        return warnings + doubts
+        of_band = warnings_of_band(model, self.goal.band)
+        for warning in of_band:  # before a search that may take long for that reason
+            self.progress.tell(warning)
+        return warnings + of_band
 
     def _check_room(self, model):
         require_room(model)

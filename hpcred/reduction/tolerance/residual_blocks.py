@@ -16,7 +16,7 @@ from .error_estimate import measure_over
 from .pseudo_modal import columns
 
 RESIDUALS = 40  # frequencies at which residuals are taken
-WEAKEST = 1e-14  # of the strongest direction of a block, in squares: below it is round-off
+WEAKEST = 1e-14  # of the largest eigenvalue of a Gram matrix: below it is round-off
 
 
 def residual_block(projections, settings, f, width):

@@ -71,7 +71,7 @@ function drawErrors() {
   data.results.forEach((result, i) => {
     const colour = COLOURS[i % COLOURS.length], group = named(i);
     if (result.eps) traces.push({ x: Array.from(numbers(result.eps_frequencies)), y: Array.from(numbers(result.eps), positive), mode: "lines", name: group + ": estimate", line: { color: colour, width: 1.4, dash: DASHES[i % DASHES.length] } });
-    if (result.exact_eps) traces.push({ x: Array.from(numbers(result.full_frequencies)), y: Array.from(numbers(result.exact_eps), positive), mode: "markers", name: group + ": exact", marker: { color: colour, size: 8, symbol: "circle-open", line: { width: 1.6 } } });
+    if (result.measured_eps) traces.push({ x: Array.from(numbers(result.full_frequencies)), y: Array.from(numbers(result.measured_eps), positive), mode: "markers", name: group + ": measured", marker: { color: colour, size: 8, symbol: "circle-open", line: { width: 1.6 } } });
     if (result.tolerance) shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, y0: result.tolerance, y1: result.tolerance, line: { color: colour, width: 1, dash: "dash" } });
   });
   const words = traces.length ? [] : [{ text: "Not known: the basis was chosen by hand. --full MODEL.h5 compares with the full model.", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 }];
