@@ -20,6 +20,7 @@ def project(mat, columns, left=None, width=WIDTH) -> np.ndarray:
         apply(mat, columns.between(low, high), product)
         result[:, low:high] = inner(left, product)
         product.destroy()
+    columns.bv.setActiveColumns(columns.first, columns.stop)  # which parts of them have changed
     return result
 
 

@@ -1,5 +1,7 @@
 """The reduced matrices are projections onto an orthonormal basis."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from helpers import dense_model, gather, moments
@@ -7,6 +9,8 @@ from helpers import dense_model, gather, moments
 import hpcred
 from hpcred import GivenDamping, Krylov, Modes, Rayleigh
 from hpcred.examples import linkage as example
+from hpcred.linalg.blocks import random_block
+from hpcred.reduction.projection import WIDTH, project
 
 pytestmark = pytest.mark.mpi
 
@@ -26,6 +30,20 @@ def test_the_basis_is_orthonormal_and_the_matrices_are_its_projections(solid):
         assert np.allclose(np.sqrt(np.diag(rom.K)) / (2 * np.pi), rom.frequencies, rtol=1e-8)
         # the modes of the band were there already
         assert rom.record.components[-1].kept == 0
+
+
+def test_many_columns_are_projected_in_parts_and_stay_as_they_are(solid):
+    K, _, _ = dense_model(solid)
+    with contextlib.ExitStack() as stack:
+        V, W = (random_block(solid.K, count, seed=count) for count in (WIDTH + 3, 5))
+        for block in (V, W):
+            stack.callback(block.destroy)
+        before = gather(V)
+        for left in (None, W):
+            expected = (before if left is None else gather(left)).T @ K @ before
+            found = project(solid.K, V, left)
+            assert found.shape == expected.shape and np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+            assert V.getActiveColumns() == (0, WIDTH + 3) and np.array_equal(gather(V), before)
 
 
 def test_damping_that_is_given_is_projected(linkage):
