@@ -13,10 +13,10 @@ import numpy as np
 from ..model.dofs import Dofs
 from ..model.materials import ElementProperties, Material
 from ..model.second_order_model import SecondOrderModel
+from ..model.strain_matrices import elasticity
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 from ..parallel.shares import row_range
-from .solid import elasticity
 
 LENGTH, THICKNESS = 0.2, 0.02  # m; between the centres of the eyes, along z
 EYES = {"BIG_EYE": (0.025, 0.04, 0.6), "SMALL_EYE": (0.012, 0.02, 0.7)}  # radii in m, half of the angle at the shank

@@ -8,6 +8,7 @@ import numpy as np
 from ..model.dofs import Dofs
 from ..model.materials import ElementProperties, Material
 from ..model.second_order_model import SecondOrderModel
+from ..model.strain_matrices import elasticity
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 from ..parallel.shares import row_range
@@ -110,13 +111,6 @@ def _rows(place, nodes, grid, cells, clamped, skipped, elements):
     return np.concatenate([[0], np.cumsum(lengths)]), indices, values
 
 
-def elasticity(young, poisson):
-    """Return stresses (xx, yy, zz, xy, yz, xz) by strains (6, 6) of an isotropic material."""
-    lame = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
-    shear = young / (2 * (1 + poisson))
-    elastic = np.diag([2 * shear] * 3 + [shear] * 3)
-    elastic[:3, :3] += lame
-    return elastic
 
 
 def hexahedron(edges, young, poisson, density):
