@@ -17,6 +17,9 @@ from .body.floating_frame import FloatingFrame as FloatingFrame
 from .body.floating_frame import floating_frame as floating_frame
 from .body.geometric_stiffness import GeometricStiffness as GeometricStiffness
 from .body.node_shapes import node_shapes as node_shapes
+from .body.stress import StressModes as StressModes
+from .body.stress import stress_modes as stress_modes
+from .body.stress import von_mises as von_mises
 from .examples.crank import crank as crank
 from .examples.linkage import linkage as linkage
 from .examples.solid import solid as solid

@@ -42,7 +42,7 @@ def stiffness(kind, rule, points, elements, young, poisson):
 def model_of(kind, program, type_, points, elements, material, comm, K=None, held=(), **more):
     """A model with nodes from 1, the elements over the ranks; K is I if it is not given. Points `held` have no rows."""
     size = 3 * len(points)
-    K = scipy.sparse.eye_array(size, format="csr") if K is None else K
+    K = scipy.sparse.eye(size, format="csr") if K is None else K
     dofs = hpcred.Dofs(np.repeat(np.arange(1, len(points) + 1), 3), np.tile(np.arange(3), len(points)),
                        np.repeat(points, 3, axis=0))  # fmt: skip
     stuck = np.isin(dofs.node - 1, held)
@@ -53,6 +53,6 @@ def model_of(kind, program, type_, points, elements, material, comm, K=None, hel
     free = np.flatnonzero(~stuck)
     given = dofs.take(stuck).take(slice(*row_range(comm, int(stuck.sum())))) if stuck.any() else None
     return hpcred.SecondOrderModel.from_scipy(
-        K[free][:, free], scipy.sparse.eye_array(len(free), format="csr"), comm=comm, dofs=dofs.take(~stuck),
+        K[free][:, free], scipy.sparse.eye(len(free), format="csr"), comm=comm, dofs=dofs.take(~stuck),
         held=given, elements={kind: elements[share] + 1}, properties=properties, **more,
     )  # fmt: skip

@@ -91,6 +91,7 @@ def stress_modes(model, columns, nodes: Iterable[int | str] | None = None) -> St
             sums = solids.sums(values.of(part))
             mean = _added(model.comm, adding, sums.reshape(len(sums), -1)) / totals
             stress[low : low + WIDTH] = mean.reshape(len(node), 6, -1).transpose(2, 0, 1)
+    view.bv.setActiveColumns(view.first, view.stop)  # which views of parts have moved
     remarks = list(solids.remarks)
     if nodes is None and share is not None and abs(share - 1) > SAME_ENERGY:
         remarks.append(

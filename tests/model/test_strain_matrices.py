@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse
+from fe_data import FE, needs_fe
 from solid_meshes import PARTS, mesh, stiffness
 
 import hpcred
@@ -114,6 +115,19 @@ def test_stiffness_of_ansys(tmp_path):
         rule = rule_of("ANSYS", "SOLID186", "hexahedron20")
         # the archive has the mesh, and the material of another run (7e10, 0.35)
         assert difference(model, {"hexahedron20": rule}, 16.9e6, 0.31) < 1e-12
+
+
+@needs_fe
+def test_stiffness_of_solid185(tmp_path):
+    unpacked(tmp_path, "ansys/rotorAnsys.full", "ansys/rotorAnsys.rst")
+    _, *lines = (FE / "ansys" / "rotor" / "rotorAnsysElements.txt").read_text().splitlines()
+    elements = np.array([line.split()[2:] for line in lines if line.strip()], int)
+    rule = rule_of("ANSYS", "SOLID185", "hexahedron")
+    with (
+        hpcred.load_export(tmp_path / "rotorAnsys.full") as bare,
+        bare.with_fields(elements={"hexahedron": elements}) as model,
+    ):
+        assert difference(model, {"hexahedron": rule}, 2.1e9, 0.3) < 1e-12
 
 
 def test_stiffness_of_the_examples():
