@@ -88,9 +88,10 @@ def stress_modes(model, columns, nodes: Iterable[int | str] | None = None) -> St
         share = _share_of_energy(solids, values, view)
         for low in range(0, count, WIDTH):
             part = view.between(low, min(low + WIDTH, count))
-            sums = solids.sums(values.of(part))
-            mean = _added(model.comm, adding, sums.reshape(len(sums), -1)) / totals
-            stress[low : low + WIDTH] = mean.reshape(len(node), 6, -1).transpose(2, 0, 1)
+            width = part.stop - part.first
+            sums = solids.sums(values.of(part)).reshape(len(solids.number), 6 * width)
+            mean = _added(model.comm, adding, sums) / totals
+            stress[low : low + width] = mean.reshape(len(node), 6, width).transpose(2, 0, 1)
     view.bv.setActiveColumns(view.first, view.stop)  # which views of parts have moved
     remarks = list(solids.remarks)
     if nodes is None and share is not None and abs(share - 1) > SAME_ENERGY:
