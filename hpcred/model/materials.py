@@ -113,22 +113,23 @@ class ElementProperties:
         return replace(self, materials=(material,), table=table)
 
 
-def properties_in_words(properties: ElementProperties, comm) -> dict[str, dict]:
-    """Return how many elements have each type, and the constants of the materials in words. Collective."""
+def properties_in_words(properties: ElementProperties, comm, units: bool = True) -> dict[str, dict]:
+    """Return how many elements have each type, and the constants of the materials in words. `units`: whether they are
+    in SI. Collective."""
     counts = np.zeros(len(properties.types), int)
     for table in properties.table.values():
         counts += np.bincount(table[:, TYPE], minlength=len(counts))
     found = {"element_types": dict(zip(properties.types, comm.allreduce(counts).tolist(), strict=True))}
     if properties.materials:
-        found["materials"] = {item.name: _in_words(item) for item in properties.materials}
+        found["materials"] = {item.name: _in_words(item, units) for item in properties.materials}
     return found
 
 
-def _in_words(item):
+def _in_words(item, units):
     """Return the constants of a material in a line."""
-    parts = [f"{text}{value:g}{unit}" for text, value, unit in (
-        ("E = ", item.young, " Pa"), ("nu = ", item.poisson, ""), ("", item.density, " kg/m^3"),
-        ("", item.expansion, " 1/K")) if value is not None]  # fmt: skip
+    parts = [f"{text} = {value:g}{unit if units else ''}" for text, value, unit in (
+        ("E", item.young, " Pa"), ("nu", item.poisson, ""), ("density", item.density, " kg/m^3"),
+        ("expansion", item.expansion, " 1/K")) if value is not None]  # fmt: skip
     return ", ".join([*parts, *([f"not isotropic and linear: {item.reason}"] if not item.isotropic else [])])
 
 

@@ -72,7 +72,7 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
     model = SecondOrderModel.from_csr(
         comm, size, indptr, indices, values, B, Ct, dofs=dofs, input_names=column_names(inputs, B),
         output_names=column_names(outputs, Ct), name=name, elements=parts.elements, held=held, sets=parts.sets,
-        remarks=remarks,
+        remarks=remarks, properties=parts.properties,
     )  # fmt: skip
     del indptr, indices, values
     give_back()

@@ -9,6 +9,7 @@ from scipy import sparse
 
 from ..files.text import LARGEST_LABEL
 from ..model.checked_arrays import real_values
+from ..model.materials import ElementProperties
 from ..parallel.failures import InputError, agreed
 from .entries import Entries, LabelledEntries, label_of
 from .nodes.table import NodeTable
@@ -30,6 +31,8 @@ class Parts:
         Numbers and positions of the nodes, if known.
     elements : dict of str to ndarray, shape (elements, nodes)
         Node numbers by kind of element.
+    properties : ElementProperties or None
+        Numbers, types and materials of the elements, if known.
     row_labels : tuple of two ndarray, or None
         Labels (of entries.label_of) and the rows, from 0, that have them, if rows are numbered and a file labels them.
     removed : ndarray of int
@@ -52,6 +55,7 @@ class Parts:
     files: dict[str, str]
     nodes: NodeTable | None = None
     elements: dict[str, np.ndarray] = field(default_factory=dict)
+    properties: ElementProperties | None = None
     row_labels: tuple[np.ndarray, np.ndarray] | None = None
     removed: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     sets: dict[str, np.ndarray] = field(default_factory=dict)

@@ -47,6 +47,8 @@ def read_source(source: Source, comm) -> Parts:
         elif is_input_file:
             mesh = abaqus_input.read(source.nodes, comm)
             parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
+            parts.properties = mesh.properties
+            parts.warnings += mesh.remarks
             keywords = [section.keyword for section in mesh.sections]
             parts.all_massive = 0 < keywords.count("material") == keywords.count("density")
         elif calculix_frd.begins(start):

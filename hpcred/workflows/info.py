@@ -17,6 +17,7 @@ from ..files.system_errors import reading_from
 from ..files.text import first_bytes, first_line
 from ..model.interface_motion import members
 from ..model.interfaces import warnings_of_interfaces
+from ..model.materials import properties_in_words
 from ..parallel.declared import nearest
 from ..parallel.failures import HpcredError, InputError, agreed
 from ..parallel.plugins import OWN, blamed
@@ -213,20 +214,22 @@ def _export(path, export, comm, variables):
             raise
         mesh = abaqus_input.read(path, comm, calculix="K" in calculix.files_of(path))
         report["format"] = "Abaqus or CalculiX input file"
-        return report | _mesh(comm, mesh.nodes, mesh.elements, mesh.sets) | {"warnings": [str(error)]}
+        return report | _mesh(comm, mesh.nodes, mesh.elements, mesh.sets, mesh.properties) | {"warnings": [str(error)]}
     report |= {key: f"{parts.files[key]}: {_size(comm, item)}" for key, item in parts.matrices.items()}
-    report |= _mesh(comm, parts.nodes, parts.elements, parts.sets)
+    report |= _mesh(comm, parts.nodes, parts.elements, parts.sets, parts.properties)
     if held := len(set().union(*comm.allgather(set(parts.removed.tolist())))):
         report["held_dofs"] = held
     return report | {"warnings": list(dict.fromkeys(sum(comm.allgather(parts.warnings), [])))}
 
 
-def _mesh(comm, nodes, elements, sets):
+def _mesh(comm, nodes, elements, sets, properties=None):
     if nodes is None:
         return {"nodes": "none"}
     found = {"nodes": comm.allreduce(len(nodes.label))}
     if elements:
         found["elements"] = {kind: comm.allreduce(len(part)) for kind, part in elements.items()}
+    if properties is not None:
+        found |= properties_in_words(properties, comm, units=False)
     if sets:
         found["sets"] = {name: comm.allreduce(len(part)) for name, part in sets.items()}
     return found

@@ -59,8 +59,8 @@ def test_properties_are_kept_by_files_and_models(comm, folder):
         report = hpcred.inspect(loaded)
         assert report["element_types"] == {"C3D8": 1, "C3D8R": 1, "C3D4": 1}
         assert report["materials"] == {
-            "steel": "E = 2.1e+11 Pa, nu = 0.3, 7850 kg/m^3, 1.2e-05 1/K",
-            "Schaum µ": "30 kg/m^3, not isotropic and linear: found *Hyperfoam",
+            "steel": "E = 2.1e+11 Pa, nu = 0.3, density = 7850 kg/m^3, expansion = 1.2e-05 1/K",
+            "Schaum µ": "density = 30 kg/m^3, not isotropic and linear: found *Hyperfoam",
         }
         with hpcred.reduce(loaded, [hpcred.StaticCorrection()]) as rom:
             hpcred.write_result(folder / "r.h5", rom, loaded)

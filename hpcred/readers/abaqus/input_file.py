@@ -1,8 +1,8 @@
 """Read nodes, elements and sets of Abaqus input files (.inp), at their positions in the assembly.
 
 Each rank looks for keywords in its range of bytes; rank 0 walks through the keywords (parts, instances, includes), and
-all ranks share the data lines. *Node, *Element, *Nset, *Elset, *Part, *Instance, *Assembly, *Include and *System are
-read; other keywords that change nodes, or directions of dofs, are refused.
+all ranks share the data lines. *Node, *Element, *Nset, *Elset, *Part, *Instance, *Assembly, *Include, *System, and
+materials with *Solid Section are read; other keywords that change nodes, or directions of dofs, are refused.
 """
 
 import re
@@ -30,9 +30,11 @@ from ...files.text import (
     without_comments,
 )
 from ...model.elements import NODES, abaqus_kind, abaqus_nodes_more, in_vtk_order
+from ...model.materials import ElementProperties
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, sort_over_ranks
 from ..nodes.table import LARGEST_COORDINATE, NodeTable, finite
+from .materials import materials_of, names_of, properties_of
 from .sets import GROUP, read_sets
 
 KEYWORD = re.compile(rb"(?m)^[ \t]*\*(?!\*)")
@@ -83,8 +85,10 @@ class Placement:
 
 @dataclass(frozen=True)
 class Block:
-    """The data lines of a *Node, *Element, *Nset or *Elset, the `system` in which its nodes are given, where these then
-    stand, and which of the `groups` of labels they are of; `prefix`: what Abaqus puts before the names of sets.
+    """The data lines of a *Node, *Element, *Nset, *Elset or *Solid Section.
+
+    The `system` in which its nodes are given, where these then stand, and which of the `groups` of labels they are of;
+    `prefix`: what Abaqus puts before the names of sets.
     """
 
     section: Section
@@ -102,8 +106,9 @@ class Mesh:
     """The mesh of an input file; each rank has a share.
 
     `nodes` ascending by number over the ranks; `elements`: node numbers (elements, nodes) by kind, but for kinds that
-    are not known; `sets`: node numbers by name, see abaqus_sets. `sections`: all keywords, the same on all ranks;
-    `counts`: so many elements of all ranks have the type of this name, in capitals.
+    are not known, with their `properties`; `sets`: node numbers by name, see abaqus_sets. `sections`: all keywords, the
+    same on all ranks; `counts`: so many elements of all ranks have the type of this name, in capitals. `remarks` on
+    materials.
     """
 
     nodes: NodeTable
@@ -111,6 +116,8 @@ class Mesh:
     sets: dict[str, np.ndarray]
     sections: list[Section]
     counts: dict[str, int]
+    properties: ElementProperties | None = None
+    remarks: list[str] = field(default_factory=list)
 
 
 def begins(start: bytes) -> bool:
@@ -130,18 +137,24 @@ def read(path, comm, calculix=False) -> Mesh:
     if calculix:
         sections = [section for section in sections if section.keyword not in UNKNOWN_TO_CALCULIX]
     with agreed(comm):
-        blocks = _blocks(path, sections, calculix) if comm.rank == 0 else None
-    blocks = comm.bcast(blocks)
+        found = None
+        if comm.rank == 0:
+            found = _blocks(path, sections, calculix), materials_of(sections, _first_data_line)
+    blocks, (materials, remarks) = comm.bcast(found)
     groups = sorted({block.group for block in blocks})
-    nodes, elements, sets = (
+    nodes, elements, sets, solids = (
         [block for block in blocks if block.section.keyword in keywords]
-        for keywords in (("node",), ("element",), ("nset", "elset"))
+        for keywords in (("node",), ("element",), ("nset", "elset"), ("solidsection",))
     )
     named = {}
     nodes = _nodes(path, comm, nodes, named, 1 if calculix else 2)
-    elements, keys, counts = _elements(comm, elements, groups, named, calculix)
+    elements, keys, types, tables, counts = _elements(comm, elements, groups, named, calculix)
     _require_nodes(path, comm, nodes, elements)
-    return Mesh(nodes, elements, read_sets(path, comm, sets, groups, named, elements, keys), sections, counts)
+    wanted = {name for block in solids for name in names_of(block)}
+    sets, members = read_sets(path, comm, sets, groups, named, elements, keys, wanted)
+    program = "CalculiX" if calculix else "Abaqus"
+    properties = properties_of(comm, program, solids, materials, types, tables, keys, members) if elements else None
+    return Mesh(nodes, elements, sets, sections, counts, properties, remarks)
 
 
 def _sections(path, comm, including, calculix):
@@ -230,6 +243,12 @@ def _data_lines(section):
     return [fields for fields in lines if fields != [""]]
 
 
+def _first_data_line(section):
+    """Return the fields of the first data line of a keyword, and how many lines there are."""
+    lines = _data_lines(section)
+    return (lines[0] if lines else []), len(lines)
+
+
 def _numbers(section, fields, count):
     """Return `count` numbers of a data line; what is left out is zero."""
     fields = [item.lower().replace("d", "e") for item in fields]
@@ -289,7 +308,7 @@ def _blocks(path, sections, calculix):
             blocks += [_block(*item, placement, f"instance {name}", f"{name}.") for item in parts[part]]
         elif keyword in ("endpart", "endassembly", "endinstance"):
             scope = "assembly" if keyword == "endinstance" else "model"
-        elif keyword in ("node", "element", "nset", "elset"):
+        elif keyword in ("node", "element", "nset", "elset", "solidsection"):
             if scope == "part":
                 parts[name].append((section, system))
             elif scope == "instance":
@@ -431,9 +450,9 @@ def _name(named, block, kind, numbers):
 
 
 def _elements(comm, blocks, groups, named, calculix):
-    """Return node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind; the number of
-    all elements by type. Fills `named`."""
-    found, keys, counts = {}, {}, Counter()
+    """Return node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind; names of types
+    and tables (elements, 3) of number, type and no material; the number of all elements by type. Fills `named`."""
+    found, keys, counts, types, tables = {}, {}, Counter(), [], {}
     with agreed(comm):
         for block in blocks:
             if "type" not in block.section.parameters:
@@ -445,6 +464,8 @@ def _elements(comm, blocks, groups, named, calculix):
             if kind is None:
                 _require_labels(block, comm)
                 continue
+            if name.upper() not in types:
+                types.append(name.upper())
             width = NODES[kind] + 1
             middle = name.upper() == "S8R5"  # which may name the node that it has in its middle
             surplus = (calculix or middle) and _numbers_in_first_line(block) > width
@@ -454,12 +475,15 @@ def _elements(comm, blocks, groups, named, calculix):
                 found.setdefault(kind, []).append(lines[:, 1:])
                 keys.setdefault(kind, []).append(GROUP * groups.index(block.group) + lines[:, 0])
                 counts[name.upper()] += len(lines)
+                table = [lines[:, 0], np.full(len(lines), types.index(name.upper())), np.full(len(lines), -1)]
+                tables.setdefault(kind, []).append(np.stack(table, axis=1))
                 _name(named, block, "elset", keys[kind][-1])
     kinds = sorted(set().union(*comm.allgather(set(found))))
     return (
         {kind: in_vtk_order(kind, np.concatenate([np.zeros((0, NODES[kind]), np.int64), *found.get(kind, [])]))
          for kind in kinds},
-        {kind: np.concatenate([np.zeros(0, np.int64), *keys.get(kind, [])]) for kind in kinds},
+        {kind: np.concatenate([np.zeros(0, np.int64), *keys.get(kind, [])]) for kind in kinds}, types,
+        {kind: np.concatenate([np.zeros((0, 3), np.int64), *tables.get(kind, [])]) for kind in kinds},
         dict(sum(comm.allgather(counts), Counter())),
     )  # fmt: skip
 

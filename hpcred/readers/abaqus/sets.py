@@ -34,16 +34,18 @@ NOTHING = np.zeros(0, np.int64)
 class Members:
     """The part of one set on a rank: numbers of nodes, or keys of elements, and names of sets that belong to it.
 
-    `parts`: of each such name the ways to write it in full.
+    `parts`: of each such name the ways to write it in full. `hidden`: whether it is an internal one of Abaqus/CAE.
     """
 
     name: str
     numbers: list[np.ndarray] = field(default_factory=list)
     parts: set[tuple[str, ...]] = field(default_factory=set)
+    hidden: bool = False
 
 
-def read_sets(path, comm, blocks, groups, named, elements, keys) -> dict[str, np.ndarray]:
-    """Return node numbers by name of the set, each once over all ranks, ascending. Collective. Raises InputError.
+def read_sets(path, comm, blocks, groups, named, elements, keys, wanted=()) -> tuple[dict, dict]:
+    """Return node numbers by name of the set, each once over all ranks, ascending; and such keys of elements by the
+    names, in small letters, of the sets of elements that are `wanted`. Collective. Raises InputError.
 
     `blocks` of *Nset and *Elset; `groups`: the instances, in the order of their numbers in keys. `named`: numbers of
     this rank by ("nset" or "elset", name), of *Node and *Element with such a parameter. `elements`, `keys`: node
@@ -52,12 +54,16 @@ def read_sets(path, comm, blocks, groups, named, elements, keys) -> dict[str, np
     found = {}
     with agreed(comm):
         for block in blocks:
-            _read_block(comm, block, GROUP * groups.index(block.group), found)
+            _read_block(comm, block, GROUP * groups.index(block.group), found, wanted)
         for (kind, name), numbers in named.items():
             _members(found, kind, name).numbers += numbers
-    sets = {}
-    for (kind, _), (name, numbers) in _with_their_parts(path, comm, found).items():
+    sets, members = {}, {}
+    for (kind, key), (name, numbers, hidden) in _with_their_parts(path, comm, found).items():
         numbers = np.unique(sort_over_ranks(comm, numbers)[0])
+        if kind == "elset" and key in wanted:
+            members[key] = numbers
+        if hidden:
+            continue
         if kind == "elset":
             name = f"elements of {name}"
             of_kinds = (look_up(comm, numbers, [], keys[key])[0] for key in elements)
@@ -65,22 +71,24 @@ def read_sets(path, comm, blocks, groups, named, elements, keys) -> dict[str, np
             numbers = np.unique(sort_over_ranks(comm, np.concatenate([NOTHING, *nodes]))[0])
         if comm.allreduce(len(numbers)):
             sets[name] = numbers
-    return sets
+    return sets, members
 
 
 def _members(found, kind, name):
     return found.setdefault((kind, name.lower()), Members(name))
 
 
-def _read_block(comm, block, offset, found):
+def _read_block(comm, block, offset, found, wanted):
     """Put what the data lines of this rank say into `found`."""
     kind, given = block.section.keyword, block.section.parameters
     name = given.get(kind)
     if not name:
         raise block.section.refusal(f"found *{kind.capitalize()} without a name, expected {kind}=NAME")
-    if "internal" in given or (kind == "nset" and "elset" in given):
+    hidden = "internal" in given and not (kind == "elset" and (block.prefix + name).lower() in wanted)
+    if hidden or (kind == "nset" and "elset" in given):
         return  # the nodes of a set of elements are there under its own name
     members = _members(found, kind, block.prefix + name)
+    members.hidden |= "internal" in given
     offset = offset if kind == "elset" else 0
     if "generate" in given:  # few lines, perhaps of very many numbers: each rank takes its share of all
         for piece in pieces(block.path, MPI.COMM_SELF, block.start, block.stop):
@@ -118,11 +126,13 @@ def _ranges(piece):
 
 
 def _with_their_parts(path, comm, found):
-    """Return (name, numbers of this rank) of every set of any rank, with those of the sets that it names."""
-    table = {}
-    for part in comm.allgather({key: (members.name, members.parts) for key, members in found.items()}):
-        for key, (name, parts) in part.items():
+    """Return (name, numbers of this rank, whether it is hidden) of every set of any rank, with the numbers of the sets
+    that it names."""
+    table, hidden = {}, set()
+    for part in comm.allgather({key: (members.name, members.parts, members.hidden) for key, members in found.items()}):
+        for key, (name, parts, internal) in part.items():
             table.setdefault(key, (name, set()))[1].update(parts)
+            hidden |= {key} if internal else set()
     result = {}
     for key in sorted(table):
         reached, new = {key}, {key}
@@ -130,7 +140,7 @@ def _with_their_parts(path, comm, found):
             new = {item for one in new for item in _named_in(path, one, table)} - reached
             reached |= new
         arrays = [array for item in sorted(reached) if item in found for array in found[item].numbers]
-        result[key] = table[key][0], np.concatenate([NOTHING, *arrays])
+        result[key] = table[key][0], np.concatenate([NOTHING, *arrays]), key in hidden
     return result
 
 

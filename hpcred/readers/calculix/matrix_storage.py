@@ -147,6 +147,8 @@ def name_rows(comm, parts, files, label, row):
             "belong to no node"
         )
     parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
+    parts.properties = mesh.properties
+    parts.warnings += mesh.remarks
     parts.row_labels = label, row
     parts.removed, inclined = _held(comm, mesh, turning, label)
     if inclined:

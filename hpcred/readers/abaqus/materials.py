@@ -1,0 +1,122 @@
+"""Read materials of Abaqus and CalculiX input files, and give them to elements by *Solid Section.
+
+*Elastic, *Density and *Expansion of isotropic materials are read; a material with more than these has no constants and
+a reason. Constants that depend on temperature count with their first line.
+"""
+
+import numpy as np
+
+from ...model.materials import MATERIAL, ElementProperties, Material, material_of
+from ...parallel.lookup import look_up
+
+# what a material may have beside, in models with small strains without plasticity
+HARMLESS = {"elastic", "density", "expansion", "damping", "conductivity", "specificheat", "latentheat", "electrical"}
+NOT_LINEAR = {
+    "plastic", "hyperelastic", "hyperfoam", "creep", "viscoelastic", "viscous", "usermaterial", "depvar", "cyclic",
+    "cyclichardening", "deformationplasticity", "druckerprager", "capplasticity", "castironplasticity", "mohrcoulomb",
+    "crushablefoam", "clayplasticity", "mullinseffect", "lowdensityfoam", "hypoelastic", "porouselastic", "concrete",
+    "superelastic", "fabric", "fluid", "gasketbehavior", "gasketelasticity", "hysteresis", "potential", "swelling",
+    "brittlecracking", "concretedamagedplasticity", "damageinitiation", "eos", "nocompression", "notension",
+}  # fmt: skip
+
+
+def materials_of(sections, first_line) -> tuple[list[Material], list[str]]:
+    """Return the materials of the keywords of a file, and sentences on what was left out.
+
+    `first_line` gives the fields of the first data line of a keyword, and how many lines there are.
+    """
+    found, remarks, inside = {}, [], False
+    for section in sections:
+        if section.keyword == "material":
+            name, inside = section.parameters.get("name", ""), True
+            found[name.lower()] = name, {}, []
+        elif inside and section.keyword in HARMLESS | NOT_LINEAR:
+            _add(section, *found[name.lower()], remarks, first_line)
+        else:
+            inside = False
+    return [_material(name, known, reasons) for name, known, reasons in found.values()], remarks
+
+
+def _add(section, name, known, reasons, remarks, first_line):
+    """Put what a keyword says of a material into `known`, or why it is not isotropic and linear into `reasons`."""
+    keyword, kind = section.keyword, section.parameters.get("type", "iso").lower()
+    if keyword in NOT_LINEAR:
+        reasons.append(f"found *{keyword.capitalize()}")
+        return
+    keys = {"elastic": ("young", "poisson"), "density": ("density",), "expansion": ("expansion",)}.get(keyword, ())
+    if not keys:
+        return
+    if not kind.startswith("iso"):
+        if keyword == "elastic":
+            reasons.append(f"found *Elastic, type={kind.upper()}")
+        return
+    fields, lines = first_line(section)
+    try:
+        known |= {key: _number(fields[place]) for place, key in enumerate(keys)}
+    except (IndexError, ValueError):
+        if keyword == "elastic":
+            reasons.append(f"found *Elastic with '{', '.join(fields)}', expected Young's modulus and Poisson's ratio")
+        return
+    if lines > 1:
+        remarks.append(
+            f"{section.path}: *{keyword.capitalize()} of the material '{name}' has {lines} lines, such as for several "
+            "temperatures; the first one counts"
+        )
+
+
+def _number(field) -> float:
+    """Return a number of a data line; nothing is 0."""
+    if "_" in field:
+        raise ValueError
+    return float(field.lower().replace("d", "e") or 0.0)
+
+
+def _material(name, known, reasons) -> Material:
+    """Return a material of what is known of it."""
+    if not reasons and "young" not in known:
+        reasons = ["found no *Elastic"]
+    if reasons:
+        rest = {key: value for key, value in known.items() if key not in ("young", "poisson")}
+        return material_of(name, **rest, reason="; ".join(reasons))
+    return material_of(name, **known)
+
+
+def properties_of(comm, program, blocks, materials, types, tables, keys, members) -> ElementProperties:
+    """Return the properties of elements, from the Blocks of *Solid Section. Collective.
+
+    `types`: names of the types; `tables` (elements, 3) and `keys` (elements,) by kind, whose materials are set here;
+    `members`: keys of the elements of this rank by the names of the sets of sections, in small letters.
+    """
+    materials = list(materials)
+    places = {item.name.lower(): place for place, item in enumerate(materials)}
+    for block in blocks:
+        given = block.section.parameters
+        name = given.get("material", "")
+        if "composite" in given:
+            place, name = None, f"composite of {given.get('elset', '')}"
+            reason = "found *Solid Section with COMPOSITE"
+        else:
+            place, reason = places.get(name.lower()), "found no *Material of this name"
+        if place is None:
+            place = places[name.lower()] = len(materials)
+            materials.append(Material(name=name, reason=reason))
+        elset = next((item for item in names_of(block) if item in members), None)
+        if elset is not None:
+            for kind, table in tables.items():
+                table[look_up(comm, members[elset], [], keys[kind])[0], MATERIAL] = place
+    used = np.zeros(len(materials), bool)
+    for table in tables.values():
+        used[table[table[:, MATERIAL] >= 0, MATERIAL]] = True
+    used = np.any(comm.allgather(used), axis=0)
+    order = np.append(np.cumsum(used) - 1, -1)  # the last one stands for none
+    for table in tables.values():
+        table[:, MATERIAL] = order[table[:, MATERIAL]]
+    return ElementProperties(
+        program, tuple(types), tuple(item for item, kept in zip(materials, used, strict=True) if kept), tables
+    )
+
+
+def names_of(block) -> list[str]:
+    """Return the ways to write the set of a *Solid Section in full, in small letters."""
+    elset = block.section.parameters.get("elset", "").lower()
+    return [block.prefix.lower() + elset, elset]
