@@ -8,8 +8,7 @@ loads/name, kind, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads,
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
 elements/<kind> (elements, nodes): node numbers, where known, for pictures; kinds of model.elements
 element_properties/<kind> (elements, 3), where known: number of the element, place of its type in element_types, and of
-its material in materials/, -1 for none; element_program: whose element types these are
-materials/name, young in Pa, poisson, density in kg/m^3, expansion in 1/K, NaN where not known, and reason: why not
+its material in materials, -1 for none; element_program: whose element types these are; materials: JSON, as Material
 held/node, direction, position: as dofs/, of the dofs without row, held at zero by the program that wrote the matrices
 sets/<name>: node numbers; signs in the name that HDF5 does not take are written as in web addresses (%2F)
 remarks: sentences of the readers of the files
@@ -20,28 +19,27 @@ from pathlib import Path
 from urllib.parse import quote, unquote
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from ..model.dofs import Dofs, dofs_per_node
 from ..model.loads import LoadColumn
 from ..model.materials import ElementProperties, Material
 from ..model.second_order_model import SecondOrderModel, require_model
-from ..parallel.failures import InputError, agreed
+from ..parallel.failures import agreed
 from ..parallel.petsc import MPI
 from ..parallel.shares import row_range
 from .checked import Array, damaged
 from .hdf5 import reading, texts, writing
 
 FORMAT, VERSION = "hpcred-model", 1
-CONSTANTS = ("young", "poisson", "density", "expansion")  # of materials
+MATERIALS = TypeAdapter(tuple[Material, ...])
 SUMS = ("force", "moment", "held_force", "held_moment")
 NODES = {
     "dofs/node": Array("integer", ("n",)), "dofs/direction": Array("integer", ("n",)),
     "dofs/position": Array("real", ("n", 3)), "held/node": Array("integer", ("h",)),
     "held/direction": Array("integer", ("h",)), "held/position": Array("real", ("h", 3)),
     "element_properties/*": Array("integer", ("?", 3)), "element_types": Array("text", ("t",)),
-    "element_program": Array("text", ()),
-    "materials/name": Array("text", ("a",)), "materials/reason": Array("text", ("a",)),
-    **{f"materials/{key}": Array("real", ("a",)) for key in CONSTANTS},
+    "element_program": Array("text", ()), "materials": Array("text", ()),
     "elements/*": Array("integer", ("?", "?")), "sets/*": Array("integer", ("?",)),
 }  # fmt: skip
 SCHEMA = NODES | {
@@ -120,13 +118,7 @@ def _write_properties(file, properties):
     file.small("element_types", list(properties.types))
     for kind, table in properties.table.items():
         file.rows(f"element_properties/{kind}", table)
-    if properties.materials:
-        for key in ("name", "reason"):
-            file.small(f"materials/{key}", [getattr(item, key) for item in properties.materials])
-        for key in CONSTANTS:
-            values = [getattr(item, key) for item in properties.materials]
-            file.small(f"materials/{key}", np.array([np.nan if value is None else value for value in values]),
-                       gaps=True)  # fmt: skip
+    file.small("materials", MATERIALS.dump_json(properties.materials).decode())
 
 
 def read_properties(file, comm) -> ElementProperties | None:
@@ -135,18 +127,12 @@ def read_properties(file, comm) -> ElementProperties | None:
         return None
     tables = file.get("element_properties", {}).items()
     table = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in tables}
-    materials = []
-    if "materials" in file:
-        columns = {key: file[f"materials/{key}"][...].tolist() for key in CONSTANTS}
-        columns |= {key: texts(file[f"materials/{key}"]) for key in ("name", "reason")}
-        for values in zip(*columns.values(), strict=True):
-            known = {key: value for key, value in zip(columns, values, strict=True) if value == value}  # not NaN
-            try:
-                materials.append(Material(**known))
-            except InputError as error:
-                raise InputError(f"{file.path}: {error}") from error
+    try:
+        materials = MATERIALS.validate_json(file["materials"][()])
+    except ValidationError as error:
+        raise damaged(file.path, f"/materials: {error.errors()[0]['msg']}") from error
     program = file["element_program"][()].decode()
-    return ElementProperties(program, tuple(texts(file["element_types"])), tuple(materials), table)
+    return ElementProperties(program, tuple(texts(file["element_types"])), materials, table)
 
 
 def place_of_set(name: str) -> str:

@@ -1,5 +1,7 @@
 """Materials and types of elements: ranges, units, files and words."""
 
+import json
+
 import h5py
 import numpy as np
 import pytest
@@ -67,7 +69,8 @@ def test_properties_are_kept_by_files_and_models(comm, folder):
     if comm.rank == 0:
         with h5py.File(folder / "r.h5") as file:
             assert file["element_properties/hexahedron"][...].tolist() == [[7, 0, 1], [9, 1, -1]]
-            assert np.isnan(file["materials/young"][1]) and file["materials/young"][0] == STEEL.young
+            steel, foam = json.loads(file["materials"][()])
+            assert steel["young"] == STEEL.young and foam["young"] is None and foam["reason"] == FOAM.reason
 
 
 @pytest.mark.mpi
