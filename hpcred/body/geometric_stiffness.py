@@ -136,6 +136,11 @@ class StiffenedFrame(FloatingFrame):
         super().__init__(**{item.name: getattr(frame, item.name) for item in fields(FloatingFrame)})
         self._stiffness = stiffness
 
+    @property
+    def stiffened_by_rotation(self) -> bool:
+        """Tell whether angular velocities change the stiffness."""
+        return any(state in VELOCITIES for state in self._stiffness.states)
+
     def _of(self, states):
         """Return matrices of states (m, m, states)."""
         return np.moveaxis(self._stiffness.of(states), 0, -1)

@@ -107,9 +107,9 @@ class CheckedWriter:
             if file is not None:
                 file.attrs[name] = value
 
-    def small(self, name, value, gaps=False):
+    def small(self, name, value, gaps=False, **about):
         """A dataset from rank 0: an array (`gaps`: nan is what is not known), a text, a list of texts, or a dict (as
-        JSON)."""
+        JSON). `about` it: attributes, for readers."""
         value = self._comm.bcast(value)
         if isinstance(value, dict):
             value = json.dumps(value)
@@ -124,7 +124,7 @@ class CheckedWriter:
         self._room.take(value.nbytes + sums.nbytes, datasets=2)
         with self._on_first() as file:
             if file is not None:
-                file.create_dataset(name, data=value, track_times=False)
+                file.create_dataset(name, data=value, track_times=False).attrs.update(about)
                 file.create_dataset(f"{SUMS}/{name}", data=sums, track_times=False).attrs["axis"] = -1
 
     def rows(self, name, local, axis=0):

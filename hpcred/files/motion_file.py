@@ -1,8 +1,8 @@
 """Write the motion of a simulation: simulation.h5, and a table as .csv. SI units.
 
 simulation.h5, with nt output times, m elastic coordinates, k nodes, c and d components of constraints, s springs:
-t (nt); position (nt, 3) of the body frame; quaternion (nt, 4), scalar first; velocity, angular_velocity (nt, 3) in body
-axes; elastic, elastic_velocity (nt, m)
+t (nt); position (nt, 3) of the body frame in inertial axes; quaternion (nt, 4), scalar first, of the rotation from body
+to inertial axes; velocity, angular_velocity (nt, 3) of the body frame in body axes; elastic, elastic_velocity (nt, m)
 nodes/number, name (k); nodes/position, displacement, rotation (nt, k, 3) in inertial axes; rotation: a vector in rad,
 which goes on beyond pi
 constraints/name (c), such as 7:x; constraints/force (nt, c) on the body; constraints/moment_name (d), such as 7:rx;
@@ -10,6 +10,7 @@ constraints/moment (nt, d) on the body; all joints and drives of a node together
 springs/name (s), such as 1:7 for the first one, at node 7; springs/force, moment (nt, s, 3) on the body; springs/energy
 (nt, s)
 energy/kinetic, elastic, gravity, springs, work (of forces and moments), drives (their work), dissipated (nt)
+The datasets of vectors have the attribute `axes`: "inertial" or "body".
 provenance: JSON with versions, setup, digest of the basis, largest errors, and where the time went
 The .csv has one line a time: t, position, quaternion, elastic coordinates, displacements, rotations of nodes that have
 some, forces, moments and energies.
@@ -32,6 +33,9 @@ from .hdf5 import reading, writing
 FORMAT = "hpcred-simulation"
 VERSION = 1
 FRAME = ("position", "quaternion", "velocity", "angular_velocity")
+AXES_OF = {"velocity": "body", "angular_velocity": "body", **dict.fromkeys((
+    "position", "nodes/position", "nodes/displacement", "nodes/rotation", "constraints/force", "constraints/moment",
+    "springs/force", "springs/moment"), "inertial")}  # fmt: skip
 SCHEMA = {
     "t": Array("real", ("t",), needed=True), "provenance": Array("text", (), needed=True),
     **{key: Array("real", ("t", size), needed=True) for key, size in (
@@ -50,7 +54,7 @@ def write_motion(path, motion: Motion, provenance: dict, comm):
         file.attribute("format", FORMAT)
         file.attribute("version", VERSION)
         for name, value in _arrays(motion).items():
-            file.small(name, value)
+            file.small(name, value, **{"axes": AXES_OF[name]} if name in AXES_OF else {})
         file.small("provenance", provenance)
 
 

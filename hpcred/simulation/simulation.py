@@ -10,6 +10,8 @@ from ..body.body import Body, check_moving, has_no_inertia, remarks
 from ..body.rotations import continuous, quaternion, rotation, vector_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
+from ..parallel.petsc import MPI
+from ..parallel.progress import Progress
 from ..parallel.ranges import LABEL, within
 from .checks import require_finite
 from .drives import AnyDrive
@@ -17,6 +19,7 @@ from .equations_of_motion import FlexibleBody, node_motion
 from .joints import AXES, Joint, holds_of
 from .loads import AnyForce, AnyMoment, Vector, load_of
 from .springs import ZERO, AnySpring, element_of
+from .warnings import Limits, first_frequency, warnings_of_places
 
 MOST_STEPS = 1e8  # that a simulation may need; they take weeks
 STEPS_OF_A_TURN = 8
@@ -24,7 +27,6 @@ FEW_STEPS = 5000  # by which the pace of the integrator is known
 OUTPUTS = (1, 10_000_000, "")  # output intervals, all of which are kept in memory
 SPEED = (-3e8, 3e8, "m/s")
 ENERGIES = ("kinetic", "elastic", "gravity", "springs")
-FAR = 100.0  # radii of gyration: what is m away from a part is a thousand times as far in mm
 LARGE_GRAVITY = 1e3  # m/s^2: above what is asked for in earnest, below 9810
 POWERS = ("work", "drives", "dissipated")
 MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
@@ -273,9 +275,9 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         holds_of(setup.constraint, setup.drive, start),
     )  # fmt: skip
     warnings = setup.warnings + warnings_of_places(body, setup, {node: motion.x for node, motion in first.items()})
-    if progress is not None:
-        for warning in warnings:  # before a run that may take long for that reason
-            progress.tell(warning)
+    progress = progress or Progress(MPI.COMM_SELF, show=False)
+    for warning in warnings:  # before a run that may take long for that reason
+        progress.tell(warning)
     notes = warnings + remarks(body) + _loads_without_stress(body, setup)
     if setup.start == "static":
         r, p, q = system.equilibrium(r, p)
@@ -286,8 +288,9 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     y0, yp0, change = system.start(r, p, q, z)
     if change > 1e-10 * max(1.0, np.abs(z).max()):
         notes.append(f"the initial velocities did not fit the constraints and were projected (change {change:.2g})")
+    limits = Limits(body, system, first_frequency(system, r, p, q), progress.tell)
     with np.errstate(all="ignore"):  # a step in which numbers overflow is tried again, shorter; the motion is checked
-        t, states, rates, factorisations = _integrate(system, setup, y0, yp0, progress)
+        t, states, rates, factorisations = _integrate(system, setup, y0, yp0, limits, progress)
         motion = Motion(
             t=t, notes=notes, factorisations=factorisations, **_motion(system, t, states),
             **_nodes(body, undeformed, t, states, system), **_reactions(body, system, t, states, rates),
@@ -295,7 +298,9 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         )  # fmt: skip
     numbers = [*motion.energies.values(), *(value for value in vars(motion).values() if isinstance(value, np.ndarray))]
     if not all(np.isfinite(value).all() for value in numbers):
-        raise ComputationError("the motion has numbers that overflow; loads or drives are too large")
+        overflown = "the motion has numbers that overflow; loads or drives are too large"
+        raise ComputationError("; ".join([*limits.notes, overflown]))
+    motion.notes += limits.notes
     return motion
 
 
@@ -319,25 +324,7 @@ def _loads_without_stress(body, setup) -> list[str]:
     ]
 
 
-def warnings_of_places(body: Body, setup: Simulation, start: dict) -> list[str]:
-    """Return sentences on places so far from their nodes, which start at `start` {number: (3,)}, that they look like
-    mm."""
-    frame = body.floating_frame
-    centre = frame.mc / frame.mass
-    size = np.sqrt(max(np.trace(frame.J) / frame.mass / 2 - centre @ centre, 0.0))  # radius of gyration
-    given = [("spring.at", item.node, item.at) for item in setup.spring]
-    given += [("constraint.at", item.node, item.at) for item in setup.constraint]
-    given += [("drive.through", item.node, item.through) for item in setup.drive]
-    far = [(key, node, place, np.linalg.norm(np.subtract(place, start[node])))
-           for key, node, place in given if place is not None]  # fmt: skip
-    return [
-        f"{key}: found {list(place)} m, {distance:.3g} m from where node {_names(body)[node]} starts, while the body "
-        f"has a radius of gyration of {size:.3g} m; places are in m"
-        for key, node, place, distance in far if 0 < FAR * size < distance
-    ]  # fmt: skip
-
-
-def _integrate(system, setup, y0, yp0, progress):
+def _integrate(system, setup, y0, yp0, limits, progress):
     try:
         from scipy_dae.integrate import solve_dae
     except ImportError as error:
@@ -347,7 +334,7 @@ def _integrate(system, setup, y0, yp0, progress):
 
     def residual(t, y, yp):
         nonlocal shown
-        if progress is not None and int(20 * t / setup.end) > shown:
+        if int(20 * t / setup.end) > shown:
             shown = int(20 * t / setup.end)
             progress.say(f"t = {t:.4g} s of {setup.end:g} s")
         return system.residual(t, y, yp)
@@ -365,14 +352,16 @@ def _integrate(system, setup, y0, yp0, progress):
     found = solve_dae(
         residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
         rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
-        events=[_twists(system), _pace(setup.end)],
+        events=[_twists(system), _pace(setup.end), limits],
     )  # fmt: skip
     if not found.success:
-        raise ComputationError(
-            f"the integrator stopped at t = {found.t[-1] if len(found.t) else 0:.4g} s: {found.message.rstrip('.')}; "
-            "look for loads, drives and velocities that are too large, loosen the tolerances, or leave out "
-            "pseudo-modes far above the band (drop_above)"
+        last = found.t[-1] if len(found.t) else 0.0
+        stopped = (
+            f"the integrator stopped at t = {last:.4g} s: {found.message.rstrip('.')}; look for loads, drives and "
+            "velocities that are too large, loosen the tolerances, or leave out pseudo-modes far above the band "
+            "(drop_above)"
         )
+        raise ComputationError("; ".join([*limits.notes, stopped]))
     return found.t, found.y, found.yp, int(found.nlu)
 
 

@@ -52,6 +52,8 @@ def test_files_of_a_simulation(made):
     with h5py.File(path.with_name("simulation.h5")) as file:
         assert file.attrs["format"] == "hpcred-simulation" and file.attrs["version"] == 1
         assert file["nodes/number"][...].tolist() == [1, 7, 10, 14, 20]
+        vectors = [file[name].attrs["axes"] for name in ("velocity", "angular_velocity", "position", "springs/force")]
+        assert vectors == ["body", "body", "inertial", "inertial"]
         moved = file["nodes/displacement"][...]
         assert moved.shape == (21, 5, 3)
         assert report["largest_displacement_m"]["20"] == pytest.approx(np.linalg.norm(moved[:, 4], axis=1).max())

@@ -1,0 +1,105 @@
+"""Warn of simulations: places that look like mm, and motions beyond what the equations describe.
+
+Deformations are linear in the elastic coordinates. A deflection of a twentieth of the body in its mean axes, about a
+third of the length at the tip of a clamped beam, is large: the foreshortening that is left out is a tenth of it. One of
+the size of the body means nothing. Without geometric stiffness nothing stiffens a body that turns: at an angular
+velocity Omega the squares of its frequencies are too low by about Omega^2, so that a body which turns faster than its
+first frequency has no stability.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import eigvalsh, null_space
+
+from ..body.geometric_stiffness import StiffenedFrame
+from ..body.rotations import rotation
+
+FAR = 100.0  # radii of gyration: what is m away from a part is a thousand times as far in mm
+# what is seen, the fraction of its scale from which on it is told, and how
+LIMITS = (
+    ("deflection", 0.05, "large deflection: at t = {t:.4g} s {where} is {value:.3g} m from its place in the undeformed "
+     "body, more than a twentieth of the size of the body, {scale:.3g} m; deformations are linear"),
+    ("deflection", 1.0, "the simulation diverges: at t = {t:.4g} s {where} is {value:.3g} m from its place in the "
+     "undeformed body, whose size is {scale:.3g} m; the motion means nothing from there on"),
+    ("speed", 1 / 3, "fast rotation: at t = {t:.4g} s the body turns by {value:.3g} rad/s, more than a third of its "
+     "first frequency as joints hold it, {scale:.3g} rad/s ({hz:.3g} Hz); turning does not stiffen it here, and "
+     "deflections err by a ninth or more"),
+    ("speed", 1.0, "rotation too fast: at t = {t:.4g} s the body turns by {value:.3g} rad/s, faster than its first "
+     "frequency as joints hold it, {scale:.3g} rad/s ({hz:.3g} Hz); without stiffening it may have no stability"),
+)  # fmt: skip
+UNITS = {"deflection": "m", "speed": "rad/s"}
+
+
+def gyration(frame) -> float:
+    """Return the radius of gyration (m) about the centre of mass."""
+    centre = frame.mc / frame.mass
+    return float(np.sqrt(max(np.trace(frame.J) / frame.mass / 2 - centre @ centre, 0.0)))
+
+
+def warnings_of_places(body, setup, start: dict) -> list[str]:
+    """Return sentences on places so far from their nodes, which start at `start` {number: (3,)}, that they look like
+    mm."""
+    size, labels = gyration(body.floating_frame), {shape.node: shape.label for shape in body.nodes}
+    given = [("spring.at", item.node, item.at) for item in setup.spring]
+    given += [("constraint.at", item.node, item.at) for item in setup.constraint]
+    given += [("drive.through", item.node, item.through) for item in setup.drive]
+    far = [(key, node, place, np.linalg.norm(np.subtract(place, start[node])))
+           for key, node, place in given if place is not None]  # fmt: skip
+    return [
+        f"{key}: found {list(place)} m, {distance:.3g} m from where node {labels[node]} starts, while the body "
+        f"has a radius of gyration of {size:.3g} m; places are in m"
+        for key, node, place, distance in far if 0 < FAR * size < distance
+    ]  # fmt: skip
+
+
+def first_frequency(system, r, p, q) -> float:
+    """Return the lowest elastic circular frequency (rad/s) of the body as joints and drives hold it; inf without one.
+
+    Springs to the ground count as free. It is inf too for a body that its rotation stiffens.
+    """
+    if isinstance(system.floating_frame, StiffenedFrame) and system.floating_frame.stiffened_by_rotation:
+        return np.inf
+    G, _ = system.constraints(0.0, system.node_motions(r, rotation(p), q))
+    Z = null_space(G) if len(G) else np.eye(G.shape[1])
+    values = eigvalsh(Z[6:].T @ system.K @ Z[6:], Z.T @ system.floating_frame.mass_matrix(q) @ Z)
+    free = 6 - np.linalg.matrix_rank(G[:, :6]) if len(G) else 6  # rigid motions, at frequency zero
+    return float(np.sqrt(max(values[free], 0.0))) if len(values) > free else np.inf
+
+
+class Limits:
+    """An event of the integrator that tells at which steps a motion leaves what the equations describe.
+
+    `first`: see first_frequency; `tell` takes each sentence while the simulation runs.
+    """
+
+    def __init__(self, body, system, first: float, tell):
+        frame = body.floating_frame
+        reach = [np.linalg.norm(shape.position - frame.origin - frame.mc / frame.mass) for shape in body.nodes]
+        self._scales = {"deflection": 2 * max([gyration(frame), *reach]), "speed": first}
+        self._places = [*(f"node {shape.label}" for shape in body.nodes), "the body on average"]
+        self._phi = np.array([shape.phi for shape in body.nodes]).reshape(-1, 3, body.reduced.size)
+        self._system, self._tell = system, tell
+        self._largest, self._found = dict.fromkeys(UNITS, 0.0), {}
+
+    def __call__(self, t, y, yp):
+        _, _, q, z, _, _ = self._system.split(y)
+        frame = self._system.floating_frame
+        moved = np.append(np.linalg.norm(self._phi @ q, axis=1), np.sqrt(max(q @ frame.Me @ q, 0.0) / frame.mass))
+        values = {"deflection": float(moved.max()), "speed": float(np.linalg.norm(z[3:6]))}
+        for key, value in values.items():
+            self._largest[key] = max(self._largest[key], value)
+        for item in LIMITS:
+            key, fraction, sentence = item
+            if values[key] > fraction * self._scales[key] and item not in self._found:
+                scale, where = self._scales[key], self._places[int(moved.argmax())]
+                self._found[item] = sentence.format(
+                    t=t, value=values[key], scale=scale, hz=scale / (2 * np.pi), where=where
+                )
+                self._tell(self._found[item])
+        return 1.0
+
+    @property
+    def notes(self) -> list[str]:
+        """What was told, with the largest value of all."""
+        return [f"{text} (largest: {self._largest[key]:.3g} {UNITS[key]})" for (key, *_), text in self._found.items()]
