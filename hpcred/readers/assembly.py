@@ -12,7 +12,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
 from ..parallel.memory import MB, give_back, node_mb
 from ..parallel.shares import row_range
-from .entries import LARGEST_VALUE, Entries, LabelledEntries, node_and_direction, require_sane
+from .entries import LARGEST_VALUE, Entries, LabelledEntries, node_and_direction, require_sane, sides
 from .matrix_formats import read_entries
 from .parts import Parts, common_size, labels_in_order
 from .whole import Rows, refuse_cut
@@ -101,8 +101,7 @@ def _refuse_half(comm, key, parts):
     """Refuse a stiffness or mass of which one triangle is given, where the file does not say so. Collective."""
     item = parts.matrices[key]
     there = item.values != 0
-    above, below = (any(comm.allgather(bool((there & side).any())))
-                    for side in (item.rows < item.columns, item.rows > item.columns))  # fmt: skip
+    below, above = sides(comm, item.rows[there], item.columns[there])
     if above != below:
         raise InputError(
             f"{parts.files[key]}: found entries {'above' if above else 'below'} the diagonal only, expected both "

@@ -129,6 +129,11 @@ def both_triangles(i, j, v, sign=1.0) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return np.concatenate([i, j[off]]), np.concatenate([j, i[off]]), np.concatenate([v, sign * v[off]])
 
 
+def sides(comm, i, j) -> tuple[bool, bool]:
+    """Return whether a matrix has entries below and above its diagonal, from rows and columns of ranks. Collective."""
+    return tuple(any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
+
+
 def joined(parts: list[tuple], kinds: tuple) -> list[np.ndarray]:
     """Return arrays of several pieces end to end; `kinds`: types of the arrays, for a rank without pieces."""
     if not parts:

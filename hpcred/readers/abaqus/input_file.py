@@ -16,9 +16,9 @@ from ...files.system_errors import open_input
 from ...files.text import (
     BYTE_ORDER_MARK,
     CONTROL,
-    LARGEST_LABEL,
     Piece,
     first_line,
+    labels,
     line_number,
     padded,
     pieces,
@@ -26,14 +26,14 @@ from ...files.text import (
     refuse_packed,
     require_file,
     shown,
-    whole,
     without_comments,
 )
 from ...model.elements import NODES, abaqus_kind, abaqus_nodes_more, in_vtk_order
 from ...model.materials import ElementProperties
+from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, sort_over_ranks
-from ..nodes.table import LARGEST_COORDINATE, NodeTable, finite
+from ..nodes.table import LARGEST_COORDINATE, NodeTable, elements_of, finite
 from .materials import materials_of, names_of, properties_of
 from .sets import GROUP, read_sets
 
@@ -45,11 +45,14 @@ EMPTY_FIELD = re.compile(rb",(?=[ \t]*,)")
 REDIRECTED = re.compile(rb"(?m)^[ \t]*>[ \t]*\*\*.*$")
 TYPE = re.compile(r"\w+")  # of elements
 WITH_NORMAL = 7  # numbers of a node
-CHANGES_NODES = {"ngen", "nfill", "ncopy", "nmap", "import", "imperfection", "symmetricmodelgeneration"}
-MAKES_ELEMENTS = {"elgen", "elcopy"}
+REFUSED = {
+    **dict.fromkeys(("ngen", "nfill", "ncopy", "nmap", "import", "imperfection", "symmetricmodelgeneration"),
+                    ("makes or moves nodes", "nodes in *Node")),
+    **dict.fromkeys(("elgen", "elcopy"), ("makes elements", "elements in *Element")),
+}  # fmt: skip
 SCOPES = {"part", "endpart", "assembly", "endassembly", "instance", "endinstance"}  # where a *System ends
 # what CalculiX leaves out with its data lines, as all that it does not know
-UNKNOWN_TO_CALCULIX = {*SCOPES, "system", *CHANGES_NODES, *MAKES_ELEMENTS}
+UNKNOWN_TO_CALCULIX = {*SCOPES, "system", *REFUSED}
 TOLERATED = {"nset", "input", "system"}  # parameters of *Node
 
 
@@ -136,11 +139,8 @@ def read(path, comm, calculix=False) -> Mesh:
     sections = _sections(Path(path), comm, (), calculix)
     if calculix:
         sections = [section for section in sections if section.keyword not in UNKNOWN_TO_CALCULIX]
-    with agreed(comm):
-        found = None
-        if comm.rank == 0:
-            found = _blocks(path, sections, calculix), materials_of(sections, _first_data_line)
-    blocks, (materials, remarks) = comm.bcast(found)
+    blocks = decided(comm, _blocks, path, sections, calculix)
+    materials, remarks = decided(comm, materials_of, sections, _first_data_line)
     groups = sorted({block.group for block in blocks})
     nodes, elements, sets, solids = (
         [block for block in blocks if block.section.keyword in keywords]
@@ -164,10 +164,8 @@ def _sections(path, comm, including, calculix):
         refuse_packed(path)
         found = [piece.start + match.start() for piece in pieces(path, comm) for match in KEYWORD.finditer(piece.text)]
     positions = sum(comm.allgather(found), [])
-    with agreed(comm):
-        sections = _keywords(path, positions, calculix) if comm.rank == 0 else None
     result = []
-    for section in comm.bcast(sections):
+    for section in decided(comm, _keywords, path, positions, calculix):
         if section.keyword != "include":
             result.append(section)
             continue
@@ -187,8 +185,7 @@ def _sections(path, comm, including, calculix):
 
 
 def _keywords(path, positions, calculix):
-    """Return the Sections of a file from the bytes where its keywords begin; for Abaqus a line that ends with a comma
-    goes on."""
+    """Return the Sections of a file from the bytes where its keywords begin, which go on behind a comma in Abaqus."""
     sections, size = [], path.stat().st_size
     with open_input(path) as file:
         head = file.read(positions[0] if positions else size).removeprefix(BYTE_ORDER_MARK)
@@ -271,15 +268,11 @@ def _blocks(path, sections, calculix):
     scope, name, placement, system = "model", "", Placement(), Placement()
     for section in sections:
         keyword, given = section.keyword, section.parameters
-        if keyword in CHANGES_NODES:
+        if keyword in REFUSED:
+            makes, lines = REFUSED[keyword]
             raise section.refusal(
-                f"found *{keyword.capitalize()}, which makes or moves nodes; write the input file with all nodes in "
-                "*Node lines, or give the nodes as lines of node, x, y, z"
-            )
-        if keyword in MAKES_ELEMENTS:
-            raise section.refusal(
-                f"found *{keyword.capitalize()}, which makes elements; write the input file with all elements in "
-                "*Element lines, or give the nodes as lines of node, x, y, z"
+                f"found *{keyword.capitalize()}, which {makes}; write the input file with all {lines} lines, or give "
+                "the nodes as lines of node, x, y, z"
             )
         if keyword == "transform" and not calculix:
             raise section.refusal(
@@ -384,11 +377,7 @@ def _placement(section):
 
 
 def _nodes(path, comm, blocks, named, least):
-    """Return the nodes of all blocks, ascending by number over the ranks; each number once. Fills `named`, see
-    abaqus_sets.
-
-    `least`: how many numbers a line has.
-    """
+    """Return the nodes of all blocks, ascending, each once; fills `named`. `least`: how many numbers a line has."""
     groups = sorted({block.group for block in blocks})
     with agreed(comm):
         parts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.int64))]
@@ -419,23 +408,18 @@ def _nodes(path, comm, blocks, named, least):
             raise InputError(f"{path}: found the node {label[moved[0]]} at {places}, expected one place a node")
     once = np.ones(len(label), bool)
     once[again] = False
-    label = label[once]
-    return NodeTable(label, position[once], (comm.exscan(len(label)) or 0) + np.arange(len(label)))
+    return NodeTable.as_given(comm, label[once], position[once])
 
 
 def _node_lines(piece, block, least):
-    """Return Labels, and Cartesian coordinates in the system of the part, of data lines; what is left out is zero.
-
-    Behind the coordinates may stand the normal of a beam or shell, which does not count.
-    """
+    """Return labels and Cartesian coordinates in the system of the part; what is left out, and a normal, is zero."""
     filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
     values, counts, lines = ragged(filled, blanks=False, expected="node, x, y, z")
-    wrong = np.flatnonzero((counts < least) | (counts > WITH_NORMAL))
-    if wrong.size:
-        raise piece.refusal(lines[wrong[0]], f"node, x, y, z and a normal ({least} to {WITH_NORMAL} numbers a line)")
+    piece.require((counts >= least) & (counts <= WITH_NORMAL), lines,
+                  f"node, x, y, z and a normal ({least} to {WITH_NORMAL} numbers a line)")  # fmt: skip
     table = padded(values, counts, WITH_NORMAL)
     finite(piece, table[:, 1:], lines)
-    label = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
+    label = labels(piece, table[:, 0], lines)
     position = table[:, 1:4]
     if block.section.parameters.get("system", "r").lower() == "c":  # radius, angle in degrees, z
         radius, angle = position[:, 0].copy(), np.deg2rad(position[:, 1])
@@ -478,14 +462,10 @@ def _elements(comm, blocks, groups, named, calculix):
                 table = [lines[:, 0], np.full(len(lines), types.index(name.upper())), np.full(len(lines), -1)]
                 tables.setdefault(kind, []).append(np.stack(table, axis=1))
                 _name(named, block, "elset", keys[kind][-1])
-    kinds = sorted(set().union(*comm.allgather(set(found))))
-    return (
-        {kind: in_vtk_order(kind, np.concatenate([np.zeros((0, NODES[kind]), np.int64), *found.get(kind, [])]))
-         for kind in kinds},
-        {kind: np.concatenate([np.zeros(0, np.int64), *keys.get(kind, [])]) for kind in kinds}, types,
-        {kind: np.concatenate([np.zeros((0, 3), np.int64), *tables.get(kind, [])]) for kind in kinds},
-        dict(sum(comm.allgather(counts), Counter())),
-    )  # fmt: skip
+    elements = {kind: in_vtk_order(kind, nodes) for kind, nodes in elements_of(comm, found).items()}
+    keys = {kind: np.concatenate([np.zeros(0, np.int64), *keys.get(kind, [])]) for kind in elements}
+    tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *tables.get(kind, [])]) for kind in elements}
+    return elements, keys, types, tables, dict(sum(comm.allgather(counts), Counter()))
 
 
 def _require_labels(block, comm):
@@ -516,22 +496,18 @@ def _numbers_in_first_line(block):
 
 
 def _with_more_nodes(piece, width, more):
-    """As _element_lines, of elements that may name up to `more` further nodes, 0 or nothing where there is none.
-
-    These stand in the same line, or below one that ends with a comma.
-    """
+    """As _element_lines, of elements that may name `more` nodes, 0 or none, in their line or behind a last comma."""
     filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
     values, counts, lines = ragged(filled, blanks=False, expected=f"{width} to {width + more} numbers an element")
     first, total = np.arange(len(counts)), counts
     if (counts < width).any() or GOES_ON.search(filled.text):
         first, total = _lines_joined(filled, lines, counts, width, more)
-    wrong = np.flatnonzero((total < width) | (total > width + more))
-    if wrong.size:
-        raise piece.refusal(lines[first[wrong[0]]], f"{width} to {width + more} numbers an element")
+    fits = (total >= width) & (total <= width + more)
+    piece.require(fits, lines[first], f"{width} to {width + more} numbers an element")
     place = np.arange(len(values)) - np.repeat(np.cumsum(total) - total, total)
     line = np.repeat(lines, counts)
-    whole(piece, values[place < width], line[place < width], "the number of an element or node", 1, LARGEST_LABEL)
-    whole(piece, values[place >= width], line[place >= width], "the number of a node", 0, LARGEST_LABEL)
+    labels(piece, values[place < width], line[place < width], "the number of an element or node")
+    labels(piece, values[place >= width], line[place >= width], "the number of a node", 0)
     return values[place < width].reshape(-1, width).astype(np.int64)
 
 
@@ -550,23 +526,18 @@ def _lines_joined(piece, lines, counts, width, more):
 
 
 def _element_lines(piece, width, surplus=False):
-    """Return the numbers of elements and of their nodes, each of one or more whole lines of together `width` numbers.
-
-    With `surplus` an element is the first numbers of each line.
-    """
+    """Return the `width` numbers of elements and their nodes, of whole lines each, or with `surplus` at their begin."""
     values, counts, lines = ragged(piece, blanks=False, expected=f"{width} numbers an element")
     if surplus:
-        if (counts < width).any():
-            raise piece.refusal(lines[np.argmax(counts < width)], f"at least {width} numbers an element")
+        piece.require(counts >= width, lines, f"at least {width} numbers an element")
         place = np.arange(len(values)) - np.repeat(np.cumsum(counts) - counts, counts)
         values, counts = values[place < width], np.full(len(counts), width)
-    if (counts > width).any():
-        raise piece.refusal(lines[np.argmax(counts > width)], f"{width} numbers an element")
+    piece.require(counts <= width, lines, f"{width} numbers an element")
     ends = np.cumsum(counts)
     line = np.searchsorted(ends, np.arange(width, values.size + 1, width))
     wrong = np.flatnonzero(ends[line] % width) if values.size else line
     if wrong.size or values.size % width:
         bad = line[wrong[0]] if wrong.size else len(lines) - 1
         raise piece.refusal(lines[bad], f"{width} numbers an element")
-    whole(piece, values, np.repeat(lines, counts), "the number of an element or node", 1, LARGEST_LABEL)
+    labels(piece, values, np.repeat(lines, counts), "the number of an element or node")
     return values.reshape(-1, width).astype(np.int64)

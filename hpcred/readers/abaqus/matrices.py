@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ...files.text import LARGEST_LABEL, first_bytes, first_line, numbers, pieces, shown, triples, whole
+from ...files.text import end_to_end, first_bytes, first_line, labels, numbers, pieces, shown, triples, whole
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, agreed
 from ..base import Reader
-from ..entries import Collected, Entries, LabelledEntries, both_triangles, joined, label_of
+from ..entries import Collected, Entries, LabelledEntries, both_triangles, label_of, sides
 
 ENDINGS = {"K": "STIF", "M": "MASS", "D": "DMPV"}
 STRUCTURAL_DAMPING = "DMPS"
@@ -31,8 +31,9 @@ def read(path, comm) -> Entries | LabelledEntries:
     """Read a real square matrix. Collective. Raises InputError."""
     with agreed(comm):
         line = first_line(first_bytes(path))
-        columns = len(line.replace(b",", b" ").split())
-        if columns == 6 and b"." not in b"".join(line.replace(b",", b" ").split()[:5]):
+        words = line.replace(b",", b" ").split()
+        columns = len(words)
+        if columns == 6 and b"." not in b"".join(words[:5]):
             raise InputError(
                 f"{path}: found a first line '{shown(line)}' of 6 numbers, as of matrices element by "
                 "element, expected the assembled matrix; leave Element by Element out of *Matrix Generate"
@@ -60,7 +61,7 @@ def _read_coordinates(path, comm):
         for piece in _pieces(path, comm):
             found.add(triples(piece, commas=True)[:3], piece.share)
         i, j, v = found.arrays
-    below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
+    below, above = sides(comm, i, j)
     if below != above:
         raise InputError(
             f"{path}: found entries {'below' if below else 'above'} the diagonal only, expected lines of row, column, "
@@ -77,33 +78,29 @@ def _read_coordinates(path, comm):
 
 def _read_matrix_input(path, comm):
     with agreed(comm):
-        parts = []
-        for piece in _pieces(path, comm):
-            table, lines = numbers(piece, 5)
-            labels = []
-            for k in (0, 2):
-                internal = np.flatnonzero(table[:, k] <= 0)
-                if internal.size:
-                    raise piece.refusal(
-                        lines[internal[0]],
-                        "the number of a node of the mesh; nodes that are not positive are Abaqus' own (Lagrange "
-                        "multipliers, hybrid elements, contact), which a mechanical model cannot have",
-                    )
-                node = whole(piece, table[:, k], lines, "the node number", 1, LARGEST_LABEL)
-                dof = whole(piece, table[:, k + 1], lines, "the dof (1 to 3 displacements, 4 to 6 rotations)", 1, 6)
-                labels.append(label_of(node, dof - 1))
-            parts.append((*labels, table[:, 4].copy()))
-        i, j, v = joined(parts, (np.int64, np.int64, float))
-        del parts
+        i, j, v = end_to_end(_pieces(path, comm), _labelled)
     if is_one_triangle(comm, i, j):
         i, j, v = both_triangles(i, j, v)
     return LabelledEntries(i, j, v)
 
 
+def _labelled(piece):
+    """Return labels of rows and columns, and values, of lines of node, dof, node, dof, value."""
+    table, lines = numbers(piece, 5)
+    ends = []
+    for k in (0, 2):
+        piece.require(~(table[:, k] <= 0), lines,
+                      "the number of a node of the mesh; nodes that are not positive are Abaqus' own (Lagrange "
+                      "multipliers, hybrid elements, contact), which a mechanical model cannot have")  # fmt: skip
+        node = labels(piece, table[:, k], lines)
+        dof = whole(piece, table[:, k + 1], lines, "the dof (1 to 3 displacements, 4 to 6 rotations)", 1, 6)
+        ends.append(label_of(node, dof - 1))
+    return *ends, table[:, 4].copy()
+
+
 def is_one_triangle(comm, i, j):
     """Test whether no entry has its mirror image; the order of Abaqus' rows need not be that of the node numbers."""
-    below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
-    if not (below and above):
+    if not all(sides(comm, i, j)):
         return True
     off = i != j
     low, high, is_above = np.minimum(i, j)[off], np.maximum(i, j)[off], (i < j)[off]

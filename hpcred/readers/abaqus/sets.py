@@ -10,14 +10,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...files.text import (
-    LARGEST_LABEL,
     Piece,
+    labels,
     pieces,
     ragged,
     refuse_empty_fields,
     require_commas,
     shown,
-    whole,
     without_comments,
 )
 from ...parallel.failures import InputError, agreed
@@ -102,7 +101,7 @@ def _read_block(comm, block, offset, found, wanted):
         require_commas(piece, fields)
         plain = Piece(piece.path, WORD.sub(b" ", text).replace(b",", b" "), piece.start)
         values, counts, lines = ragged(plain, expected="whole numbers")
-        numbers = whole(plain, values, np.repeat(lines, counts), "a number", 1, LARGEST_LABEL)
+        numbers = labels(plain, values, np.repeat(lines, counts), "a number")
         inside = [int(match[1]) for match in map(IN_INSTANCE.fullmatch, words) if match]
         members.numbers.append(offset + np.concatenate([numbers, np.array(inside, np.int64)]))
         words = [word.lower() for word in words if not IN_INSTANCE.fullmatch(word)]
@@ -112,10 +111,8 @@ def _read_block(comm, block, offset, found, wanted):
 def _ranges(piece):
     """Return the numbers of lines of first, last, step; a step that is left out is 1."""
     values, counts, lines = ragged(piece, blanks=False, expected="first, last and step of numbers")
-    wrong = np.flatnonzero((counts < 2) | (counts > 3))
-    if wrong.size:
-        raise piece.refusal(lines[wrong[0]], "first, last and step of numbers")
-    values = whole(piece, values, np.repeat(lines, counts), "a number", 1, LARGEST_LABEL)
+    piece.require((counts == 2) | (counts == 3), lines, "first, last and step of numbers")
+    values = labels(piece, values, np.repeat(lines, counts), "a number")
     parts = [NOTHING]
     rows = np.split(values, np.cumsum(counts)[:-1]) if len(lines) else []
     for line, row in zip(lines, rows, strict=True):
@@ -145,8 +142,7 @@ def _with_their_parts(path, comm, found):
 
 
 def _named_in(path, key, table):
-    """Yield the keys of the sets that a set names. Elements of kinds that are not known have no sets, nodes always
-    have."""
+    """Yield the keys of the sets that a set names, which may be without elements of known kinds, but not nodes."""
     kind, (name, parts) = key[0], table[key]
     for words in sorted(parts):
         there = [(kind, word) for word in words if (kind, word) in table]

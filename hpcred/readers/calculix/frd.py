@@ -11,13 +11,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...files.system_errors import open_input, read_numbers
-from ...files.text import LARGEST_LABEL, Piece, numbers, pieces, ragged, records, refuse_packed, require_file, whole
+from ...files.text import (
+    Piece,
+    end_to_end,
+    labels,
+    numbers,
+    pieces,
+    ragged,
+    records,
+    refuse_packed,
+    require_file,
+    whole,
+)
 from ...model.elements import NODES
+from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import repeated_key, sort_over_ranks
-from ..entries import joined
+from ...parallel.lookup import require_once
 from ..fixed_width import fields_of_format, separated
-from ..nodes.table import LARGEST_COORDINATE, NodeTable, finite
+from ..nodes.table import LARGEST_COORDINATE, VERTICAL_FIRST, NodeTable, elements_of, finite
 
 HEAD = re.compile(rb"(?m)^ {4}([23])C {18}([ \d]{12}) {37}(\d)[ \t]*\r?\n")
 ELEMENT = re.compile(rb"(?m)^ -1")
@@ -26,8 +37,6 @@ SHORT, LONG, SINGLE, DOUBLE = range(4)
 KINDS = {1: "hexahedron", 2: "wedge", 3: "tetra", 4: "hexahedron20", 5: "wedge15", 6: "tetra10", 7: "triangle",
          8: "triangle6", 9: "quad", 10: "quad8", 11: "line", 12: "line3"}  # fmt: skip
 LONGEST = 4 + max(NODES[kind] for kind in KINDS.values())  # words of a binary element
-# edges between bottom and top stand in front of those of the top
-VTK = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)], "wedge15": [*range(9), 12, 13, 14, 9, 10, 11]}
 
 
 @dataclass
@@ -46,8 +55,7 @@ class Results:
 
 @dataclass(frozen=True)
 class Block:
-    """`count` nodes or elements of a form in the bytes start..stop; `shares`: bytes where shares of binary elements
-    begin."""
+    """`count` nodes or elements of a form in the bytes start..stop; `shares`: where those of binary elements begin."""
 
     count: int
     form: int
@@ -62,15 +70,8 @@ def begins(start: bytes) -> bool:
 
 
 def read(path, comm) -> Results | None:
-    """Read the mesh of a file; None if it has no nodes, as after a run that only writes matrices. Collective.
-
-    Raises InputError.
-    """
-    with agreed(comm):
-        require_file(path)
-        refuse_packed(path, "results of CalculiX")
-        blocks = _blocks(path) if comm.rank == 0 else None
-    blocks = comm.bcast(blocks)
+    """Read the mesh of a file; None if it has no nodes, as after a run that only writes matrices. Collective."""
+    blocks = decided(comm, _blocks, path)
     if 2 not in blocks:
         return None
     with agreed(comm):
@@ -80,23 +81,20 @@ def read(path, comm) -> Results | None:
         if wrong.any():
             raise InputError(f"{path}: found the node {label[wrong][0]} at {position[wrong][0].tolist()}, expected "
                              "finite coordinates")  # fmt: skip
-    counts = [comm.allreduce(len(label)), comm.allreduce(sum(len(part) for part in elements.values()))]
+    counts = [comm.allreduce(len(label)), comm.allreduce(sum(len(part) for part, in elements.values()))]
     for what, count, block in zip(("nodes", "elements"), counts, (blocks[2], blocks.get(3)), strict=True):
         if block and count != block.count:
             raise InputError(f"{path}: found {count} {what}, expected {block.count}; the file is cut off or damaged")
-    twice = repeated_key(comm, label)
-    if twice is not None:
-        raise InputError(f"{path}: found the node {twice} more than once, expected one place a node")
-    label, x, y, z = sort_over_ranks(comm, label, list(position.T))
-    nodes = NodeTable(label, np.stack([x, y, z], axis=1), (comm.exscan(len(label)) or 0) + np.arange(len(label)))
-    kinds = sorted(set().union(*comm.allgather(set(elements))))
-    empty = {kind: np.zeros((0, NODES[kind]), np.int64) for kind in kinds}
-    return Results(nodes, empty | elements, blocks[2].form in (SHORT, LONG))
+    require_once(comm, label, lambda twice: f"{path}: found the node {twice} more than once, expected one place a node")
+    nodes, elements = NodeTable.ascending(comm, label, position), elements_of(comm, elements, VERTICAL_FIRST)
+    return Results(nodes, elements, blocks[2].form in (SHORT, LONG))
 
 
 def _blocks(path) -> dict[int, Block]:
     """Return the blocks of nodes (2) and elements (3). Raises InputError."""
     found = {}
+    require_file(path)
+    refuse_packed(path, "results of CalculiX")
     with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
 
         def damaged(at, expected):
@@ -166,40 +164,36 @@ def _nodes(path, comm, block):
         low, high = (block.count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
         table = read_numbers(path, kind, high - low, block.start + low * kind.itemsize)
         label = table["number"].astype(np.int64)
-        if (label < 1).any():
-            raise _no_number(path, label)
+        _require_numbers(path, label)
         return label, table["place"].astype(float)
     fields = fields_of_format(b"(I3,I%d,3E12.5)" % (5 if block.form == SHORT else 10), str(path))
-    labels, places = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
-    for piece in pieces(path, comm, block.start, block.stop):
+
+    def decode(piece):
         table, lines = numbers(separated(piece, fields), 5, commas=False)
         whole(piece, table[:, 0], lines, "the key -1 of a node", -1, -1)
-        labels.append(whole(piece, table[:, 1], lines, "the node number", 1, LARGEST_LABEL))
+        label = labels(piece, table[:, 1], lines)
         finite(piece, table[:, 2:], lines)
-        places.append(table[:, 2:])
-    return np.concatenate(labels), np.concatenate(places)
+        return label, table[:, 2:]
+
+    return end_to_end(pieces(path, comm, block.start, block.stop), decode)
 
 
-def _no_number(path, values):
-    return InputError(f"{path}: found the node number {values.min()}, expected positive ones; the file is damaged")
+def _require_numbers(path, values):
+    if (values < 1).any():
+        raise InputError(f"{path}: found the node number {values.min()}, expected positive ones; the file is damaged")
 
 
 def _elements(path, comm, block):
-    """Return node numbers of the elements of this rank by kind."""
+    """Return node numbers of the elements of this rank by kind, as the only array of a list."""
     if block.form in (SHORT, LONG):
         found = records(path, comm, block.start, block.stop, ELEMENT)
-        parts = [_elements_of_text(piece, block.form) for piece in found]
+        types, values = end_to_end(found, lambda piece: _elements_of_text(piece, block.form))
     else:
         count = len(block.shares) - 1
         low, high = (block.shares[count * rank // comm.size] for rank in (comm.rank, comm.rank + 1))
-        parts = [_binary_elements(path, low, high)]
-    types, values = joined(parts, (np.int64, np.int64))
-    owner, found = np.repeat(types, _sizes(types)), {}
-    for type_ in np.unique(types).tolist():
-        kind = KINDS[type_]
-        table = values[owner == type_].reshape(-1, NODES[kind])
-        found[kind] = table[:, VTK.get(kind, slice(None))]
-    return found
+        types, values = _binary_elements(path, low, high)
+    owner, kinds = np.repeat(types, _sizes(types)), {key: KINDS[key] for key in np.unique(types).tolist()}
+    return {kind: [values[owner == key].reshape(-1, NODES[kind])] for key, kind in kinds.items()}
 
 
 def _sizes(types):
@@ -219,8 +213,7 @@ def _binary_elements(path, low, high):
         at, ahead = at + size * same, 2 * same + 1
     heads = np.concatenate(heads)
     values = np.delete(words, (heads[:, None] + np.arange(4)).ravel())
-    if (values < 1).any():
-        raise _no_number(path, values)
+    _require_numbers(path, values)
     return words[heads + 1], values
 
 
@@ -242,4 +235,4 @@ def _elements_of_text(piece, form):
         k = np.flatnonzero(wrong)[0]
         raise piece.refusal(int(at[k]), f"an element with {expected[k]} nodes in the lines below")
     values, lines = np.delete(values, keys), np.repeat(lines, counts - 1)
-    return types, whole(piece, values, lines, "the node number", 1, LARGEST_LABEL)
+    return types, labels(piece, values, lines)

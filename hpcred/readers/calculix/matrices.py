@@ -36,8 +36,7 @@ class Triangle:
 
 
 def begins(start: bytes) -> bool:
-    """Test whether a file that starts so is of CalculiX: its first lines are those of an upper triangle as it writes
-    one."""
+    """Test whether a file that starts so has lines of an upper triangle as CalculiX writes them."""
     lines = start.split(b"\n")
     lines = [line.rstrip(b"\r") for line in (lines[:-1] if len(lines) > 1 else lines)]
     if not all(map(LINE.fullmatch, lines)):
@@ -59,12 +58,10 @@ def read_triangle(path, comm) -> Triangle:
         for piece in pieces(path, comm):
             i, j, v, lines = triples(piece)
             order = j * np.int64(2**31) + i  # rows stay below 2^31
-            wrong = np.flatnonzero((i > j) | np.append(False, order[1:] <= order[:-1]))
-            if wrong.size:
-                raise piece.refusal(
-                    wrong[0] if lines is None else lines[wrong[0]],
-                    "an entry of the upper triangle, ascending by column and then by row, as CalculiX writes them",
-                )
+            ascends = np.append(True, order[1:] > order[:-1])[: len(order)]
+            piece.require((i <= j) & ascends, lines,
+                          "an entry of the upper triangle, ascending by column and then by row, as CalculiX writes "
+                          "them")  # fmt: skip
             if len(order):
                 bounds.append((piece.start, int(order[0]), int(order[-1])))
             diagonal += np.count_nonzero(i == j)

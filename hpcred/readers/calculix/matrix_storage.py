@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ...files.text import LARGEST_LABEL, Piece, numbers, padded, pieces, places, ragged, whole
+from ...files.text import Piece, labels, numbers, padded, pieces, ragged, read_lines, whole
 from ...model.dofs import SCALAR
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, repeated_key, sort_over_ranks
 from ...parallel.petsc import MPI
 from ..abaqus import input_file as abaqus_input
 from ..base import Reader
-from ..entries import joined, label_name, label_of, node_and_direction
+from ..entries import label_name, label_of, node_and_direction
 from ..nodes.table import NodeTable
 from ..parts import Parts
 from . import frd as calculix_frd
@@ -52,8 +52,7 @@ def begins_dofs(start: bytes) -> bool:
 
 
 def files_of(path) -> dict[str, str]:
-    """Return the files K, M, dofs and, where they are there, input and results of the set to which a file belongs; also
-    packed ones."""
+    """Return K, M, dofs, and, where there are, input and results of the set of a file; also packed ones."""
     path = Path(path)
     stem = path.with_suffix("") if path.suffix == ".gz" else path
     found = {}
@@ -67,8 +66,7 @@ def files_of(path) -> dict[str, str]:
 
 
 def read_parts(path, comm) -> Parts:
-    """Return K, M, row labels, nodes, elements, sets, held dofs of the files beside `path`. Collective. Raises
-    InputError."""
+    """Return K, M, row labels, nodes, elements, sets, held dofs of the files beside `path`. Collective."""
     with agreed(comm):
         files = files_of(path)
         for key, suffix in SUFFIXES.items():
@@ -105,26 +103,22 @@ def read_parts(path, comm) -> Parts:
 
 def read_dofs(path, comm) -> tuple[np.ndarray, np.ndarray]:
     """Return labels of the lines node.direction of this rank, and the row of each. Collective. Raises InputError."""
+
+    def decode(piece):
+        if not DOF_LINES.fullmatch(piece.text):
+            lines = piece.text.split(b"\n")
+            wrong = next(k for k, line in enumerate(lines) if not DOF_LINES.fullmatch(line + b"\n"))
+            raise piece.refusal(wrong, "node.direction, such as 20.3")
+        table, lines = numbers(Piece(path, piece.text.replace(b".", b" "), piece.start), 2)
+        node = labels(piece, table[:, 0], lines)
+        piece.require(table[:, 1] != 0, lines,
+                      "a displacement (1 to 3); 0 is a temperature, which a mechanical model cannot have")  # fmt: skip
+        return (label_of(node, whole(piece, table[:, 1], lines, "the direction (1 to 6)", 1, 6) - 1),)
+
     with agreed(comm):
         require_last_line(path)
-        parts, counts = [], []
-        for piece in pieces(path, comm):
-            if not DOF_LINES.fullmatch(piece.text):
-                lines = piece.text.split(b"\n")
-                wrong = next(k for k, line in enumerate(lines) if not DOF_LINES.fullmatch(line + b"\n"))
-                raise piece.refusal(wrong, "node.direction, such as 20.3")
-            table, lines = numbers(Piece(path, piece.text.replace(b".", b" "), piece.start), 2)
-            node = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
-            if (table[:, 1] == 0).any():
-                raise piece.refusal(
-                    lines[np.flatnonzero(table[:, 1] == 0)[0]],
-                    "a displacement (1 to 3); 0 is a temperature, which a mechanical model cannot have",
-                )
-            direction = whole(piece, table[:, 1], lines, "the direction (1 to 6)", 1, 6)
-            parts.append((label_of(node, direction - 1),))
-            counts.append((piece.start, len(table)))
-        (label,) = joined(parts, (np.int64,))
-    return label, places(comm, counts)
+    label, row = read_lines(path, comm, decode)
+    return label, row
 
 
 class Unnamed(Exception):
@@ -163,8 +157,7 @@ def name_rows(comm, parts, files, label, row):
 
 
 def _mesh_of(comm, parts, files, label):
-    """Read the input file or results, for rows with these labels. Raises Unnamed where it does not say what they
-    are."""
+    """Read the input file or results. Raises Unnamed where it does not say what the rows with these labels are."""
     twice = repeated_key(comm, label)
     if twice is not None:
         raise Unnamed(f"found {label_name(twice)} for several rows, since CalculiX makes solids of beams and shells")
@@ -173,8 +166,7 @@ def _mesh_of(comm, parts, files, label):
         return _mesh_of_results(comm, parts, files, label)
     mesh = abaqus_input.read(files["input"], comm, calculix=True)
     with agreed(comm):
-        _require_steps(files["input"], mesh.sections)
-        _refuse_local_directions(mesh.sections)
+        _check_steps(files["input"], mesh.sections)
     for kind in sorted(_element_types(mesh.sections)):
         if kind[:3] in EXPANDED:
             raise Unnamed(f"elements of the type {kind} become {EXPANDED[kind[:3]]} in CalculiX")
@@ -182,8 +174,7 @@ def _mesh_of(comm, parts, files, label):
 
 
 def _mesh_of_results(comm, parts, files, label):
-    """Return the nodes and elements of results. Raises Unnamed where the rows may be others than those of their
-    nodes."""
+    """Return the mesh of results. Raises Unnamed where rows may be others than those of their nodes."""
     found = calculix_frd.read(files["results"], comm) if "results" in files else None
     if found is None:
         stem = Path(files["dofs"]).stem
@@ -210,8 +201,7 @@ def _mesh_of_results(comm, parts, files, label):
 
 
 def _turning(comm, files, mesh, label):
-    """Return the REF node by ROT node of all rigid bodies whose rows have these labels. Raises Unnamed where rows are
-    those of other nodes that CalculiX made."""
+    """Return the REF node by ROT node of rigid bodies; Unnamed where rows are of other nodes of CalculiX."""
     turning, without = rigid_bodies(mesh.sections)
     node, _ = node_and_direction(label)
     found, _ = look_up(comm, mesh.nodes.label, [], node)
@@ -234,20 +224,15 @@ def _turning(comm, files, mesh, label):
 
 
 def _inside_elements(comm, label, count):
-    """Return which of the rows are incompatible modes of `count` elements: nine each, of the nodes with the largest
-    numbers.
-
-    CalculiX makes three nodes for each such element, behind all others, when the whole file is read. None where the
-    rows are others. Collective.
-    """
+    """Return which rows are incompatible modes of `count` elements: nine each, or none of all rows. Collective."""
+    # CalculiX makes three nodes for each such element, behind all others, when the whole file is read
     node, _ = node_and_direction(label)
     inside = node > comm.allreduce(int(node.max(initial=0)), op=MPI.MAX) - 3 * count
     return inside if comm.allreduce(int(np.count_nonzero(inside))) == 9 * count else np.zeros(len(label), bool)
 
 
 def _as_scalars(comm, label, inside, nodes):
-    """Return labels in which rows `inside` of elements are scalars with numbers of their own, and the nodes with
-    these."""
+    """Return labels in which rows `inside` of elements are scalars with own numbers, and nodes with these."""
     node, direction = node_and_direction(label[inside])
     number = 3 * node + direction
     first = comm.allreduce(int(number.min(initial=np.iinfo(np.int64).max)), op=MPI.MIN)
@@ -275,32 +260,25 @@ def _require_order(comm, path, label):
             )
 
 
-def _require_steps(path, sections):
-    """Raise InputError unless the file has a step, and its end."""
+def _check_steps(path, sections):
+    """Raise InputError unless the file has a step, and its end, of matrices in global directions."""
     keywords = [section.keyword for section in sections]
     if not 1 <= keywords.count("step") == keywords.count("endstep"):
         raise InputError(
             f"{path}: found {keywords.count('step')} *Step and {keywords.count('endstep')} *End Step, expected the "
             "step that wrote the matrices, and its end; the file is cut off or damaged"
         )
+    for section in sections:
+        if section.keyword == "frequency" and section.parameters.get("global", "").lower() == "no":
+            raise section.refusal("found *Frequency with GLOBAL=NO, expected matrices in global directions")
 
 
 def _element_types(sections):
     return {section.parameters.get("type", "").upper() for section in sections if section.keyword == "element"}
 
 
-def _refuse_local_directions(sections):
-    for section in sections:
-        if section.keyword == "frequency" and section.parameters.get("global", "").lower() == "no":
-            raise section.refusal("found *Frequency with GLOBAL=NO, expected matrices in global directions")
-
-
 def rigid_bodies(sections) -> tuple[dict[int, int], list[int]]:
-    """Return the REF node by ROT node of *Rigid Body, and the REF nodes of those and of *Kinematic without ROT node, in
-    order.
-
-    Displacements of the ROT node are rotations of the REF node.
-    """
+    """Return the REF node by ROT node, whose displacements are its rotations, and REF nodes without one, in order."""
     found, without, coupled = {}, [], ""
     for section in sections:
         if section.keyword == "coupling":
@@ -328,8 +306,7 @@ def with_rotations(label, turning: dict[int, int]):
 
 
 def _held(comm, mesh, turning, rows):
-    """Return labels of dofs of *Boundary that have no row, each once, and the number of all nodes that are held in
-    other directions than x, y, z. Collective."""
+    """Return labels of dofs of *Boundary without row, and the number of nodes held along other axes. Collective."""
     sets = {name.lower(): nodes for name, nodes in mesh.sets.items()}
     with agreed(comm):
         found, inclined = [NO_NODES], [NO_NODES]
@@ -358,11 +335,9 @@ def _supports(comm, section, sets):
     for piece in pieces(section.path, comm, section.start, section.stop):
         text = EMPTY_FIELD.sub(b",0", NAMED_LINE.sub(b"", piece.text))
         values, counts, lines = ragged(Piece(piece.path, text, piece.start), expected="node, directions, value")
-        wrong = np.flatnonzero((counts < 2) | (counts > 4))
-        if wrong.size:
-            raise piece.refusal(lines[wrong[0]], "node, first direction, last direction, value")
+        piece.require((counts > 1) & (counts < 5), lines, "node, first direction, last direction, value")
         table = padded(values, counts, 4)
-        node = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
+        node = labels(piece, table[:, 0], lines)
         first, last = (whole(piece, table[:, k], lines, "the direction", 0, 11) for k in (1, 2))
         found += _labels(node, first, np.where(last == 0, first, last))
     for piece in pieces(section.path, MPI.COMM_SELF, section.start, section.stop):

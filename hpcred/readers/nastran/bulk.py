@@ -17,6 +17,7 @@ from ...model.elements import NODES
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once, sort_over_ranks
 from ..nodes.table import LARGEST_COORDINATE, elements_of
+from ..nodes.table import VERTICAL_FIRST as VTK
 from .cards import CARD, components, lines_of, number_of, reals, whole_of, wholes
 from .points import CYLINDRICAL, HELD, RECTANGULAR, SPHERICAL, Points, System
 
@@ -44,8 +45,6 @@ ELEMENTS = {
     "CBAR": (2, ("line",)), "CBEAM": (2, ("line",)), "CROD": (2, ("line",)), "CTUBE": (2, ("line",)),
     "CBEND": (2, ("line",)), "CONROD": (1, ("line",)), "CBUSH": (2, ("line",)),
 }  # fmt: skip
-# Nastran numbers the vertical edges before those of the top
-VTK = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)], "wedge15": [*range(9), 12, 13, 14, 9, 10, 11]}
 WITH_NODES = {"CONM2": (1,), "CONM1": (1,), "CELAS1": (2, 4), "CELAS2": (2, 4), "CBUSH": (2, 3), "CDAMP1": (2, 4),
               "CDAMP2": (2, 4), "CMASS1": (2, 4), "CMASS2": (2, 4), "CVISC": (2, 3)}  # fmt: skip
 ANY_ELEMENT = re.compile(rb"C(?!ORD[12][RCS]$|SET1?$|SUPER$|REEP$|LOAD$|YJOIN$)[A-Z]+[0-9]*")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...parallel.failures import InputError
-from ..entries import Entries, both_triangles, joined
+from ..entries import Entries, both_triangles, joined, sides
 
 DIAGONAL, SYMMETRIC, IDENTITY = 3, 6, 8
 TRIANGLES = (4, 5)
@@ -73,7 +73,7 @@ def completed(path, comm, matrix: Op4Matrix, parts) -> Entries:
         mine = np.arange(rows * comm.rank // comm.size, rows * (comm.rank + 1) // comm.size)
         return Entries(matrix.shape, mine, mine.copy(), np.ones(len(mine)))
     if matrix.form == SYMMETRIC:
-        below, above = (any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
+        below, above = sides(comm, i, j)
         if below != above:
             i, j, v = both_triangles(i, j, v)
     return Entries(matrix.shape, i, j, v)

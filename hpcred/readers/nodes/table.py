@@ -13,6 +13,10 @@ from ...parallel.petsc import MPI
 from ..entries import label_name, label_of
 
 LARGEST_COORDINATE = 1e15  # more than a body has, in any unit
+# places of the nodes in the order of VTK where a program numbers the vertical edges before those of the top
+VERTICAL_FIRST = {
+    "hexahedron20": [*range(12), *range(16, 20), *range(12, 16)], "wedge15": [*range(9), 12, 13, 14, 9, 10, 11],
+}  # fmt: skip
 
 
 @dataclass
@@ -38,10 +42,11 @@ class NodeTable:
         return cls.as_given(comm, label, np.stack(columns, axis=1))
 
 
-def elements_of(comm, parts: dict[str, list[np.ndarray]]) -> dict[str, np.ndarray]:
-    """Return node numbers (elements of this rank, nodes), with the same kinds on all ranks. Collective."""
+def elements_of(comm, parts: dict[str, list[np.ndarray]], order=None) -> dict[str, np.ndarray]:
+    """Return node numbers (elements of this rank, nodes), `order` of them by kind, the same kinds on all ranks."""
     kinds = sorted(set().union(*comm.allgather(set(parts))))
-    return {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *parts.get(kind, [])]) for kind in kinds}
+    found = {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *parts.get(kind, [])]) for kind in kinds}
+    return {kind: nodes[:, (order or {}).get(kind, slice(None))] for kind, nodes in found.items()}
 
 
 def read(path, comm) -> NodeTable:
