@@ -11,11 +11,22 @@ from pathlib import Path
 import numpy as np
 
 from ...files.system_errors import open_input
-from ...files.text import LARGEST_LABEL, Piece, line_number, numbers, pieces, ragged, require_file, shown, whole
-from ...model.elements import NODES
+from ...files.text import (
+    LARGEST_LABEL,
+    Piece,
+    labels,
+    line_number,
+    numbers,
+    pieces,
+    ragged,
+    require_file,
+    shown,
+    whole,
+)
+from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ..fixed_width import Field, fields_of_format, separated
-from ..nodes.table import finite
+from ..nodes.table import elements_of, finite
 
 COMMAND = re.compile(
     rb"(?im)^[ \t]*(?:(?P<block>[NE]BLOCK)\b|(?P<types>ETBLOCK)\b|(?P<type>ET[ \t]*,)"
@@ -44,8 +55,7 @@ class Block:
 
 
 def begins(start: bytes) -> bool:
-    """Test whether a text that starts so may be an archive: one of its lines is a command that stands above the
-    blocks."""
+    """Test whether a text that starts so may be an archive: it has a command that stands above the blocks."""
     return b"\0" not in start and bool(START.search(start))
 
 
@@ -57,17 +67,10 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict]:
     path = Path(path)
     with agreed(comm):
         require_file(path)
-        found = []
-        for piece in pieces(path, comm):
-            for match in COMMAND.finditer(piece.text):
-                found.append((piece.start + match.start(), match.lastgroup, match[0].decode("latin-1").strip()))
+        found = [(piece.start + match.start(), match.lastgroup, match[0].decode("latin-1").strip())
+                 for piece in pieces(path, comm) for match in COMMAND.finditer(piece.text)]  # fmt: skip
     found = sum(comm.allgather(found), [])
-    with agreed(comm):
-        blocks = _blocks(path, found) if comm.rank == 0 else None
-    blocks = comm.bcast(blocks)
-    with agreed(comm):
-        types = _types(path, found) if comm.rank == 0 else None
-    types = comm.bcast(types)
+    blocks, types = decided(comm, _blocks, path, found), decided(comm, _types, path, found)
     nodes, elements, counts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))], {}, []
     with agreed(comm):
         for block in blocks:
@@ -84,9 +87,7 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict]:
                 f"{path}, line {block.line}: found {total} entries of {block.name}, but it announces "
                 f"{block.announced}; the file is damaged"
             )
-    kinds = sorted(set().union(*comm.allgather(set(elements))))
-    joined = {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *elements.get(kind, [])]) for kind in kinds}
-    return *(np.concatenate(item) for item in zip(*nodes, strict=True)), joined
+    return *map(np.concatenate, zip(*nodes, strict=True)), elements_of(comm, elements)
 
 
 def _blocks(path, found):
@@ -95,15 +96,10 @@ def _blocks(path, found):
     with open_input(path) as file:
         for index, (position, kind, line) in enumerate(found):
             if kind == "node":
-                raise InputError(
-                    f"{path}, line {line_number(path, position)}: found nodes as single commands, expected the blocks "
-                    "of CDWRITE,DB,file,cdb"
-                )
+                raise _refusal(path, position, "nodes as single commands, expected the blocks of CDWRITE,DB,file,cdb")
             if kind == "turn":
-                raise InputError(
-                    f"{path}, line {line_number(path, position)}: found '{shown(line.encode())}', which gives nodes "
-                    "axes of their own that only ANSYS knows; let it write CDWRITE,DB,file,cdb, which has their angles"
-                )
+                raise _refusal(path, position, f"'{shown(line.encode())}', which gives nodes axes of their own that "
+                               "only ANSYS knows; let it write CDWRITE,DB,file,cdb, which has the angles")  # fmt: skip
             if kind != "block":
                 continue
             words = [word.strip() for word in line.split(",")]
@@ -115,27 +111,25 @@ def _blocks(path, found):
             fields = fields_of_format(file.readline(), f"{path}, line {number + 1}")
             end = found[index + 1] if index + 1 < len(found) else None
             if end is None or end[1] != "end":
-                raise InputError(f"{path}, line {number}: found no end of {name}; the file is cut off or damaged")
+                raise _refusal(path, position, f"no end of {name}; the file is cut off or damaged")
             if name == "NBLOCK" and not _fits(fields, words):
-                raise InputError(
-                    f"{path}, line {number}: found an NBLOCK of {len(fields)} fields, expected 3 integers (1 of "
-                    "NBLOCK,3) and 3 to 6 numbers"
-                )
+                raise _refusal(path, position, f"an NBLOCK of {len(fields)} fields, expected 3 integers (1 of "
+                               "NBLOCK,3) and 3 to 6 numbers")  # fmt: skip
             if name == "EBLOCK" and not (len(fields) == HEAD + FIRST and all(field.whole for field in fields)):
-                raise InputError(
-                    f"{path}, line {number}: found an EBLOCK of {len(fields)} fields, expected 19 integers"
-                )
+                raise _refusal(path, position, f"an EBLOCK of {len(fields)} fields, expected 19 integers")
             counts = [word for word in words[3:] if word]
             if not all(word.isdigit() and word.isascii() for word in counts):
-                raise InputError(
-                    f"{path}, line {number}: found '{shown(line.encode())}', expected whole numbers behind SOLID"
-                )
+                raise _refusal(path, position, f"'{shown(line.encode())}', expected whole numbers behind SOLID")
             # the short NBLOCK of Workbench has the highest number that a node may have, and not how many there are
             announced = int(counts[-1]) if len(counts) == 2 else None
             blocks.append(Block(name, number, announced, fields, file.tell(), end[0]))
     if not any(block.name == "NBLOCK" for block in blocks):
         raise InputError(f"{path}: found no nodes, expected an NBLOCK as CDWRITE,DB,file,cdb writes it")
     return blocks
+
+
+def _refusal(path, position, found):
+    return InputError(f"{path}, line {line_number(path, position)}: found {found}")
 
 
 def _fits(fields, words):
@@ -161,23 +155,21 @@ def _types(path, found):
 
 def _types_of_block(path, position, after):
     """Return the types in the lines of an ETBLOCK: number, type, key options."""
-    number = line_number(path, position)
     if not after or after[0][1] != "end":
-        raise InputError(f"{path}, line {number}: found no end of ETBLOCK; the file is cut off or damaged")
+        raise _refusal(path, position, "no end of ETBLOCK; the file is cut off or damaged")
     with open_input(path) as file:
         file.seek(position)
         _, _, *lines = file.read(after[0][0] - position).splitlines() or [b""]
     pairs = [line.split()[:2] for line in lines if line.strip()]
     if not all(len(pair) == 2 and pair[0].isdigit() and pair[1].isdigit() for pair in pairs):
-        raise InputError(f"{path}, line {number}: found an ETBLOCK with other lines than number, type and key options")
+        raise _refusal(path, position, "an ETBLOCK with other lines than number, type and key options")
     return {int(key): int(type_) for key, type_ in pairs}
 
 
 def _nodes(piece, fields):
-    """Return Labels, coordinates and angles of the lines of an NBLOCK; numbers that are left out at the end are
-    zero."""
+    """Return labels, coordinates and angles of the lines of an NBLOCK; what is left out at the end is zero."""
     table, lines = numbers(separated(piece, fields, fill=True), len(fields), commas=False)
-    label = whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL)
+    label = labels(piece, table[:, 0], lines)
     reals = table[:, sum(field.whole for field in fields) :]
     reals = np.hstack([reals, np.zeros((len(table), 6 - reals.shape[1]))])
     finite(piece, reals, lines)
@@ -212,13 +204,12 @@ def _elements(path, comm, block, types, elements):
             break
     else:
         first, heads = 0, followed(after, 0)
-    if not fits[heads].all():
-        raise piece.refusal(int(lines[heads[~fits[heads]][0]]), "an element of 11 numbers, then its nodes")
+    piece.require(fits[heads], lines[heads], "an element of 11 numbers, then its nodes")
     table = values[np.minimum(place[heads, None] + np.arange(HEAD + 20), len(values) - 1)]
     here = np.arange(HEAD + 20) < HEAD + np.minimum(nodes[heads], 20)[:, None]
     here[:, [k for k in range(HEAD) if k not in (TYPE, NUMBER)]] = False  # keys of the geometry may be negative
-    if (negative := ((table < 0) & here).any(axis=1)).any():
-        raise piece.refusal(int(lines[heads[negative][0]]), "numbers of nodes, of an element and its type, from 0 on")
+    positive = ~((table < 0) & here).any(axis=1)
+    piece.require(positive, lines[heads], "numbers of nodes, of an element and its type, from 0 on")
     for number in np.unique(table[:, TYPE]):
         for count in np.unique(table[table[:, TYPE] == number, COUNT]):
             some = table[(table[:, TYPE] == number) & (table[:, COUNT] == count), HEAD:][:, : min(count, 20)]
@@ -242,8 +233,7 @@ def followed(after: np.ndarray, first: int) -> np.ndarray:
 
 
 def kinds_of(type_: int | None, nodes: np.ndarray):
-    """Yield pairs of a kind (see model.elements) and node numbers, of elements of one type; repeated nodes make
-    wedges."""
+    """Yield kinds (see model.elements) and node numbers of elements of one type; repeated nodes make wedges."""
     count = nodes.shape[1]
     if type_ in BEAMS and count >= 2:
         yield ("line3", nodes[:, :3]) if type_ == 189 and count >= 3 else ("line", nodes[:, :2])

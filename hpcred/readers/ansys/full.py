@@ -12,7 +12,7 @@ import numpy as np
 
 from ...files.text import LARGEST_LABEL
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import look_up, number_over_ranks, repeated_key
+from ...parallel.lookup import look_up, number_over_ranks, require_once
 from ..base import Reader
 from ..entries import Entries, joined, label_name, label_of, node_and_direction, require_sane
 from ..matrices.petsc_binary import row_share
@@ -56,8 +56,7 @@ def begins(start: bytes) -> bool:
 
 
 def read_parts(path, comm):
-    """Return K, M and D of a .full file, with the nodes of the .rst or .cdb file beside it. Collective. Raises
-    InputError."""
+    """Return K, M and D of a .full file, with the nodes of the .rst or .cdb file beside it. Collective."""
     with agreed(comm):
         files, base = _files(path)
     found = [_read(comm, *item) for item in files]
@@ -87,11 +86,7 @@ def read_parts(path, comm):
 
 
 def _files(path):
-    """Return the file, or the parts of a distributed run to which it belongs, with their headers; and the name of the
-    whole.
-
-    Raises InputError.
-    """
+    """Return the file, or the parts of its distributed run, with headers; and the name of the whole."""
     file = RecordFile(path, FILE)
     files = [(file, _header(file))]
     if files[0][1].whole is None:
@@ -124,8 +119,7 @@ def _files(path):
 
 
 def _read(comm, file, header):
-    """Return Matrices, labels and numbers of the rows of this rank, labels of removed ones, and how many dofs follow
-    others."""
+    """Return matrices, labels and numbers of rows, labels of removed ones, and how many dofs follow others."""
     label, held, slaves = _rows(comm, file, header)
     removed = np.union1d(held, slaves)
     matrices = {}
@@ -242,8 +236,7 @@ def _header(file):
 
 
 def _rows(comm, file, header):
-    """Return labels of the rows of this rank's nodes, and all rows (from 0) of held dofs and of those that follow
-    others."""
+    """Return labels of the rows of this rank, and all rows (from 0) that are held, and that follow others."""
     with agreed(comm):
         kinds, after = file.integers(header.place, header.directions, "the list of dofs")
         if file.count(after) != header.nodes:
@@ -277,9 +270,7 @@ def _rows(comm, file, header):
         slaves = _slaves(file, header) if comm.rank == 0 else None
     held = np.concatenate(comm.allgather(low + np.flatnonzero(kind < 0)))
     slaves = comm.bcast(slaves)
-    twice = repeated_key(comm, label)
-    if twice is not None:
-        raise InputError(f"{file.path}: found two rows of {label_name(twice)}; the file is damaged")
+    require_once(comm, label, lambda twice: f"{file.path}: found two rows of {label_name(twice)}; the file is damaged")
     if total - len(np.union1d(held, slaves)) != header.active:
         raise InputError(
             f"{file.path}: found {total} rows, {len(held)} of them held and {len(slaves)} that follow others, but "
@@ -316,7 +307,7 @@ def _matrix(comm, file, header, key, place, terms, removed, slaves):
     with agreed(comm):
         is_diagonal = not file.frame(place)[1] & INTEGER
     if is_diagonal:
-        return _diagonal(comm, file, header, key, place, removed)
+        return _diagonal(comm, file, header, key, place, removed, size)
     parts, chain, error = [], [], None
     try:
         parts, chain = _kept(file, columns(file, place, header.equations, terms, comm.rank, comm.size),
@@ -351,10 +342,7 @@ def _mirrored(comm, parts, size):
 
 
 def _kept(file, pieces, key, header, removed, slaves):
-    """Return Rows, columns and values of pieces below the diagonal, rows and values on it; and what the pieces cover.
-
-    Rows are numbered (from 0) without the removed ones.
-    """
+    """Return entries below the diagonal and on it, in rows without the removed; and what the pieces cover."""
     parts, chain = [], []
     for item in pieces:
         rows, column = item.rows, item.column
@@ -415,7 +403,7 @@ def _require_all(comm, file, header, key, place, terms, chain):
         )
 
 
-def _diagonal(comm, file, header, key, place, removed):
+def _diagonal(comm, file, header, key, place, removed, size):
     """Return a lumped matrix, written as one record of its diagonal."""
     with agreed(comm):
         if file.count(place) != header.equations:
@@ -426,7 +414,6 @@ def _diagonal(comm, file, header, key, place, removed):
         row = np.arange(low, high)
         kept = ~np.isin(row, removed)
         row = row[kept] - np.searchsorted(removed, row[kept])
-    size = header.equations - len(removed)
     return Entries((size, size), row, row.copy(), values[kept])
 
 

@@ -9,7 +9,18 @@ import re
 
 import numpy as np
 
-from ...files.text import LARGEST_LABEL, Piece, first_bytes, padded, pieces, places, ragged, shown, whole
+from ...files.text import (
+    Piece,
+    end_to_end,
+    first_bytes,
+    labels,
+    padded,
+    pieces,
+    ragged,
+    read_lines,
+    shown,
+    whole,
+)
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import repeated_key
 from ..entries import label_name, label_of
@@ -56,56 +67,51 @@ def begins_vector(start: bytes) -> bool:
 
 def read_nodes(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return node numbers, coordinates (share, 3) and angles (share, 3) in degrees. Collective. Raises InputError."""
+
+    def decode(piece):
+        text = HEADING.sub(b"", piece.text) if listed else piece.text
+        if headed and piece.start in (0, 3):
+            text = b"\n" + text.split(b"\n", 1)[-1]
+        if headed and b"," in text:
+            if b"." in text:
+                raise InputError(f"{path}: found commas and points in its numbers, expected one of them")
+            text = COMMA.sub(b".", text)
+        if written:
+            text = TOUCHING.sub(b" -", text)
+        plain = Piece(piece.path, text, piece.start)
+        values, counts, lines = ragged(plain, commas=False, expected="node, x, y, z")
+        piece.require(counts <= 7, lines, "a node, three coordinates and at most three angles")
+        if not written:
+            piece.require((counts == 4) | (counts == 7), lines, "node, x, y, z, and perhaps three angles")
+        table = padded(values, counts, 7)
+        finite(piece, table[:, 1:], lines)
+        return labels(piece, table[:, 0], lines), table[:, 1:4], table[:, 4:]
+
     with agreed(comm):
         start = first_bytes(path)
         headed, listed, written = WORKBENCH.match(start), NLIST.search(start), NWRITE.match(start)
-        labels, tables = [np.zeros(0, np.int64)], [np.zeros((0, 6))]
-        for piece in pieces(path, comm):
-            text = HEADING.sub(b"", piece.text) if listed else piece.text
-            if headed and piece.start in (0, 3):
-                text = b"\n" + text.split(b"\n", 1)[-1]
-            if headed and b"," in text:
-                if b"." in text:
-                    raise InputError(f"{path}: found commas and points in its numbers, expected one of them")
-                text = COMMA.sub(b".", text)
-            if written:
-                text = TOUCHING.sub(b" -", text)
-            plain = Piece(piece.path, text, piece.start)
-            values, counts, lines = ragged(plain, commas=False, expected="node, x, y, z")
-            wrong = np.flatnonzero(counts > 7)
-            if wrong.size:
-                raise piece.refusal(int(lines[wrong[0]]), "a node, three coordinates and at most three angles")
-            table = padded(values, counts, 7)
-            if not written:
-                wrong = np.flatnonzero((counts != 4) & (counts != 7))
-                if wrong.size:
-                    raise piece.refusal(int(lines[wrong[0]]), "node, x, y, z, and perhaps three angles")
-            finite(piece, table[:, 1:], lines)
-            labels.append(whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL))
-            tables.append(table[:, 1:])
-        label, table = np.concatenate(labels), np.concatenate(tables)
+        label, position, angles = end_to_end(pieces(path, comm), decode)
     if not comm.allreduce(len(label)):
         raise InputError(f"{path}: found no nodes, expected lines of node, x, y, z")
-    return label, table[:, :3], table[:, 3:]
+    return label, position, angles
 
 
 def read_mapping(path, comm) -> tuple[np.ndarray, np.ndarray]:
-    """Return labels (see entries.label_of) of the lines of a .mapping file, and the row (from 0) of each.
-    Collective."""
+    """Return labels of the lines of a .mapping file, and the row (from 0) of each. Collective."""
+
+    def decode(piece):
+        text = MAPPING_LINE.sub(b"", piece.text)
+        if other := NO_ROW.search(text):
+            line = text[: other.start()].count(b"\n")
+            raise piece.refusal(line, "equation, node and one of UX, UY, UZ, ROTX, ROTY, ROTZ")
+        text = NAME.sub(lambda match: b"%d" % (DOFS.index(match[0]) + 1), text)
+        values, _, lines = ragged(Piece(piece.path, text, piece.start), False, "equation, node, dof")
+        table = values.reshape(-1, 3)
+        row = whole(piece, table[:, 0], lines, "the equation", 1) - 1
+        return label_of(labels(piece, table[:, 1], lines), table[:, 2].astype(np.int64) - 1), row
+
     with agreed(comm):
-        labels, rows = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-        for piece in pieces(path, comm):
-            text = MAPPING_LINE.sub(b"", piece.text)
-            if other := NO_ROW.search(text):
-                line = text[: other.start()].count(b"\n")
-                raise piece.refusal(line, "equation, node and one of UX, UY, UZ, ROTX, ROTY, ROTZ")
-            text = NAME.sub(lambda match: b"%d" % (DOFS.index(match[0]) + 1), text)
-            values, _, lines = ragged(Piece(piece.path, text, piece.start), False, "equation, node, dof")
-            table = values.reshape(-1, 3)
-            rows.append(whole(piece, table[:, 0], lines, "the equation", 1) - 1)
-            node = whole(piece, table[:, 1], lines, "the node number", 1, LARGEST_LABEL)
-            labels.append(label_of(node, table[:, 2].astype(np.int64) - 1))
-        label, row = np.concatenate(labels), np.concatenate(rows)
+        label, row = end_to_end(pieces(path, comm), decode)
     total = comm.allreduce(len(row))
     twice, again = repeated_key(comm, label), repeated_key(comm, row)
     if twice is not None or again is not None or (total and max(comm.allgather(row.max(initial=-1))) != total - 1):
@@ -115,10 +121,7 @@ def read_mapping(path, comm) -> tuple[np.ndarray, np.ndarray]:
 
 
 def read_vector(path, comm, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return labels and rows (from 0) where a file has the node numbers in the order of `size` rows. Collective.
-
-    Every node has the same dofs: x, y, z or all six. Raises InputError.
-    """
+    """Return labels and rows (from 0) of node numbers in the order of `size` rows, 3 or 6 a node. Collective."""
     with agreed(comm):
         start = first_bytes(path)
         lines = start.split(b"\n")
@@ -134,16 +137,13 @@ def read_vector(path, comm, size: int) -> tuple[np.ndarray, np.ndarray]:
                 "give the rows by the mapping of HBMAT"
             )
         begin = sum(len(line) + 1 for line in lines[: head + 1])
-        nodes, counts = [np.zeros(0, np.int64)], []
-        for piece in pieces(path, comm, begin):
-            values, found, at = ragged(piece, False, "a node number")
-            wrong = np.flatnonzero(found != 1)
-            if wrong.size:
-                raise piece.refusal(int(at[wrong[0]]), "one node number a line")
-            nodes.append(whole(piece, values, at, "the node number", 1, LARGEST_LABEL))
-            counts.append((piece.start, len(values)))
-        node = np.concatenate(nodes)
-    place = places(comm, counts)
+
+    def decode(piece):
+        values, found, at = ragged(piece, False, "a node number")
+        piece.require(found == 1, at, "one node number a line")
+        return (labels(piece, values, at),)
+
+    node, place = read_lines(path, comm, decode, begin)
     total, twice = comm.allreduce(len(node)), repeated_key(comm, node)
     if total != announced or twice is not None:
         what = f"{total} nodes, but {announced} in its header" if twice is None else f"the node {twice} twice"

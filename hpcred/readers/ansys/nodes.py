@@ -1,14 +1,15 @@
 """Find the nodes, nodal axes and elements that belong to a matrix file of ANSYS, in a file beside it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from os.path import commonprefix
 from pathlib import Path
 
 import numpy as np
 
 from ...files.text import first_bytes
+from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import repeated_key, sort_over_ranks
+from ...parallel.lookup import require_once
 from ..nodal_systems import rotation_of_angles, turn_to_global
 from ..nodes.table import NodeTable
 from . import cdb as ansys_cdb
@@ -24,9 +25,9 @@ class FoundNodes:
 
     file: str
     nodes: NodeTable
-    turned: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    rotation: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    elements: dict = field(default_factory=dict)
+    turned: np.ndarray
+    rotation: np.ndarray
+    elements: dict
 
     def refuse_turned(self):
         """Raise InputError where nodes have axes of their own, for matrices whose rows have no names."""
@@ -43,14 +44,8 @@ def begins(start: bytes) -> bool:
 
 
 def find_nodes(path, comm, lists=False) -> FoundNodes | None:
-    """Return the nodes of the .cdb or .rst file beside a file: of the same name, else the only one. Collective.
-
-    `lists`: a list of nodes (NLIST, NWRITE, Workbench) will do as well. None where there is no such file. Raises
-    InputError.
-    """
-    with agreed(comm):
-        file = _file_beside(Path(path), lists) if comm.rank == 0 else None
-    file = comm.bcast(file)
+    """Return the nodes of the .cdb or .rst file beside a file, with `lists` also of a list; or None. Collective."""
+    file = decided(comm, _file_beside, Path(path), lists)
     return None if file is None else read_nodes(file, comm)
 
 
@@ -67,13 +62,8 @@ def read_nodes(file, comm) -> FoundNodes:
         label, position, angles, elements = ansys_cdb.read(file, comm)
     turned = (angles != 0).any(axis=1)
     label_turned, rotation = label[turned], rotation_of_angles(angles[turned])
-    twice = repeated_key(comm, label)
-    if twice is not None:
-        raise InputError(f"{file}: found the node {twice} more than once, expected one place a node")
-    label, x, y, z = sort_over_ranks(comm, label, list(position.T))
-    place = (comm.exscan(len(label)) or 0) + np.arange(len(label))
-    nodes = NodeTable(label, np.array([x, y, z]).T.reshape(-1, 3), place)
-    return FoundNodes(str(file), nodes, label_turned, rotation, elements)
+    require_once(comm, label, lambda twice: f"{file}: found the node {twice} more than once, expected one place a node")
+    return FoundNodes(str(file), NodeTable.ascending(comm, label, position), label_turned, rotation, elements)
 
 
 def turn_found(comm, parts, found: FoundNodes):

@@ -150,8 +150,7 @@ def _from_bits(words, kind, width):
 
 
 def _from_windows(words, kind, width):
-    """Return numbers given where they are not zero: one alone, a window, or a window of one value; None where it cannot
-    be."""
+    """Return numbers given where they are not zero: alone, or a window of several or of one value; or None."""
     size, windows = int(words[0]), int(words[1])
     numbers, at = np.zeros(size, kind), 2
     for _ in range(windows):
@@ -193,12 +192,8 @@ class Squeezed(InputError):
 
 
 def columns(file: RecordFile, start: int, count: int, terms: int, rank: int, ranks: int):
-    """Yield the share of one rank of `count` columns with together `terms` entries: pairs of records, rows and values.
-
-    Generates Columns. A rank finds its first column by what a pair of records looks like; whether the shares meet is
-    for the caller to see. All records must be plain, and are `6 count + 3 terms` words; where they are not, raises
-    Squeezed.
-    """
+    """Yield Columns, the share of a rank of `count` with `terms` entries, of plain records; Squeezed where not so."""
+    # a rank finds its first column by what a pair of records looks like; whether shares meet is for the caller to see
     stop = start + 6 * count + 3 * terms
     low, high = (start + (stop - start) * k // ranks for k in (rank, rank + 1))
     stop = min(stop, file.size)
@@ -213,8 +208,7 @@ def columns(file: RecordFile, start: int, count: int, terms: int, rank: int, ran
             if found:
                 raise _no_column(file, position)
             return  # the last column began before
-        first, lengths = _chained(first, lengths)
-        after = first + 3 * lengths + 6
+        first, lengths, after = _chained(first, lengths, first + 3 * lengths + 6)
         broken = np.flatnonzero(first[1:] != after[:-1])
         if broken.size:
             raise _no_column(file, position + int(after[broken[0]]))
@@ -259,12 +253,11 @@ def _plain_columns(words):
     return first[fits], lengths[fits]
 
 
-def _chained(first, lengths):
-    """Return the candidates that are columns, and not inside of another column."""
-    after = first + 3 * lengths + 6
+def _chained(first, lengths, after):
+    """Return where candidates begin, their lengths and ends, without those that lie inside of another record."""
     while (inside := np.flatnonzero(first[1:] < after[:-1])).size:
         first, lengths, after = (np.delete(item, inside[0] + 1) for item in (first, lengths, after))
-    return first, lengths
+    return first, lengths, after
 
 
 def squeezed_columns(file: RecordFile, start: int, count: int, rank: int, ranks: int):
@@ -286,8 +279,7 @@ def squeezed_columns(file: RecordFile, start: int, count: int, rank: int, ranks:
 
 
 def short_records(file: RecordFile, start: int, count: int, size: int, rank: int, ranks: int) -> np.ndarray:
-    """Return the share of one rank of `count` records, one after the other, of `size` floating-point numbers (share,
-    size)."""
+    """Return numbers (share, size) of the share of one rank of `count` records in a row, of `size` each."""
     low, high = (count * k // ranks for k in (rank, rank + 1))
     position, number, shares = start, 0, [np.zeros((0, size))]
     while number < high:
@@ -298,10 +290,7 @@ def short_records(file: RecordFile, start: int, count: int, size: int, rank: int
         fits = (lengths > 1) & (lengths <= 2 * size + 4) & (first + lengths + 3 <= len(words))
         first, lengths = first[fits], lengths[fits]
         fits = words[first + lengths + 2] == lengths
-        first, lengths = first[fits], lengths[fits]
-        after = first + lengths + 3
-        while (inside := np.flatnonzero(first[1:] < after[:-1])).size:  # looks like a record, but lies inside of one
-            first, lengths, after = (np.delete(item, inside[0] + 1) for item in (first, lengths, after))
+        first, lengths, after = _chained(first[fits], lengths[fits], (first + lengths + 3)[fits])
         broken = np.flatnonzero(np.append(True, first[1:] != after[:-1])[: len(first)])
         whole = len(first) if len(broken) < 2 else broken[1]
         whole = min(whole, count - number)

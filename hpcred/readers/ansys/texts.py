@@ -10,7 +10,8 @@ from pathlib import Path
 
 from ...files.system_errors import reading_from
 from ...files.text import first_bytes
-from ...parallel.failures import InputError, agreed
+from ...parallel.decisions import decided
+from ...parallel.failures import InputError
 from ..base import Reader
 from ..matrices import harwell_boeing, matrix_market
 from ..parts import Parts
@@ -33,9 +34,7 @@ def begins(start: bytes) -> bool:
 def read_parts(path, comm):
     """Return the matrices of a set, told by one of them. Collective. Raises InputError."""
     path = Path(path)
-    with agreed(comm):
-        found = _set_of(path) if comm.rank == 0 else None
-    files, mapping, vector = comm.bcast(found)
+    files, mapping, vector = decided(comm, _set_of, path)
     read = harwell_boeing.read if _is_hbmat(first_bytes(path)) else matrix_market.read
     parts = Parts({key: read(file, comm) for key, file in files.items()}, files)
     shapes = {matrix.shape for matrix in parts.matrices.values()}
@@ -125,8 +124,7 @@ def _set_of(path):
 
 
 def _key(path, start):
-    """Return K, M or D: by the title of HBMAT, else by the name of the file; None where it says nothing or two
-    things."""
+    """Return K, M or D by the title of HBMAT, else by the name of the file; None where that is not clear."""
     match = TITLE.match(harwell_boeing.title(start))
     if match:
         return KEYS[match[1].lower()]

@@ -12,11 +12,22 @@ from pathlib import Path
 import numpy as np
 
 from ...files.system_errors import open_input
-from ...files.text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, ragged, records, refuse_packed, shown, whole
+from ...files.text import (
+    BYTE_ORDER_MARK,
+    LARGEST_LABEL,
+    Piece,
+    end_to_end,
+    labels,
+    ragged,
+    records,
+    refuse_packed,
+    shown,
+    whole,
+)
 from ...model.elements import NODES
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import repeated_key
-from .table import NodeTable, finite
+from ...parallel.lookup import require_once
+from .table import NodeTable, elements_of, finite
 
 MARK = re.compile(rb"(?m)^ {0,4}-1[ \t]*\r?$")
 START = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{1,5}[ \t]*(?:b[^\n]*)?\r?\n")
@@ -40,6 +51,7 @@ ORDER = {
     "wedge15": [0, 6, 1, 7, 2, 8, 12, 13, 14, 3, 9, 4, 10, 5, 11],
     "hexahedron20": [0, 8, 1, 9, 2, 10, 3, 11, 16, 17, 18, 19, 4, 12, 5, 13, 6, 14, 7, 15],
 }  # fmt: skip
+TO_VTK = {kind: np.argsort(places) for kind, places in ORDER.items()}
 ABOVE = 1000  # lines above the bytes of functions, of which there are 11
 
 
@@ -69,15 +81,19 @@ def read(path, comm) -> tuple[NodeTable, dict[str, np.ndarray]]:
                 "15, 781 or 2411"
             )
         systems = _global_systems(path, [item for item in sets if item[0] in (18, 2420)])
-    label, position = _nodes(path, comm, systems, *nodes[0])
-    twice = repeated_key(comm, label)
-    if twice is not None:
-        raise InputError(f"{path}: found the node {twice} more than once, expected each node once")
+    number, start, stop = nodes[0]
+    widths = NODE_LINES[number]
+    # a node begins where a line holds no point
+    first = re.compile(rb"(?m)^") if len(widths) == 1 else re.compile(rb"(?m)^[ \t0-9+-]*\r?$")
+    with agreed(comm):
+        label, position = end_to_end(records(path, comm, start, stop, first),
+                                     lambda piece: _nodes(piece, systems, number, widths))  # fmt: skip
+    if not comm.allreduce(len(label)):
+        raise InputError(f"{path}: found no nodes in the dataset {number}")
+    require_once(comm, label, lambda twice: f"{path}: found the node {twice} more than once, expected each node once")
     with agreed(comm):
         elements = _elements(path, [item for item in sets if item[0] in ELEMENTS]) if comm.rank == 0 else {}
-    kinds = comm.bcast(sorted(elements))
-    empty = {kind: np.zeros((0, NODES[kind]), np.int64) for kind in kinds}
-    return NodeTable(label, position, (comm.exscan(len(label)) or 0) + np.arange(len(label))), {**empty, **elements}
+    return NodeTable.as_given(comm, label, position), elements_of(comm, elements, TO_VTK)
 
 
 def _datasets(path, marks):
@@ -118,8 +134,8 @@ def _require_nothing(path, file, low, high):
 
 
 def _end_of_functions(path, file, line):
-    """Return the byte behind a dataset of binary functions (58b), whose first line says how many lines and bytes it
-    has."""
+    """Return the byte behind a dataset of binary functions (58b), whose first line has its numbers of lines and bytes.
+    """
     words = line.split()[1:]
     if len(words) < 4 or not all(word.isdigit() and len(word) < 16 for word in words[:4]) or int(words[2]) > ABOVE:
         raise InputError(f"{path}: found the binary dataset '{shown(line)}', expected its number of lines and bytes")
@@ -146,55 +162,37 @@ def _global_systems(path, sets):
                 head = [int(word) for word in lines[at].split()]
                 values = [float(word) for line in lines[at + size - below : at + size]
                           for word in line.upper().replace(b"D", b"E").split()]  # fmt: skip
-                found[head[0]] = head[1] == 0 and (_is_global_18(head, values) if number == 18 else
-                                                   values == [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0])  # fmt: skip
+                if number == 18:  # origin, a point on the x axis, and one in the plane of x and z
+                    x, z = np.array(values[3:6]), np.array(values[6:9])
+                    along = x[0] > 0 and z[2] > 0 and not (x[1:].any() or z[1])
+                    is_global = head[2] == 0 and values[:3] == [0, 0, 0] and along
+                else:
+                    is_global = values == [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0]
+                found[head[0]] = head[1] == 0 and is_global
             except (ValueError, IndexError):  # what cannot be read is not the global one
                 return np.zeros(1, np.int64)
     return np.array([key for key, is_global in found.items() if is_global])
 
 
-def _is_global_18(head, values):
-    """Test whether a system is the global one: by its origin, a point on its x axis, and one in its plane of x and
-    z."""
-    x, z = np.array(values[3:6]), np.array(values[6:9])
-    return head[2] == 0 and values[:3] == [0, 0, 0] and x[0] > 0 and z[2] > 0 and not (x[1:].any() or z[1])
-
-
-def _nodes(path, comm, systems, number, start, stop):
-    """Return numbers and coordinates of the nodes of this rank; `systems`: those that are the global one."""
-    widths = NODE_LINES[number]
-    # a node begins where a line holds no point
-    first = re.compile(rb"(?m)^") if len(widths) == 1 else re.compile(rb"(?m)^[ \t0-9+-]*\r?$")
-    labels, positions = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
-    with agreed(comm):
-        for piece in records(path, comm, start, stop, first):
-            values, counts, lines = ragged(piece, commas=False)
-            expected = np.resize(widths, len(counts))
-            wrong = np.flatnonzero(counts != expected)
-            if wrong.size or len(counts) % len(widths):
-                bad = lines[wrong[0]] if wrong.size else lines[-1]
-                raise piece.refusal(int(bad), f"lines of {' and '.join(map(str, widths))} numbers a node")
-            table, lines = values.reshape(-1, 7), lines[:: len(widths)]
-            finite(piece, table[:, 4:], lines)
-            own = np.flatnonzero(~np.isin(table[:, 1], systems))
-            if own.size and number == 15:
-                raise piece.refusal(int(lines[own[0]]), "coordinates in the global system")
-            own = np.flatnonzero(~np.isin(table[:, 2], systems))
-            if own.size:
-                raise piece.refusal(int(lines[own[0]]), "displacements in the global system, in which the matrices "
-                                    "must be; if they are, give the nodes as lines of number, x, y, z")  # fmt: skip
-            whole(piece, table[:, 1:4].ravel(), np.repeat(lines, 3), "two systems and a colour", 0)
-            labels.append(whole(piece, table[:, 0], lines, "the node number", 1, LARGEST_LABEL))
-            positions.append(table[:, 4:])
-    label, position = np.concatenate(labels), np.concatenate(positions)
-    if not comm.allreduce(len(label)):
-        raise InputError(f"{path}: found no nodes in the dataset {number}")
-    return label, position
+def _nodes(piece, systems, number, widths):
+    """Return numbers and coordinates of the nodes of a piece; `systems`: those that are the global one."""
+    values, counts, lines = ragged(piece, commas=False)
+    wrong = np.flatnonzero(counts != np.resize(widths, len(counts)))
+    if wrong.size or len(counts) % len(widths):
+        bad = lines[wrong[0]] if wrong.size else lines[-1]
+        raise piece.refusal(int(bad), f"lines of {' and '.join(map(str, widths))} numbers a node")
+    table, lines = values.reshape(-1, 7), lines[:: len(widths)]
+    finite(piece, table[:, 4:], lines)
+    if number == 15:
+        piece.require(np.isin(table[:, 1], systems), lines, "coordinates in the global system")
+    piece.require(np.isin(table[:, 2], systems), lines, "displacements in the global system, in which the matrices "
+                  "must be; if they are, give the nodes as lines of number, x, y, z")  # fmt: skip
+    whole(piece, table[:, 1:4].ravel(), np.repeat(lines, 3), "two systems and a colour", 0)
+    return labels(piece, table[:, 0], lines), table[:, 4:]
 
 
 def _elements(path, sets):
-    """Return node numbers (elements, nodes) by kind, read on one rank: where an element begins is seen from the one
-    before."""
+    """Return parts of node numbers by kind, read on one rank: where an element begins is seen from the one before."""
     found = {}
     for number, start, stop in sets:
         with open_input(path) as file:
@@ -231,10 +229,4 @@ def _elements(path, sets):
                 table = values[at[first[mine]][:, None] + np.arange(NODES[name])]
                 whole(piece, table.ravel(), np.repeat(lines[heads[mine]], NODES[name]), "a node of an element", 1)
                 found.setdefault(name, []).append(table.astype(np.int64))
-    result = {}
-    for kind, nodes in found.items():
-        table = np.concatenate(nodes)
-        ordered = np.empty_like(table)
-        ordered[:, ORDER.get(kind, list(range(NODES[kind])))] = table
-        result[kind] = ordered
-    return result
+    return found
