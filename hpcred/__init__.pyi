@@ -48,6 +48,7 @@ from .model.frames import Tangent as Tangent
 from .model.interfaces import Interface as Interface
 from .model.interfaces import InterfaceNode as InterfaceNode
 from .model.interfaces import Nodes as Nodes
+from .model.loads import DeckLoad as DeckLoad
 from .model.loads import GivenLoad as GivenLoad
 from .model.loads import Gravity as Gravity
 from .model.loads import LineLoad as LineLoad
@@ -66,7 +67,7 @@ from .parallel.failures import agreed as agreed
 from .parallel.progress import Progress as Progress
 from .parallel.startup import start as start
 from .readers.base import Reader as Reader
-from .readers.load_files import read_load_column as read_load_column
+from .readers.load_files import read_load as read_load
 from .readers.model_source import load_export as load_export
 from .readers.model_source import load_source as load_source
 from .readers.parts import Parts as Parts

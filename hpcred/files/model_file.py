@@ -3,8 +3,8 @@
 matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all matrices, columns from 0
 matrices/K, M and, where there is one, D (nonzeros)
 inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T
-loads/name, kind, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads, as of model.loads.LoadColumn; the sums
-    are force, moment, and the parts of both on held dofs
+loads/name, kind, remark, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads, as of model.loads.LoadColumn;
+    the sums are force, moment, and the parts of both on held dofs
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
 elements/<kind> (elements, nodes): node numbers, where known, for pictures; kinds of model.elements
 element_properties/<kind> (elements, 3), where known: number of the element, place of its type in element_types, and of
@@ -48,7 +48,8 @@ SCHEMA = NODES | {
     "matrices/K": Array("real", ("z",), needed=True), "matrices/M": Array("real", ("z",), needed=True),
     "matrices/D": Array("real", ("z",)),
     "inputs/B": Array("real", ("p", "n")), "inputs/names": Array("text", ("p",)),
-    "loads/name": Array("text", ("l",)), "loads/kind": Array("text", ("l",)), "loads/area": Array("real", ("l",)),
+    "loads/name": Array("text", ("l",)), "loads/kind": Array("text", ("l",)),
+    "loads/remark": Array("text", ("l",)), "loads/area": Array("real", ("l",)),
     "loads/sums": Array("real", ("l", 4, 3)),
     "outputs/C": Array("real", ("r", "n")), "outputs/names": Array("text", ("r",)),
     "remarks": Array("text", ("?",)),
@@ -77,7 +78,7 @@ def write_model(path, model: SecondOrderModel):
                 file.rows(name, np.ascontiguousarray(mat.getDenseArray().real.T), axis=1)
                 file.small(f"{group}/names", list(names))
         if model.loads:
-            for key in ("name", "kind", "area"):
+            for key in ("name", "kind", "remark", "area"):
                 file.small(f"loads/{key}", [getattr(item, key) for item in model.loads])
             file.small("loads/sums", np.array([[getattr(item, key) for key in SUMS] for item in model.loads]))
         write_nodes(file, model)
@@ -186,11 +187,11 @@ def sets_of(file) -> dict:
 
 
 def _loads(group) -> tuple[LoadColumn, ...]:
-    rows = zip(texts(group["name"]), texts(group["kind"]), group["area"][...].tolist(), group["sums"][...].tolist(),
-               strict=True)  # fmt: skip
+    words = [texts(group[key]) for key in ("name", "kind", "remark")]
+    rows = zip(*words, group["area"][...].tolist(), group["sums"][...].tolist(), strict=True)
     return tuple(
-        LoadColumn(name=name, kind=kind, area=area, **dict(zip(SUMS, map(tuple, sums), strict=True)))
-        for name, kind, area, sums in rows
+        LoadColumn(name=name, kind=kind, remark=remark, area=area, **dict(zip(SUMS, map(tuple, sums), strict=True)))
+        for name, kind, remark, area, sums in rows
     )
 
 

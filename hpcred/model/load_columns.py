@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..linalg.blocks import from_dense, inner
@@ -50,15 +52,13 @@ def with_loads(model, loads, given=None):
 def _column(model, load):
     """Return the rows (rows,) of this rank of the column of a load, and its LoadColumn. Collective."""
     where = f"load '{load.name}'"
-    if load.kind == "given":
+    if load.kind in ("given", "deck"):
         import hpcred  # the public functions, which stand above
 
-        column = hpcred.read_load_column(model, load)
-        return column, sums_of_column(model, column, load.name, load.kind)
+        return hpcred.read_load(model, load)
     require_dofs(model, where)
     if load.kind == "gravity":
-        column = accelerated(model, where, load.value)
-        return column, sums_of_column(model, column, load.name, load.kind)
+        return weight(model, load.name, np.broadcast_to(load.value, model.dofs.position.shape), load.kind)
     if load.kind == "line":
         forces = forces_on_edges(model, _edges(model, load.on, where), where, load.value)
     else:
@@ -70,21 +70,38 @@ def _column(model, load):
     return column_of(model, forces, load.name, load.kind)
 
 
-def accelerated(model, where, value):
-    """Return M times a field of accelerations (rows,): of all nodes by `value` (3,) in m/s^2. Collective."""
+def weight(model, name, acceleration, kind):
+    """Return the rows of this rank of M a, and its LoadColumn, for the accelerations a (rows, 3) in m/s^2 at the places
+    of the rows; nodes do not turn. Collective. Raises InputError."""
     dofs = model.dofs
     if any(model.comm.allgather(bool((dofs.direction >= OWN).any()))):
-        raise InputError(f"{where}: {model.name} has dofs in directions of their own, whose acceleration is not known")
-    moved = dofs.direction < 3
-    field, product = model.M.createVecRight(), model.M.createVecLeft()
+        raise InputError(f"load '{name}': {model.name} has dofs in directions of their own, whose weight is not known")
+    moved = np.flatnonzero(dofs.direction < 3)
     values = np.zeros(model.local_rows)
-    values[moved] = np.asarray(value)[dofs.direction[moved]]
-    field.setArray(values)
-    model.M.mult(field, product)
-    found = product.getArray(readonly=True).real.copy()
-    field.destroy()
-    product.destroy()
-    return found
+    values[moved] = acceleration[moved, dofs.direction[moved]]
+    with Owned(model.comm) as owned:
+        field, product = owned.owns(model.M.createVecRight()), owned.owns(model.M.createVecLeft())
+        field.setArray(values)
+        model.M.mult(field, product)
+        column = product.getArray(readonly=True).real.copy()
+    held = model.comm.allreduce(0 if model.held is None else int((model.held.direction < 3).sum()))
+    remark = ""
+    if held:
+        remark = (
+            f"the mass of {held} held dofs is not in M, nor is its part in the forces beside them; export the body "
+            "without supports where the weight has to be exact there"
+        )
+    return column, replace(sums_of_column(model, column, name, kind), remark=remark)
+
+
+def added(name, kind, parts):
+    """Return the sum of several columns and LoadColumns of one load."""
+    columns, sums = zip(*parts, strict=True)
+    total = {key: tuple(np.sum([getattr(item, key) for item in sums], axis=0).tolist())
+             for key in ("force", "moment", "held_force", "held_moment")}  # fmt: skip
+    remarks = dict.fromkeys(item.remark for item in sums if item.remark)
+    area = sum(item.area for item in sums)
+    return sum(columns), LoadColumn(name=name, kind=kind, area=area, remark="; ".join(remarks), **total)
 
 
 def sums_of_column(model, column, name, kind) -> LoadColumn:

@@ -8,7 +8,7 @@ q, in J.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -176,14 +176,50 @@ class GivenLoad:
     file: str
     column: int = 1
     kind: Literal["given"] = field(default="given", repr=False)
-    reads: ClassVar[bool] = True
 
     def __post_init__(self):
         _checked(self)
         within(f"load '{self.name}': column", self.column, LABEL)
 
 
-AnyLoad = Annotated[Pressure | Traction | LineLoad | Gravity | GivenLoad, Field(discriminator="kind")]
+@dataclass(frozen=True, kw_only=True)
+class DeckLoad:
+    """The loads that a finite-element program reads from its input file.
+
+    Parameters
+    ----------
+    name : str
+        Name of the input.
+    file : str
+        An input file of Abaqus or CalculiX, or of Nastran, in the units in which the model was converted.
+    step : int, optional
+        Number of the *Step, from 1, of an Abaqus or CalculiX file.
+    sid : int, optional
+        Number of the load set of a Nastran file.
+
+    Raises
+    ------
+    InputError
+        For names that are no words, and unless one of step and sid is given.
+    """
+
+    name: str
+    file: str
+    step: int | None = None
+    sid: int | None = None
+    kind: Literal["deck"] = field(default="deck", repr=False)
+
+    def __post_init__(self):
+        _checked(self)
+        if (self.step is None) == (self.sid is None):
+            raise InputError(
+                f"load '{self.name}': expected `step` (of an input file of Abaqus or CalculiX) or `sid` (of Nastran)"
+            )
+        within(f"load '{self.name}': step", self.step, LABEL)
+        within(f"load '{self.name}': sid", self.sid, LABEL)
+
+
+AnyLoad = Annotated[Pressure | Traction | LineLoad | Gravity | GivenLoad | DeckLoad, Field(discriminator="kind")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,6 +238,8 @@ class LoadColumn:
         The parts of the sums on dofs that are held and have no row, which do not deform the body.
     area : float
         Of the faces that it acts on, in m^2.
+    remark : str
+        What to know of it.
     """
 
     name: str
@@ -211,6 +249,7 @@ class LoadColumn:
     held_force: Vector = (0.0, 0.0, 0.0)
     held_moment: Vector = (0.0, 0.0, 0.0)
     area: float = 0.0
+    remark: str = ""
 
     @property
     def row(self) -> dict:
@@ -220,9 +259,12 @@ class LoadColumn:
         return found | {f"M{axis} (N m)": value for axis, value in zip("xyz", self.moment, strict=True)}
 
     @property
-    def note(self) -> str | None:
-        """A sentence on the part that acts on held dofs."""
-        if not (any(self.held_force) or any(self.held_moment)):
-            return None
-        lost = ", ".join(f"{value:.6g}" for value in self.held_force)
-        return f"load '{self.name}': [{lost}] N of it act on held dofs; they count in its sums, and deform nothing"
+    def notes(self) -> list[str]:
+        """Sentences on it, and on the part that acts on held dofs."""
+        found = [f"load '{self.name}': {self.remark}"] if self.remark else []
+        if any(self.held_force) or any(self.held_moment):
+            lost = ", ".join(f"{value:.6g}" for value in self.held_force)
+            found.append(
+                f"load '{self.name}': [{lost}] N of it act on held dofs; they count in its sums, and deform nothing"
+            )
+        return found

@@ -1,40 +1,103 @@
-"""Read load vectors from files: columns of matrices."""
+"""Read load vectors from files: columns of matrices, and the loads of input files of finite-element programs."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from ..model.loads import GivenLoad
+from ..files.text import first_bytes
+from ..model.dofs import SCALAR, require_dofs
+from ..model.face_loads import NodalForces, forces_on_faces
+from ..model.load_columns import added, column_of, sums_of_column, weight
+from ..model.loads import DeckLoad, GivenLoad, LoadColumn
+from ..model.surface_faces import places_of
+from ..model.units import SI, Units, units_of
 from ..parallel.declared import declared
-from ..parallel.failures import InputError
+from ..parallel.failures import InputError, agreed
+from .abaqus import input_file as abaqus_input
+from .abaqus import loads as abaqus_loads
 from .assembly import read_columns
+from .deck_loads import DeckLoads
+from .nastran import bulk
+from .nastran import loads as nastran_loads
+from .unread import refuse_unread
 
 
-def read_load_column(model, load: GivenLoad) -> np.ndarray:
-    """Return the rows of this rank (rows,) of a column of a matrix file.
+def read_load(model, load: GivenLoad | DeckLoad) -> tuple[np.ndarray, LoadColumn]:
+    """Return the load vector of a file, and its sums.
 
     Collective.
 
     Parameters
     ----------
     model : SecondOrderModel
-        The model whose rows the file has.
-    load : GivenLoad
-        The file and the number of the column.
+        The model that it acts on.
+    load : GivenLoad or DeckLoad
+        The file, and which load of it.
 
     Returns
     -------
-    ndarray, shape (rows of this rank,)
+    column : ndarray, shape (rows of this rank,)
+    sums : LoadColumn
 
     Raises
     ------
     InputError
-        For files that cannot be read or do not fit the model, and columns that do not exist.
+        For files that cannot be read or do not fit the model, loads that are not there, and those that are not read.
     """
-    declared("load", load, GivenLoad)
+    load, where = declared("load", load, GivenLoad | DeckLoad), f"load '{load.name}'"
+    if isinstance(load, DeckLoad):
+        require_dofs(model, where)
+        return _placed(model, load, _deck(load, model.comm), units_of(model.converted_from or SI.name))
     local = read_columns(model.comm, model.row_starts, model.size, load.file)
     if load.column > local.shape[1]:
-        raise InputError(
-            f"load '{load.name}': column: found {load.column}, but {load.file} has {local.shape[1]}"
-        )
-    return local[:, load.column - 1]
+        raise InputError(f"{where}: column: found {load.column}, but {load.file} has {local.shape[1]}")
+    column = local[:, load.column - 1]
+    return column, sums_of_column(model, column, load.name, load.kind)
+
+
+def _deck(load, comm) -> DeckLoads:
+    """Return the loads of an input file."""
+    with agreed(comm):
+        start = first_bytes(load.file)
+        of = "Nastran" if bulk.begins(start) else "Abaqus or CalculiX" if abaqus_input.begins(start) else None
+        if of is None:
+            refuse_unread(load.file)
+            raise InputError(f"{load.file}: found no input file of Abaqus, CalculiX or Nastran, whose loads are wanted")
+        wanted = "sid" if of == "Nastran" else "step"
+        if getattr(load, wanted) is None:
+            raise InputError(f"load '{load.name}': {load.file} is an input file of {of}; expected `{wanted}`")
+    if of == "Nastran":
+        return nastran_loads.read_loads(load.file, load.sid, comm)
+    return abaqus_loads.read_loads(load.file, load.step, comm)
+
+
+def _placed(model, load, found: DeckLoads, units: Units):
+    """Return the column of loads that are in other units than SI, and its LoadColumn. Collective."""
+    where, parts = f"load '{load.name}'", []
+    force, acceleration = units.energy / units.length, units.length / units.time**2
+    node = np.concatenate([np.zeros(0, np.int64), *(part for part, _ in found.nodal)])
+    value = np.concatenate([np.zeros((0, 6)), *(part for _, part in found.nodal)])
+    value = value * np.repeat([force, units.energy], 3)
+    there, position = places_of(model, node)
+    with agreed(model.comm):
+        if not there.all():
+            raise InputError(f"{where}: node {node[~there][0]} of {load.file} has no row in {model.name}; it does not "
+                             "exist, follows another one, or was condensed")  # fmt: skip
+    nodal = NodalForces(node, value, position)
+    faces, pressure = found.faces
+    pressed = forces_on_faces(model, faces, where, pressure=pressure * force / units.length**2)
+    parts.append(column_of(model, replace(NodalForces.joined([nodal, pressed]), area=pressed.area), load.name, "deck"))
+    field = np.zeros_like(model.dofs.position) + found.acceleration * acceleration
+    for square, point, axis in found.spins:
+        turns = (model.dofs.direction > 2) & (model.dofs.direction < SCALAR)
+        if any(model.comm.allgather(bool(turns.any()))):
+            raise InputError(f"{where}: found a centrifugal load (CENTRIF) and nodes that turn, expected solids, of "
+                             "which the mass matrix gives it exactly")  # fmt: skip
+        arm = model.dofs.position - point * units.length
+        field += square / units.time**2 * (arm - (arm @ axis)[:, None] * axis)
+    if found.spins or found.acceleration.any():
+        parts.append(weight(model, load.name, field, "deck"))
+    column, sums = added(load.name, "deck", parts)
+    return column, replace(sums, remark="; ".join([*found.remarks, *([sums.remark] if sums.remark else [])]))

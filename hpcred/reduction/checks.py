@@ -46,8 +46,8 @@ def warnings_of(model, frame) -> tuple[str, ...]:
             f"frame: {model.name} counts as free, but K resists translations by up to {soft:.1e} of its diagonal: soft "
             "springs to the ground, which the Buckens frame leaves out, have to be put into the multibody model",
         )
-    on_held = [note for item in model.loads if (note := item.note)]
-    return (*signs, *of_nodes, *warnings_of_interfaces(model), *on_held)
+    of_loads = (note for item in model.loads for note in item.notes)
+    return (*signs, *of_nodes, *warnings_of_interfaces(model), *of_loads)
 
 
 def warnings_of_band(model, band) -> tuple[str, ...]:

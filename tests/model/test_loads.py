@@ -176,7 +176,7 @@ def test_loads_on_held_dofs_count_in_the_sums(comm):
         assert sums.force == pytest.approx((0.0, 0.0, -1.0)) and sums.moment == pytest.approx((-0.5, 0.5, 0.0))
         assert sums.held_force == pytest.approx((0.0, 0.0, -0.5))
         assert columns_of(found.B).sum() == pytest.approx(-0.5)
-        assert "[0, 0, -0.5] N of it act on held dofs" in sums.note
+        assert "[0, 0, -0.5] N of it act on held dofs" in sums.notes[0]
     with (
         model_of(comm, points, {"hexahedron": np.arange(8)[None] + 1}, held=[5, 6, 7, 8]) as model,
         pytest.raises(InputError, match="load 'p': every force of it acts on held dofs or is zero"),

@@ -71,7 +71,7 @@ class Section:
         return InputError(f"{self.path}, line {line_number(self.path, self.position)}: {text}")
 
     def has_data(self) -> bool:
-        return bool(_data_lines(self))
+        return bool(data_lines(self))
 
 
 @dataclass(frozen=True)
@@ -109,9 +109,9 @@ class Mesh:
     """The mesh of an input file; each rank has a share.
 
     `nodes` ascending by number over the ranks; `elements`: node numbers (elements, nodes) by kind, but for kinds that
-    are not known, with their `properties`; `sets`: node numbers by name, see abaqus_sets. `sections`: all keywords, the
-    same on all ranks; `counts`: so many elements of all ranks have the type of this name, in capitals. `remarks` on
-    materials.
+    are not known, with their `keys` (elements,), see sets, and `properties`; `sets`: node numbers by name, and
+    `element_sets`: keys by name in small letters. `sections`: all keywords, the same on all ranks; `counts`: so many
+    elements of all ranks have the type of this name, in capitals. `remarks` on materials.
     """
 
     nodes: NodeTable
@@ -121,6 +121,8 @@ class Mesh:
     counts: dict[str, int]
     properties: ElementProperties | None = None
     remarks: list[str] = field(default_factory=list)
+    keys: dict[str, np.ndarray] = field(default_factory=dict)
+    element_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def begins(start: bytes) -> bool:
@@ -154,7 +156,7 @@ def read(path, comm, calculix=False) -> Mesh:
     sets, members = read_sets(path, comm, sets, groups, named, elements, keys, wanted)
     program = "CalculiX" if calculix else "Abaqus"
     properties = properties_of(comm, program, solids, materials, types, tables, keys, members) if elements else None
-    return Mesh(nodes, elements, sets, sections, counts, properties, remarks)
+    return Mesh(nodes, elements, sets, sections, counts, properties, remarks, keys, members)
 
 
 def _sections(path, comm, including, calculix):
@@ -178,7 +180,7 @@ def _sections(path, comm, including, calculix):
                 raise section.refusal(f"found *Include of {file}, which is no file")
             if file.resolve() in [item.resolve() for item in (path, *including)]:
                 raise section.refusal(f"found *Include of {file}, which includes itself")
-            if _data_lines(section):
+            if data_lines(section):
                 raise section.refusal("found data lines below *Include, expected a keyword")
         result += _sections(file, comm, (path, *including), calculix)
     return result
@@ -231,7 +233,7 @@ def _word(text):
     return re.sub(r"[ \t\r\n]", "", text.lower())  # of ASCII: other blanks are signs like others
 
 
-def _data_lines(section):
+def data_lines(section):
     """Return the few data lines of a keyword, without comments and blank lines, as lists of fields."""
     with open_input(section.path) as file:
         file.seek(section.start)
@@ -320,7 +322,7 @@ def _block(section, system, placement, group, prefix=""):
         path = section.path.parent / section.parameters["input"]
         if not path.is_file():
             raise section.refusal(f"found input={path}, which is no file")
-        if _data_lines(section):
+        if data_lines(section):
             raise section.refusal("found data lines below a keyword with input=, expected them in that file only")
         start, stop = 0, None
     if section.keyword == "node":
@@ -340,7 +342,7 @@ def _system(section):
 
     Without c, z is that of the part, and b counts without its z; without b, only the origin is another.
     """
-    lines = _data_lines(section)
+    lines = data_lines(section)
     if len(lines) > 2:
         raise section.refusal(f"found {len(lines)} lines below *System, expected the points a and b, and c")
     values = _numbers(section, lines[0], 6) if lines else np.zeros(6)
@@ -359,7 +361,7 @@ def _system(section):
 
 def _placement(section):
     """Return the translation, and then the rotation about the axis from a to b, of the data lines of an *Instance."""
-    lines = _data_lines(section)
+    lines = data_lines(section)
     if len(lines) > 2:
         raise section.refusal(f"found {len(lines)} lines below *Instance, expected a translation and a rotation")
     translation = _numbers(section, lines[0], 3) if lines else np.zeros(3)

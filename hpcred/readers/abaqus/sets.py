@@ -44,7 +44,7 @@ class Members:
 
 def read_sets(path, comm, blocks, groups, named, elements, keys, wanted=()) -> tuple[dict, dict]:
     """Return node numbers by name of the set, each once over all ranks, ascending; and such keys of elements by the
-    names, in small letters, of the sets of elements that are `wanted`. Collective. Raises InputError.
+    names, in small letters, of the sets of elements, internal ones only where `wanted`. Collective. Raises InputError.
 
     `blocks` of *Nset and *Elset; `groups`: the instances, in the order of their numbers in keys. `named`: numbers of
     this rank by ("nset" or "elset", name), of *Node and *Element with such a parameter. `elements`, `keys`: node
@@ -59,7 +59,7 @@ def read_sets(path, comm, blocks, groups, named, elements, keys, wanted=()) -> t
     sets, members = {}, {}
     for (kind, key), (name, numbers, hidden) in _with_their_parts(path, comm, found).items():
         numbers = np.unique(sort_over_ranks(comm, numbers)[0])
-        if kind == "elset" and key in wanted:
+        if kind == "elset":
             members[key] = numbers
         if hidden:
             continue

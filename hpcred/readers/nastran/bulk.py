@@ -155,7 +155,7 @@ def companions(path) -> list[Path]:
 def read_deck(path, comm) -> Deck:
     """Read an input file and those that it includes. Collective. Raises InputError."""
     path = Path(path)
-    segments, case = _segments(path, comm)
+    segments, case = segments_of(path, comm)
     grids, cards, elements, other, unknown, point_mass = [_grids(Piece(path, b"", 0))], [], {}, [], set(), 0.0
     with agreed(comm):
         for file, start, stop in segments:
@@ -182,7 +182,7 @@ def read_deck(path, comm) -> Deck:
     )  # fmt: skip
 
 
-def _segments(path, comm, including=()):
+def segments_of(path, comm, including=()):
     """Return bytes of bulk data (file, start, stop), in order, and what the case control says. Collective."""
     with agreed(comm):
         require_file(path)
@@ -219,7 +219,7 @@ def _segments(path, comm, including=()):
             if groups["quote"]:
                 name, high = _name_in_quotes(path, high, groups["quote"])
             file = _included(path, name, including)
-        result += _segments(file, comm, (*including, path))[0]
+        result += segments_of(file, comm, (*including, path))[0]
         with open_input(path) as text:
             text.seek(high)
             at = high + len(text.readline())
@@ -292,6 +292,11 @@ def _elements(lines, name, elements, other, unknown):
         if name not in WITH_NODES:
             unknown.add(name)
         return
+    elements_by_number(lines, name, elements)
+
+
+def elements_by_number(lines, name, elements, numbers=None):
+    """Nodes of the elements of one name in a piece go to `elements`, and their numbers to `numbers`, both by kind."""
     first, kinds = ELEMENTS[name]
     table, number = lines.table(first + NODES[kinds[0]])
     nodes = table[:, first:]
@@ -302,6 +307,9 @@ def _elements(lines, name, elements, other, unknown):
             labels = wholes(lines.piece, nodes[full, : NODES[kind]].ravel(), np.repeat(number[full], NODES[kind]),
                             "the number of a node", 1).reshape(-1, NODES[kind])  # fmt: skip
             elements.setdefault(kind, []).append(labels[:, VTK.get(kind, slice(None))])
+            if numbers is not None:
+                own = wholes(lines.piece, table[full, 0], number[full], "the number of an element", 1)
+                numbers.setdefault(kind, []).append(own)
         left &= ~full
 
 
@@ -337,7 +345,7 @@ def points_of(deck: Deck, comm) -> Points:
     if not comm.allreduce(len(label)):
         raise InputError(f"{deck.path}: found no points, expected GRID cards")
     coordinates, scalar = np.stack([x, y, z], axis=1), scalar.astype(bool)
-    systems = _systems(comm, deck, label, system, coordinates)
+    systems = systems_of(comm, deck, label, system, coordinates)
     with agreed(comm):
         if unknown := {*system[~scalar].tolist(), *displacement[~scalar].tolist()} - set(systems):
             raise InputError(
@@ -355,7 +363,7 @@ def points_of(deck: Deck, comm) -> Points:
     return Points.in_systems(label, position, scalar, marks, displacement, systems)
 
 
-def _systems(comm, deck, label, system, coordinates):
+def systems_of(comm, deck, label, system, coordinates):
     """Return all coordinate systems by number. Collective."""
     with agreed(comm):
         given = _definitions(deck.cards)
