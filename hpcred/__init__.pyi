@@ -100,10 +100,13 @@ from .simulation.drives import SineDrive as SineDrive
 from .simulation.drives import TableDrive as TableDrive
 from .simulation.joints import Joint as Joint
 from .simulation.loads import ConstantForce as ConstantForce
+from .simulation.loads import ConstantLoad as ConstantLoad
 from .simulation.loads import ConstantMoment as ConstantMoment
 from .simulation.loads import SineForce as SineForce
+from .simulation.loads import SineLoad as SineLoad
 from .simulation.loads import SineMoment as SineMoment
 from .simulation.loads import TableForce as TableForce
+from .simulation.loads import TableLoad as TableLoad
 from .simulation.loads import TableMoment as TableMoment
 from .simulation.simulation import Motion as Motion
 from .simulation.simulation import Simulation as Simulation

@@ -219,6 +219,14 @@ def _follow_the_frame(body) -> list[str]:
     return found
 
 
+def resultants_of(body: Body) -> np.ndarray | None:
+    """Return force and moment about the origin of the body frame (p, 6) of each input at 1; None where not known."""
+    found = body.reduced.resultants
+    if found is None:
+        return None
+    return np.hstack([found[:, :3], found[:, 3:] - np.cross(body.floating_frame.origin, found[:, :3])])
+
+
 def inputs_without_node(body: Body) -> list[str]:
     """Return remarks on inputs and outputs that belong to no node, which formats of nodes leave out."""
     found = []

@@ -17,19 +17,23 @@ def in_units(body: Body, units: Units) -> Body:
     """Return the body in other units; frequencies stay in Hz. Raises InputError.
 
     The coordinates and matrices are those of sizes_of and fields_in. Inputs are forces or moments, outputs
-    displacements or angles, by their names.
+    displacements or angles, by their names; of loads the inputs are factors, the outputs work.
     """
     reduced, quantities = body.reduced, body.floating_frame
     L, M = units.length, units.mass
     inertia, moment = M * L**2, M * L
     g = sizes_of(reduced, units)
     both = np.outer(g, g)
-    force = [1.0 if turn else 1 / L for turn in _rotations(reduced.input_names)]
-    displacement = [1.0 if turn else 1 / L for turn in _rotations(reduced.output_names)]
+    force, displacement = (np.array([_over_energy(kind, units) for kind in _kinds(reduced, names)])
+                           for names in (reduced.input_names, reduced.output_names))  # fmt: skip
+    unit = np.repeat([units.energy / L, units.energy], 3)
+    resultants = reduced.resultants
+    if resultants is not None:
+        resultants = resultants * (force * units.energy)[:, None] / unit
     return Body(
         replace(
             reduced, **fields_in(reduced, units), B=g[:, None] * reduced.B * force,
-            C=np.array(displacement)[:, None] * reduced.C * g,
+            C=displacement[:, None] * reduced.C * g, resultants=resultants,
         ),
         replace(
             quantities, masses=quantities.masses / M, mc=quantities.mc / moment, J=quantities.J / inertia,
@@ -76,13 +80,20 @@ def fields_in(reduced, units: Units) -> dict:
     }  # fmt: skip
 
 
-def _rotations(names) -> list[bool]:
-    """Test whether each input or output is a moment or an angle."""
-    targets = [target_of(name) for name in names]
-    lost = [name for name, target in zip(names, targets, strict=True) if not isinstance(target, tuple)]
+def _over_energy(kind: str, units: Units) -> float:
+    """Return the unit of an input over that of energy, and so of 1 over that of its output."""
+    return {"force": 1 / units.length, "moment": 1.0, "load": 1 / units.energy}[kind]
+
+
+def _kinds(reduced, names) -> list[str]:
+    """Return "force", "moment" or "load" of inputs or outputs, by names. Raises InputError for others."""
+    loads = {} if reduced.record is None else {item.name for item in reduced.record.loads if item.kind != "given"}
+    targets = {name: target_of(name) for name in names if name not in loads}
+    lost = [name for name, target in targets.items() if not isinstance(target, tuple)]
     if lost:
         raise InputError(
             f"units: {', '.join(lost)} may be a force or a moment; name inputs and outputs by node and direction, or "
             "export in SI"
         )
-    return [bool(rotational(np.array(DIRECTIONS.index(direction)))) for _, direction in targets]
+    turn = {name: bool(rotational(np.array(DIRECTIONS.index(target[1])))) for name, target in targets.items()}
+    return ["load" if name in loads else "moment" if turn[name] else "force" for name in names]

@@ -61,11 +61,13 @@ def node_motion(shape: NodeShape, origin, r, A, q) -> NodeMotion:
 class FlexibleBody:
     """Equations of motion of a body with reduced K, D (m, m), under gravity (3,).
 
-    `loads`: Load; `springs`: LineElement, BushingElement; `holds`: Hold, the constraints.
+    `loads`: Load; `springs`: LineElement, BushingElement; `holds`: Hold, the constraints; `pushes`: Push.
     """
 
-    def __init__(self, floating_frame: FloatingFrame, K, D, gravity=(0.0, 0.0, 0.0), loads=(), springs=(), holds=()):
-        self.floating_frame, self.K, self.D = floating_frame, np.asarray(K), np.asarray(D)
+    def __init__(
+        self, floating_frame: FloatingFrame, K, D, gravity=(0.0, 0.0, 0.0), loads=(), springs=(), holds=(), pushes=()
+    ):
+        self.floating_frame, self.K, self.D, self.pushes = floating_frame, np.asarray(K), np.asarray(D), pushes
         self.gravity, self.loads, self.springs, self.holds = np.asarray(gravity, dtype=float), loads, springs, holds
         self.size, self.mass = len(floating_frame.Ct), floating_frame.mass
         self.multipliers = sum(len(hold) for hold in holds)
@@ -108,6 +110,10 @@ class FlexibleBody:
         for load in self.loads:
             node = motions[load.shape.node]
             force = load.wrench(t, node.R) @ node.B
+            total += force
+            power += force @ z
+        for push in self.pushes:
+            force = push.value(t) * push.force
             total += force
             power += force @ z
         for spring in self.springs:

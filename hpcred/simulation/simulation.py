@@ -17,7 +17,7 @@ from .checks import require_finite
 from .drives import AnyDrive
 from .equations_of_motion import FlexibleBody, node_motion
 from .joints import AXES, Joint, holds_of
-from .loads import AnyForce, AnyMoment, Vector, load_of
+from .loads import AnyForce, AnyInputLoad, AnyMoment, Vector, load_of, push_of
 from .springs import ZERO, AnySpring, element_of
 from .warnings import Limits, first_frequency, warnings_of_places
 
@@ -63,6 +63,8 @@ class Simulation:
         Tolerances of the integrator.
     force, moment : sequence of loads, default ()
         Forces and moments at nodes.
+    load : sequence of ConstantLoad, SineLoad or TableLoad, default ()
+        Inputs of the reduction, such as pressures, by name.
     constraint : sequence of Joint, default ()
         Joints between nodes and the ground.
     drive : sequence of drives, default ()
@@ -92,6 +94,7 @@ class Simulation:
     absolute_tolerance: float = 1e-8
     force: tuple[AnyForce, ...] = ()
     moment: tuple[AnyMoment, ...] = ()
+    load: tuple[AnyInputLoad, ...] = ()
     constraint: tuple[Joint, ...] = ()
     drive: tuple[AnyDrive, ...] = ()
     spring: tuple[AnySpring, ...] = ()
@@ -272,7 +275,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         body.floating_frame, body.reduced.K, body.reduced.D, setup.gravity,
         [load_of(item, shapes[item.node]) for item in (*setup.force, *setup.moment)],
         [element_of(item, *start[item.node]) for item in setup.spring],
-        holds_of(setup.constraint, setup.drive, start),
+        holds_of(setup.constraint, setup.drive, start), [push_of(item, body) for item in setup.load],
     )  # fmt: skip
     warnings = setup.warnings + warnings_of_places(body, setup, {node: motion.x for node, motion in first.items()})
     progress = progress or Progress(MPI.COMM_SELF, show=False)
@@ -316,6 +319,7 @@ def _loads_without_stress(body, setup) -> list[str]:
         if shape.node in loaded and shape.phi.any() and not any(state.startswith(f"{shape.label}:")
                                                                 for state in stiffness.states)
     ]  # fmt: skip
+    missing += [item.name for item in setup.load]
     if not missing:
         return []
     return [
@@ -344,7 +348,7 @@ def _integrate(system, setup, y0, yp0, limits, progress):
     forces = system.split(yp0)[4]
     system.split(tolerance)[4][:] *= max(1.0, np.abs(forces).max(initial=0.0))
     # a pulse must not be stepped over
-    moving = (*setup.force, *setup.moment, *setup.drive)
+    moving = (*setup.force, *setup.moment, *setup.load, *setup.drive)
     longest = min([setup.end / 20, *(item.longest_step(setup.end) for item in moving)])
     for steps, what in ((setup.end / longest, "the fastest load or drive"), (_steps_of_turns(setup), "its turns")):
         if steps > MOST_STEPS:

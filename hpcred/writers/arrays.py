@@ -1,7 +1,8 @@
 """Write the arrays of a Body by name, as a .npz, or as a .mat for MATLAB, Octave and Neweul-M2.
 
 M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, loss_factor (eta of structural damping: K stands for
-(1 + i eta) K in frequency responses), input_names, output_names; the quantities of FloatingFrame by their names there;
+(1 + i eta) K in frequency responses), input_names, output_names; resultants (p, 6), force and moment of each input
+about the origin of the body frame, which move it; the quantities of FloatingFrame by their names there;
 nodes (k), positions (k, 3) in the body frame, phi and psi (k, 3, m). SI units. Nothing that affects numbers is missing.
 Lists of names are cell arrays in a .mat.
 """
@@ -15,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.lib import format as npy
 
-from ..body.body import Body, maker, remarks
+from ..body.body import Body, maker, remarks, resultants_of
 from ..files.outputs import MATLAB, ZIP
 from ..reduction.reduced_model import require_finite
 from .base import Writer
@@ -27,6 +28,8 @@ def arrays_of(body: Body) -> dict:
     reduced, count = body.reduced, body.reduced.size
     names = ("M", "D", "K", "B", "C", "frequencies", "loss_factor", "input_names", "output_names")
     arrays = {name: np.array(getattr(reduced, name)) for name in names}
+    if reduced.resultants is not None:
+        arrays["resultants"] = resultants_of(body)
     arrays |= body.floating_frame.arrays()
     return arrays | {
         "nodes": np.array([shape.node for shape in body.nodes], dtype=float),

@@ -3,15 +3,16 @@
 Its mesh nodes are displacements only: first the interface nodes; then four points around each of them that rotates, the
 corners of a small tetrahedron fixed to it, whose mean motion is that of the node; then the surface that is drawn. The
 keys of our own are `names`, names or numbers of the interface nodes, `markerNodes`, the four mesh nodes of each for a
-MarkerSuperElementRigid, -1 where it does not rotate, and `dampingMatrixReduced`, the matrix D. Exudyn leaves them out
-of account; docs/export-exudyn.md says how to use them. Inputs and outputs but nodes have no place in the file.
+MarkerSuperElementRigid, -1 where it does not rotate, `dampingMatrixReduced`, the matrix D, and of all inputs
+`inputNames`, `inputMatrixReduced` (m, p) and `inputResultants` (p, 6), force and moment about the origin of the body
+frame. Exudyn leaves them out of account; docs/export-exudyn.md says how to use them. Outputs but nodes have no place.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..body.body import check_moving, inputs_without_node, remarks
+from ..body.body import check_moving, inputs_without_node, remarks, resultants_of
 from ..files.outputs import ZIP
 from .arrays import save_npz
 from .base import Writer
@@ -99,6 +100,11 @@ class Exudyn(Writer):
             "names": np.array([shape.name or str(shape.node) for shape in body.nodes]),
             "markerNodes": markers,
             "dampingMatrixReduced": reduced.D,
+            "inputNames": np.array(reduced.input_names, dtype=str),
+            "inputMatrixReduced": reduced.B,
         }
+        resultants = resultants_of(body)
+        if resultants is not None:
+            data["inputResultants"] = resultants
         save_npz(target, data)
         return [*remarks(body), *_notes(body), *inputs_without_node(body)]

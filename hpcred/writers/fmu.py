@@ -36,6 +36,8 @@ FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-fvisibility=hidden")
 UNITS = {
     "N": {"kg": 1, "m": 1, "s": -2},
     "N.m": {"kg": 1, "m": 2, "s": -2},
+    "J": {"kg": 1, "m": 2, "s": -2},
+    "W": {"kg": 1, "m": 2, "s": -3},
     "m": {"m": 1},
     "m/s": {"m": 1, "s": -1},
     "rad": {"rad": 1},
@@ -44,6 +46,7 @@ UNITS = {
 # what an input, an output and its rate are called, and their units
 TRANSLATION = (("force", "N"), ("displacement", "m"), ("velocity", "m/s"))
 ROTATION = (("moment", "N.m"), ("rotation", "rad"), ("angular_velocity", "rad/s"))
+LOAD = (("load", None), ("work", "J"), ("power", "W"))
 UNKNOWN = (("input", None), ("output", None), ("output_rate", None))
 
 
@@ -193,11 +196,11 @@ def _add_variables(root, reduced):
         ElementTree.SubElement(variable, "Real", {key: value for key, value in real.items() if value is not None})
 
     for name in reduced.input_names:
-        word, unit = _kind(name)[0]
+        word, unit = _kind(name, reduced)[0]
         add(_variable(word, name), "input", f"{word} {name}", unit=unit, start="0")
     for rate in (0, 1):
         for name in reduced.output_names:
-            word, unit = _kind(name)[1 + rate]
+            word, unit = _kind(name, reduced)[1 + rate]
             add(_variable(word, name), "output", f"{word.replace('_', ' ')} {name}", unit=unit)
     for i in range(size):
         add(f"q[{i + 1}]", "local", "reduced coordinate", start="0", nominal=nominals[0])
@@ -222,8 +225,10 @@ def _add_variables(root, reduced):
             ElementTree.SubElement(group, "Unknown", {"index": str(index + 1), **depends})
 
 
-def _kind(name):
-    """What a name such as 20:z or bearing:rx is a direction of."""
+def _kind(name, reduced):
+    """What a name such as 20:z or bearing:rx is a direction of; a load is none."""
+    if reduced.record is not None and name in [item.name for item in reduced.record.loads if item.kind != "given"]:
+        return LOAD
     target = target_of(name)
     index = DIRECTIONS.index(target[1]) if isinstance(target, tuple) else SCALAR
     return TRANSLATION if index < 3 else ROTATION if index < SCALAR else UNKNOWN
@@ -231,7 +236,7 @@ def _kind(name):
 
 def output_rows(reduced) -> dict:
     """Return the rows (m,) of C by the names of the outputs, but for names that are changed since two are alike."""
-    words = [_variable(_kind(name)[1][0], name) for name in reduced.output_names]
+    words = [_variable(_kind(name, reduced)[1][0], name) for name in reduced.output_names]
     return {word: row for word, row in zip(words, reduced.C, strict=True) if words.count(word) == 1}
 
 

@@ -1,7 +1,8 @@
 """Write a Superelement as a .mat file for the block "Reduced Order Flexible Solid" of Simscape Multibody.
 
 K, M, D (m, m) in the order of the block: Tx Ty Tz Rx Ry Rz of each interface frame, then modal coordinates; `origins`
-(k, 3) of the frames in m, `orientations` (k, 4) their quaternions, which do not turn, and `frames` their names.
+(k, 3) of the frames in m, `orientations` (k, 4) their quaternions, which do not turn, and `frames` their names; `loads`
+(m, l) and `load_names` of the inputs that are no direction of a frame, which the block does not know.
 """
 
 from __future__ import annotations
@@ -39,5 +40,7 @@ class FlexibleSolid(SuperelementWriter):
             "origins": np.array([item.position for item in element.interfaces], dtype=float),
             "orientations": np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
             "frames": np.array([item.name for item in element.interfaces], dtype=object),
+            "loads": element.loads,
+            "load_names": np.array(element.load_names, dtype=object),
         }, oned_as="column")  # fmt: skip
         return content.getvalue(), {}, list(element.remarks)

@@ -21,7 +21,8 @@ class Superelement:
     """K, M (m, m) and D, None without viscous damping, exactly symmetric; `loss_factor` eta of structural damping.
 
     The first rows are x, y, z, rx, ry, rz of each node of `interfaces`, the others modal coordinates. `remarks`: what
-    no format of superelements holds.
+    no format of superelements holds. `loads` (m, l): the columns of B, by `load_names`, that are no direction of an
+    interface node.
     """
 
     K: np.ndarray
@@ -30,6 +31,8 @@ class Superelement:
     loss_factor: float
     interfaces: tuple[InterfaceNode, ...]
     remarks: tuple[str, ...]
+    loads: np.ndarray
+    load_names: tuple[str, ...] = ()
 
     @property
     def size(self) -> int:
@@ -107,9 +110,11 @@ def superelement(reduced: ReducedModel) -> Superelement:
     # the K of a free body with one interface and no modes is round-off: below 1 rad/s nothing is asked of it
     floors = {"K": np.abs(reduced.M).max(), "M": 0.0, "D": 0.0}
     K, M, D = (_symmetric(key, getattr(reduced, key), floor) for key, floor in floors.items())
+    lost = _other(reduced, reduced.B)
     return Superelement(
-        K, M, D if D.any() else None, float(reduced.loss_factor), reduced.interfaces, tuple(_lost(reduced))
-    )
+        K, M, D if D.any() else None, float(reduced.loss_factor), reduced.interfaces, tuple(_lost(reduced)),
+        reduced.B[:, lost], tuple(np.array(reduced.input_names)[lost].tolist()),
+    )  # fmt: skip
 
 
 def _symmetric(key, matrix, floor):
@@ -121,13 +126,16 @@ def _symmetric(key, matrix, floor):
     return (matrix + matrix.T) / 2
 
 
+def _other(reduced, columns) -> np.ndarray:
+    """Test which columns (m, p), of inputs or outputs, are no direction of an interface node."""
+    place = np.abs(columns[: 6 * len(reduced.interfaces)]).argmax(axis=0)
+    return np.abs(columns - np.eye(len(columns))[:, place]).max(axis=0, initial=0.0) > SYMMETRIC_ELEMENT
+
+
 def _lost(reduced):
     """Remarks on inputs and outputs that are no direction of an interface node."""
-    count = 6 * len(reduced.interfaces)
     sides = ("inputs", reduced.input_names, reduced.B), ("outputs", reduced.output_names, reduced.C.T)
     for kind, names, columns in sides:
-        place = np.abs(columns[:count]).argmax(axis=0)
-        other = np.abs(columns - np.eye(len(columns))[:, place]).max(axis=0) > SYMMETRIC_ELEMENT
-        lost = [name for name, is_other in zip(names, other, strict=True) if is_other]
-        if lost:
+        lost = np.array(names)[_other(reduced, columns)]
+        if len(lost):
             yield f"{kind} that are no direction of an interface node are left out: {', '.join(lost)}"

@@ -55,3 +55,27 @@ def test_energies_and_responses_are_the_same(comm, coordinates):
     load, motion = np.where(turns, energy, energy / L), np.where(turns, 1.0, L)
     size = np.sqrt(np.multiply.outer(*2 * [np.abs(np.diag(here))]))  # of the units of an entry
     assert np.allclose(here, motion[:, None] * there / load, rtol=1e-9, atol=1e-14 * size)
+
+
+def test_loads_in_other_units(comm):
+    """The factor of a load has no unit, and its output is work: the same work in other units."""
+    units = Units("mm, t, cs", length=1e-3, mass=1e3, time=1e-2)
+    push = hpcred.Traction(name="push", on="right", value=(1e4, 2e4, 5e3))
+    with (
+        block_with_ends(comm, cells=(4, 2, 2)) as model, model.with_loads([push]) as loaded,
+        hpcred.reduce(loaded, [Modes(count=4)], Buckens()) as rom,
+    ):  # fmt: skip
+        body = body_of(loaded, rom, origin=(0.01, 0.0, -0.02))
+    other = in_units(body, units)
+    L, energy = units.length, units.energy
+    at = body.reduced.input_names.index("push")
+    assert body.reduced.resultants[at, :3] == pytest.approx(other.reduced.resultants[at, :3] * energy / L)
+    assert body.reduced.resultants[at, 3:] == pytest.approx(other.reduced.resultants[at, 3:] * energy)
+    assert body.reduced.resultants[:, :3] == pytest.approx(
+        other.reduced.resultants[:, :3] * np.array([energy / L if i == at else 1.0 if ":r" not in name else 1 / L
+                                                    for i, name in enumerate(body.reduced.input_names)])[:, None]
+    )  # fmt: skip
+    H, G = (item.reduced.transfer_function(s)  # s in rad / time
+            for item, s in ((body, 3e4j), (other, 3e4j * units.time)))  # fmt: skip
+    assert H[at, at] == pytest.approx(energy * G[at, at])
+    assert H[1, at] == pytest.approx(L * G[1, at]) and H[at, 1] == pytest.approx(L * G[at, 1])

@@ -258,3 +258,51 @@ def test_what_the_file_has_no_place_for_is_said(tmp_path):
                           "modal stresses are left out"]  # fmt: skip
     with pytest.raises(InputError, match=r"loss factor 0.02\) has no .* place in a file for Exudyn"):
         exported(Exudyn, tmp_path / "body.npz", body_with(Structural(0.02)))
+
+
+@pytest.mark.slow
+def test_exudyn_moves_the_body_under_a_load_as_we_do(tmp_path):
+    """A traction on a face of a spinning block by the user function of docs/export-exudyn.md, against simulate."""
+    exudyn = pytest.importorskip("exudyn")
+    from exudyn.FEM import ObjectFFRFreducedOrderInterface
+    from exudyn.rigidBodyUtilities import EulerParameters2GLocal, EulerParameters2RotationMatrix
+
+    end = Nodes(box=((0.059, -1.0, -1.0), (0.061, 1.0, 1.0)))
+    side = hpcred.Traction(name="side", on=end, value=(0.0, 1e8, 5e7))
+    with (
+        hpcred.solid((6, 2, 3), clamped=False, inputs=1) as model, model.with_loads([side]) as loaded,
+        hpcred.reduce(loaded, [Modes(count=4), hpcred.StaticCorrection()], Buckens(), ModalDamping(ratio=0.02)) as rom,
+    ):  # fmt: skip
+        body = body_of(loaded, rom, origin=(0.02, 0.01, 0.0))
+    exported(Exudyn, tmp_path / "body.npz", body)
+    file = np.load(tmp_path / "body.npz", allow_pickle=True)
+    interface = ObjectFFRFreducedOrderInterface()
+    interface.LoadFromFile(str(tmp_path / "body.npz"))
+    mbs = exudyn.SystemContainer().AddSystem()
+    own = interface.AddObjectFFRFreducedOrder(mbs, positionRef=[0, 0, 0], initialAngularVelocity=[5, 10, 3])
+    item = own["oFFRFreducedOrder"]
+    mbs.SetObjectParameter(item, "dampingMatrixReduced", exudyn.MatrixContainer(file["dampingMatrixReduced"]))
+    k = list(file["inputNames"]).index("side")
+    force, moment = np.split(file["inputResultants"][k], 2)
+
+    def push(mbs, t, item, q, q_t):
+        p = q[3:7] + np.array([1.0, 0.0, 0.0, 0.0])
+        turned = EulerParameters2RotationMatrix(p) @ force, EulerParameters2GLocal(p).T @ moment
+        return np.sin(2 * np.pi * 2000 * t) * np.concatenate([*turned, file["inputMatrixReduced"][:, k]])
+
+    mbs.SetObjectParameter(item, "forceUserFunction", push)
+    mbs.Assemble()
+    settings = exudyn.SimulationSettings()
+    settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = 4000, 0.002
+    settings.solution.file.write = False
+    settings.timeIntegration.verboseMode = 0
+    mbs.SolveDynamic(settings)
+    theirs = np.array(mbs.GetNodeOutput(own["nGenericODE2"], exudyn.OutputVariableType.Coordinates))
+    place = np.array(mbs.GetNodeOutput(own["nRigidBody"], exudyn.OutputVariableType.Position))
+    setup = Simulation(end=0.002, steps=10, angular_velocity=(5.0, 10.0, 3.0),
+                       load=(hpcred.SineLoad("side", 1.0, 2000.0),), relative_tolerance=1e-9,
+                       absolute_tolerance=1e-13)  # fmt: skip
+    ours = simulate(body, setup)
+    assert ours.elastic[-1] == pytest.approx(theirs, abs=1e-2 * np.abs(ours.elastic).max())
+    assert ours.position[-1] == pytest.approx(place, rel=1e-4)
+    assert np.abs(ours.elastic[-1]).max() > 1e-8

@@ -223,3 +223,34 @@ def test_a_machine_that_cannot_compile_says_so(body, tmp_path, monkeypatch):
     with pytest.raises(InputError, match="no place in an FMU"):
         write_fmu(tmp_path / "body.fmu", replace(body, loss_factor=0.02))
     assert not list(tmp_path.iterdir())
+
+
+def test_loads_are_inputs_by_their_names(tmp_path):
+    """A pressure: its factor in, work and power out, with their units, and the motion by the exact solution."""
+    end = hpcred.Nodes(box=((0.039, -1.0, -1.0), (0.041, 1.0, 1.0)))
+    with (
+        hpcred.solid((4, 2, 2), inputs=1) as model,
+        model.with_loads([hpcred.Pressure(name="oil", on=end, value=1e6)]) as loaded,
+        hpcred.reduce(loaded, [Modes(count=4), hpcred.StaticCorrection()], damping=Rayleigh(0.0, 1e-6)) as rom,
+    ):
+        reduced = rom
+    path = tmp_path / "loaded.fmu"
+    write_fmu(path, reduced)
+    assert not validate_fmu(str(path))
+    described = fmpy.read_model_description(str(path))
+    units = {item.name: item.unit for item in described.modelVariables}
+    name = reduced.input_names[0].replace(":", "_")
+    assert units["load_oil"] is None and units["work_oil"] == "J" and units["power_oil"] == "W"
+    assert units[f"force_{name}"] == "N"
+    steps = np.full(50, 1e-5)
+    signal = np.zeros(51, dtype=[("time", float), ("load_oil", float)])
+    signal["time"], signal["load_oil"] = np.linspace(0, 50e-5, 51), 2.0
+    found = fmpy.simulate_fmu(str(path), fmi_type="CoSimulation", stop_time=50e-5, output_interval=1e-5, input=signal,
+                              output=["work_oil", f"displacement_{name}"])  # fmt: skip
+    k = list(reduced.input_names).index("oil")
+    u = np.zeros((50, 2))
+    u[:, k] = 2.0
+    expected = exact(reduced, steps, u, np.zeros_like(u))
+    assert found["work_oil"] == pytest.approx(expected[:, k], rel=1e-6, abs=1e-9 * np.abs(expected[:, k]).max())
+    other = expected[:, 1 - k]
+    assert found[f"displacement_{name}"] == pytest.approx(other, rel=1e-6, abs=1e-9 * np.abs(other).max())

@@ -349,3 +349,26 @@ def test_inputs_that_are_no_direction_of_an_interface_are_said():
         "inputs that are no direction of an interface node are left out: left y",
         "outputs that are no direction of an interface node are left out: right x, right y",
     )
+
+
+def test_loads_come_with_the_matrices_of_simscape(tmp_path):
+    """The load of a rigid face: its force and moment at the frame, and its column in interface coordinates."""
+    with hpcred.solid((6, 2, 3), clamped=False) as model:
+        ends = [hpcred.Interface(name=name, nodes=hpcred.Nodes(box=((x - 1e-3, -1.0, -1.0), (x + 1e-3, 1.0, 1.0))),
+                                 kind="rigid") for name, x in (("left", 0.0), ("right", 0.06))]  # fmt: skip
+        push = hpcred.Traction(name="push", on="right", value=(1e4, 2e4, 0.0))
+        with (
+            model.with_interfaces(ends) as marked, marked.with_inputs(["left", "right"]) as forced,
+            forced.with_loads([push]) as loaded,
+            hpcred.reduce(loaded, [hpcred.CraigBampton(count=4)], hpcred.Buckens(), coordinates="interface") as rom,
+        ):  # fmt: skip
+            path, remarks = written(tmp_path, FlexibleSolid, rom, suffix=".mat")
+            (sums,) = loaded.loads
+            at = np.array(loaded.interfaces[1].position)
+    found = scipy.io.loadmat(path)
+    assert [str(name[0]) for name in found["load_names"].ravel()] == ["push"]
+    column = found["loads"][:, 0]
+    wrench = [*sums.force, *np.subtract(sums.moment, np.cross(at, sums.force))]
+    assert column[6:12] == pytest.approx(wrench, abs=1e-9 * np.abs(wrench).max())
+    assert np.abs(column[:6]).max() < 1e-9 * np.abs(wrench).max() and np.abs(column[12:]).max() < 1e-6
+    assert any("push" in text for text in remarks)
