@@ -88,7 +88,7 @@ def test_forces_on_nodes_and_sets_add_up(comm, folder):
 
 def test_surfaces_and_sets_of_elements(comm, folder):
     """*Dsload on a surface of sets and elements, *Dload on a set."""
-    surface = "*SURFACE, NAME=Top, TYPE=ELEMENT\nEALL, S2\n2, S4"
+    surface = "*ELSET, ELSET=_top, INTERNAL\n1, 2\n*SURFACE, NAME=Top, TYPE=ELEMENT\n_Top, S2\n2, S4"
     text = deck(step("*DSLOAD", "TOP, P, 2.0", "*DLOAD", "right, P6, 1.0"), more=surface)
     name = write(comm, folder / "s.inp", text)
     with model_of(comm, {"hexahedron": list(HEXA.values())}) as model:

@@ -130,13 +130,14 @@ def begins(start: bytes) -> bool:
     return first_line(REDIRECTED.sub(b"", start))[:1] == b"*"
 
 
-def read(path, comm, calculix=False) -> Mesh:
+def read(path, comm, calculix=False, surfaces=False) -> Mesh:
     """Return the mesh of an input file. Collective. Raises InputError.
 
     `calculix`: whether it is read as CalculiX does. Then matrices are in global directions in spite of *Transform;
     what stands on a line behind the nodes of an element does not count, nor do keywords that CalculiX does not know
     (one without a name is among them, if it has no data lines), and a node may have no coordinates, which are zero; no
-    keyword goes on in the next line; lines of >** above the first keyword are comments.
+    keyword goes on in the next line; lines of >** above the first keyword are comments. `surfaces`: whether the
+    internal sets of elements that surfaces name are read as well.
     """
     sections = _sections(Path(path), comm, (), calculix)
     if calculix:
@@ -153,6 +154,9 @@ def read(path, comm, calculix=False) -> Mesh:
     elements, keys, types, tables, counts = _elements(comm, elements, groups, named, calculix)
     _require_nodes(path, comm, nodes, elements)
     wanted = {name for block in solids for name in names_of(block)}
+    if surfaces:
+        of_surfaces = [section for section in sections if section.keyword == "surface"]
+        wanted |= {line[0].strip('"').lower() for section in of_surfaces for line in data_lines(section)}
     sets, members = read_sets(path, comm, sets, groups, named, elements, keys, wanted)
     program = "CalculiX" if calculix else "Abaqus"
     properties = properties_of(comm, program, solids, materials, types, tables, keys, members) if elements else None
@@ -244,7 +248,7 @@ def data_lines(section):
 
 def _first_data_line(section):
     """Return the fields of the first data line of a keyword, and how many lines there are."""
-    lines = _data_lines(section)
+    lines = data_lines(section)
     return (lines[0] if lines else []), len(lines)
 
 

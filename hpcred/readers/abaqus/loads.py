@@ -46,7 +46,7 @@ WITHOUT_MASS = ("SPRING", "DASHPOT", "GAP", "CONN", "DCOUP", "ITS")  # elements 
 def read_loads(path, step: int, comm) -> DeckLoads:
     """Return the loads of a step, counted from 1. Collective. Raises InputError."""
     path = Path(path)
-    mesh = input_file.read(path, comm, calculix="K" in calculix.files_of(path))
+    mesh = input_file.read(path, comm, calculix="K" in calculix.files_of(path), surfaces=True)
     with agreed(comm):
         sections = _of_step(path, mesh.sections, step)
         if "transform" in [section.keyword for section in mesh.sections]:
