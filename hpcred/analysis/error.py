@@ -8,9 +8,12 @@ import numpy as np
 
 from ..model.damping import Damping, ModalDamping, Structural
 from ..parallel.failures import InputError
-from ..reduction.measure import IDLE, NO_INPUT, PAPER, SILENT, Directions, Measure, directions, measure_called
+from ..reduction.measure import IDLE, NO_INPUT, PAPER, Directions, Measure, directions, measure_called, silent_outputs
 from ..reduction.reduced_model import ReducedModel
-from ..reduction.tolerance.accuracy import Direction, directions_table, measured_damping
+from ..reduction.tolerance.accuracy import measured_damping
+from ..reduction.tolerance.directions import Direction, directions_table
+
+NUMBERS_AT_A_TIME = 2**20  # of the matrices of reduced models
 
 
 def relative_error(full, reduced, measure: Measure | str = "directions", *, drive=None, frequencies=None) -> np.ndarray:
@@ -97,7 +100,9 @@ def errors_of(
         by = known
     else:
         nothing = np.flatnonzero((full == 0).all(axis=(0, 2)))
-        silent = {*known.silent, *_silent(reduced, frequencies), *nothing.tolist()}
+        count = 1 + len(frequencies) * reduced.size**2 // NUMBERS_AT_A_TIME
+        states = (reduced.states(2j * np.pi * part) for part in np.array_split(frequencies, count))
+        silent = {*known.silent, *silent_outputs(reduced.C, states), *nothing.tolist()}
         by = directions(frequencies, full, drive, _places(reduced), sorted(silent))
         floors = known.inputs if isinstance(known, Directions) else ()
         idle = [k < len(floors) and floors[k] == IDLE for k in range(len(by.inputs))]
@@ -115,17 +120,6 @@ def _places(reduced):
     inputs = {name: i for i, name in enumerate(reduced.input_names)}
     which = np.array([inputs.get(name, NO_INPUT) for name in reduced.output_names], dtype=int)
     return which, np.ones(len(which))
-
-
-def _silent(reduced, frequencies):
-    """Outputs (from 0) that feel no input of a reduced model, but for round-off."""
-    parts = np.array_split(frequencies, 1 + len(frequencies) * reduced.size**2 // 2**20)
-    feels, size = False, np.linalg.norm(reduced.C, axis=1)[:, None]
-    for part in parts:
-        states = reduced.states(2j * np.pi * part)
-        bound = size * np.linalg.norm(states, axis=1)[:, None, :]
-        feels = feels | (np.abs(reduced.C @ states) > SILENT * bound).any(axis=(0, 2))
-    return np.flatnonzero(~np.broadcast_to(feels, len(reduced.C))).tolist()
 
 
 def as_compared(reduced: ReducedModel, band) -> tuple[ReducedModel, Damping, str]:

@@ -12,6 +12,7 @@ import hpcred
 
 from ..parallel.failures import InputError
 from ..parallel.progress import counted
+from ..reduction.tolerance.directions import rows_of_directions
 from ..report.tables import in_words, show_table, show_timing
 from ..settings.toml_file import check_file_names
 from . import session, values
@@ -42,7 +43,7 @@ def reduce(
     if accuracy is not None:
         made = counted(accuracy.factorisations, "factorisation")
         session.verdict(f"{accuracy.sentence}, {made}, {found.size_in_words}", accuracy.reached)
-        show_table(DIRECTIONS, accuracy.direction_rows)
+        show_table(DIRECTIONS, rows_of_directions(accuracy.directions, accuracy.band))
     show_table(
         f"{found.output}: {found.size_in_words} for {record.size} dofs",
         [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,

@@ -180,6 +180,16 @@ def directions(frequencies, H, drive, drive_of, silent=()) -> Directions:
     )
 
 
+def silent_outputs(C: np.ndarray, states) -> list[int]:
+    """The outputs (from 0) that feel no input: |c x| is round-off of |c| |x|, for C (r, m) and all arrays of `states`
+    x (S, m, p)."""
+    feels, size = np.zeros(len(C), dtype=bool), np.linalg.norm(C, axis=1)[:, None]
+    for x in states:
+        bound = size * np.linalg.norm(x, axis=1)[:, None, :]
+        feels |= (np.abs(C @ x) > SILENT * bound).any(axis=(0, 2))
+    return np.flatnonzero(~feels).tolist()
+
+
 def drive_points(B: np.ndarray, Ct: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """For each output, a column of Ct (k, r), the input, a column of B (k, p), that acts where it measures, or
     NO_INPUT, and the ratio |c_j| / |b_i| (r,)."""

@@ -169,10 +169,17 @@ FIGURES = (".png", ".svg", ".pdf")
 MOST = 16  # curves of a response that can be told apart
 
 
-def check_figure_name(path):
-    """Raise InputError unless the name ends as one of the formats of figures."""
-    if Path(path).suffix not in FIGURES:
-        raise InputError(f"figure {path}: expected a name that ends in {', '.join(FIGURES)}")
+def kind_of_figure(path, endings=FIGURES) -> str:
+    """Return png, svg or pdf by the ending of a name, in any case of letters. Raises InputError for others."""
+    ending = Path(path).suffix.lower()
+    if ending not in endings:
+        raise InputError(f"figure {path}: expected a name that ends in {', '.join(endings)}")
+    return ending[1:]
+
+
+def save_as(figure, path, kind, dpi=150):
+    """Write a figure as png, svg or pdf, without a date, so that the same numbers give the same file."""
+    figure.savefig(path, dpi=dpi, format=kind, metadata={"Date": None} if kind == "svg" else None)
 
 
 def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=None):
@@ -213,7 +220,7 @@ def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"
     plt = pyplot()
     figure = plt.figure(figsize=(9.0, 8.0), layout="constrained")
     draw_responses(figure, frequencies, curves, title, (frequencies, eps), tolerance)
-    figure.savefig(path, dpi=150, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    save_as(figure, path, kind)
     plt.close(figure)
 
 
@@ -289,13 +296,13 @@ def _finish(figure, panels, frequencies, path, kind):
             axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
     panels[-1].set_xlabel("frequency (Hz)")
     panels[-1].set_xlim(*_limits(frequencies))
-    figure.savefig(path, dpi=150, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    save_as(figure, path, kind)
     pyplot().close(figure)
 
 
 def save(figure, stem):
-    """Write PNG and SVG, without a date, so that the same numbers give the same file."""
-    for kind, metadata in (("png", None), ("svg", {"Date": None})):
+    """Write PNG and SVG."""
+    for kind in ("png", "svg"):
         with atomic_output(f"{stem}.{kind}", MPI.COMM_SELF) as path:
-            figure.savefig(path, format=kind, dpi=150, metadata=metadata)
+            save_as(figure, path, kind)
     pyplot().close(figure)

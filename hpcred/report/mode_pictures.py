@@ -13,7 +13,7 @@ import numpy as np
 from ..files.outputs import PDF, PICTURES, SVG
 from ..parallel.failures import InputError
 from ..writers.base import Writer
-from .figures import COLOURS, INK, new_figure, pyplot
+from .figures import COLOURS, INK, new_figure, pyplot, save_as
 from .rasteriser import Canvas
 from .surface import DrawnSurface, surface_of
 
@@ -66,7 +66,7 @@ def draw_shapes(path, shapes, modes=None, kind="png") -> list[str]:
     pyplot()
     chosen = _chosen(shapes, modes, FIRST)
     figure = _figure(shapes, chosen)
-    figure.savefig(path, dpi=DOTS, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    save_as(figure, path, kind, DOTS)
     return [shapes.names[k] for k in chosen]
 
 

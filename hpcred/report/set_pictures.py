@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .figures import INK, pyplot
+from .figures import INK, pyplot, save_as
 from .mode_pictures import (
     DOTS,
     EDGE,
@@ -78,7 +78,7 @@ def draw_sets(path, surface: DrawnSurface, nodes: np.ndarray, sets: list, marks=
     if marks:
         foot.plot([4.0], [0.25], "o", color=INK, markersize=5)
         foot.text(4.12, 0.25, "reference node", fontsize=9, color=INK, va="center")
-    figure.savefig(path, dpi=DOTS, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    save_as(figure, path, kind, DOTS)
     plt.close(figure)
 
 

@@ -18,7 +18,7 @@ from ..files.sweep_table import check_table_name, write_sweep_table
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.tolerance.accuracy import worst_in_words
+from ..reduction.tolerance.directions import worst_of_directions
 from ..report.figures import pyplot
 from ..report.sweep_figures import curves_figure, key_figure, size_figure, stem_of
 from ..settings.sweep_file import read_sweep
@@ -87,14 +87,15 @@ def _row(run, state, full, keys):
         "factorisations_saved": record.factorisations_saved, "memory_mb": sum(record.timing.memory_mb_per_rank),
     }  # fmt: skip
     if record.accuracy is not None:
-        row["estimate"], row["worst_direction"] = record.accuracy.largest, record.accuracy.worst_direction
+        row["estimate"] = record.accuracy.largest
+        row["worst_direction"] = worst_of_directions(record.accuracy.directions)
         row["Q"] = record.accuracy.mean * (record.accuracy.band[1] - record.accuracy.band[0])
         curve = record.accuracy.frequencies, record.accuracy.eps
     if full is not None and full.is_file():
         frequencies, errors = errors_against(elastic_part(reduced), full)
         curve = frequencies, errors.eps
         row["Q"], row["eps"] = error_integral(*curve), float(errors.eps.max())
-        row["worst_direction"] = worst_in_words(errors.directions)
+        row["worst_direction"] = worst_of_directions(errors.directions)
     return row, curve
 
 

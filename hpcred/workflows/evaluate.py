@@ -23,7 +23,7 @@ from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.record import versions
-from ..reduction.tolerance.accuracy import rows_of_directions
+from ..reduction.tolerance.directions import rows_of_directions
 from .full_model import full_of_record
 from .pair_figures import check_figure, figures_of_pairs, pairs_by_name, pairs_to_show
 from .workflow import workflow
@@ -130,7 +130,7 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
         "Q": accuracy.mean * (accuracy.band[1] - accuracy.band[0]),
         "measure": accuracy.measure.kind,
         "directions": [asdict(item) for item in accuracy.directions],
-        "direction_rows": accuracy.direction_rows,
+        "direction_rows": rows_of_directions(accuracy.directions, accuracy.band),
         "warnings": list(accuracy.warnings),
         "proofs": [asdict(proof) for proof in accuracy.proofs],
         "frequencies_hz": list(accuracy.frequencies),

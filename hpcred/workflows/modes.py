@@ -11,7 +11,6 @@ import numpy as np
 from ..analysis.natural_modes import NaturalModes, natural_modes
 from ..files.hdf5 import atomic_output, reading, writing
 from ..files.model_file import read_model, write_nodes
-from ..files.outputs import PICTURES, PNG, check_outputs
 from ..files.result_file import Shapes
 from ..linalg.blocks import local_rows
 from ..linalg.solvers.settings import Factoring
@@ -20,7 +19,7 @@ from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..report.mode_pictures import draw_shapes
-from .pair_figures import check_drawing
+from .pair_figures import check_figure
 from .workflow import workflow
 
 MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
@@ -39,11 +38,7 @@ def modes_of_file(
     nodes participation_factors (m, 6), effective_masses (m, 6) and masses (6) along x, y, z and about the axes through
     the centre of mass.
     """
-    if figure is not None:
-        if Path(figure).suffix != ".png":  # nor a name that is nothing else
-            raise InputError(f"figure {figure}: expected a name that ends in .png")
-        check_outputs({figure: PICTURES.get(Path(figure).suffix.lower(), PNG)}, comm, [model], progress=progress)
-        check_drawing(comm)
+    check_figure(figure, comm, [model], progress, endings=(".png",))
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm)
@@ -114,7 +109,7 @@ def _draw(figure, model, found):
         shapes_of_modes(Path(f"{temporary}.h5"), model, found) as shapes,
     ):
         if shapes is not None:
-            draw_shapes(temporary, shapes, kind=Path(figure).suffix[1:].lower())
+            draw_shapes(temporary, shapes)
 
 
 @contextmanager

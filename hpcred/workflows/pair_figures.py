@@ -9,17 +9,15 @@ import numpy as np
 from ..files.hdf5 import atomic_output
 from ..files.outputs import PICTURES, check_outputs
 from ..parallel.failures import InputError, agreed
-from ..report.figures import FIGURES, check_figure_name, pair_figure, pyplot
+from ..report.figures import FIGURES, kind_of_figure, pair_figure, pyplot
 
 ZERO = 1e-12  # of the largest response, below which one is round-off
 
 
-def check_figure(path, comm, reads, progress=None):
+def check_figure(path, comm, reads, progress=None, endings=FIGURES):
     """Refuse early what cannot be drawn or written; None is no figure. Collective. Raises InputError."""
     if path is not None:
-        if Path(path).suffix.lower() not in FIGURES:
-            check_figure_name(path)  # which raises
-        check_outputs({path: PICTURES[Path(path).suffix.lower()]}, comm, reads, progress=progress)
+        check_outputs({path: PICTURES[f".{kind_of_figure(path, endings)}"]}, comm, reads, progress=progress)
         check_drawing(comm)
 
 
@@ -44,7 +42,8 @@ def figures_of_pairs(path, outputs, inputs, responses, comm, pairs) -> list[str]
         with atomic_output(target, comm) as temporary, agreed(comm):
             if comm.rank == 0:
                 curves = [(label, f, values[:, i, j]) for label, f, values in responses]
-                pair_figure(temporary, curves, outputs[i], inputs[j], _errors(*curves), kind=target.suffix[1:])
+                pair_figure(temporary, curves, outputs[i], inputs[j], _errors(*curves),
+                            kind=kind_of_figure(target))  # fmt: skip
         written.append(str(target))
     return written
 

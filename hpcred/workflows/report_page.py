@@ -7,7 +7,7 @@ import numpy as np
 from ..model.dofs import target_of
 from ..model.units import unit_of_response
 from ..reduction.record import version_of
-from ..reduction.tolerance.accuracy import rows_of_directions
+from ..reduction.tolerance.directions import rows_of_directions
 from ..report.figures import UNKNOWN
 from ..report.page import packed
 from ..report.tables import in_words

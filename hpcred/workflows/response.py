@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
 
 from ..analysis.full_response import FullResponse, full_response
 from ..files.hdf5 import atomic_output
 from ..files.model_file import read_model
-from ..files.outputs import PICTURES, check_outputs
+from ..files.outputs import check_outputs
 from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
 from ..files.room import rescued
 from ..linalg.solvers.settings import Factoring
@@ -19,10 +18,10 @@ from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress, counted
 from ..reduction.record import versions
-from ..report.figures import MOST, check_figure_name, response_figure
+from ..report.figures import MOST, kind_of_figure, response_figure
 from .evaluate import frequencies_over
 from .model_of_job import with_targets
-from .pair_figures import check_drawing, pairs_to_show
+from .pair_figures import check_figure, pairs_to_show
 from .workflow import workflow
 
 
@@ -44,14 +43,11 @@ def response_file(
     if band is None and not len(frequencies):
         raise InputError("response: no frequencies; give the band in Hz, such as 0,6000")
     chosen = frequencies_over(frequencies, band, points)
-    for name, check_name in ((output, check_response_name), (figure, check_figure_name)):
-        if name is not None:
-            check_name(name)
-    written = {output: kind_of_responses(output), figure: figure and PICTURES[Path(figure).suffix]}
     reads = [model, *(item for item in (inputs, outputs) if isinstance(item, str))]
-    check_outputs(written, comm, reads, progress=progress, needed=len(chosen) * 16)
-    if figure is not None:
-        check_drawing(comm)
+    if output is not None:
+        check_response_name(output)
+        check_outputs({output: kind_of_responses(output)}, comm, reads, progress=progress, needed=len(chosen) * 16)
+    check_figure(figure, comm, reads, progress)
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm)
@@ -78,7 +74,7 @@ def response_file(
                     effort = counted(report["factorisations"], "factorisation")
                     title = f"{report['model']}: {counted(len(chosen), 'frequency', 'frequencies')}, {effort}"
                     response_figure(temporary, drawn, curves, eps, found.accuracy.tolerance, title,
-                                    kind=Path(figure).suffix[1:])  # fmt: skip
+                                    kind=kind_of_figure(figure))  # fmt: skip
             report["figure"] = str(figure)
             if len(curves) > MOST:
                 report["warnings"].append(f"the figure shows the {MOST} largest of {len(curves)} pairs")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from ..files.hdf5 import atomic_output
 from ..model.second_order_model import sizes_of_sets
 from ..model.surface_faces import gathered_surface
 from ..parallel.failures import InputError, agreed
+from ..report.figures import kind_of_figure
 from ..report.set_pictures import draw_sets
 from ..report.surface import surface_of
 
@@ -39,7 +38,7 @@ def draw_sets_of(figure, model, sets: dict, marks=()):
                 numbers = np.concatenate([part[name] for part in sets if name in part])
                 places.append((name, np.flatnonzero(np.isin(surface.nodes, numbers))))
             seen = surface_of(surface.points, _cells(surface, lines))
-            draw_sets(temporary, seen, surface.points, places, marks, Path(figure).suffix[1:].lower())
+            draw_sets(temporary, seen, surface.points, places, marks, kind_of_figure(figure))
 
 
 def _cells(surface, lines) -> dict:

@@ -1,4 +1,4 @@
-"""Define what a reduction to a tolerance is asked for, and what it tells of its error: limits, points, proofs."""
+"""Define the settings of a reduction to a tolerance, and its accuracy: points, proofs and the estimated error."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Stru
 from ...parallel.declared import as_declared, renamed
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
-from ..measure import IDLE, PAPER, TINY, AnyMeasure, Directions, Measure, Paper, measure_called
+from ..measure import PAPER, AnyMeasure, Measure, Paper, measure_called
+from .directions import Direction
 from .error_estimate import UNIFORM
 from .pseudo_modal import Proportional
 
@@ -114,66 +115,6 @@ class Proof:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Direction:
-    """How well an output is known: its response to an `input` in SI units and the error of that, at the lowest
-    frequency of the band (`static`, `static_error`); and the `largest` error of its responses over the band, where
-    (`frequency`, Hz) and under which input (`worst_input`). The input is that which acts where the output measures, the
-    drive point, or else that with the largest response."""
-
-    output: str
-    input: str
-    static: float
-    static_error: float
-    largest: float
-    frequency: float
-    worst_input: str
-
-
-def directions_table(by: Directions, parts, outputs, inputs) -> tuple[Direction, ...]:
-    """How well the `outputs` under the `inputs` (names) are known by themselves, the worst first.
-
-    `parts`: of the band, as frequencies (S,) in Hz, errors by the measure, and responses, both (S, r, p).
-    """
-    first, largest = None, [(-1.0, 0.0, 0)] * len(outputs)
-    for frequencies, each, H in parts:
-        first = first or (each[0], np.abs(H[0]))
-        each = np.where(np.isnan(each), np.inf, each)
-        for j in range(len(outputs)):
-            k, i = np.unravel_index(each[:, j].argmax(), each[:, j].shape)
-            if each[k, j, i] > largest[j][0]:
-                largest[j] = float(each[k, j, i]), float(frequencies[k]), int(i)
-    (errors, sizes), g = first, np.sqrt(np.maximum(by.inputs, TINY))
-    found = []
-    for j, (error, f, worst) in enumerate(largest):
-        i = by.drive[j] if by.drive[j] >= 0 else int((sizes[j] / g).argmax())
-        found.append(Direction(
-            output=outputs[j], input=inputs[i], static=float(sizes[j, i]), static_error=float(min(errors[j, i], IDLE)),
-            largest=min(error, IDLE), frequency=f, worst_input=inputs[worst],
-        ))  # fmt: skip
-    return tuple(sorted(found, key=lambda item: -item.largest))
-
-
-def worst_in_words(directions) -> str:
-    """The output that is known worst by itself, with its error; "" where that is not known."""
-    return "".join(f"{item.output}: {item.largest:.2g} at {item.frequency:.6g} Hz" for item in directions[:1])
-
-
-def rows_of_directions(directions, band) -> list[dict]:
-    """For a table: how well each output is known, the worst first; `band` (Hz)."""
-    at = "0 Hz" if band[0] == 0 else f"{band[0]:.6g} Hz"
-    rows = []
-    for item in directions:
-        row = {"direction": item.output, f"|H| at {at}": item.static, "error there": item.static_error,
-               "largest error": item.largest, "at (Hz)": item.frequency}  # fmt: skip
-        if any(other.input != other.output for other in directions):
-            row["input"] = item.input
-        if any(other.worst_input != other.input for other in directions):
-            row["worst under"] = item.worst_input
-        rows.append(row)
-    return rows
-
-
-@dataclass(frozen=True, kw_only=True)
 class Accuracy:
     """How large the error of an automatic reduction is, and how that is known.
 
@@ -247,16 +188,6 @@ class Accuracy:
         )  # fmt: skip
         unproven = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
         return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{unproven}"
-
-    @property
-    def direction_rows(self) -> list[dict]:
-        """For a table: see rows_of_directions."""
-        return rows_of_directions(self.directions, self.band)
-
-    @property
-    def worst_direction(self) -> str:
-        """The output that is known worst by itself, with its error; "" where that is not known."""
-        return worst_in_words(self.directions)
 
     @property
     def beyond(self) -> tuple[Direction, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..measure import SILENT, Measure, Paper, drive_points
+from ..measure import Measure, Paper, drive_points, silent_outputs
 from .pseudo_modal import Proportional, PseudoModal, difference
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
@@ -87,13 +87,7 @@ def measure_over(measure: Measure, band, model: PseudoModal) -> Measure:
 
 
 def _silent(model, frequencies) -> list[int]:
-    """The outputs (from 0) that feel no input: |c x| is round-off of |c| |x| at all frequencies."""
-    left, feels = model.Ct, False
-    for part in model.parts_of(frequencies):
-        states = model.solve(part, model.B)
-        bound = np.linalg.norm(left, axis=0)[:, None] * np.linalg.norm(states, axis=1)[:, None, :]
-        feels = feels | (np.abs(left.T @ states) > SILENT * bound).any(axis=(0, 2))
-    return np.flatnonzero(~feels).tolist()
+    return silent_outputs(model.Ct.T, (model.solve(part, model.B) for part in model.parts_of(frequencies)))
 
 
 def upper_poles(model: PseudoModal) -> np.ndarray:

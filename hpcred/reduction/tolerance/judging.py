@@ -97,7 +97,7 @@ class Judge:
 
     def note_loss(self, error: float):
         """Keep the error by what the basis has lost to round-off."""
-        self.lost = error
+        self.lost = max(self.lost, error)
 
     def note_noise(self, noise: float):
         """Keep round-off that the judgements do not see."""

@@ -7,8 +7,9 @@ import numpy as np
 from ...parallel.decisions import decided
 from ...parallel.progress import counted
 from ..measure import MEASURES
-from .accuracy import Accuracy, Direction, directions_table
+from .accuracy import Accuracy
 from .compression import compress
+from .directions import Direction, directions_table
 from .error_estimate import grid, measure_over
 from .search import Search
 
@@ -95,7 +96,7 @@ def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, no
 
 
 def directions_of(pair, frequencies, band, model) -> tuple[Direction, ...]:
-    """How well the outputs of a model are known by themselves, the worst first (see accuracy.Direction); local."""
+    """Return the accuracy of each output, the least accurate first; local."""
     by = measure_over(MEASURES["directions"], band, pair.outer)
     parts = np.array_split(frequencies, 1 + len(frequencies) * len(by.outputs) * len(by.inputs) // TOGETHER)
     return directions_table(by, ((part, pair.by(by).each(part), pair.outer.responses(part)[0]) for part in parts),

@@ -13,26 +13,30 @@ from .expansion import Expansion, expanded
 from .judging import Judgement
 
 
-def take_round(expansion: Expansion, groups: int, frequencies) -> Judgement:
+def take_round(expansion: Expansion, groups: int, frequencies) -> tuple[Judgement, bool | None]:
     """Have each group of ranks make the blocks of a point, and add all; returns what was judged of them. Collective.
 
-    A group judges its blocks over its part of the band. The estimate holds back the last block of every group. The
-    last point of a first round proves the model of the others, and so is added after them.
+    A group judges its blocks over its part of the band. The estimate holds back the last block of every group. Without
+    a candidate the last point proves the model of the others, and so is added after them; also returns whether the
+    estimate of that model was small, None where no model was made so.
     """
     run, judge, comm, first = expansion.run, expansion.judge, expansion.run.model.comm, expansion.projections.basis.size
     arrived, found = _made_in_groups(run, expansion.settings, groups, frequencies)
     proves = judge.candidate is None and len(frequencies) > 1
     columns, seen = _join(expansion.projections, arrived, proves)
     expansion.look_at_damping()
+    fine = None
     if proves:
         judge.check_next(columns[columns < seen], seen)
+        fine = judge.is_fine(decided(comm, judge.estimate_of_candidate))
     at = [point.frequency for point in found]  # some may have been moved off an eigenfrequency
     judged = decided(comm, judge.judge_round, at[-1:] if proves else at, columns)
     expansion.take([*found[:-1], replace(found[-1], estimate=judged.estimate)])
     where, size = ", ".join(f"{f:.6g}" for f in at), expansion.projections.basis.size
     run.note(f"adaptive {where} Hz", sum(point.columns for point in found), size - first)
     run.progress.say(f"{size} columns, estimated error {judged.estimate:.1e}")
-    return judged
+    judge.keep(judged)
+    return judged, fine
 
 
 def _made_in_groups(run, settings, groups, frequencies):

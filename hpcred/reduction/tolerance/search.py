@@ -199,19 +199,15 @@ class Search:
 
     def _take(self, points) -> Judgement:
         """Add the blocks of points (Hz) to the basis; returns what was judged last."""
-        judge, solver = self.judge, self._solver
         if self._groups > 1:
-            first = judge.candidate is None
-            judged = take_round(self.expansion, self._groups, points)
-            if first and judge.candidate is not None:  # which the last point of the round has measured
-                small = judge.is_fine(decided(self.run.model.comm, judge.estimate_of_candidate))
-                self.state = State.PROVING if small else State.SEEKING
-            judge.keep(judged)
+            judged, fine = take_round(self.expansion, self._groups, points)
+            if fine is not None:  # of a candidate that the last point of the round has measured
+                self.state = State.PROVING if fine else State.SEEKING
         else:
             proving = self.state is State.PROVING
             judged = self.expansion.at(points[0], proving, self._point_of_factor(points[0]))
         self.missing_modes = self.expansion.missing_modes()
-        if self._points[-1].frequency or not solver.multigrid:  # whose models are all exact at 0 Hz
+        if self._points[-1].frequency or not self._solver.multigrid:  # whose models are all exact at 0 Hz
             self.proofs += judged.proofs
         self._check_motions()
         return judged
@@ -261,4 +257,4 @@ class Search:
             if self._solver.extend_by_random() or not self._solver.smooth():
                 raise
             lost = check_massless(self.projections, points)
-        self.judge.note_loss(max(self.judge.lost, lost))
+        self.judge.note_loss(lost)
