@@ -1,9 +1,12 @@
-"""How many columns a search is away from its goal."""
+"""How many columns a search is away from its goal, and what its judge keeps."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from hpcred.reduction.tolerance.judging import _columns_ahead
+import hpcred
+from hpcred.reduction.tolerance.judging import Judge, _columns_ahead
 
 
 def test_columns_ahead_at_the_rate_of_the_last_block():
@@ -13,3 +16,12 @@ def test_columns_ahead_at_the_rate_of_the_last_block():
     assert _columns_ahead([1e-2, 1e-9], 1e-8, 3) == 0.0
     for history in ([1e-2], [1e-4, 1e-4], [1e-4, 1e-2], [1e-2, 0.0]):
         assert _columns_ahead(history, 1e-8, 3) == np.inf
+
+
+def test_of_what_estimates_do_not_see_the_larger_is_kept():
+    projections = SimpleNamespace(run=SimpleNamespace(solvers=SimpleNamespace(multigrid=False)))
+    judge = Judge(projections, hpcred.Adaptive(tolerance=1e-4, band=(0.0, 1.0)))
+    for error in (1e-7, 1e-6, 1e-8):
+        judge.note_loss(error)
+        judge.note_noise(10 * error)
+    assert (judge.lost, judge.noise) == (1e-6, 1e-5)

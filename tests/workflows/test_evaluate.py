@@ -290,6 +290,21 @@ def test_curves_show_their_peaks_and_units(linkage_folder, monkeypatch):
     assert error == pytest.approx(np.abs(H[np.isin(f, full_f)] - full) / np.abs(full))
 
 
+def test_figures_are_named_in_any_case_of_letters(linkage_folder, capsys):
+    """By one rule for all commands."""
+    assert run(["reduce", "job.toml"]) == 0
+    for name, begins, command in (
+        ("a.PNG", b"\x89PNG", "evaluate result.h5 --band 1,300 --points 5"),
+        ("b.Pdf", b"%PDF", "response model.h5 --band 1,300 --points 5 --frame buckens"),
+        ("c.PNG", b"\x89PNG", "modes model.h5 --count 8"),
+    ):
+        assert run([*command.split(), "--figure", name]) == 0
+        assert Path(name).read_bytes().startswith(begins)
+        capsys.readouterr()
+        assert run([*command.split(), "--figure", f"{name}.jpg"]) == 2
+        assert f"figure {name}.jpg: expected a name that ends in .png" in capsys.readouterr().err
+
+
 def test_pairs_worth_a_figure():
     H = np.zeros((2, 2, 2), dtype=complex)
     H[:, 0, 0], H[:, 1, 1], H[:, 0, 1], H[:, 1, 0] = 1.0, 3.0, 2.0, 2.0
