@@ -40,6 +40,9 @@ def export(
     ] = None,
     units: Annotated[str, typer.Option(help="Units of the file: SI; mm,t,s; ...")] = "SI",
     modes: Annotated[str | None, typer.Option(help="Shapes of a picture, from 1, such as 7,8.")] = None,
+    options: Annotated[
+        list[str] | None, typer.Option("--set", metavar="FORMAT.KEY=VALUE", help="A setting of the format.")
+    ] = None,
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
@@ -49,7 +52,8 @@ def export(
                          f"write by -o: hpcred export {result} {option} {more[0]}")  # fmt: skip
     shapes = [int(number) for number in values.numbers(modes, "--modes")] if modes else None
     report = hpcred.export_result(
-        result, kind, output, nodes=values.labels(nodes), units=units, modes=shapes, progress=session.progress()
+        result, kind, output, nodes=values.labels(nodes), units=units, modes=shapes, options=options,
+        progress=session.progress(),
     )
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")

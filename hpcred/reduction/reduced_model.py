@@ -126,7 +126,7 @@ class ReducedModel:
         format : str, optional
             One of those of `hpcred export --format`.
         **more
-            `nodes`, `units`, `modes` of export_result.
+            `nodes`, `units`, `modes`, `options` of export_result.
 
         Returns
         -------

@@ -41,7 +41,7 @@ def read_table(path, overrides=()) -> dict:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{path}: not a TOML file: {error}") from error
     for text in overrides:
-        _override(table, text)
+        override(table, text)
     return table
 
 
@@ -178,7 +178,7 @@ def _item(value):
     return f"'{value}'" if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _override(table, text):
+def override(table, text):
     """Put the value of "a.b.0.c=value" (TOML, or a bare word) into the tables."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip() or "\n" in text:

@@ -6,6 +6,7 @@ Superelements: Nastran, ANSYS, Abaqus, Simscape. Other packages add formats (see
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import contextmanager
 from pathlib import Path, PurePath
 
@@ -14,10 +15,11 @@ from ..files.hdf5 import atomic_output, require_name
 from ..files.result_file import Result, read_result
 from ..files.text import absent
 from ..model.units import SI, units_of
-from ..parallel.declared import nearest
+from ..parallel.declared import as_declared, nearest, types_of
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..parallel.plugins import blamed
+from ..settings.toml_file import override
 from ..writers.base import ExportSource
 from ..writers.registry import WRITERS
 from .workflow import workflow
@@ -32,7 +34,7 @@ WITHOUT_NODES = {
 
 @workflow
 def export_result(
-    result, kind=None, path=None, *, nodes=None, units: str = "SI", modes=None, comm=None, progress=None
+    result, kind=None, path=None, *, nodes=None, units: str = "SI", modes=None, options=None, comm=None, progress=None
 ) -> dict:
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
@@ -41,9 +43,10 @@ def export_result(
     interfaces or node sets, by default those of the inputs and outputs; a superelement has those of its coordinates.
     `units`: of the file, see model.units.units_of; bodies and superelements have others than SI.
     `modes`: numbers from 1 of the shapes of a picture, by default the first six elastic ones, of a moving one (gif,
-    webp) the first. Returns what was written: output, format, and shapes (their names), or coordinates (their number),
-    remarks on what the format does not hold, and nodes, or inputs and outputs by name; of a superelement, the files
-    beside the output.
+    webp) the first. `options`: settings of the format by name, such as {"ge_order": "coordinate"} of "sid", or texts
+    such as "sid.ge_order=coordinate". Returns what was written: output, format, and shapes (their names), or
+    coordinates (their number), remarks on what the format does not hold, and nodes, or inputs and outputs by name; of a
+    superelement, the files beside the output.
     """
     if isinstance(result, Result):
         result = result.path
@@ -56,6 +59,7 @@ def export_result(
         raise InputError(f"--modes: '{kind}' shows all shapes or none; leave it out")
     if nodes is not None and (not len(nodes) or len(set(nodes)) < len(nodes)):
         raise InputError(f"--nodes: found {list(nodes)}, expected at least one node, and each once")
+    settings = _options_of(writer, options)
     system = units_of(units)
     if not writer.any_units and system != SI:
         raise InputError(f"--units: '{kind}' is in SI, found '{units}'; leave it out")
@@ -76,7 +80,7 @@ def export_result(
         with agreed(comm), _naming(result):
             if comm.rank == 0:
                 taken = read_result(result, MPI.COMM_SELF)
-                source = ExportSource(taken, path.stem, nodes, system, modes, writer.surface)
+                source = ExportSource(taken, path.stem, nodes, system, modes, writer.surface, settings)
                 report = _write(writer, source, temporary)
                 report.get("remarks", []).extend(WRITERS.broken)
                 beside = {path.with_name(path.stem + suffix): content for suffix, content in source.beside.items()}
@@ -133,6 +137,28 @@ def _entry(kind, path):
         raise InputError(f"output {path}: found a name that ends in {ending or 'nothing'}, expected {expected} of "
                          f"--format {kind}")  # fmt: skip
     return known[kind]
+
+
+def _options_of(writer, given):
+    """The settings of a format, checked, or None where it has none. Raises InputError."""
+    if not isinstance(given or {}, Mapping):
+        table = {}
+        for text in given:
+            override(table, text)
+        if others := [name for name in table if name != writer.name]:
+            raise InputError(f"--set: found '{others[0]}', expected {writer.name}.key=value, of --format {writer.name}")
+        given = table.get(writer.name, {})
+    if writer.options is None:
+        if given:
+            raise InputError(f"--set: '{writer.name}' has no settings of its own; leave it out")
+        return None
+    known = types_of(writer.options)
+    for key in given or {}:
+        if key not in known:
+            raise InputError(f"--set: {writer.name}: unknown key{nearest(key, known)}; known are {', '.join(known)}")
+    settings = writer.options(**(given or {}))
+    as_declared(settings, f"--set: {writer.name}.")
+    return settings
 
 
 def _ending(writer) -> str:

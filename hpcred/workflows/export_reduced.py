@@ -13,7 +13,9 @@ from .export import export_result
 
 
 @spelled
-def export_reduced(reduced, path, format=None, *, nodes=None, units: str = "SI", modes=None, progress=None) -> dict:
+def export_reduced(
+    reduced, path, format=None, *, nodes=None, units: str = "SI", modes=None, options=None, progress=None
+) -> dict:
     """Write a ReducedModel, with the model that it was made from, for another program: see export_result.
 
     Collective. Raises InputError; one that was read from a file is exported by `export_result`.
@@ -27,7 +29,8 @@ def export_reduced(reduced, path, format=None, *, nodes=None, units: str = "SI",
         write_result(result, reduced, reduced.model)
         try:
             return export_result(
-                result, format, path, nodes=nodes, units=units, modes=modes, comm=reduced.model.comm, progress=progress
+                result, format, path, nodes=nodes, units=units, modes=modes, options=options, comm=reduced.model.comm,
+                progress=progress,
             )
         except InputError as error:  # names a file that the caller has never seen
             raise InputError(str(error).replace(str(result), reduced.model.name)) from error

@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from ..body.body import Body
 from ..body.units import fields_in, in_units
@@ -24,6 +25,7 @@ class ExportSource:
 
     `name`: of the result, without suffix; `stem`: of the file that is written. `units`: those of the file, in which
     `body` and `superelement` are; everything else is in SI. `modes`: numbers from 1 of the chosen shapes, or None.
+    `options`: those of the Writer, an instance of its class `options`, or None.
     `beside`: contents (str or bytes) of further files to write, by what follows `stem` in their names.
     """
 
@@ -33,6 +35,7 @@ class ExportSource:
     units: Units = SI
     modes: list[int] | None = None
     surface: bool = False
+    options: Any = None
     beside: dict[str, str | bytes] = field(default_factory=dict)
 
     @property
@@ -82,6 +85,8 @@ class Writer(ABC):
         Whether the body has the surface that is drawn. By default False.
     picture : bool
         Whether it shows chosen shapes (--modes). By default False.
+    options : type or None
+        A frozen dataclass of its own settings with defaults, `--set format.key=value`. By default None.
     kind : str
         The kind of its files where files.outputs knows it, by default none: `begins` tells them.
 
@@ -93,6 +98,7 @@ class Writer(ABC):
 
     name = suffix = needs = kind = ""
     si = surface = picture = False
+    options: type | None = None
     package = ""  # that brings it
 
     def __init__(self) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from ..body.body import check_moving, inputs_without_node, maker, remarks
 from ..files.outputs import MBDYN
 from .base import Writer
+from .round_off import without_round_off
 
 A_LINE = 6  # numbers; older versions of MBDyn skip groups that they do not know, if the lines are short
 REMARK = 100  # characters a line: MBDyn takes a line that is longer than its buffer for the end of the file
@@ -39,10 +40,10 @@ def _groups(body) -> dict:
         6: ("NODAL Y COORDINATES", places[:, 1]),
         7: ("NODAL Z COORDINATES", places[:, 2]),
         8: ("MODE SHAPES", np.array([np.concatenate([shape.phi, shape.psi]) for shape in nodes])),
-        9: ("MODAL MASS MATRIX", reduced.M),
-        10: ("MODAL STIFFNESS MATRIX", reduced.K),
+        9: ("MODAL MASS MATRIX", without_round_off(reduced.M)),
+        10: ("MODAL STIFFNESS MATRIX", without_round_off(reduced.K)),
         12: ("RIGID BODY INERTIA", np.concatenate([[frame.mass], centre, about_centre.ravel()])),
-        13: ("MODAL DAMPING MATRIX", reduced.D),
+        13: ("MODAL DAMPING MATRIX", without_round_off(reduced.D)),
         14: ("INVARIANT 3", frame.Ct.T),
         15: ("INVARIANT 4", frame.Cr.T),
         16: ("INVARIANT 8", linear),

@@ -10,6 +10,7 @@ The file has no inputs and outputs but nodes, and no loss factor.
 
 import re
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from ..files.text import shown
 from ..model.dofs import DIRECTIONS
 from ..parallel.failures import InputError
 from .base import Writer
+from .round_off import without_round_off
 
 OBJECTS = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "ksigma", "Ke", "De")
 OF_NODE = ("origin", "phi", "psi", "AP")
@@ -30,6 +32,10 @@ SHAPES = {
     "mdCM": "3 1", "J": "6 1", "Ct": "n 3", "Cr": "n 3", "Me": "n n", "Gr": "3 3n", "Ge": "n 3n", "Oe": "n 6",
     "ksigma": "n 1", "Ke": "n n", "De": "n n", "origin": "3 1", "phi": "3 n", "psi": "3 n", "AP": "3 3",
 }  # fmt: skip
+GE_ORDERS = {
+    "component": "columns of Ge by component, (c-1) n + k, as in PY_SID",
+    "coordinate": "columns of Ge by coordinate, 3 (k-1) + c, as in EMBSlib and FEMBeam",
+}
 ENTRY = re.compile(r"(m[01])\(([ ]*\d+[ ]*(?:,[ ]*\d+[ ]*){1,2})\)")
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?")
 BLANKS = " \t\r"  # str.strip takes more away, which stands in letters of UTF-8
@@ -71,12 +77,13 @@ class Sid:
     comment: str = ""
 
 
-def write_sid(path, body: Body | Sid) -> list[str]:
+def write_sid(path, body: Body | Sid, *, ge_order: str = "component") -> list[str]:
     """Write a Body, or a Sid as it is; call it on one rank. Returns remarks on what is not in the file.
 
-    Raises InputError for a body with structural damping, rigid-body motions, or without mass in some direction.
+    `ge_order`: the columns of Ge of a Body, see SidOptions. Raises InputError for a body with structural damping,
+    rigid-body motions, or without mass in some direction.
     """
-    sid, notes = (body, []) if isinstance(body, Sid) else build_sid(body)
+    sid, notes = (body, []) if isinstance(body, Sid) else build_sid(body, ge_order)
     lines = [f"{len(sid.nodes):5d}{len(sid.coordinates):4d}    :{sid.comment}", " part", _line(6, "new modal", "")]
     lines += [" " * 11 + "refmod", _line(16, "mass", _number(sid.mass))]
     lines.append(_line(16, "nelastq", f"{len(sid.coordinates):6d}"))
@@ -234,13 +241,17 @@ class _Lines:
         return InputError(f"{self._path}, line {self._at}: found '{found}', expected {expected}")
 
 
-def build_sid(body: Body) -> tuple[Sid, list[str]]:
+def build_sid(body: Body, ge_order: str = "component") -> tuple[Sid, list[str]]:
     """The file of a body, and remarks on what is not in it. Raises InputError as write_sid does."""
     check_moving(body, "a SID file")
     notes = [*remarks(body), *inputs_without_node(body)]
+    if body.geometric_stiffness is None:
+        notes.append("no geometric stiffness: loads and rotations do not change the stiffness")
     body = body.stiffened()
     reduced, quantities = body.reduced, body.floating_frame
-    count = reduced.size
+    count, Ge = reduced.size, quantities.Ge
+    if ge_order == "coordinate":
+        Ge = Ge.reshape(count, 3, count).transpose(0, 2, 1).reshape(count, -1)
     generators = np.array([skew(axis) for axis in np.eye(3)])
     nodes = []
     for shape in body.nodes:
@@ -262,7 +273,7 @@ def build_sid(body: Body) -> tuple[Sid, list[str]]:
         "Cr": SidObject(quantities.Cr, quantities.Cr1, count),
         "Me": _object(quantities.Me, count),
         "Gr": _object(quantities.Gr, count),
-        "Ge": _object(quantities.Ge, count),
+        "Ge": _object(Ge, count),
         "Oe": SidObject(quantities.Oe, quantities.Oe1, count),
         "ksigma": SidObject(np.zeros((count, 1)), None, count, 0, 0),
         "Ke": _object(reduced.K, count),
@@ -272,7 +283,7 @@ def build_sid(body: Body) -> tuple[Sid, list[str]]:
     if reduced.interfaces:
         own = [f"Node {item.node} : {name}" for item in reduced.interfaces for name in DIRECTIONS[:6]]
         names = own + [f"Modal coordinate {i:4d}" for i in range(1, count - len(own) + 1)]
-    comment = "; ".join([f"No. nodes, No. modes: {maker(body.reduced)}", *notes])
+    comment = "; ".join([f"No. nodes, No. modes: {maker(body.reduced)}", *notes, GE_ORDERS[ge_order]])
     return Sid(quantities.mass, names, nodes, objects, comment), notes
 
 
@@ -280,27 +291,32 @@ def _object(matrix, count, slopes=None):
     """An object with the structure that the matrix has; round-off beside a diagonal is left out. `slopes`: m1."""
     if slopes is not None and slopes.any():
         return SidObject(matrix, slopes, count)
-    square = matrix.shape[0] == matrix.shape[1]
-    size = np.abs(matrix).max(initial=0.0)
-    if size == 0:
+    if not matrix.any():
         return SidObject(matrix, None, count, 0, 0)
-    if square:
+    if matrix.shape[0] == matrix.shape[1]:
+        matrix = without_round_off(matrix)
         diagonal = np.diag(np.diag(matrix))
-        sizes = np.sqrt(np.abs(np.diag(matrix)))  # of each coordinate: displacements, angles and modes differ much
-        if (np.abs(matrix - diagonal) <= 1e-12 * np.outer(sizes, sizes)).all():
-            if np.abs(np.diag(matrix) - 1).max() <= 1e-11:
-                return SidObject(np.eye(len(matrix)), None, count, 0, 4)
-            return SidObject(diagonal, None, count, 0, 1)
+        if (matrix == diagonal).all():
+            return SidObject(matrix, None, count, 0, 4 if (np.diag(matrix) == 1).all() else 1)
     return SidObject(matrix, None, count, 0, 3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SidOptions:
+    """`ge_order`: the order of the 3 n columns of Ge: component c of coordinate k is in column (c - 1) n + k
+    ("component"), as in the files of PY_SID, or in column 3 (k - 1) + c ("coordinate"), as EMBSlib and FEMBeam read it.
+    """
+
+    ge_order: Literal["component", "coordinate"] = "component"
 
 
 class SidFile(Writer):
     """SID files."""
 
-    suffix, needs, kind = ".SID_FEM", "body", SID
+    suffix, needs, kind, options = ".SID_FEM", "body", SID, SidOptions
 
     def write(self, target, source):
-        return write_sid(target, source.body)
+        return write_sid(target, source.body, ge_order=source.options.ge_order)
 
     def describe(self, path):
         found = read_sid(path)

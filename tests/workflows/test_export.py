@@ -184,7 +184,10 @@ def test_nodes_without_rotations_are_said(folder):
     )
     assert run(["reduce", str(folder / "solid.toml")]) == 0
     report = export_result(folder / "solid_result.h5", "sid")
-    assert report["remarks"] == ["no rotational dofs at nodes 19: psi is zero there"]
+    assert report["remarks"] == [
+        "no rotational dofs at nodes 19: psi is zero there",
+        "no geometric stiffness: loads and rotations do not change the stiffness",
+    ]
     assert read_sid(report["output"]).nodes[0].objects["psi"].structure == 0
 
 

@@ -167,6 +167,9 @@ def test_what_cannot_be_is_refused_by_the_fmu(fmu):
             lambda: instance.doStep(0.0, np.nan),
             lambda: instance.setRealInputDerivatives([0], [2], [1.0]),
             lambda: instance.getInteger([0]),
+            lambda: instance.setReal([0], [np.nan]),
+            lambda: instance.setReal([0], [np.inf]),
+            lambda: instance.setRealInputDerivatives([0], [1], [np.nan]),
         ):
             with pytest.raises(Exception, match="failed with status"):
                 refused()

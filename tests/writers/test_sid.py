@@ -68,7 +68,10 @@ def test_sid_of_ours(tmp_path):
     notes = write_sid(path, body)
     sid = read_sid(path)
     found, reduced, count = body.floating_frame, body.reduced, body.reduced.size
-    assert notes == ["integrals quadratic in the shapes: mean of directions, an approximation"]
+    assert notes == [
+        "integrals quadratic in the shapes: mean of directions, an approximation",
+        "no geometric stiffness: loads and rotations do not change the stiffness",
+    ]
     assert notes[0] in sid.comment
     assert [item.node for item in sid.nodes] == [1, 7, 20]
     assert sid.mass == pytest.approx(found.mass) and sid.objects["Cr"].m1.shape == (count, count, 3)
@@ -107,6 +110,36 @@ def test_couplings_far_below_the_largest_stiffness_are_written(tmp_path):
         sizes = np.sqrt(np.diag(matrix))
         assert (np.abs(sid.objects[key].m0 - matrix) < 1e-10 * np.outer(sizes, sizes)).all()
     assert np.abs(rom.K[2, 4]) > 0.1 * np.sqrt(rom.K[2, 2] * rom.K[4, 4])  # bending is there
+
+
+@pytest.mark.parametrize("order", ["component", "coordinate"])
+def test_both_orders_of_the_columns_of_ge(tmp_path, order):
+    """Component c of coordinate k of 2 integral Phi_k x Phi_i dm, from S; the header says what is missing."""
+    with hpcred.linkage() as model, hpcred.reduce(model, [Modes(index=(7, 8, 9))], Buckens()) as rom:
+        rom.export(tmp_path / "bar.SID_FEM", nodes=[1], options={"ge_order": order})
+        S = body_of(model, rom, [1]).floating_frame.S
+    sid = read_sid(tmp_path / "bar.SID_FEM")
+    assert "no geometric stiffness" in sid.comment and f"columns of Ge by {order}" in sid.comment
+    Ge = sid.objects["Ge"].m0
+    for c, (a, b) in enumerate(((1, 2), (2, 0), (0, 1))):
+        expected = 2 * (S[a, b] - S[b, a]).T  # row i, column k: (Phi_k x Phi_i)_c
+        found = Ge[:, 3 * c : 3 * c + 3] if order == "component" else Ge[:, c::3]
+        assert np.allclose(found, expected, rtol=0, atol=1e-9 * np.abs(Ge).max())
+
+
+@pytest.mark.parametrize("given, says", [
+    ({"ge_ordr": "component"}, r"--set: sid: unknown key \(did you mean 'ge_order'\?\); known are ge_order"),
+    ({"ge_order": "row"}, "--set: sid.ge_order: found 'row', expected 'component' or 'coordinate'"),
+    (["mbdyn.ge_order=component"], "--set: found 'mbdyn', expected sid.key=value, of --format sid"),
+    (["ge_order"], "--set: found 'ge_order', expected key=value"),
+])  # fmt: skip
+def test_settings_that_a_format_does_not_have(tmp_path, given, says):
+    with hpcred.linkage() as model, hpcred.reduce(model, [Modes(index=(7, 8))], Buckens()) as rom:
+        rom.save(tmp_path / "bar.h5")
+    with pytest.raises(InputError, match=says):
+        hpcred.export_result(tmp_path / "bar.h5", "sid", nodes=[1], options=given)
+    with pytest.raises(InputError, match="'mbdyn' has no settings of its own"):
+        hpcred.export_result(tmp_path / "bar.h5", "mbdyn", nodes=[1], options={"ge_order": "component"})
 
 
 def test_what_a_sid_file_cannot_hold(tmp_path):

@@ -367,6 +367,8 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference references[], s
         double *place = place_of(&self->state, references[i]);
         if (place == NULL)
             return failed(self, "fmi2SetReal: only inputs, and q and v before the start, can be set");
+        if (!isfinite(values[i]))
+            return failed(self, "fmi2SetReal: found a value that is NaN or infinite");
         *place = values[i];
         if (references[i] < AT_DISPLACEMENT)
             self->state.slope[references[i]] = 0.0;
@@ -541,8 +543,12 @@ static fmi2Status check_count(Instance *self, size_t count, size_t expected)
 fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t count)
 {
     Instance *self = c;
+    size_t i;
     if (check_count(self, count, STATES) != fmi2OK)
         return fmi2Error;
+    for (i = 0; i < count; i++)
+        if (!isfinite(x[i]))
+            return failed(self, "fmi2SetContinuousStates: found a state that is NaN or infinite");
     memcpy(self->state.x, x, sizeof(self->state.x));
     return fmi2OK;
 }
@@ -594,6 +600,8 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     for (i = 0; i < count; i++) {
         if (references[i] >= AT_DISPLACEMENT || orders[i] != 1)
             return failed(self, "fmi2SetRealInputDerivatives: only the first derivatives of inputs can be set");
+        if (!isfinite(values[i]))
+            return failed(self, "fmi2SetRealInputDerivatives: found a value that is NaN or infinite");
         self->state.slope[references[i]] = values[i];
     }
     return fmi2OK;
