@@ -6,39 +6,41 @@ The components of a displacement do not mix: an element has the same matrix (k, 
 import numpy as np
 
 from ..linalg.csr import compress
+from ..model.element_rules import Rule
 from ..model.shape_functions import gradients_in_space, integration_points, shape_functions
 from ..parallel.exchange import exchange
 from ..parallel.petsc import PETSc
 
-PAIRS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # places of xx, yy, zz, xy, yz, xz in the tensor
-NUMBERS_AT_A_TIME = 2**22  # in work arrays of elements
+PAIRS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # places of xx, yy, zz, xy, yz, zx in the tensor
 
 
-def node_stiffness(kind: str, scheme: str, position: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """Return the matrices (s, e, k, k) of elements with stresses of s states, for each component of the displacement.
+def node_stiffness(kind: str, rule: Rule, position: np.ndarray, stress: np.ndarray) -> np.ndarray:
+    """Return the matrices (s, e, k, k) in N/m of elements with stresses of s states, for each component of the
+    displacement.
 
-    `position` (e, k, 3) of the nodes in m; `stress` (e, g, 6, s) at the integration points of the scheme in Pa.
+    `position` (e, k, 3) of the nodes in m; `stress` (e, g, 6, s) at the integration points of the rule in Pa.
     """
-    points, weights = integration_points(kind, scheme)
+    points, weights = integration_points(kind, "full" if rule.strain == "mean" else rule.scheme)
     gradients, determinant = gradients_in_space(shape_functions(kind, points)[1], position)
+    volumes = determinant * weights
+    if rule.strain == "mean":
+        whole = volumes.sum(axis=1, keepdims=True)
+        gradients = np.einsum("eg,egka->eka", volumes / whole, gradients)[:, None]
+        volumes = whole
     tensor = np.moveaxis(stress, 3, 0)[:, :, :, PAIRS]  # (s, e, g, 3, 3)
-    loaded = np.einsum("egka,segab->segkb", gradients * (weights * determinant)[..., None, None], tensor)
-    return np.einsum("segkb,eglb->sekl", loaded, gradients)
+    left = (gradients * volumes[..., None, None])[None] @ tensor  # (s, e, g, k, 3)
+    states, elements, _, nodes, _ = left.shape
+    left = left.transpose(0, 1, 3, 2, 4).reshape(states, elements, nodes, -1)
+    return left @ gradients.transpose(0, 1, 3, 2).reshape(elements, -1, nodes)
 
 
 def projected(matrices: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return sum over elements of V_e^T K_e V_e (s, m, m), from matrices (s, e, k, k) and the displacements of their
-    nodes (e, k, 3, m) by the columns of a basis."""
+    """Return the sums over elements of V_e^T K_e V_e (s, m, m), from matrices (s, e, k, k) and the displacements
+    (e, k, 3, m) of their nodes by the columns of a basis."""
     elements, nodes, _, count = columns.shape
     flat = columns.reshape(elements, nodes, 3 * count)
     rows = columns.reshape(-1, count)
     return np.array([rows.T @ (matrix @ flat).reshape(-1, count) for matrix in matrices])
-
-
-def chunks(elements: int, numbers: int):
-    """Return slices of elements whose work arrays, of so many numbers an element, have a limited size."""
-    step = max(NUMBERS_AT_A_TIME // max(numbers, 1), 1)
-    return [slice(low, min(low + step, elements)) for low in range(0, elements, step)]
 
 
 def assembled(model, parts) -> PETSc.Mat:
