@@ -20,6 +20,7 @@ from .body.node_shapes import node_shapes as node_shapes
 from .body.stress import StressModes as StressModes
 from .body.stress import stress_modes as stress_modes
 from .body.stress import von_mises as von_mises
+from .body.unit_states import geometric_stiffness as geometric_stiffness
 from .examples.crank import crank as crank
 from .examples.linkage import linkage as linkage
 from .examples.solid import solid as solid

@@ -1,7 +1,9 @@
-"""Compute the stiffness of stresses in solids, K_sigma = integral of G^T [sigma] G with the gradients G of displacements.
+"""Compute the stiffness of stresses in solids, K_sigma = integral of G^T [sigma] G with G, gradients of displacements.
 
 The components of a displacement do not mix: an element has the same matrix (k, k) of its nodes for each of them.
 """
+
+from __future__ import annotations
 
 import numpy as np
 

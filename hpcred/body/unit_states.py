@@ -14,11 +14,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..linalg.blocks import apply, column_norms, copy_of, create_block, from_dense, local_rows
+from ..linalg.blocks import apply, column_norms, create_block, from_dense, local_rows
 from ..linalg.solvers.base import SingularMatrix
 from ..linalg.solvers.settings import Factoring
 from ..linalg.solvers.shifted import ShiftedSolver
-from ..model.dofs import SCALAR
 from ..model.element_rows import ValuesAtRows
 from ..model.frames import Frame, NoFrame, apply_frame
 from ..model.rigid_body_modes import RigidBodyModes, rigid_motions
@@ -77,8 +76,7 @@ def geometric_stiffness(
     One factorization of K, whatever the number of states. K_sigma = integral of G^T [sigma] G with the gradients G of
     the displacements: see docs/geometric-stiffness.md.
     """
-    require_model(model)
-    solids = Solids(model)
+    solids = require_stresses(model)
     origin = np.asarray(origin, dtype=float)
     loads, states = _unit_loads(model, origin, nodes)
     with Owned(model.comm) as owned:
@@ -104,13 +102,26 @@ def geometric_stiffness(
     return GeometricStiffness(states, (matrices + matrices.transpose(0, 2, 1)) / 2, origin)
 
 
+def require_stresses(model) -> Solids:
+    """Return the solids of a model that gives geometric stiffness. Collective. Raises InputError for others."""
+    require_model(model)
+    try:
+        return Solids(model)
+    except InputError as error:
+        raise InputError(
+            f"geometric stiffness: {error}; of beams, shells and other elements it comes from the stresses or the "
+            "loaded stiffness of the finite-element program, by tables [[geometric_stiffness]]"
+        ) from error
+
+
 def sum_over_elements(solids, field, shapes) -> np.ndarray:
     """Return V^T K_sigma V (s, m, m) of the elements of this rank, for displacements `field` (l, 3, s) of the states
     and `shapes` (l, 3, m) of the basis at the nodes of the solids."""
     total = np.zeros((field.shape[2], *[shapes.shape[2]] * 2))
     for group, nodes, stress in stresses(solids, field):
         position = solids.position[nodes]
-        step = max(1, MATRICES_AT_A_TIME // (nodes.shape[1] * max(nodes.shape[1] * field.shape[2], 3 * shapes.shape[2])))
+        size = nodes.shape[1]
+        step = max(1, MATRICES_AT_A_TIME // (size * max(size * field.shape[2], 3 * shapes.shape[2])))
         for low in range(0, len(nodes), step):
             part = slice(low, low + step)
             matrices = node_stiffness(group.kind, group.rule, position[part], stress[part])

@@ -57,7 +57,8 @@ class Job:
     says so ("mark"), as `output` ("write"), or not ("refuse").
     `write_basis`: whether V goes into the result; `report`: whether an HTML report is written beside it. `body_origin`
     (m): the origin of the body frame; `lumped_integrals`: whether the volume integrals of multibody programs are sums
-    over the nodes, with lumped masses, instead of exact ones.
+    over the nodes, with lumped masses, instead of exact ones. `geometric_stiffness`: whether the stiffness of unit
+    states of load goes into the result, by the stresses of solid elements (docs/geometric-stiffness.md).
     deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
     out_of_core, low_rank, memory_mb, solver: see linalg.solvers.settings.Factoring. `store`: a folder that keeps
     expansion points for the next run.
@@ -84,6 +85,7 @@ class Job:
     report: bool = False
     body_origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lumped_integrals: bool = False
+    geometric_stiffness: bool = False
     projection: str = Reduction.projection
     allow_unstable: bool = False
     groups: int | str = 1

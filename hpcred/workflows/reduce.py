@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..body.unit_states import geometric_stiffness, require_stresses
 from ..files.checksums import content_of
 from ..files.outputs import check_outputs, check_room, hdf5_kind
 from ..files.point_store import PointStore
@@ -65,6 +66,8 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
             check_room(job.output, _bytes(job, model) if job.write_basis else 0)
         with progress.stage("read"):
             contents = {str(Path(name).absolute()): content_of(name, comm) for name in job.files}
+        if job.geometric_stiffness:
+            require_stresses(model)  # before what takes long
         with listening(store is not None):
             reduced = reduce(
                 model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings,
@@ -73,11 +76,17 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
         with reduced:
             output = _name_of(job, reduced.record.accuracy)
             reduced.record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
+            stiffness = None
+            if job.geometric_stiffness:
+                with progress.stage("geometric stiffness"):
+                    stiffness = geometric_stiffness(
+                        model, reduced.columns, job.frame, origin=job.body_origin, factoring=job.factoring
+                    )
             with progress.stage("write", output):
                 rescued(
                     lambda place: write_result(
                         place, reduced, model, basis=job.write_basis, origin=job.body_origin,
-                        lumped=job.lumped_integrals,
+                        lumped=job.lumped_integrals, geometric_stiffness=stiffness,
                     ), output, comm,
                 )  # fmt: skip
             record = replace(reduced.record, timing=progress.timing())
