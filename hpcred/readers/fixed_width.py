@@ -4,10 +4,12 @@ Fields may touch each other ("0.1D+00-0.2D+00"), exponents may have no letter ("
 """
 
 import re
+from typing import NamedTuple
 
 import numpy as np
 
-from ..files.text import BARE_EXPONENT, Piece, shown
+from ..files.text import Piece, shown
+from ..files.text_numbers import BARE_EXPONENT
 from ..parallel.failures import InputError
 
 FORMAT = re.compile(
@@ -24,16 +26,17 @@ LONGEST = 1000  # characters a line
 SPLIT_EXPONENT = re.compile(rb"([eEdD]) (?=[0-9])")
 
 
-class Field:
+class Field(NamedTuple):
     """A field: `whole` (of an integer), its `width`, `decimals` where no point is written, `scale` (of P)."""
 
-    def __init__(self, whole, width, decimals, scale):
-        self.whole, self.width, self.decimals, self.scale = whole, width, decimals, scale
+    whole: bool
+    width: int
+    decimals: int
+    scale: int
 
 
 def fields_of_format(text: bytes, where: str) -> list[Field]:
-    """Return the fields of a line from a Fortran format such as (16I5), (1P,5D16.9) or (3i9,6e21.13e3). Raises
-    InputError."""
+    """Return the fields of a line from a Fortran format, such as those of the message. Raises InputError."""
     refusal = InputError(f"{where}: found the format '{shown(text)}', expected one such as (16I5), "
                          "(1P,5D16.9) or (3i9,6e21.13e3)")  # fmt: skip
     inner = text.strip()
@@ -81,9 +84,8 @@ def separated(piece: Piece, fields: list[Field], fill=False) -> Piece:
     table = np.full(inside.shape, ord(" "), np.uint8)
     table[inside] = letters[(starts[:, None] + across)[inside]]
     table[table == ord("\r")] = ord(" ")
-    wrong = np.flatnonzero(~DIGITS[table].all(axis=1) | (table[:, wide:] != ord(" ")).any(axis=1))
-    if wrong.size:
-        raise piece.refusal(int(wrong[0]), f"at most {len(fields)} numbers in fields of {fields[0].width} characters")
+    fits = DIGITS[table].all(axis=1) & (table[:, wide:] == ord(" ")).all(axis=1)
+    piece.require(fits, None, f"at most {len(fields)} numbers in fields of {fields[0].width} characters")
     result = np.full((len(starts), wide + len(fields)), ord(" "), np.uint8)
     source = target = 0
     for field in fields:
@@ -91,8 +93,8 @@ def separated(piece: Piece, fields: list[Field], fill=False) -> Piece:
         result[:, target : target + field.width] = part
         if not field.whole:
             _require_point(piece, field, part)
-        elif (odd := ~WHOLE[part].all(axis=1)).any():
-            raise piece.refusal(int(np.flatnonzero(odd)[0]), "whole numbers in the fields of such")
+        else:
+            piece.require(WHOLE[part].all(axis=1), None, "whole numbers in the fields of such")
         if fill:
             result[(part == ord(" ")).all(axis=1), target + field.width - 1] = ord("0")
         source, target = source + field.width, target + field.width + 1
@@ -107,11 +109,8 @@ def _require_point(piece, field, part):
     """Raise InputError where a number but 0 leaves its point to the format, or its scale to a missing exponent."""
     written = np.isin(part, list(b"123456789")).any(axis=1)
     point = (part == ord(".")).any(axis=1)
-    wrong = written & ~point
     if field.scale:
-        exponent = np.isin(part, list(b"eEdD")).any(axis=1) | (np.isin(part[:, 1:], list(b"+-")) & np.isin(
+        point &= np.isin(part, list(b"eEdD")).any(axis=1) | (np.isin(part[:, 1:], list(b"+-")) & np.isin(
             part[:, :-1], list(b"0123456789."))).any(axis=1)  # fmt: skip
-        wrong |= written & ~exponent
-    if wrong.any():
-        raise piece.refusal(int(np.flatnonzero(wrong)[0]), "numbers with a decimal point"
-                            + (" and an exponent" if field.scale else ""))  # fmt: skip
+    expected = f"numbers with a decimal point{' and an exponent' * bool(field.scale)}"
+    piece.require(point | ~written, None, expected)

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..files.text import first_bytes, warnings_of_end
 from ..parallel.failures import InputError, agreed
-from ..parallel.lookup import look_up, repeated_key, sort_over_ranks
+from ..parallel.lookup import look_up, require_once, sort_over_ranks
 from ..settings.source import Source
 from .abaqus import input_file as abaqus_input
 from .ansys import lists as ansys_lists
@@ -84,8 +84,7 @@ def read_source(source: Source, comm) -> Parts:
 
 
 def _name_rows_of_calculix(comm, parts, source) -> bool:
-    """Return name the rows by a .dof file and an input file or results of CalculiX, as it reads them; False for
-    others."""
+    """Name the rows by a .dof file and an input file or results, as CalculiX reads them; False for others."""
     with agreed(comm):
         if not (source.dofs and source.nodes and calculix.begins_dofs(first_bytes(source.dofs))):
             return False
@@ -192,9 +191,7 @@ def _read_row_labels(path, comm, size):
         return ansys_lists.read_vector(path, comm, size)
     if calculix.begins_dofs(start):
         label, row = calculix.read_dofs(path, comm)
-        twice = repeated_key(comm, label)
-        if twice is not None:
-            raise InputError(f"{path}: found two rows of {label_name(twice)}, since CalculiX makes solids of beams and "
-                             "shells; such rows cannot be named: leave out --dofs and --nodes")  # fmt: skip
+        require_once(comm, label, lambda twice: f"{path}: found two rows of {label_name(twice)}, since CalculiX makes "
+                     "solids of beams and shells; such rows cannot be named: leave out --dofs and --nodes")  # fmt: skip
         return label, row
     return node_table.read_row_labels(path, comm)

@@ -7,8 +7,9 @@ import pytest
 from foreign import gathered, write
 
 from hpcred import InputError
-from hpcred.files import text
-from hpcred.files.text import Piece, line_number, numbers, pieces, places, triples
+from hpcred.files import text_numbers
+from hpcred.files.text import Piece, line_number, pieces, places
+from hpcred.files.text_numbers import numbers, triples
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
 
@@ -37,9 +38,9 @@ def piece_of(path, content, comm):
 def all_ways(monkeypatch):
     """By fast_matrix_market, by that of SciPy, and without, as far as they are there."""
     yield
-    monkeypatch.setattr(text, "fast_matrix_market", None)
+    monkeypatch.setattr(text_numbers, "fast_matrix_market", None)
     yield
-    monkeypatch.setattr(text, "SCIPY_HAS_IT", False)
+    monkeypatch.setattr(text_numbers, "SCIPY_HAS_IT", False)
     yield
 
 
@@ -69,7 +70,9 @@ def test_values_are_parsed_to_the_last_character(comm, folder, monkeypatch, line
             triples(piece)
 
 
-@pytest.mark.skipif(not (text.fast_matrix_market or text.SCIPY_HAS_IT), reason="needs SciPy 1.12 or fast_matrix_market")
+@pytest.mark.skipif(
+    not (text_numbers.fast_matrix_market or text_numbers.SCIPY_HAS_IT), reason="needs SciPy 1.12 or fast_matrix_market"
+)
 def test_the_fast_parser_is_used_for_plain_text(comm, folder, monkeypatch):
     """What it reads of a plain text is what the slow one reads."""
     rng = np.random.default_rng(1)
@@ -79,7 +82,7 @@ def test_the_fast_parser_is_used_for_plain_text(comm, folder, monkeypatch):
     piece = piece_of(folder / "a.txt", content, comm)
     for _ in all_ways(monkeypatch):
         found = triples(piece)
-        assert (found[3] is None) == bool(text.fast_matrix_market or text.SCIPY_HAS_IT)
+        assert (found[3] is None) == bool(text_numbers.fast_matrix_market or text_numbers.SCIPY_HAS_IT)
         assert np.array_equal(found[0] + 1, rows) and np.array_equal(found[2], values)
 
 

@@ -18,16 +18,14 @@ from ...files.text import (
     CONTROL,
     Piece,
     first_line,
-    labels,
     line_number,
-    padded,
     pieces,
-    ragged,
     refuse_packed,
     require_file,
     shown,
     without_comments,
 )
+from ...files.text_numbers import labels, padded, ragged
 from ...model.elements import NODES, abaqus_kind, abaqus_nodes_more, in_vtk_order
 from ...model.materials import ElementProperties
 from ...parallel.decisions import decided

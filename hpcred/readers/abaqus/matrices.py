@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...files.text import end_to_end, first_bytes, first_line, labels, numbers, pieces, shown, triples, whole
+from ...files.text import end_to_end, first_bytes, first_line, pieces, shown
+from ...files.text_numbers import labels, numbers, triples, whole
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, agreed
 from ..base import Reader

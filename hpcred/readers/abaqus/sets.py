@@ -9,16 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...files.text import (
-    Piece,
-    labels,
-    pieces,
-    ragged,
-    refuse_empty_fields,
-    require_commas,
-    shown,
-    without_comments,
-)
+from ...files.text import Piece, pieces, shown, without_comments
+from ...files.text_numbers import labels, ragged, refuse_empty_fields, require_commas
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, sort_over_ranks
 from ...parallel.petsc import MPI

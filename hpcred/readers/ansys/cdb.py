@@ -11,18 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from ...files.system_errors import open_input
-from ...files.text import (
-    LARGEST_LABEL,
-    Piece,
-    labels,
-    line_number,
-    numbers,
-    pieces,
-    ragged,
-    require_file,
-    shown,
-    whole,
-)
+from ...files.text import LARGEST_LABEL, Piece, line_number, pieces, require_file, shown
+from ...files.text_numbers import labels, numbers, ragged, whole
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ..fixed_width import Field, fields_of_format, separated

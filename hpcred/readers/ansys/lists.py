@@ -9,18 +9,8 @@ import re
 
 import numpy as np
 
-from ...files.text import (
-    Piece,
-    end_to_end,
-    first_bytes,
-    labels,
-    padded,
-    pieces,
-    ragged,
-    read_lines,
-    shown,
-    whole,
-)
+from ...files.text import Piece, end_to_end, first_bytes, pieces, read_lines, shown
+from ...files.text_numbers import labels, padded, ragged, whole
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import repeated_key
 from ..entries import label_name, label_of

@@ -11,18 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...files.system_errors import open_input, read_numbers
-from ...files.text import (
-    Piece,
-    end_to_end,
-    labels,
-    numbers,
-    pieces,
-    ragged,
-    records,
-    refuse_packed,
-    require_file,
-    whole,
-)
+from ...files.text import Piece, end_to_end, pieces, records, refuse_packed, require_file
+from ...files.text_numbers import labels, numbers, ragged, whole
 from ...model.elements import NODES
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed

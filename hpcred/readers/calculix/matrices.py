@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...files.text import first_bytes, is_cut_line, pieces, triples
+from ...files.text import first_bytes, is_cut_line, pieces
+from ...files.text_numbers import triples
 from ...parallel.failures import InputError, agreed
 from ..base import Reader
 from ..entries import Collected, Entries, both_triangles

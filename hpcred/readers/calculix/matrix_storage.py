@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...files.text import Piece, labels, numbers, padded, pieces, ragged, read_lines, whole
+from ...files.text import Piece, pieces, read_lines
+from ...files.text_numbers import labels, numbers, padded, ragged, whole
 from ...model.dofs import SCALAR
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, repeated_key, sort_over_ranks

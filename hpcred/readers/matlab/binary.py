@@ -12,7 +12,7 @@ import numpy as np
 
 from ...files.system_errors import open_input
 from ...parallel.failures import InputError
-from .variables import Variable
+from .variables import Variable, entries_of, whole
 
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 MATRIX, PACKED = 14, 15
@@ -62,12 +62,15 @@ class Place:
 
 
 class _Element:
-    """The bytes of an element, unpacked, to be read forwards. Raises InputError where it ends too early."""
+    """The bytes of an element, unpacked, to be read forwards or again. Raises InputError where it ends too early."""
 
     def __init__(self, path, file, place):
         self._path, self._file, self._place = path, file, place
-        self.position = 0
-        self._taken, self._unpack, self._rest = 0, zlib.decompressobj() if place.packed else None, b""
+        self._restart()
+
+    def _restart(self):
+        self.position, self._taken, self._rest = 0, 0, b""
+        self._unpack = zlib.decompressobj() if self._place.packed else None
 
     def read(self, count) -> bytes:
         parts = []
@@ -109,9 +112,12 @@ class _Element:
             count -= len(self.read(min(count, BYTES_AT_A_TIME)))
 
     def numbers(self, run, first, last) -> np.ndarray:
-        """Return the numbers first..last of a run that begins at or behind the present position."""
+        """Return the numbers first..last of a run."""
         dtype = np.dtype(run.dtype)
-        self.skip(run.offset + first * dtype.itemsize - self.position)
+        begin = run.offset + first * dtype.itemsize
+        if begin < self.position:
+            self._restart()
+        self.skip(begin - self.position)
         return np.frombuffer(self.read((last - first) * dtype.itemsize), dtype)
 
     def finish(self):
@@ -195,8 +201,7 @@ class _Level5:
         return self._run_and_last(truths)[0]
 
     def _run_and_last(self, truths=None) -> tuple[Run, int]:
-        """Return a run of numbers and the last of them, as a whole number; `truths`: how many, of a sparse logical
-        matrix."""
+        """Return a run, and its last number if whole; `truths`: how many, of a sparse logical matrix."""
         kind, count, padding = self._tag()
         if kind == DOUBLES and count == truths:  # MATLAB says doubles, and writes a byte each
             kind = 2
@@ -344,80 +349,22 @@ def _variables_4(path, file):
 
 
 def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return Rows, columns (from 0) and values of the share of one of `size` ranks. Raises InputError."""
+    """Return rows, columns (from 0) and values of the share of one of `size` ranks. Raises InputError."""
     place = variable.place
-    rows, columns = variable.shape
     with open_input(path) as file:
-        if not columns or not rows:
-            return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
-        if place.columns is not None:
-            count = place.values.count
-            first, last = count * rank // size, count * (rank + 1) // size
-            i, j, v = (_Element(path, file, place).numbers(run, first, last)
-                       for run in (place.rows, place.columns, place.values))  # fmt: skip
-            i, j = (_whole(path, variable, item, 1, limit) - 1 for item, limit in ((i, rows), (j, columns)))
-            return i, j, v.astype(float)
-        first, last = columns * rank // size, columns * (rank + 1) // size
         element = _Element(path, file, place)
-        if not variable.sparse:
-            return dense_entries(rows, first, last, lambda low, high: element.numbers(place.values, low, high))
-        starts = element.numbers(place.starts, first, last + 1).astype(np.int64)
-        check_starts(path, variable, starts, first, last)
-        low, high = int(starts[0]), int(starts[-1])
-        element = _Element(path, file, place)
-        i = _whole(path, variable, element.numbers(place.rows, low, high), 0, rows - 1)
-        check_ascending(path, variable, i, starts)
-        v = element.numbers(place.values, low, high).astype(float)
-        return i, np.repeat(np.arange(first, last), np.diff(starts)), v
-
-
-def dense_entries(rows, first, last, numbers):
-    """Return Rows, columns and values that are not zero of the columns first..last; `numbers(low, high)` in column
-    order."""
-    parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
-    step = max(1, BYTES_AT_A_TIME // max(rows, 1))
-    for low in range(first, last, step):
-        high = min(low + step, last)
-        values = numbers(low * rows, high * rows).astype(float)
-        there = np.flatnonzero(values)
-        parts.append((there % max(rows, 1), low + there // max(rows, 1), values[there]))
-    return tuple(np.concatenate(items) for items in zip(*parts, strict=True))
-
-
-def check_starts(path, variable, starts, first, last):
-    """Raise InputError unless the columns first..last start at ascending entries."""
-    count = variable.nonzeros
-    begins_well = first > 0 or starts[0] == 0
-    ends_well = last < variable.shape[1] or starts[-1] == count
-    if (np.diff(starts) < 0).any() or not 0 <= starts[0] <= starts[-1] <= count or not begins_well or not ends_well:
-        raise InputError(
-            f"{path}: found columns of '{variable.name}' that do not ascend from 0 to its {count} entries; the file is "
-            "damaged"
-        )
-
-
-def check_ascending(path, variable, rows, starts):
-    """Raise InputError unless rows ascend in every column, as MATLAB keeps them."""
-    ascends = np.diff(rows) > 0
-    ends = starts[1:-1] - starts[0] - 1  # the last entries of columns, but for the last column
-    ascends[ends[(ends >= 0) & (ends < len(ascends))]] = True
-    if not ascends.all():
-        raise InputError(
-            f"{path}: found rows of '{variable.name}' that do not ascend in their column; the file is damaged"
-        )
-
-
-def _whole(path, variable, values, low, high):
-    if len(values) and not ((values >= low) & (values <= high) & (values == np.floor(values))).all():
-        raise InputError(
-            f"{path}: found rows or columns of '{variable.name}' beyond its {variable.in_words()}; the file is damaged"
-        )
-    return values.astype(np.int64)
+        if place.columns is None or not all(variable.shape):
+            return entries_of(path, variable, lambda key, low, high: element.numbers(getattr(place, key), low, high),
+                              rank, size)  # fmt: skip
+        count = place.values.count
+        first, last = count * rank // size, count * (rank + 1) // size
+        i, j, v = (element.numbers(run, first, last) for run in (place.rows, place.columns, place.values))
+    i, j = (whole(path, variable, item, 1, limit) - 1 for item, limit in zip((i, j), variable.shape, strict=True))
+    return i, j, v.astype(float)
 
 
 def table_of(path, variable, first, last, across) -> np.ndarray:
-    """Return the rows, or with `across` the columns, first..last of a dense matrix, one in each row. Raises
-    InputError."""
+    """Return rows (`across`: columns) first..last of a dense matrix, one in each row. Raises InputError."""
     rows, columns = variable.shape
     with open_input(path) as file:
         element, values = _Element(path, file, variable.place), variable.place.values

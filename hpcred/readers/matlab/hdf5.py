@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 
 from ...parallel.failures import InputError
-from .binary import DEPTH, MOST_ITEMS, check_ascending, check_starts, dense_entries
-from .variables import Variable
+from .binary import DEPTH, MOST_ITEMS
+from .variables import Variable, entries_of
 
 LISTS = {"jc": "iu", "ir": "iu", "data": "fiuV"}  # of a sparse matrix, with kinds of numpy; V: complex numbers
 
@@ -26,19 +26,15 @@ def begins(start: bytes) -> bool:
 def _opened(path):
     try:
         with h5py.File(path, "r") as file:
-            _require_own_links(path, file)
+            # MATLAB never writes links to other files
+            name = file.id.links.visit(lambda name, info: None if info.type == h5py.h5l.TYPE_HARD else name, info=True)
+            if name is not None:
+                raise _not_followed(path, name.decode(errors="replace"))
             yield file
     except InputError:
         raise
     except (OSError, KeyError, ValueError, RuntimeError, TypeError) as error:
         raise InputError(f"{path}: found a damaged HDF5 file ({str(error).splitlines()[0][:100]})") from error
-
-
-def _require_own_links(path, file):
-    """Raise InputError where the file has links to other files, which MATLAB never writes."""
-    name = file.id.links.visit(lambda name, info: None if info.type == h5py.h5l.TYPE_HARD else name, info=True)
-    if name is not None:
-        raise _not_followed(path, name.decode(errors="replace"))
 
 
 def _not_followed(path, name):
@@ -118,30 +114,21 @@ def _sparse(path, group, name):
 
 
 def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return Rows, columns (from 0) and values of the share of one of `size` ranks. Raises InputError."""
-    rows, columns = variable.shape
-    first, last = columns * rank // size, columns * (rank + 1) // size
+    """Return rows, columns (from 0) and values of the share of one of `size` ranks. Raises InputError."""
+    rows = variable.shape[0]
     with _opened(path) as file:
-        if variable.place is None or not rows or not columns:
-            return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
-        item = file[variable.place]
-        if not variable.sparse:
-            return dense_entries(rows, first, last, lambda low, high: item[low // rows : high // rows].ravel())
-        starts = item["jc"][first : last + 1].astype(np.int64)
-        check_starts(path, variable, starts, first, last)
-        low, high = int(starts[0]), int(starts[-1])
-        if low == high:
-            return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
-        i, v = item["ir"][low:high].astype(np.int64), item["data"][low:high].astype(float)
-        if len(i) != high - low or len(v) != high - low or not 0 <= i.min() <= i.max() < rows:
-            raise InputError(f"{path}: found rows of '{variable.name}' beyond its {rows}; the file is damaged")
-        check_ascending(path, variable, i, starts)
-        return i, np.repeat(np.arange(first, last), np.diff(starts)), v
+
+        def numbers(key, low, high):
+            item = file[variable.place]
+            if variable.sparse:
+                return item[{"starts": "jc", "rows": "ir", "values": "data"}[key]][low:high]
+            return item[low // rows : high // rows].ravel()
+
+        return entries_of(path, variable, numbers, rank, size)
 
 
 def table_of(path, variable, first, last, across) -> np.ndarray:
-    """Return the rows, or with `across` the columns, first..last of a dense matrix, one in each row. Raises
-    InputError."""
+    """Return rows (`across`: columns) first..last of a dense matrix, one in each row. Raises InputError."""
     if variable.place is None:
         return np.zeros((0, variable.shape[not across]))
     with _opened(path) as file:

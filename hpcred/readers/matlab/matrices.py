@@ -12,8 +12,9 @@ import re
 import numpy as np
 
 from ...files.text import LARGEST_LABEL, first_bytes
+from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import repeated_key
+from ...parallel.lookup import require_once
 from ..base import Reader
 from ..entries import Entries, label_name, label_of
 from ..nodes.table import LARGEST_COORDINATE, NodeTable
@@ -127,11 +128,7 @@ def _reader(path):
 
 def _variables(path, comm) -> list[Variable]:
     """Return all matrices of a file, looked for by one rank. Collective."""
-    found = None
-    with agreed(comm):
-        if comm.rank == 0:
-            found = _reader(path).variables(path)
-    return comm.bcast(found)
+    return decided(comm, lambda: _reader(path).variables(path))
 
 
 def _entries(path, comm, variable) -> Entries:
@@ -140,8 +137,7 @@ def _entries(path, comm, variable) -> Entries:
 
 
 def _chosen(path, found, key, name, needed=True, residual=True) -> tuple[Variable | None, list[Variable]]:
-    """Return the variable of a key: that of the name, or the only one with a usual name in the fewest structs; and
-    others with such a name that were passed over. `residual`: whether k0 may stand for several. Raises InputError."""
+    """Return the variable of a key, and others passed over; `residual`: whether k0 may stand for several."""
     listed = ", ".join(f"{item.name} ({item.in_words()})" for item in found[:12]) or "no numeric matrix"
     if name:
         fitting = [item for item in found if item.name == name] or [
@@ -169,8 +165,7 @@ def _chosen(path, found, key, name, needed=True, residual=True) -> tuple[Variabl
 
 
 def _by_preference(usual, names):
-    """Yield groups of matrices with a usual name: those in the fewest structs first, of these the names in their order,
-    and last those of which a struct has the name."""
+    """Yield matrices with a usual name: in few structs first, then by name, and last those in such structs."""
     for last_only in (True, False):
         words = [(item, _words(item.name)) for item in usual]
         for depth in sorted({len(parts) for _, parts in words}):
@@ -198,8 +193,7 @@ def _real(path, variable, key):
 
 
 def _table(path, found, name, warnings) -> tuple[Variable, str] | None:
-    """Return the dense array of a name, and how it is to be read: a key of FORMS. None where there is none; what has
-    the name but no such shape is spoken of. Raises InputError."""
+    """Return the dense array of a name and its key of FORMS, or None with a warning of other shapes."""
     named = [item for item in found if _words(item.name)[-1] == name]
     fitting = [item for item in named if _forms(name, item)]
     depth = min((len(_words(item.name)) for item in fitting), default=0)
@@ -250,9 +244,8 @@ def _nodes(path, comm, variable, form, warnings):
             raise InputError(f"{path}: found coordinates in '{variable.name}' that are NaN, Inf, or beyond all units")
     if form != USES["nodes"][0]:
         warnings.append(f"{path}: '{variable.name}' ({variable.in_words()}) is read as {FORMS[form][1]}")
-    twice = repeated_key(comm, number)
-    if twice is not None:
-        raise InputError(f"{path}: found the node {twice} more than once in '{variable.name}', expected each once")
+    require_once(comm, number, lambda twice: f"{path}: found the node {twice} more than once in '{variable.name}', "
+                                             "expected each once")  # fmt: skip
     return NodeTable(number, np.ascontiguousarray(place), first + np.arange(len(number)))
 
 
@@ -265,9 +258,8 @@ def _row_labels(path, comm, variable, form, size):
         first, table = _share(path, comm, variable, form)
         node, direction = _whole(path, variable, table[:, 0], LARGEST_LABEL), _whole(path, variable, table[:, 1], 6)
     label = label_of(node, direction - 1)
-    twice = repeated_key(comm, label)
-    if twice is not None:
-        raise InputError(f"{path}: found two rows of {label_name(twice)} in '{variable.name}', expected one")
+    require_once(comm, label, lambda twice: f"{path}: found two rows of {label_name(twice)} in '{variable.name}', "
+                                            "expected one")  # fmt: skip
     return label, first + np.arange(len(label))
 
 

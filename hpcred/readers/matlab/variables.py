@@ -1,6 +1,12 @@
-"""List the variables of MATLAB files of all versions, by name, shape and position."""
+"""List the variables of MATLAB files of all versions, and make entries of their lists of numbers."""
 
 from dataclasses import dataclass
+
+import numpy as np
+
+from ...parallel.failures import InputError
+
+NUMBERS_AT_A_TIME = 2**22
 
 
 @dataclass(frozen=True)
@@ -20,3 +26,50 @@ class Variable:
         size = " x ".join(str(number) for number in self.shape)
         entries = f", {self.nonzeros} entries" if self.nonzeros is not None else ""
         return f"{size} {'sparse' if self.sparse else 'dense'}{entries}{', complex' if self.complex else ''}"
+
+
+def entries_of(path, variable, numbers, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows, columns (from 0) and values of the share of a rank, from numbers low..high of the lists by name."""
+    rows, columns = variable.shape
+    first, last = columns * rank // size, columns * (rank + 1) // size
+    parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
+    if variable.place is None or not rows or not columns:
+        return parts[0]
+    if not variable.sparse:
+        step = max(1, NUMBERS_AT_A_TIME // rows)
+        for low in range(first, last, step):
+            values = numbers("values", low * rows, min(low + step, last) * rows).astype(float)
+            there = np.flatnonzero(values)
+            parts.append((there % rows, low + there // rows, values[there]))
+        return tuple(map(np.concatenate, zip(*parts, strict=True)))
+    starts = numbers("starts", first, last + 1).astype(np.int64)
+    count, low, high = variable.nonzeros, int(starts[0]), int(starts[-1])
+    begins_well, ends_well = first > 0 or low == 0, last < columns or high == count
+    if (np.diff(starts) < 0).any() or not 0 <= low <= high <= count or not begins_well or not ends_well:
+        raise InputError(
+            f"{path}: found columns of '{variable.name}' that do not ascend from 0 to its {count} entries; the file is "
+            "damaged"
+        )
+    if low == high:
+        return parts[0]
+    i = whole(path, variable, numbers("rows", low, high), 0, rows - 1)
+    v = numbers("values", low, high).astype(float)
+    if not len(i) == len(v) == high - low:
+        raise InputError(f"{path}: found rows of '{variable.name}' beyond its {rows}; the file is damaged")
+    ascends = np.diff(i) > 0
+    ends = starts[1:-1] - low - 1  # the last entries of columns, but for the last column
+    ascends[ends[(ends >= 0) & (ends < len(ascends))]] = True
+    if not ascends.all():
+        raise InputError(
+            f"{path}: found rows of '{variable.name}' that do not ascend in their column; the file is damaged"
+        )
+    return i, np.repeat(np.arange(first, last), np.diff(starts)), v
+
+
+def whole(path, variable, values, low, high) -> np.ndarray:
+    """Return rows or columns as whole numbers low..high. Raises InputError."""
+    if len(values) and not ((values >= low) & (values <= high) & (values == np.floor(values))).all():
+        raise InputError(
+            f"{path}: found rows or columns of '{variable.name}' beyond its {variable.in_words()}; the file is damaged"
+        )
+    return values.astype(np.int64)

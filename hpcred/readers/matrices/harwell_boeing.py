@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...files.text import Piece, open_unpacked, pieces, ragged, whole
+from ...files.text import Piece, open_unpacked, pieces
+from ...files.text_numbers import ragged, whole
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, agreed
 from ..base import Reader
@@ -37,8 +38,7 @@ class Header:
 
 
 def begins(start: bytes) -> bool:
-    """Test whether a file that starts so is one: counts in the second line, a type and counts in the third, then
-    formats."""
+    """Test whether a file that starts so has a header: counts, a type with counts, and formats."""
     lines = start.split(b"\n")
     return (
         len(lines) > 4 and _counts(lines[1]) is not None and len(_counts(lines[1])) in (4, 5)
@@ -141,8 +141,7 @@ def _header(path):
 
 
 def _sections(piece, line, header):
-    """Yield (section, number of the first, numbers) of the parts of a piece whose first line is number `line` from
-    0."""
+    """Yield (section, number of the first, numbers) of parts of a piece, whose first line is `line` from 0."""
     newlines = np.flatnonzero(np.frombuffer(piece.text, np.uint8) == ord("\n")) + 1
     ends = np.concatenate([[0], newlines, [len(piece.text)] * (not piece.text.endswith(b"\n"))]).astype(np.int64)
     lines = len(ends) - 1
@@ -178,32 +177,35 @@ def _sections(piece, line, header):
         expected = np.minimum(len(fields), max(header.counts[section] - begin, 0) - len(fields) * np.arange(high - low))
         have = np.zeros(high - low, np.int64)
         have[at] = counts
-        if (have != expected).any():
-            wrong = int(np.flatnonzero(have != expected)[0])
-            raise part.refusal(wrong, f"{expected[wrong]} numbers among the {SECTIONS[section]}")
+        if (wrong := np.flatnonzero(have != expected)).size:
+            raise part.refusal(int(wrong[0]), f"{expected[wrong[0]]} numbers among the {SECTIONS[section]}")
         if section < 2:
             values = whole(part, values, np.repeat(at, counts), "a row or place", 1)
         yield section, begin, values
 
 
 def _entries(path, comm, header, parts):
-    """Return entries from the numbers of the three sections, each somewhere: they meet where the share of an entry
-    lies."""
+    """Return entries from the numbers of the sections, which meet where the share of an entry lies."""
     shares = np.array([row_share(header.entries, rank, comm.size)[0] for rank in range(comm.size)])
 
     def owner(entry):
         return np.clip(np.searchsorted(shares, entry, side="right") - 1, 0, comm.size - 1)
 
-    def met(section, kind):
-        """Return the numbers of a section that belong to the entries of this rank, in order."""
+    def read_here(section, kind=np.int64):
+        """Return places and values of the numbers of a section that this rank has read."""
         place = np.concatenate([np.zeros(0, np.int64), *(begin + np.arange(len(v)) for begin, v in parts[section])])
         values = np.concatenate([np.zeros(0, kind), *(v for _, v in parts[section])])
         parts[section].clear()
+        return place, values
+
+    def met(section, kind=np.int64):
+        """Return the numbers of a section that belong to the entries of this rank, in order."""
+        place, values = read_here(section, kind)
         place, values = exchange(comm, owner(place), [place, values])
         return values[np.argsort(place, kind="stable")]
 
-    number = np.concatenate([np.zeros(0, np.int64), *(begin + np.arange(len(v)) for begin, v in parts[0])])
-    pointer = np.concatenate([np.zeros(0, np.int64), *(v for _, v in parts[0])]) - 1
+    number, pointer = read_here(0)
+    pointer -= 1
     with agreed(comm):
         order = np.argsort(number)
         low = pointer.min(initial=0), pointer.max(initial=0)
@@ -213,7 +215,7 @@ def _entries(path, comm, header, parts):
             raise _damaged(path, f"pointers that do not ascend from 1 to {header.entries + 1}")
     number, pointer = exchange(comm, owner(np.minimum(pointer, header.entries - 1)), [number, pointer])
     before = comm.exscan(len(pointer)) or 0
-    rows, values = met(1, np.int64) - 1, met(2, float)
+    rows, values = met(1) - 1, met(2, float)
     with agreed(comm):
         order = np.argsort(number)
         if (np.diff(number[order]) != 1).any() or (np.diff(pointer[order]) < 0).any() or (
@@ -225,9 +227,11 @@ def _entries(path, comm, header, parts):
         if len(rows) and rows.max() >= header.shape[0]:
             raise _damaged(path, f"the row {rows.max() + 1} of {header.shape[0]}")
         require_sane(values, f"{path}: found", "real")
-        twice = _repeated(rows, columns, header.shape[0])
-        if twice is not None:
-            raise _damaged(path, f"two entries of row {twice[0] + 1}, column {twice[1] + 1}")
+        if ((np.diff(rows) <= 0) & (np.diff(columns) == 0)).any():
+            key = np.sort(columns * header.shape[0] + rows)
+            if (twice := key[1:][key[1:] == key[:-1]]).size:
+                column, row = divmod(int(twice[0]), header.shape[0])
+                raise _damaged(path, f"two entries of row {row + 1}, column {column + 1}")
     if header.symmetry in "ur":
         return Entries(header.shape, rows, columns, values)
     sides = comm.allgather((bool((rows < columns).any()), bool((rows > columns).any())))
@@ -242,15 +246,6 @@ def _entries(path, comm, header, parts):
 
 def _damaged(path, found):
     return InputError(f"{path}: found {found}; the file is damaged")
-
-
-def _repeated(rows, columns, height):
-    """Return a row and column that two entries of this rank share, or None."""
-    if not ((np.diff(rows) <= 0) & (np.diff(columns) == 0)).any():
-        return None
-    key = np.sort(columns * height + rows)
-    twice = key[1:][key[1:] == key[:-1]]
-    return (int(twice[0] % height), int(twice[0] // height)) if twice.size else None
 
 
 class HarwellBoeing(Reader):

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ...files.text import BYTE_ORDER_MARK, Piece, numbers, open_unpacked, pieces, places, shown, triples
+from ...files.text import BYTE_ORDER_MARK, open_unpacked, pieces, read_lines, shown
+from ...files.text_numbers import numbers, triples
 from ...parallel.failures import InputError, agreed
 from ..base import Reader
 from ..entries import Collected, Entries, both_triangles
@@ -22,18 +23,17 @@ def read(path, comm) -> Entries:
     if kind == "array":
         return _read_array(path, comm, symmetry, shape, start)
     with agreed(comm):
-        found, above = Collected((np.int64, np.int64, float)), None
-        below = False
+        found, above, below = Collected((np.int64, np.int64, float)), None, False
         for piece in pieces(path, comm, start):
             i, j, v, lines = triples(piece)
-            _check_range(piece, i, j, lines, shape)
+            piece.require((i < shape[0]) & (j < shape[1]), lines,
+                          f"an entry of the {shape[0]} x {shape[1]} matrix that the header announces")  # fmt: skip
             if symmetry != "general":
                 if above is None and (upper := np.flatnonzero(j > i)).size:
                     above = piece, upper[0] if lines is None else lines[upper[0]]
                 below = below or bool((j < i).any())
-                if symmetry == "skew-symmetric" and (wrong := np.flatnonzero((i == j) & (v != 0))).size:
-                    raise piece.refusal(wrong[0] if lines is None else lines[wrong[0]],
-                                        "no diagonal in a skew-symmetric matrix")  # fmt: skip
+                if symmetry == "skew-symmetric":
+                    piece.require((i != j) | (v == 0), lines, "no diagonal in a skew-symmetric matrix")
             found.add((i, j, v), piece.share)
         i, j, v = found.arrays
     total = comm.allreduce(len(v))
@@ -49,23 +49,9 @@ def read(path, comm) -> Entries:
     return Entries(shape, *both_triangles(i, j, v, -1.0 if symmetry == "skew-symmetric" else 1.0))
 
 
-def _check_range(piece: Piece, i, j, lines, shape):
-    if len(i) and (i.max() >= shape[0] or j.max() >= shape[1]):
-        wrong = np.flatnonzero((i >= shape[0]) | (j >= shape[1]))[0]
-        raise piece.refusal(wrong if lines is None else lines[wrong],
-                            f"an entry of the {shape[0]} x {shape[1]} matrix that the header announces")  # fmt: skip
-
-
 def _read_array(path, comm, symmetry, shape, start):
-    """Return a dense matrix, one number a line, column by column; of symmetric ones from the diagonal, or below it,
-    down."""
-    with agreed(comm):
-        parts, counts = [], []
-        for piece in pieces(path, comm, start):
-            parts.append(numbers(piece, 1, commas=False)[0][:, 0])
-            counts.append((piece.start, len(parts[-1])))
-        values = np.concatenate([np.zeros(0), *parts])
-    place = places(comm, counts)
+    """Return a dense matrix, one number a line by columns, of symmetric ones from the diagonal, or below it, down."""
+    values, place = read_lines(path, comm, lambda piece: (numbers(piece, 1, commas=False)[0][:, 0],), start)
     total = comm.allreduce(len(values))
     rows, columns = shape
     skew = symmetry == "skew-symmetric"
@@ -84,7 +70,7 @@ def _read_array(path, comm, symmetry, shape, start):
 
 
 def _header(path):
-    """Return Format, symmetry, shape, number of entries in the file and the byte where they begin."""
+    """Return format, symmetry, shape, number of entries in the file and the byte where they begin."""
     with open_unpacked(path) as file:
         line = file.readline().removeprefix(BYTE_ORDER_MARK)
         words = [word.decode("latin-1") for word in line.lower().split()]

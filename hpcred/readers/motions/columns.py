@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...files.text import is_cut_line, pieces, ragged, refuse_packed
+from ...files.text import is_cut_line, pieces, refuse_packed
+from ...files.text_numbers import ragged
 from ...parallel.failures import InputError
 from ...parallel.petsc import MPI
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...files.text import CONTROL, LARGEST_LABEL, Piece, parse_fortran
+from ...files.text import CONTROL, LARGEST_LABEL, Piece
+from ...files.text_numbers import parse_fortran
 from .replication import REPEATED, in_full
 
 CARD = re.compile(rb"(?m)^[A-Za-z]")
@@ -109,9 +110,9 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     stray = (card < 0) | (~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8)))
     stray &= (card < 0) | mine | (head[:, 0] != ord("="))  # cards that are not wanted may be repeated
     piece.require(~stray, number, "a card, or a line that continues one")
-    for line in number[_apart(text, start, stop, head, starts)]:
-        raise piece.refusal(int(line), "a line that continues the one above, which does not end with its name (field "
-                            "10); put the lines of each card below each other")  # fmt: skip
+    if (apart := number[_apart(text, start, stop, head, starts)]).size:
+        raise piece.refusal(int(apart[0]), "a line that continues the one above, which does not end with its name "
+                            "(field 10); put the lines of each card below each other")  # fmt: skip
     lines = piece.text.split(b"\n") if strict and b"$" in piece.text else ()
     for k in [k for k, line in enumerate(lines) if b"$" in line and not line.startswith(b"$")]:
         place = np.searchsorted(number, k, side="right") - 1  # of the line itself, or the last in front of a remark

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...files.text import parse, parse_fortran, pieces, records, shown, with_e
+from ...files.text import pieces, records, shown
+from ...files.text_numbers import parse, parse_fortran, with_e
 from ...parallel.failures import InputError, agreed
 from .cards import whole_numbers
 from .op4_matrix import COMPLEX, DOUBLE, SMALL, Op4Matrix, matrix_of, real_values

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...files.text import labels, numbers, pieces, ragged, read_lines, whole
+from ...files.text import pieces, read_lines
+from ...files.text_numbers import labels, numbers, ragged, whole
 from ...model.elements import NODES
 from ...parallel.failures import InputError
 from ...parallel.lookup import require_once, sort_over_ranks

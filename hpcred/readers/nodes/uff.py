@@ -12,18 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from ...files.system_errors import open_input
-from ...files.text import (
-    BYTE_ORDER_MARK,
-    LARGEST_LABEL,
-    Piece,
-    end_to_end,
-    labels,
-    ragged,
-    records,
-    refuse_packed,
-    shown,
-    whole,
-)
+from ...files.text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, end_to_end, records, refuse_packed, shown
+from ...files.text_numbers import labels, ragged, whole
 from ...model.elements import NODES
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once
