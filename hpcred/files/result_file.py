@@ -5,6 +5,8 @@ reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, 
 reduced/resultants (p, 6): force in N and moment about the origin in N m of each input, of a model with nodes
 reduced/interfaces/name, node (k), position (k, 3): in interface coordinates, the nodes whose displacements come first
 basis/V (m, n), one row a basis vector in the dofs of the full model (basis/W: the left one of a two-sided projection)
+basis/stress (m, s, 6), where asked for: xx, yy, zz, xy, yz, zx in Pa of each basis vector at the nodes
+    basis/stress_node (s); basis/stress_source: how they were made
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m; elements/<kind> (elements, nodes), held/,
     sets/<name>, as in model.h5
 floating_frame/: the quantities of body.floating_frame, for a one-sided basis of a model with nodes
@@ -28,6 +30,7 @@ from ..body.body import Body, BodySurface, body_of, number_of
 from ..body.floating_frame import FloatingFrame
 from ..body.geometric_stiffness import GeometricStiffness
 from ..body.node_shapes import NodeShape, shapes_of_rows
+from ..body.stress import StressModes
 from ..linalg.blocks import create_block, local_rows
 from ..model.dofs import SCALAR
 from ..model.elements import surface_triangles
@@ -56,6 +59,8 @@ SCHEMA = NODES | {
     "reduced/interfaces/name": Array("text", ("i",)), "reduced/interfaces/node": Array("integer", ("i",)),
     "reduced/interfaces/position": Array("real", ("i", 3)),
     "basis/V": Array("real", ("m", "n")), "basis/W": Array("real", ("m", "n")),
+    "basis/stress": Array("real", ("m", "s", 6)), "basis/stress_node": Array("integer", ("s",)),
+    "basis/stress_source": Array("text", ()),
     "interface/node": Array("integer", ("k",)), "interface/name": Array("text", ("k",)),
     "interface/position": Array("real", ("k", 3)), "interface/phi": Array("real", ("k", 3, "m")),
     "interface/psi": Array("real", ("k", 3, "m")), "interface/rotates": Array("flag", ("k",)),
@@ -180,6 +185,27 @@ class Result:
             return None
         return BodySurface(shapes.points[nodes], places.reshape(triangles.shape), np.stack(phi, axis=-1))
 
+    def stress_modes(self, nodes=None) -> StressModes:
+        """The stress modes, of chosen nodes by number or of all, with their nodes in ascending order. On one rank.
+
+        Raises InputError where the file has none, or not of such a node.
+        """
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
+            if "basis/stress" not in file:
+                raise InputError(
+                    f"{self.path}: no stress modes; reduce with stress = true, or let the finite-element program "
+                    "compute the stresses (`hpcred recover --deck`)"
+                )
+            known = file["basis/stress_node"][...]
+            order = np.argsort(known)
+            wanted = known[order] if nodes is None else np.unique(np.asarray(nodes, np.int64))
+            place = order[np.searchsorted(known, wanted, sorter=order).clip(max=len(known) - 1)]
+            if (lacking := wanted[known[place] != wanted]).size:
+                raise InputError(f"{self.path}: no stress of node {lacking[0]}; it has those of {len(known)} nodes")
+            rows, back = np.unique(place, return_inverse=True)
+            stress = file["basis/stress"][:, rows][:, back]
+            return StressModes(wanted, stress, file["basis/stress_source"][()].decode())
+
     @contextmanager
     def shapes(self):
         """The Shapes of all columns of the basis, while the file is open. On one rank. Raises InputError."""
@@ -259,13 +285,14 @@ class Shapes:
 
 def write_result(
     path, reduced: ReducedModel, model=None, *, basis=True, origin=(0.0, 0.0, 0.0), lumped=False,
-    geometric_stiffness: GeometricStiffness | None = None,
+    geometric_stiffness: GeometricStiffness | None = None, stress: StressModes | None = None,
 ):  # fmt: skip
     """Write what `reduce` made of a SecondOrderModel. Collective. Raises InputError when the file cannot be written.
 
     With the `model` come its nodes and elements, and the quantities that multibody programs need (for them the basis of
     `reduced` must not be closed); `origin` (3,) of the body frame in m; `lumped`: see floating_frame.
-    `basis`: whether V is written. `geometric_stiffness`: of this basis and this origin.
+    `basis`: whether V is written. `geometric_stiffness`: of this basis and this origin. `stress`: of this basis, see
+    stress_modes.
     """
     declared("reduced", reduced, ReducedModel)
     if model is not None:
@@ -292,6 +319,8 @@ def write_result(
                 file.small(f"reduced/interfaces/{key}", [getattr(item, key) for item in reduced.interfaces])
         if basis and reduced.columns is not None:
             _write_basis(file, reduced, model)
+            if stress is not None:
+                write_stress(file, stress)
         if body is not None:
             for key, value in body.floating_frame.arrays().items():
                 file.small(f"floating_frame/{key}", value, gaps=True)  # what a body that is held here does not show
@@ -315,6 +344,13 @@ def _write_basis(file, reduced, model):
                 file.rows(f"basis/{key}", np.ascontiguousarray(rows.real.T), axis=1)
     if model is not None and model.dofs is not None:
         write_nodes(file, model)
+
+
+def write_stress(file, stress: StressModes):
+    """Write stress modes, the nodes of all ranks, into a file that is being written. Collective."""
+    file.rows("basis/stress", stress.stress, axis=1)
+    file.rows("basis/stress_node", stress.node)
+    file.small("basis/stress_source", stress.source)
 
 
 def read_result(path, comm=MPI.COMM_WORLD) -> Result:

@@ -55,10 +55,12 @@ class Job:
     the band, within the limits `adaptive` (see reduction.tolerance.accuracy.Limits); `measure`, `static`: see
     reduction.tolerance.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that
     says so ("mark"), as `output` ("write"), or not ("refuse").
-    `write_basis`: whether V goes into the result; `report`: whether an HTML report is written beside it. `body_origin`
-    (m): the origin of the body frame; `lumped_integrals`: whether the volume integrals of multibody programs are sums
-    over the nodes, with lumped masses, instead of exact ones. `geometric_stiffness`: whether the stiffness of unit
-    states of load goes into the result, by the stresses of solid elements (docs/geometric-stiffness.md).
+    `write_basis`: whether V goes into the result; `stress`: whether the stresses of its columns do, at all nodes of
+    solid elements, or at a list of nodes and names of node sets; `report`: whether an HTML report is written beside
+    it. `body_origin` (m): the origin of the body frame; `lumped_integrals`: whether the volume integrals of multibody
+    programs are sums over the nodes, with lumped masses, instead of exact ones. `geometric_stiffness`: whether the
+    stiffness of unit states of load goes into the result, by the stresses of solid elements
+    (docs/geometric-stiffness.md).
     deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
     out_of_core, low_rank, memory_mb, solver: see linalg.solvers.settings.Factoring. `store`: a folder that keeps
     expansion points for the next run.
@@ -82,6 +84,7 @@ class Job:
     deflation_tolerance: float = Reduction.deflation_tolerance
     drop_above: float | None = None
     write_basis: bool = True
+    stress: bool | tuple[int | str, ...] = False
     report: bool = False
     body_origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lumped_integrals: bool = False
@@ -108,6 +111,12 @@ class Job:
         for key in ("inputs", "outputs"):
             _check_targets(key, getattr(self, key))
         within("body_origin", self.body_origin, COORDINATE)
+        if isinstance(self.stress, tuple):
+            within("stress", [node for node in self.stress if not isinstance(node, str)], LABEL)
+            if not self.stress:
+                raise InputError("stress: found an empty list, expected nodes and names of node sets, true or false")
+        if self.stress and not self.write_basis:
+            raise InputError("stress: found it with write_basis = false; stresses belong to the basis, so write it too")
         if not self.basis and self.tolerance is None:
             raise InputError("basis: expected at least one [[basis]] table, or a tolerance with a band")
         if self.tolerance is not None and self.band is None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..body.solids import Solids
+from ..body.stress import stress_modes
 from ..body.unit_states import geometric_stiffness, require_stresses
 from ..files.checksums import content_of
 from ..files.outputs import check_outputs, check_room, hdf5_kind
@@ -62,6 +64,9 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
     with progress.stage("read", str(job.model)):
         model = model_of_job(job, comm)
     with model:
+        nodes = job.stress if isinstance(job.stress, tuple) else None
+        if job.stress:
+            Solids(model, nodes)  # refused early
         with agreed(comm):
             check_room(job.output, _bytes(job, model) if job.write_basis else 0)
         with progress.stage("read"):
@@ -82,11 +87,17 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
                     stiffness = geometric_stiffness(
                         model, reduced.columns, job.frame, origin=job.body_origin, factoring=job.factoring
                     )
+            stress = None
+            if job.stress:
+                with progress.stage("stress"):
+                    stress = stress_modes(model, reduced.columns, nodes)
+                warnings = (*reduced.record.warnings, *stress.remarks)
+                reduced.record = replace(reduced.record, warnings=warnings)
             with progress.stage("write", output):
                 rescued(
                     lambda place: write_result(
                         place, reduced, model, basis=job.write_basis, origin=job.body_origin,
-                        lumped=job.lumped_integrals, geometric_stiffness=stiffness,
+                        lumped=job.lumped_integrals, geometric_stiffness=stiffness, stress=stress,
                     ), output, comm,
                 )  # fmt: skip
             record = replace(reduced.record, timing=progress.timing())
@@ -120,4 +131,4 @@ def _bytes(job, model) -> int:
     columns = sum(item.columns(len(model.input_names), 0) for item in job.basis)
     if job.search is not None:
         columns += job.adaptive.size or SIZE
-    return 8 * model.size * min(columns, model.size)
+    return 8 * model.size * min(columns, model.size) * (3 if job.stress is True else 1)  # six stresses a node
