@@ -66,8 +66,14 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
         parts.warnings += _on_repeats(comm, parts, repeats)
     B = read_columns(comm, starts, size, inputs, variables=variables) if inputs else None
     Ct = read_columns(comm, starts, size, outputs, transposed=True, variables=variables) if outputs else None
-    dofs = _dofs(comm, parts, labels, name) if parts.nodes is not None else None
-    held = _held(comm, parts) if parts.nodes is not None else None
+    dofs = held = None
+    if parts.nodes is not None:
+        dofs, placed = _placed(comm, parts, labels)
+        with agreed(comm):
+            if not placed.all():
+                raise InputError(f"{name}: the node {dofs.node[~placed][0]}, which has rows, has no coordinates")
+        held, placed = _placed(comm, parts, np.unique(sort_over_ranks(comm, parts.removed)[0]))
+        held = held.take(placed) if comm.allreduce(int(placed.sum())) else None
     remarks = dict.fromkeys(sentence for sentences in comm.allgather(parts.warnings) for sentence in sentences)
     model = SecondOrderModel.from_csr(
         comm, size, indptr, indices, values, B, Ct, dofs=dofs, input_names=column_names(inputs, B),
@@ -131,8 +137,7 @@ def _number_rows(comm, parts):
 
 
 def _labels(comm, parts, size, starts, name):
-    """Return labels of the rows of this rank, as the files name them or by the order of the nodes, or None without
-    either."""
+    """Return labels of the rows of this rank, from the files or the order of the nodes; None without either."""
     if parts.row_labels is None and parts.nodes is None:
         return None
     label, row = parts.row_labels or labels_in_order(comm, parts.nodes, size, name)
@@ -140,24 +145,11 @@ def _labels(comm, parts, size, starts, name):
     return label[np.argsort(row)]
 
 
-def _dofs(comm, parts, label, name):
-    """Return the rows of this rank by node, direction and place."""
+def _placed(comm, parts, label):
+    """Return the dofs of labels, and which of them (dofs,) have a place. Collective."""
     node, direction = node_and_direction(label)
     found, position = look_up(comm, parts.nodes.label, list(parts.nodes.position.T), node)
-    with agreed(comm):
-        if not found.all():
-            raise InputError(f"{name}: the node {node[~found][0]}, which has rows, has no coordinates")
-    return Dofs(node, direction, np.array(position).T.reshape(-1, 3).copy())
-
-
-def _held(comm, parts):
-    """Return the dofs without row that have a place, each once, or None where there is none."""
-    label = np.unique(sort_over_ranks(comm, parts.removed)[0])
-    node, direction = node_and_direction(label)
-    found, position = look_up(comm, parts.nodes.label, list(parts.nodes.position.T), node)
-    if not comm.allreduce(int(found.sum())):
-        return None
-    return Dofs(node, direction, np.array(position).T.reshape(-1, 3)).take(found)
+    return Dofs(node, direction, np.array(position).T.reshape(-1, 3).copy()), found
 
 
 def with_transposed_pattern(entries: Entries) -> Entries:

@@ -83,8 +83,7 @@ def asymmetry(comm, entries: Entries | LabelledEntries) -> float:
 
 
 def chunks(comm, length: int) -> list[slice]:
-    """Return slices of the entries of this rank, as many on all ranks, for what must be done together in little
-    memory."""
+    """Return slices of the entries of this rank, as many on all ranks, for collective work in little memory."""
     count = max(comm.allgather(-(-length // ENTRIES_AT_A_TIME)))
     return [slice(ENTRIES_AT_A_TIME * k, ENTRIES_AT_A_TIME * (k + 1)) for k in range(count)]
 

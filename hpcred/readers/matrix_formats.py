@@ -34,9 +34,5 @@ def matrix_reader(path, comm) -> Reader:
 
 
 def read_entries(path, comm, key="K", variables=None, reader: Reader | None = None) -> Entries | LabelledEntries:
-    """Read a matrix in any of the formats. Collective. Raises InputError.
-
-    `key`: which of K, M, D, B, C is wanted, and `variables`: names by key, where the file holds several matrices.
-    `reader`: that of the file, where it is known.
-    """
+    """Read a matrix: K, M, D, B or C by `variables` where a file has several. Collective. Raises InputError."""
     return read_by(reader or matrix_reader(path, comm), "matrix", path, comm, key, variables or {})

@@ -164,10 +164,7 @@ def common_size(parts: Parts) -> int:
 
 
 def labels_in_order(comm, nodes: NodeTable, size: int, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return labels and rows if every node has the same number of rows, ordered by node. Collective.
-
-    Raises InputError.
-    """
+    """Return labels and rows, ordered by node, as many of each node. Collective. Raises InputError."""
     count = comm.allreduce(len(nodes.label))
     per_node = size // count if count and size % count == 0 else 0
     if per_node not in (1, 2, 3, 6):

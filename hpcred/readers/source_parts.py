@@ -52,7 +52,14 @@ def read_source(source: Source, comm) -> Parts:
             keywords = [section.keyword for section in mesh.sections]
             parts.all_massive = 0 < keywords.count("material") == keywords.count("density")
         elif calculix_frd.begins(start):
-            _read_results(comm, parts, source.nodes)
+            found = calculix_frd.read(source.nodes, comm)
+            if found is None:
+                raise InputError(
+                    f"{source.nodes}: found results of CalculiX without nodes, as a run that only writes matrices "
+                    "leaves them; give those of another run of the same mesh, or the input file"
+                )
+            parts.nodes, parts.elements = found.nodes, found.elements
+            parts.warnings += found.notes(source.nodes)
         elif ansys_nodes.begins(start):
             turned = ansys_nodes.read_nodes(source.nodes, comm)
             parts.nodes, parts.elements = turned.nodes, turned.elements
@@ -101,16 +108,6 @@ def _name_rows_of_calculix(comm, parts, source) -> bool:
     except calculix.Unnamed as reason:
         raise InputError(f"{source.dofs}: {reason}; the rows cannot be named: leave out --dofs and --nodes") from reason
     return True
-
-
-def _read_results(comm, parts, path):
-    """Read nodes and elements of results of CalculiX."""
-    found = calculix_frd.read(path, comm)
-    if found is None:
-        raise InputError(f"{path}: found results of CalculiX without nodes, as a run that only writes matrices leaves "
-                         "them; give those of another run of the same mesh, or the input file")  # fmt: skip
-    parts.nodes, parts.elements = found.nodes, found.elements
-    parts.warnings += found.notes(path)
 
 
 def _require_numbered(parts, source):

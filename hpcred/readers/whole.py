@@ -92,8 +92,7 @@ def _only(comm, labels, there: Rows, lacking: Rows) -> _Only:
 
 
 def _of_solids(comm, elements, nodes):
-    """Return those of the nodes that are corners of solids and shells, and those that are middles of their edges, of
-    which a lumped mass may leave out one kind."""
+    """Return the nodes that are corners of solids and shells, and those in the middle of edges."""
     found = []
     for corners in (False, True):
         parts = [part[:, : NODES[kind.rstrip("0123456789")] if corners else None].ravel()

@@ -9,8 +9,7 @@ from . import input_file, matrices
 
 
 def abaqus_source(path) -> Source:
-    """Return the matrices that Abaqus wrote beside an input file: block.inp with block_STIF1.mtx and
-    block_MASS1.mtx."""
+    """Return the matrices of Abaqus beside an input file: block.inp with block_STIF1.mtx, block_MASS1.mtx."""
     return Source(**matrices.files_beside(path), nodes=str(path))
 
 

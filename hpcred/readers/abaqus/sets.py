@@ -115,8 +115,7 @@ def _ranges(piece):
 
 
 def _with_their_parts(path, comm, found):
-    """Return (name, numbers of this rank, whether it is hidden) of every set of any rank, with the numbers of the sets
-    that it names."""
+    """Return (name, numbers of this rank, if hidden) of every set of any rank, with those of sets in it."""
     table, hidden = {}, set()
     for part in comm.allgather({key: (members.name, members.parts, members.hidden) for key, members in found.items()}):
         for key, (name, parts, internal) in part.items():

@@ -265,7 +265,14 @@ def _rows(comm, file, header):
         if ((kind < 0) != (number > 0)).any():
             raise file.damaged(place, "two tables that do not agree on which dofs are held")
         direction = kinds[np.abs(kind) - 1]
-        _require_mechanical(file, direction[kind > 0], np.repeat(node, count)[kind > 0])
+        other = (kind > 0) & ((direction < 1) | (direction > 6))
+        if other.any():
+            found = int(direction[other][0])
+            raise InputError(
+                f"{file.path}: found the dof {NAMES.get(found, f'number {found}')} at node "
+                f"{np.repeat(node, count)[other][0]}, expected displacements and rotations (UX, UY, UZ, ROTX, ROTY, "
+                "ROTZ) only; take structural elements"
+            )
         label = label_of(np.repeat(node, count), np.minimum(direction - 1, 7))
         slaves = _slaves(file, header) if comm.rank == 0 else None
     held = np.concatenate(comm.allgather(low + np.flatnonzero(kind < 0)))
@@ -277,16 +284,6 @@ def _rows(comm, file, header):
             f"{header.active} active ones in the header; the file is damaged"
         )
     return label, held, slaves
-
-
-def _require_mechanical(file, direction, node):
-    wrong = np.flatnonzero((direction < 1) | (direction > 6))
-    if wrong.size:
-        kind = int(direction[wrong[0]])
-        raise InputError(
-            f"{file.path}: found the dof {NAMES.get(kind, f'number {kind}')} at node {node[wrong[0]]}, expected "
-            "displacements and rotations (UX, UY, UZ, ROTX, ROTY, ROTZ) only; take structural elements"
-        )
 
 
 def _slaves(file, header):

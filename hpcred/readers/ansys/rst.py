@@ -19,8 +19,7 @@ def begins(start: bytes) -> bool:
 
 
 def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return node numbers (share,), coordinates (share, 3), angles (share, 3) in degrees. Collective. Raises
-    InputError."""
+    """Return node numbers (share,), coordinates (share, 3), angles (share, 3) in degrees. Collective."""
     with agreed(comm):
         file = RecordFile(path, FILE)
         header, _ = file.integers(STANDARD + 3, file.frame(STANDARD + 3)[0], "the header")

@@ -255,11 +255,8 @@ def _case(path, stop):
     with open_input(path) as file:
         text = file.read(stop)
     text = text[text.upper().rfind(b"CEND") + 4 if b"CEND" in text.upper() else 0 :]
-    found = {"SPC": set(), "MPC": set()}
-    for match in CASE.finditer(text):
-        if match["word"]:
-            found[match["word"].decode().upper()].add(int(match["number"]))
-    return found
+    found = [(match["word"].decode().upper(), int(match["number"])) for match in CASE.finditer(text) if match["word"]]
+    return {key: {number for word, number in found if word == key} for key in ("SPC", "MPC")}
 
 
 def _grids(piece):

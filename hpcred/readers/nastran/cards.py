@@ -79,9 +79,8 @@ class Lines:
 def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     """Return the lines of cards whose name (upper case) `wanted` matches wholly. Raises InputError.
 
-    A line that is no card continues one, and begins with a blank, +, * or a comma, or is refused. `strict`: for cards
-    that a program wrote: refused are also remarks that do not begin their line, what is behind the 80th column, and
-    other cards between those of one first field.
+    `strict`: for cards that a program wrote: refused are also remarks that do not begin their line, what is behind the
+    80th column, and other cards between those of one first field.
     """
     plain = REMARK.sub(b"", piece.text).upper().replace(b"\r", b" ")
     if control := CONTROL.search(plain):

@@ -4,7 +4,6 @@ A matrix has a card NAME, 0, form, type, then one card per column: NAME, node, d
 direction, real part, imaginary part. Of a symmetric matrix one half is given. The numbers have few digits.
 """
 
-import itertools
 import os
 import re
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import numpy as np
 from ...files.system_errors import open_input
 from ...files.text import first_bytes, first_line, line_number, records, refuse_packed, shown
 from ...model.dofs import SCALAR
+from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, number_over_ranks, repeated_key
 from ..abaqus.matrices import is_one_triangle
@@ -95,11 +95,9 @@ def contents(path, comm) -> list[DmigMatrix]:
 
 
 def _check_order(path, pieces):
-    """Refuse other cards between two of one matrix, where a piece ends and the next one begins.
-
-    `pieces`: start, number of cards, and, of those with DMIG cards, how many others stand before the first, its matrix,
-    how many stand behind the last, and its matrix.
-    """
+    """Refuse other cards between two of one matrix, where a piece ends and the next one begins."""
+    # of each piece: start, number of cards, and, where there are DMIG cards, the number of others before the first, its
+    # matrix, the number behind the last, and its matrix
     others, name = 0, None
     for _, total, *dmig in pieces:
         if not dmig:
@@ -123,8 +121,7 @@ def read(path, comm, key="K", variables=None) -> LabelledEntries:
 
 
 def read_matrices(path, comm, wanted: dict[str, DmigMatrix]) -> tuple[dict, list[str], Lacking | None]:
-    """Return the entries of matrices by key, from one pass through a file, warnings, and what K lacks of the columns
-    that it announces. Collective. Raises InputError."""
+    """Return entries by key from one pass through a file, warnings, and what K lacks of its columns. Collective."""
     with agreed(comm):
         for matrix in wanted.values():
             if matrix.form not in (SQUARE, SYMMETRIC) or matrix.kind not in (1, 2, 3, 4):
@@ -189,37 +186,31 @@ def _require_end(path, comm):
     """Raise InputError where cards stand behind ENDDATA, or the last line may be cut. Collective."""
     with agreed(comm):
         found = [piece.start + match.start() for piece in _pieces(path, comm) for match in END.finditer(piece.text)]
-    end = min((item for item in comm.allgather(min(found, default=None)) if item is not None), default=None)
-    with agreed(comm):
-        if comm.rank:
+    decided(comm, _check_end, path, min(sum(comm.allgather(found), []), default=None))
+
+
+def _check_end(path, end):
+    """As `_require_end`, where ENDDATA is at the byte `end`, or None."""
+    with open_input(path) as file:
+        if end is None:
+            file.seek(max(os.path.getsize(path) - 200, 0))
+            last = file.read().splitlines(keepends=True)[-1]
+            if not last.endswith(b"\n"):
+                found = f"'{shown(last)}'" if last.strip() else f"of {len(last)} blanks"
+                raise InputError(f"{path}: found the last line {found} without an end; the file is cut off")
             return
-        with open_input(path) as file:
-            if end is None:
-                last = _last_line(file)
-                if not last.endswith(b"\n"):
-                    found = f"'{shown(last)}'" if last.strip() else f"of {len(last)} blanks"
-                    raise InputError(f"{path}: found the last line {found} without an end; the file is cut off")
-                return
-            file.seek(end)
-            for expected in itertools.chain([END_LINE], itertools.repeat(REMARK)):
-                at, line = file.tell(), file.readline()
-                if not line:
-                    break
-                if not expected.fullmatch(line.strip()):
-                    raise InputError(
-                        f"{path}, line {line_number(path, at)}: found '{shown(line)}', expected nothing behind ENDDATA"
-                    )
-
-
-def _last_line(file):
-    """Return the last 200 bytes of a file at most, from the beginning of its last line on."""
-    file.seek(max(os.path.getsize(file.name) - 200, 0))
-    return file.read().splitlines(keepends=True)[-1]
+        file.seek(end)
+        expected, at = END_LINE, end
+        while line := file.readline():
+            if not expected.fullmatch(line.strip()):
+                raise InputError(
+                    f"{path}, line {line_number(path, at)}: found '{shown(line)}', expected nothing behind ENDDATA"
+                )
+            expected, at = REMARK, file.tell()
 
 
 def _entries(piece, lines, matrix):
-    """Return labels of rows and columns and values of the entries of one matrix in a piece, and the digits of the
-    longest."""
+    """Return labels of rows and columns, and values, of one matrix in a piece, and the digits of the longest."""
     # each line is two fours of fields, or one in large form; the first four of a card name the column
     fours = lines.fields.reshape(-1, 2, 4)
     have = np.arange(2) < (lines.count // 4)[:, None]
@@ -236,22 +227,17 @@ def _entries(piece, lines, matrix):
     stray &= (np.arange(len(fours)) - np.flatnonzero(head)[owner] > 1) | (fours[:, 2] != b"")
     if stray.any():
         raise piece.refusal(int(number[stray][-1]), "no entries below the card with form and type")
-    odd = number[head][column & (heads[:, 3] != b"")]
-    if odd.size:
-        raise piece.refusal(int(odd[0]), "name, node and direction of a column")
-    names = _labels(piece, heads[column, 1], heads[column, 2], number[head][column], "of a column")
+    piece.require(~column | (heads[:, 3] == b""), number[head], "name, node and direction of a column")
     j = np.zeros(len(heads), np.int64)
-    j[column] = names
+    j[column] = _labels(piece, heads[column, 1], heads[column, 2], number[head][column], "of a column")
     entry, line = fours[at], number[at]
     i = _labels(piece, entry[:, 0], entry[:, 1], line, "of a row")
-    missing = np.flatnonzero(entry[:, 2] == b"")
-    if missing.size:
-        raise piece.refusal(int(line[missing[0]]), "node, direction and value of an entry")
+    piece.require(entry[:, 2] != b"", line, "node, direction and value of an entry")
     v = reals(piece, entry[:, 2], line, "the value of an entry")
     if matrix.kind in COMPLEX and reals(piece, entry[:, 3], line, "the imaginary part of an entry").any():
         raise InputError(f"{piece.path}: found the complex matrix {matrix.name}, expected a real one")
-    if matrix.kind not in COMPLEX and (entry[:, 3] != b"").any():
-        raise piece.refusal(int(line[entry[:, 3] != b""][0]), f"no imaginary part in the real matrix {matrix.name}")
+    if matrix.kind not in COMPLEX:
+        piece.require(entry[:, 3] == b"", line, f"no imaginary part in the real matrix {matrix.name}")
     return (i, j[owner[at]], v), _digits(entry[:, 2])
 
 

@@ -194,17 +194,17 @@ def _rows_of(path, comm, candidates, insisted):
     reasons = []
     for choice, size, se in candidates:
         letters = [choice.letter] if choice.letter else list(SETS)
-        for letter in letters:
-            of_se = [item for item in groups if se is None or item[0] in (None, se)]
-            rows = _rows_of_op2(op2_file, of_se, decks, comm, letter, size)
-            if rows is not None:
-                return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter)]
-        for deck in decks:
-            for letter in letters:
+        of_se = [item for item in groups if se is None or item[0] in (None, se)]
+        for deck, letter in [(deck, letter) for deck in (None, *decks) for letter in letters]:
+            if deck is None:
+                rows = _rows_of_op2(op2_file, of_se, decks, comm, letter, size)
+            else:
                 rows, reason = _rows_of_deck(deck, comm, letter, size)
-                if rows is not None:
-                    return rows, choice, [*_passed(reasons), *_said_of_rows(comm, rows, letter)]
-                reasons.append(f"{deck.path} has {reason}")
+            if rows is not None:
+                passed = [f"matrices with all constraints are there, but {first}: their rows cannot be named"
+                          for first in reasons[:1]]  # fmt: skip
+                return rows, choice, [*passed, *_said_of_rows(comm, rows, letter)]
+            reasons += [] if deck is None else [f"{deck.path} has {reason}"]
         if groups and not decks:
             counts = {points.count(comm, points.of_set(letter)) for _, points in groups for letter in letters}
             reasons.append(f"{op2_file} has {' or '.join(map(str, sorted(counts)))} dofs in such a set")
@@ -212,11 +212,10 @@ def _rows_of(path, comm, candidates, insisted):
             break
     if not reasons:
         reasons.append(f"{op2_file} has no tables BGPDT, EQEXIN and CSTM of all points")
-    first = candidates[0]
     raise InputError(
-        f"{path}: found matrices of {first[1]} rows, but {reasons[0]}; which dofs the rows are cannot be told: give "
-        "the OP2 of the run with the tables BGPDT and USET the same name, or export KGG and MGG, or move the other "
-        "files away to read the matrices without nodes"
+        f"{path}: found matrices of {candidates[0][1]} rows, but {reasons[0]}; which dofs the rows are cannot be told: "
+        "give the OP2 of the run with the tables BGPDT and USET the same name, or export KGG and MGG, or move the "
+        "other files away to read the matrices without nodes"
     )
 
 
@@ -230,11 +229,6 @@ def _companions(path):
             f"{other}: found a file that begins with {first_bytes(other)[:12]!r}, expected one of OUTPUT2"
         )
     return found, bulk.companions(path)
-
-
-def _passed(reasons):
-    """Return why matrices that would be better were not taken."""
-    return [f"matrices with all constraints are there, but {reasons[0]}: their rows cannot be named"] if reasons else []
 
 
 def _rows_of_op2(file, groups, decks, comm, letter, size):
@@ -450,8 +444,7 @@ def _label_entries(comm, parts, deck, lacking, path):
 
 
 def _require_whole_set(comm, parts, deck, points, mask, lacking, reason):
-    """Raise InputError unless K announces all dofs of the model, as Simcenter's does, and lacks only those without row.
-    """
+    """Raise InputError unless K announces all dofs of the model, and lacks only those without row."""
     total = points.count(comm, points.there())
     if total != lacking.matrix.columns:
         raise lacking.error(f"; the file is cut off or damaged, or {deck.path}, which has {total} dofs, belongs to "

@@ -228,16 +228,21 @@ def _points(path, comm, group):
     with agreed(comm):
         first, last = (total * rank // comm.size for rank in (comm.rank, comm.rank + 1))
         data = table.bytes(0, first * width, last * width)
-    if width == 4 * table.size:
-        system, dof, label, scalar, position = _old_places(comm, data, group["EQEXIN"], first, damaged)
-    else:
+    is_long = width != 4 * table.size
+    many, size = ((6,), 8) if is_long else ((1,), table.size)
+    rows = data.view(np.dtype([("words", f"{table.order}i{table.size}", many), ("place", f"{table.order}f{size}", 3)]))
+    position, words = rows["place"].astype(float), rows["words"].astype(np.int64)
+    numbered = _numbered(comm, group["EQEXIN"], first, len(rows), damaged) if "EQEXIN" in group else None
+    if is_long:  # has numbers and kinds itself
+        system, dof, label, code = words[:, :4].T
+        scalar = code == SCALAR
         with agreed(comm):
-            system, dof, label, scalar, position = _places(data, table, damaged)
-        if "EQEXIN" in group:
-            numbered = _numbered(comm, group["EQEXIN"], first, len(label), damaged)
-            with agreed(comm):
-                if any((one != other).any() for one, other in zip((label, dof, scalar), numbered, strict=True)):
-                    raise damaged("numbers of points or dofs other than those of EQEXIN")
+            if not (scalar | (code == GRID)).all():
+                raise damaged("points that are neither grids nor scalars")
+            if numbered and not all(map(np.array_equal, (label, dof, scalar), numbered)):
+                raise damaged("numbers of points or dofs other than those of EQEXIN")
+    else:
+        system, (label, dof, scalar) = words[:, 0], numbered
     with agreed(comm):
         if (dof < 1).any() or (label < 1).any() or (label > LARGEST_LABEL).any():
             raise damaged("numbers of points or dofs that are not positive")
@@ -283,25 +288,6 @@ def _form(table, numbers, damaged):
     if width is None or numbers.length(1) != numbers.length(0):
         raise damaged(f"{length} bytes for {total} points, which are neither {long} nor {short} each,")
     return total, width
-
-
-def _places(data, table, damaged):
-    """Return System, first dof, number, whether scalar, and place of points from the long form of BGPDT."""
-    kind = np.dtype([("whole", f"{table.order}i{table.size}", 6), ("place", f"{table.order}f8", 3)])
-    rows = data.view(kind)
-    system, dof, label, code = (rows["whole"][:, k].astype(np.int64) for k in range(4))
-    scalar = code == SCALAR
-    if not (scalar | (code == GRID)).all():
-        raise damaged("points that are neither grids nor scalars")
-    return system, dof, label, scalar, rows["place"].astype(float)
-
-
-def _old_places(comm, data, numbers, first, damaged):
-    """Return the same from the short form, which has only system and place, with EQEXIN."""
-    kind = np.dtype([("system", f"{numbers.order}i{numbers.size}"), ("place", f"{numbers.order}f{numbers.size}", 3)])
-    rows = data.view(kind)
-    label, dof, scalar = _numbered(comm, numbers, first, len(rows), damaged)
-    return rows["system"].astype(np.int64), dof, label, scalar, rows["place"].astype(float)
 
 
 def _numbered(comm, numbers, first, count_here, damaged):

@@ -168,8 +168,7 @@ def _records(path, order, low, high):
 
 
 def _strings(words, big, column, at, end, damaged):
-    """Return (column, row, first word, last word) of the strings of sparse columns: the k-th of all columns in one
-    step."""
+    """Return (column, row, first word, last word) of strings: the k-th of all columns in one step."""
     step = words.size // 4
     found = []
     while len(at):

@@ -57,8 +57,7 @@ class System:
         return self.origin + np.stack(local, axis=1) @ self.axes.T
 
     def directions(self, positions: np.ndarray) -> np.ndarray:
-        """Return the directions 1, 2, 3 of displacements (points, 3, 3) at positions in the basic system, as
-        columns."""
+        """Return the directions 1, 2, 3 of displacements (points, 3, 3) at basic positions, as columns."""
         axes = np.broadcast_to(self.axes, (len(positions), 3, 3))
         if self.kind == RECTANGULAR:
             return axes.copy()
@@ -122,10 +121,7 @@ class Points:
 
 
 def refined(comm, points: Points, finer: Points) -> Points:
-    """Return the points with the places and directions of other ones where these have them all, else as they are.
-
-    Collective.
-    """
+    """Return the points with places and directions of other ones, if these have them all. Collective."""
     found, place = look_up(comm, finer.label, list(finer.position.T), points.label)
     if not all(comm.allgather(bool((found | points.scalar).all()))):
         return points

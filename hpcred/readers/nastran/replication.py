@@ -22,8 +22,7 @@ EXPECTED = "a line that repeats the card of one line above it: =, fields with =,
 
 
 def in_full(piece: Piece, plain: bytes) -> tuple[bytes, np.ndarray]:
-    """Return the text (of the piece, without remarks, in capitals) with all cards in full, and the line of the piece
-    that each of its lines comes from. Raises InputError."""
+    """Return the text, without remarks and in capitals, with all cards in full, and the old line of each."""
     lines, origin, above, steps = [], [], None, None
     for number, line in enumerate(plain.split(b"\n")):
         if not line.startswith(b"="):

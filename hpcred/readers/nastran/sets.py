@@ -30,10 +30,7 @@ class Marked(NamedTuple):
 
 
 def mark_sets(deck: Deck, comm, points: Points) -> str | None:
-    """Mark the dofs that supports, rigid elements, constraints, ASET and OMIT remove. Collective. Raises InputError.
-
-    Returns why this cannot be told, or None.
-    """
+    """Mark the dofs that cards remove; return why this cannot be told, or None. Collective."""
     with agreed(comm):
         reason, marked = _marked(deck)
     if reason:
@@ -146,10 +143,7 @@ def _dependent(card) -> list[Marked]:
 
 
 def hold_rotations_of_solids(deck: Deck, comm, points: Points) -> bool:
-    """Mark rotations of points of nothing but solids, and points of nothing, as AUTOSPC does. Collective.
-
-    Returns whether that can be told.
-    """
+    """Mark rotations of points of solids only, and lone points, as AUTOSPC; return if known. Collective."""
     if deck.unknown:
         return False
     solid, other = ([part.ravel() for kind, part in deck.elements.items() if (kind in SOLID) == which]
