@@ -99,16 +99,13 @@ def _keep_largest(largest, fields, points, t):
     """Keep (value, node, instant) of the largest of each field of this rank."""
     for key, values in fields.items():
         known = largest.setdefault(key, (0.0, None, float(t[0])))
-        flat = values.reshape(len(values), -1)
-        if not flat.size:
+        if not values.size:
             continue
-        bound = np.maximum(flat.max(axis=1), -flat.min(axis=1)) * (1.0 if values.ndim == 2 else np.sqrt(3.0))
-        for i in np.flatnonzero(bound > known[0]):  # few instants are looked at as a whole
-            size = values[i] if values.ndim == 2 else np.linalg.norm(values[i], axis=1)
-            place = int(size.argmax())
-            if size[place] > largest[key][0]:
-                node = points.node[points.stressed[place] if key in STRESSES else place]
-                largest[key] = (float(size[place]), points.names.get(int(node), int(node)), float(t[i]))
+        size = values if values.ndim == 2 else np.sqrt(np.einsum("tki,tki->tk", values, values))
+        i, place = np.unravel_index(size.argmax(), size.shape)
+        if size[i, place] > known[0]:
+            node = int(points.node[points.stressed[place] if key in STRESSES else place])
+            largest[key] = (float(size[i, place]), points.names.get(node, node), float(t[i]))
 
 
 def _all_largest(largest, comm) -> dict:
