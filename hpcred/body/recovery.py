@@ -11,6 +11,7 @@ import numpy as np
 from ..parallel.failures import InputError
 from .coordinates import Coordinates
 from .rotations import rotation
+from .stress import von_mises
 
 QUANTITIES = ("displacement", "velocity", "acceleration")  # u, its first and its second derivative
 
@@ -47,12 +48,6 @@ class Recovery:
     def _product(self, key, values, shapes):
         room = self._room.setdefault(key, np.empty((self._step, shapes.shape[1])))
         return np.matmul(values, shapes, out=room[: len(values)])
-
-
-def von_mises(stress) -> np.ndarray:
-    """Return von Mises' stress (...) of components (..., 6): xx, yy, zz, xy, yz, zx."""
-    xx, yy, zz, xy, yz, zx = np.moveaxis(stress, -1, 0)
-    return np.sqrt(((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) / 2 + 3 * (xy**2 + yz**2 + zx**2))
 
 
 def start_places(local, coordinates: Coordinates) -> np.ndarray:

@@ -144,8 +144,8 @@ def _labels(path, file, comm, stress) -> _Labels:
         )
     if stress and "basis/stress" not in file:
         raise InputError(
-            f"{path}: no stress modes (basis/stress); have the finite-element program compute them: see --deck and "
-            "--answers"
+            f"{path}: no stress modes; reduce with stress = true, or let the finite-element program compute the "
+            "stresses (`hpcred recover --deck`)"
         )
     rows = slice(*row_range(comm, file["basis/V"].shape[1]))
     parts = [(file["dofs"], rows, np.arange(rows.start, rows.stop))]

@@ -220,6 +220,63 @@ def test_the_full_model_in_time(tmp_path, monkeypatch):
     assert v == pytest.approx(expected[1], abs=5e-3 * np.abs(expected[1]).max())
 
 
+STRESS_JOB = """
+model = "model.h5"
+output = "result.h5"
+stress = true
+write_basis = true
+[[basis]]
+kind = "modes"
+count = 4
+[[basis]]
+kind = "krylov"
+frequency = 0.0
+"""
+
+
+@pytest.mark.mpi
+def test_stresses_over_time(folder, comm):
+    """Linear in the coordinates, von Mises of each instant, and the largest of all; in ParaView's files too."""
+    with hpcred.solid((4, 2, 3), inputs=3, comm=comm) as model:
+        hpcred.write_model(folder / "model.h5", model)
+    if comm.rank == 0:
+        (folder / "job.toml").write_text(STRESS_JOB)
+    comm.Barrier()
+    assert run(["reduce", str(folder / "job.toml")]) == 0
+    with h5py.File(folder / "result.h5") as file:
+        S, nodes = file["basis/stress"][...], file["basis/stress_node"][...]
+    q = np.random.default_rng(1).normal(size=(5, len(S)))
+    if comm.rank == 0:
+        with h5py.File(folder / "q.h5", "w") as file:
+            file["t"], file["q"] = np.arange(5.0), q
+    comm.Barrier()
+    report = hpcred.recover(folder / "result.h5", folder / "q.h5", folder / "out.h5", stress=True)
+    expected = np.einsum("tm,msc->tsc", q, S)
+    with h5py.File(folder / "out.h5") as file:
+        order = np.argsort(file["stress_node"][...])
+        assert np.array_equal(file["stress_node"][...][order], np.sort(nodes))
+        stress, mises = file["stress"][...][:, order], file["von_mises"][...][:, order]
+    expected = expected[:, np.argsort(nodes)]
+    assert stress == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
+    tensor = expected[..., [[0, 3, 5], [3, 1, 4], [5, 4, 2]]]
+    deviator = tensor - np.trace(tensor, axis1=2, axis2=3)[..., None, None] / 3 * np.eye(3)
+    size = np.sqrt(1.5 * (deviator**2).sum(axis=(2, 3)))
+    assert mises == pytest.approx(size, rel=1e-10)
+    i, k = np.unravel_index(size.argmax(), size.shape)
+    largest = {"value": pytest.approx(size.max()), "node": np.sort(nodes)[k], "t_s": float(i)}
+    assert report["largest_von_mises_pa"] == largest
+    hpcred.recover(folder / "result.h5", folder / "q.h5", folder / "out.vtu", stress=True, start=2.0, end=2.0)
+    mesh = vtu_reading.read(folder / "out.vtu")
+    rows = np.searchsorted(mesh.point_data["node"], np.sort(nodes))
+    assert mesh.point_data["von_mises"][rows] == pytest.approx(size[2], rel=1e-10)
+    assert mesh.point_data["stress"].shape == (len(mesh.points), 6)
+    some = np.sort(nodes)[[0, 7]].tolist()
+    hpcred.recover(folder / "result.h5", folder / "q.h5", folder / "out.csv", stress=True, nodes=some)
+    table = np.genfromtxt(folder / "out.csv", delimiter=",", names=True)
+    assert table[f"von_mises_{some[1]}"] == pytest.approx(size[:, 7], rel=1e-9)
+    assert table[f"stress_{some[1]}_yz"] == pytest.approx(expected[:, 7, 4], rel=1e-9)
+
+
 def test_on_the_command_line(linkage_folder, capsys):
     from helpers import reduce_linkage
 
@@ -273,7 +330,7 @@ def coordinates(tmp_path, monkeypatch):
     (r"quantities: found none", {"quantities": []}),
     (r"every: found 0, expected at least 1", {"every": 0}),
     (r"--first: belongs to a solution of Exudyn; q.csv is none", {"first": 7}),
-    (r"result.h5: no stress modes \(basis/stress\); have the finite-element program compute them", {"stress": True}),
+    (r"result.h5: no stress modes; reduce with stress = true, or let the finite-element program", {"stress": True}),
 ])  # fmt: skip
 def test_what_is_refused(coordinates, message, more):
     with pytest.raises(InputError, match=message):
