@@ -143,6 +143,8 @@ from .workflows.response import response_file as response_file
 from .workflows.simulate import simulate_file as simulate_file
 from .workflows.store import list_store as list_store
 from .workflows.store import prune_store as prune_store
+from .workflows.stress_decks import add_stresses as add_stresses
+from .workflows.stress_decks import write_deck as write_deck
 from .workflows.sweep import run_sweep as run_sweep
 from .workflows.verify import verify_file as verify_file
 from .writers.base import ExportSource as ExportSource

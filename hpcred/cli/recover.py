@@ -8,7 +8,9 @@ import typer
 
 import hpcred
 
+from ..parallel.failures import InputError
 from ..report.tables import show_table
+from ..writers.decks.registry import DECKS
 from . import session, values
 from .options import JsonFile
 
@@ -19,8 +21,12 @@ LARGEST = {"largest_displacement_m": "displacement (m)", "largest_velocity_m_s":
 
 def recover(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    motion: Annotated[str, typer.Argument(metavar="MOTION", help="simulation.h5, a solution of Exudyn, .csv or HDF5.")],
-    output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="A .pvd, .vtu, .csv or .h5 file.")],
+    output: Annotated[
+        str, typer.Option("-o", "--output", metavar="FILE", help="A .pvd, .vtu, .csv or .h5 file; of --deck a folder.")
+    ],
+    motion: Annotated[
+        str | None, typer.Argument(metavar="[MOTION]", help="simulation.h5, a solution of Exudyn, .csv or HDF5.")
+    ] = None,
     nodes: Annotated[
         str | None, typer.Option(metavar="1,20,bearing,...", help="Numbers, interfaces, node sets; default: all nodes.")
     ] = None,
@@ -36,9 +42,35 @@ def recover(
     first: Annotated[
         int | None, typer.Option(metavar="N", help="Exudyn: number of the first reduced coordinate in the system.")
     ] = None,
+    deck: Annotated[
+        str | None, typer.Option(metavar=" or ".join(DECKS), help="Write input files for stresses of the basis.")
+    ] = None,
+    original: Annotated[
+        str | None, typer.Option("--input", metavar="FILE", help="Of --deck: the input file of the matrices.")
+    ] = None,
+    answers: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Take the stresses of the basis from the results of --deck.")
+    ] = None,
+    units: Annotated[str, typer.Option(help="Of --deck and --answers: SI; mm,t,s; ...")] = "SI",
     json: JsonFile = None,
 ):
     """Displacements, velocities and accelerations of nodes from reduced coordinates over time, and stresses."""
+    if sum(item is not None for item in (motion, deck, answers)) != 1:
+        raise InputError("recover: expected one of MOTION, --deck with --input, and --answers")
+    if (deck is None) != (original is None):
+        raise InputError("--deck, --input: found one without the other; give the program and the input file that the "
+                         "matrices came from")  # fmt: skip
+    if deck is not None:
+        report = hpcred.write_deck(result, deck, original, output, units=units, progress=session.progress())
+        print(f"{report['folder']}: {report['columns']} steps; run there {report['run']}")
+        session.write_json(json, report)
+        return
+    if answers is not None:
+        report = hpcred.add_stresses(result, answers, output, units=units, progress=session.progress())
+        print(f"{report['output']}: stresses of {report['columns']} columns at {report['nodes']} nodes "
+              f"({report['source']})")  # fmt: skip
+        session.write_json(json, report)
+        return
     report = hpcred.recover(
         result, motion, output, nodes=values.labels(nodes), quantities=quantities.split(","), inertial=inertial,
         stress=stress, start=start, end=end, every=every, single=single, first=first, progress=session.progress(),

@@ -1,0 +1,209 @@
+"""Let a finite-element program compute the stresses of a basis: write its input files, and read its answers."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from ..body.stress import StressModes
+from ..files.hdf5 import reading, require_name
+from ..files.outputs import check_outputs, hdf5_kind
+from ..files.result_copy import copy_with_stress
+from ..files.result_file import FORMAT, ROWS_AT_A_TIME, SCHEMA, VERSION, Result
+from ..files.result_points import read_points
+from ..files.system_errors import open_input, writing_to
+from ..model.dofs import DIRECTIONS
+from ..model.units import units_of
+from ..parallel.failures import InputError, agreed
+from ..parallel.lookup import look_up
+from ..readers.stresses.source import read_answers
+from ..writers.decks.registry import deck_called
+from .workflow import workflow
+
+DIGITS = 2e-5  # of the largest displacement of a column: two numbers of six digits
+INCLUDE = re.compile(r"(?im)^\*INCLUDE\s*,\s*INPUT\s*=\s*([^\n,]+?)\s*$\n?")
+
+
+@workflow
+def write_deck(result, program: str, original, folder, *, units: str = "SI", comm=None, progress=None) -> dict:
+    """Write input files by which a finite-element program computes the stresses of the columns of a basis.
+
+    Collective.
+
+    Parameters
+    ----------
+    result : Result or path
+        result.h5, with its basis and nodes.
+    program : {"calculix"}
+    original : path
+        The input file that the matrices came from; its model is taken, and its steps are left out.
+    folder : path
+        A new or empty folder.
+    units : str, default "SI"
+        Those of the original, as they were given to `convert`, such as "mm,t,s".
+
+    Returns
+    -------
+    dict
+        folder, files, columns, run: what to run there.
+
+    Raises
+    ------
+    InputError
+        For a result without nodes or basis, an unknown program, an original that is no input file of it, and a folder
+        with files in it.
+
+    Notes
+    -----
+    Each column is a step with all displacements prescribed: exact for any element and any basis. `add_stresses` reads
+    the answers.
+    """
+    length = units_of(units).length
+    deck, source, folder = deck_called(program), result.path if isinstance(result, Result) else result, Path(folder)
+    require_name(source)
+    with agreed(comm):
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise InputError(f"output {folder}: it exists and is not an empty folder; choose another name")
+        count = _check_rows(source)
+        text = _whole_text(Path(original)) if comm.rank == 0 else ""
+    names = [deck.column % number for number in range(1, count + 1)]
+    fresh = None
+    with agreed(comm):
+        if comm.rank == 0:
+            try:
+                main = deck.main(text, names)
+            except InputError as error:
+                raise InputError(f"{original}: {error}") from error
+            with writing_to(folder, folder):
+                folder.parent.mkdir(parents=True, exist_ok=True)
+                fresh = tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent)
+                (Path(fresh) / deck.job).write_text(main, encoding="latin-1")
+    fresh = Path(comm.bcast(fresh))
+    with agreed(comm), progress.stage("write", str(folder)), writing_to(folder, fresh):
+        for number in range(comm.rank, count, comm.size):
+            _write_column(source, number, length, deck, fresh / names[number])
+    comm.Barrier()
+    with agreed(comm), writing_to(folder, fresh):
+        if comm.rank == 0:
+            fresh.chmod(0o777 & ~_umask())
+            fresh.replace(folder)
+    return {"folder": str(folder), "files": [deck.job, *names], "columns": count, "run": deck.run}
+
+
+@workflow
+def add_stresses(result, answers, output, *, units: str = "SI", comm=None, progress=None) -> dict:
+    """Write a copy of a result with the stresses that a finite-element program computed from the input of write_deck.
+
+    Collective.
+
+    Parameters
+    ----------
+    result : Result or path
+        The result.h5 that write_deck was given.
+    answers : path
+        The results of the program: .frd of CalculiX.
+    output : path
+        A new result.h5, with `basis/stress`.
+    units : str, default "SI"
+        Those of write_deck.
+
+    Returns
+    -------
+    dict
+        output, columns, nodes: the number with stresses, source.
+
+    Raises
+    ------
+    InputError
+        For answers of another number of steps or of other displacements than the columns of the basis.
+    """
+    system = units_of(units)
+    source, output = result.path if isinstance(result, Result) else result, Path(output)
+    require_name(source)
+    check_outputs({output: hdf5_kind(FORMAT)}, comm, [source, answers], progress=progress)
+    with progress.stage("read", str(answers)):
+        found = read_answers(answers, comm)
+        points = read_points(source, comm)
+    count = len(points.shapes)
+    if len(found.stress) != count:
+        raise InputError(f"{answers}: found {len(found.stress)} steps with stresses, expected {count}, one a column of "
+                         f"{source}")  # fmt: skip
+    _check_displacements(answers, source, found, points, system.length, comm)
+    with progress.stage("write", str(output)):
+        pascal = system.mass / (system.length * system.time**2)
+        modes = StressModes(found.node, found.stress * pascal, found.source)
+        copy_with_stress(source, output, modes, comm)
+    return {"output": str(output), "columns": count, "nodes": comm.allreduce(len(found.node)), "source": found.source}
+
+
+def _check_rows(source) -> int:
+    """Return the number of columns of a basis. Raises InputError where rows are no directions of nodes."""
+    with reading(source, FORMAT, VERSION, SCHEMA) as file:
+        if "basis/V" not in file or "dofs" not in file:
+            raise InputError(
+                f"{source}: no basis with node coordinates; reduce a model with nodes, and with write_basis = true"
+            )
+        rows = file["basis/V"].shape[1]
+        for low in range(0, rows, ROWS_AT_A_TIME):
+            if (file["dofs/direction"][low : low + ROWS_AT_A_TIME] >= len(DIRECTIONS[:6])).any():
+                raise InputError(
+                    f"{source}: found rows that are no displacements or rotations of nodes in the axes of the model "
+                    "(scalar, or of expanded shells and beams), which no input file can prescribe"
+                )
+        return file["basis/V"].shape[0]
+
+
+def _whole_text(path, depth=0) -> str:
+    """Return the text of an input file, with those that it includes. Raises InputError."""
+    with open_input(path) as file:
+        text = file.read().decode("latin-1").replace("\r\n", "\n")
+    if depth > 20:
+        raise InputError(f"{path}: files that include each other, more than 20 deep")
+    return INCLUDE.sub(lambda match: _whole_text(path.parent / match[1].strip("\"' "), depth + 1).rstrip() + "\n", text)
+
+
+def _write_column(source, number, length, deck, path):
+    """Write the lines of one column, displacements in a unit of length (m) and rotations."""
+    with reading(source, FORMAT, VERSION, SCHEMA) as file, open(path, "w", encoding="ascii") as lines:
+        names = dict(enumerate(deck.directions))
+        for low in range(0, file["basis/V"].shape[1], ROWS_AT_A_TIME // 16):
+            part = slice(low, low + ROWS_AT_A_TIME // 16)
+            node, direction = (file[f"dofs/{key}"][part].tolist() for key in ("node", "direction"))
+            word = [names[item] for item in direction]
+            values = file["basis/V"][number, part]
+            values[np.array(direction) < 3] /= length
+            values = values.tolist()
+            columns = (node, word, word, values) if deck.line.count("%") == 4 else (node, word, values)
+            lines.write("".join(map(deck.line.__mod__, zip(*columns, strict=True))))
+
+
+def _check_displacements(answers, source, found, points, length, comm):
+    """Raise InputError where the displacements of the answers are not those of the columns of the basis."""
+    mesh = len(points.node) - len(points.names) * (comm.rank == comm.size - 1)
+    count = len(points.shapes)
+    moved = points.shapes.reshape(count, -1, 3)[:, :mesh]
+    moved = list(moved.transpose(0, 2, 1).reshape(3 * count, mesh))
+    there, values = look_up(comm, points.node[:mesh], moved, found.node)
+    if not comm.allreduce(int(there.sum())):
+        raise InputError(f"{answers}: found none of the nodes of {source}; it belongs to another model")
+    expected = np.array(values).reshape(count, 3, -1).transpose(0, 2, 1)[:, there]
+    off = np.abs(found.displacement[:, there] * length - expected).max(axis=(1, 2), initial=0.0)
+    size = np.abs(expected).max(axis=(1, 2), initial=0.0)
+    off, size = (np.max(comm.allgather(item), axis=0) for item in (off, size))
+    if (wrong := off > DIGITS * size).any():
+        k = int(np.flatnonzero(wrong)[0])
+        raise InputError(f"{answers}: found displacements in step {k + 1} that differ by {off[k] / size[k]:.1e} of the "
+                         f"largest one from column {k + 1} of {source}; the answers are those of another basis or "
+                         "model")  # fmt: skip
+
+
+def _umask() -> int:
+    """Return the permissions that this process does not give."""
+    import os
+
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

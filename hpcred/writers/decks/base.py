@@ -1,0 +1,33 @@
+"""Define what input files for stresses are: a step of a static analysis for each column of a basis.
+
+All displacements of a step are prescribed, which any element of a program takes, also one whose stresses do not follow
+from the displacements of its nodes alone.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+
+class Deck(ABC):
+    """Base class of the input files of a program.
+
+    Attributes
+    ----------
+    job, column : str
+        Names of the main file, and of the file of a column with `%d` for its number from 1.
+    line : str
+        Text of a line of the file of a column, with `%` for node, direction and displacement.
+    directions : tuple
+        What the program calls x, y, z, rx, ry, rz in such a line.
+    run : str
+        What to run in the folder, and what it writes.
+    """
+
+    job = column = line = run = ""
+    directions: tuple = ()
+
+    @abstractmethod
+    def main(self, original: str, columns: list[str]) -> str:
+        """Return the text of the main file, of the text of the original input file and the names of the files of the
+        columns. Raises InputError for a text that is no such file."""

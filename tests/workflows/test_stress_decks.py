@@ -1,0 +1,151 @@
+"""Stresses of a basis by a finite-element program: its input files and its answers."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import hpcred
+from hpcred import Buckens, Modes
+from hpcred.parallel.failures import InputError
+from hpcred.parallel.petsc import MPI
+
+DECK = "*NODE\n1,0.,0.,0.\n*INCLUDE, INPUT=mesh.inp\n*STEP\n*FREQUENCY\n3\n*END STEP\n"
+
+
+def result_of(folder, comm):
+    """A block of solids with stresses of its own elements in result.h5."""
+    with hpcred.solid((2, 1, 1), comm=comm, inputs=1) as model:
+        rom = hpcred.reduce(model, [Modes(index=(1, 2, 3))])
+        hpcred.write_result(folder / "result.h5", rom, model, stress=hpcred.stress_modes(model, rom.columns))
+
+
+def arrays(path):
+    """Nodes in ascending order, displacements (m, k, 3) and stresses (m, k, 6) of a result."""
+    with h5py.File(path) as file:
+        node, direction, V = (file[key][...] for key in ("dofs/node", "dofs/direction", "basis/V"))
+        label = np.unique(np.concatenate([node, file["held/node"][...]]) if "held" in file else node)
+        moved = np.zeros((len(V), len(label), 3))
+        moved[:, np.searchsorted(label, node), direction] = V
+        order = np.argsort(file["basis/stress_node"][...])
+        assert (file["basis/stress_node"][...][order] == label).all()
+        return label, moved, file["basis/stress"][...][:, order]
+
+
+def frd_of(label, moved, stress):
+    """The text of a .frd file with steps of displacements and stresses."""
+
+    def block(name, names, values):
+        head = f"  100CL  101{1.0:12.9f}{len(label):12d}{'':20}{0:2d}{1:5d}{'':10}{1:2d}\n"
+        head += f" -4  {name:8}{len(names):5d}    1\n"
+        head += "".join(f" -5  {item:8}    1    4    1    1\n" for item in names)
+        rows = "".join(f" -1{n:10d}" + "".join(f"{x:12.5E}" for x in row) + "\n"
+                       for n, row in zip(label, values, strict=True))  # fmt: skip
+        return head + rows + " -3\n"
+
+    text = "    1C\n" + "    2C" + " " * 18 + f"{0:12d}" + " " * 37 + "1\n -3\n"
+    for u, s in zip(moved, stress, strict=True):
+        text += "    1PSTEP                         1           1           1\n"
+        text += block("DISP", ["D1", "D2", "D3"], u) + block("STRESS", ["SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX"], s)
+        text += block("ERROR", ["STR(%)"], u[:, :1])
+    return text + " 9999\n"
+
+
+@pytest.mark.mpi
+def test_answers_become_stress_modes_of_a_new_result(comm, folder):
+    """Those of a file with the numbers of our own solids: to six digits, in the order of the ranks or another."""
+    result_of(folder, comm)
+    if comm.rank == 0:
+        label, moved, stress = arrays(folder / "result.h5")
+        (folder / "stress.frd").write_text(frd_of(label, moved, 2 * stress))
+    comm.Barrier()
+    report = hpcred.add_stresses(folder / "result.h5", folder / "stress.frd", folder / "with.h5", comm=comm)
+    assert report["columns"] == 3 and report["nodes"] == 8
+    found = hpcred.read_result(folder / "with.h5", comm).stress_modes()
+    if comm.rank == 0:
+        assert found.source == "CalculiX, means at nodes in .frd" and (found.node == label).all()
+        assert np.abs(found.stress - 2 * stress).max() < 1e-5 * np.abs(stress).max()
+        with h5py.File(folder / "result.h5") as old, h5py.File(folder / "with.h5") as new:
+            for key in ("basis/V", "reduced/K", "dofs/position", "elements/hexahedron", "record"):
+                assert (old[key][()] == new[key][()]).all() if old[key].shape else old[key][()] == new[key][()]
+    comm.Barrier()
+    assert hpcred.verify_file(folder / "with.h5", comm=comm)
+
+
+@pytest.mark.mpi
+def test_the_input_of_calculix_prescribes_all_displacements(comm, folder):
+    """In the units of the original, whose steps are left out, and which may include other files."""
+    result_of(folder, comm)
+    if comm.rank == 0:
+        (folder / "deck.inp").write_text(DECK)
+        (folder / "mesh.inp").write_text("*ELEMENT, TYPE=C3D8\n")
+    comm.Barrier()
+    report = hpcred.write_deck(folder / "result.h5", "calculix", folder / "deck.inp", folder / "new", units="mm,t,s",
+                               comm=comm)  # fmt: skip
+    assert report["columns"] == 3 and report["run"].startswith("ccx stress")
+    if comm.rank == 0:
+        text = (folder / "new" / "stress.inp").read_text()
+        assert text.startswith("*NODE\n1,0.,0.,0.\n*ELEMENT, TYPE=C3D8\n*STEP\n*STATIC\n") and "FREQUENCY" not in text
+        assert text.count("*STEP") == 3 == text.count("*EL FILE\nS\n")
+        with h5py.File(folder / "result.h5") as file:
+            node, direction, V = (file[key][...] for key in ("dofs/node", "dofs/direction", "basis/V"))
+        for k, column in enumerate(V, 1):
+            rows = [line.split(",") for line in (folder / "new" / f"column_{k:04d}.inc").read_text().splitlines()]
+            assert [[int(row[0]), int(row[1]), int(row[2])] for row in rows] == [
+                [n, d + 1, d + 1] for n, d in zip(node.tolist(), direction.tolist(), strict=True)]  # fmt: skip
+            assert all(len(item) <= 20 for row in rows for item in row)
+            assert [float(row[3]) for row in rows] == pytest.approx((1e3 * column).tolist(), rel=1e-12)
+
+
+@pytest.mark.parametrize("change, says", [
+    (lambda n, u, s: frd_of(n, u[:2], s[:2]), "found 2 steps with stresses, expected 3"),
+    (lambda n, u, s: frd_of(n, u[[0, 2, 1]], s), "displacements in step 2 that differ by .* from column 2"),
+    (lambda n, u, s: frd_of(n + 1000, u, s), "found none of the nodes of"),
+    (lambda n, u, s: frd_of(n, u, s)[:-6], r"found no end \(9999\)"),
+    (lambda n, u, s: frd_of(n, u, s).replace("DISP", "DISX"), "found 0 fields of displacements and 3 of stresses"),
+    (lambda n, u, s: frd_of(n, u, s).replace(" -1         2", " -1         x", 1), "found '-1         x"),
+    (lambda n, u, s: frd_of(n, u, s).replace(f"{8:12d}", f"{9:12d}"), "found results of 8 nodes, expected 9"),
+    (lambda n, u, s: "t,q1\n0,1\n", "found no results of a known program"),
+])  # fmt: skip
+def test_answers_that_do_not_fit_are_refused(tmp_path, change, says):
+    result_of(tmp_path, MPI.COMM_SELF)
+    label, moved, stress = arrays(tmp_path / "result.h5")
+    (tmp_path / "stress.frd").write_text(change(label, moved, stress))
+    with pytest.raises(InputError, match=says):
+        hpcred.add_stresses(tmp_path / "result.h5", tmp_path / "stress.frd", tmp_path / "with.h5")
+    assert not (tmp_path / "with.h5").exists()
+
+
+@pytest.mark.parametrize("program, deck, target, says", [
+    ("nastrn", DECK, "new", "deck: found 'nastrn', expected calculix"),
+    ("calculix", "GRID,1,,0.,0.,0.\n", "new", "deck.inp: found no keyword .NODE"),
+    ("calculix", DECK, ".", "it exists and is not an empty folder"),
+])  # fmt: skip
+def test_decks_that_cannot_be_written_are_refused(tmp_path, program, deck, target, says):
+    with hpcred.solid((1, 1, 1), inputs=1) as model:
+        hpcred.write_result(tmp_path / "result.h5", hpcred.reduce(model, [Modes(index=(1,))]), model)
+    (tmp_path / "deck.inp").write_text(deck)
+    (tmp_path / "mesh.inp").write_text("*ELEMENT, TYPE=C3D8\n")
+    with pytest.raises(InputError, match=says):
+        hpcred.write_deck(tmp_path / "result.h5", program, tmp_path / "deck.inp", tmp_path / target)
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["deck.inp", "mesh.inp", "result.h5"]
+
+
+@pytest.mark.ccx
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="needs ccx")
+def test_calculix_computes_the_stresses_of_a_basis(tmp_path):
+    """End to end, against E B V of our own solids; CalculiX extrapolates to nodes with factors of four digits."""
+    for source in (Path(__file__).parents[1] / "data" / "calculix").glob("quadratic.*"):
+        shutil.copy(source, tmp_path)
+    with hpcred.load_export(tmp_path / "quadratic.inp") as model:
+        rom = hpcred.reduce(model.with_inputs([(1, "z")]), [Modes(index=(7, 8, 9))], Buckens())
+        hpcred.write_result(tmp_path / "result.h5", rom, model)
+        own = hpcred.stress_modes(model, rom.columns)
+    hpcred.write_deck(tmp_path / "result.h5", "calculix", tmp_path / "quadratic.inp", tmp_path / "job")
+    subprocess.run(["ccx", "stress"], cwd=tmp_path / "job", check=True, capture_output=True)
+    hpcred.add_stresses(tmp_path / "result.h5", tmp_path / "job" / "stress.frd", tmp_path / "with.h5")
+    found = hpcred.read_result(tmp_path / "with.h5").stress_modes(own.node)
+    assert np.abs(found.stress - own.stress).max() < 1e-4 * np.abs(own.stress).max()
