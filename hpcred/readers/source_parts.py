@@ -43,7 +43,8 @@ def read_source(source: Source, comm) -> Parts:
         if uff.begins(start):
             parts.nodes, parts.elements = uff.read(source.nodes, comm)
         elif nastran.begins_bulk(start):
-            parts.nodes, parts.elements, points = nastran.read_nodes(source.nodes, comm)
+            parts.nodes, deck, points = nastran.read_nodes(source.nodes, comm)
+            parts.elements, parts.properties = deck.elements, deck.properties
         elif is_input_file:
             mesh = abaqus_input.read(source.nodes, comm)
             parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets

@@ -1,7 +1,7 @@
 """Read points, elements and constraint cards of input files of Nastran and OptiStruct (.bdf, .dat, .fem).
 
-Grid and scalar points, coordinate systems, elements as far as pictures need them, and the cards that determine which
-dofs have no row (see sets) are read. Each rank reads its share of the lines; the cards of systems and constraints,
+Grid and scalar points, coordinate systems, elements, materials of solids, and the cards that determine which dofs have
+no row (see sets) are read. Each rank reads its share of the lines; the cards of systems, constraints and materials,
 which are few, are collected on all ranks.
 """
 
@@ -14,11 +14,13 @@ import numpy as np
 from ...files.system_errors import open_input
 from ...files.text import Piece, first_bytes, first_line, line_number, records, refuse_packed, require_file
 from ...model.elements import NODES
+from ...model.materials import ElementProperties
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once, sort_over_ranks
 from ..nodes.table import LARGEST_COORDINATE, elements_of
 from ..nodes.table import VERTICAL_FIRST as VTK
 from .cards import CARD, components, lines_of, number_of, reals, whole_of, wholes
+from .materials import properties_of
 from .points import CYLINDRICAL, HELD, RECTANGULAR, SPHERICAL, Points, System
 
 START = re.compile(
@@ -34,7 +36,8 @@ CASE = re.compile(rb"(?mi)^[ \t]*(?P<word>SPC|MPC)(?:[ \t]*\([^)\n]*\))?[ \t]*=[
 SYSTEMS = {"R": RECTANGULAR, "C": CYLINDRICAL, "S": SPHERICAL}
 SMALL = re.compile(
     rb"CORD[12][RCS]|GRDSET|SPC|SPC1|SPCADD|MPC|MPCADD|RBE1|RBE2|RBE3|RBAR|RBAR1|RROD|RTRPLT1?|RSPLINE|RSSCON|RJOINT|"
-    rb"PARAM|[ABCQ]SET1?|OMIT1?|SUPORT1?|SPOINT|EPOINT|SEQGP|CSUPER|SESET|SEBULK|EXTRN"
+    rb"PARAM|[ABCQ]SET1?|OMIT1?|SUPORT1?|SPOINT|EPOINT|SEQGP|CSUPER|SESET|SEBULK|EXTRN|"
+    rb"PSOLID|MAT(?:1|2|3|8|9|10|11|S1)"
 )
 # number of the field of the first node, and nodes by kind, the largest first
 ELEMENTS = {
@@ -107,7 +110,7 @@ class Card:
 class Deck:
     """The contents of the bulk data; grids are those of this rank, as `Points` but in the systems of the file.
 
-    `cards`: the few other ones, on all ranks. `case`: the numbers that the case control
+    `properties` of the `elements`. `cards`: the few other ones, on all ranks. `case`: the numbers that the case control
     gives by SPC and MPC, or None where there is no case control. `other`: node numbers of what has nodes and is no
     element of `elements`, `unknown`: names of elements of which it is not known where the nodes stand. `point_mass`:
     the sum of CONM2, as written.
@@ -122,6 +125,7 @@ class Deck:
     cards: list[Card]
     case: dict | None
     elements: dict[str, np.ndarray]
+    properties: ElementProperties | None
     other: np.ndarray
     unknown: set
     point_mass: float
@@ -157,12 +161,13 @@ def read_deck(path, comm) -> Deck:
     path = Path(path)
     segments, case = segments_of(path, comm)
     grids, cards, elements, other, unknown, point_mass = [_grids(Piece(path, b"", 0))], [], {}, [], set(), 0.0
+    numbers = {}
     with agreed(comm):
         for file, start, stop in segments:
             for piece in records(file, comm, start, stop, CARD):
                 found = lines_of(piece, ANY_ELEMENT)
                 for name in np.unique(found.name):
-                    _elements(found.of(name.decode()), name.decode(), elements, other, unknown)
+                    _elements(found.of(name.decode()), name.decode(), elements, numbers, other, unknown)
                 table, number = found.of("CONM2").table(4)
                 point_mass += float(reals(piece, table[:, 3], number, "a mass").sum())
                 grids.append(_grids(piece))
@@ -175,11 +180,16 @@ def read_deck(path, comm) -> Deck:
         system = np.where(system < -1, defaults[0], system)
         displacement = np.where(displacement < -1, defaults[1], displacement)
         held[~own_hold] = defaults[2]
-    return Deck(
-        path, label, system, xyz, displacement, held, cards, case, elements_of(comm, elements),
+    elements = elements_of(comm, elements)
+    deck = Deck(
+        path, label, system, xyz, displacement, held, cards, case, elements, None,
         np.concatenate([np.zeros(0, np.int64), *other]), set().union(*comm.allgather(unknown)),
         comm.allreduce(point_mass),
     )  # fmt: skip
+    with agreed(comm):
+        tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *numbers.get(kind, [])]) for kind in elements}
+        deck.properties = properties_of(comm, cards, list(ELEMENTS), tables, deck.mass_unit)
+    return deck
 
 
 def segments_of(path, comm, including=()):
@@ -278,8 +288,8 @@ def _system(piece, fields, number):
     return np.where(empty, -2, np.where(fluid, FLUID, value))
 
 
-def _elements(lines, name, elements, other, unknown):
-    """Nodes of the elements of one name in a piece go to `elements`, or to `other`."""
+def _elements(lines, name, elements, numbers, other, unknown):
+    """Nodes of the elements of one name in a piece go to `elements`, or to `other`; see elements_by_number."""
     if name in WITH_NODES:
         table, _ = lines.table(max(WITH_NODES[name]) + 1)
         for k in WITH_NODES[name]:
@@ -289,11 +299,12 @@ def _elements(lines, name, elements, other, unknown):
         if name not in WITH_NODES:
             unknown.add(name)
         return
-    elements_by_number(lines, name, elements)
+    elements_by_number(lines, name, elements, numbers)
 
 
-def elements_by_number(lines, name, elements, numbers=None):
-    """Nodes of the elements of one name in a piece go to `elements`, and their numbers to `numbers`, both by kind."""
+def elements_by_number(lines, name, elements, numbers):
+    """Nodes of the elements of one name in a piece go to `elements`; number, place of the name among
+    ELEMENTS, and number of the property, go to `numbers`; both by kind."""
     first, kinds = ELEMENTS[name]
     table, number = lines.table(first + NODES[kinds[0]])
     nodes = table[:, first:]
@@ -304,9 +315,13 @@ def elements_by_number(lines, name, elements, numbers=None):
             labels = wholes(lines.piece, nodes[full, : NODES[kind]].ravel(), np.repeat(number[full], NODES[kind]),
                             "the number of a node", 1).reshape(-1, NODES[kind])  # fmt: skip
             elements.setdefault(kind, []).append(labels[:, VTK.get(kind, slice(None))])
-            if numbers is not None:
-                own = wholes(lines.piece, table[full, 0], number[full], "the number of an element", 1)
-                numbers.setdefault(kind, []).append(own)
+            own = wholes(lines.piece, table[full, 0], number[full], "the number of an element", 1)
+            given = np.zeros(len(own), np.int64)
+            if first == 2:
+                given = wholes(lines.piece, table[full, 1], number[full], "the number of a property", empty=0)
+                given = np.where(given == 0, own, given)  # left out, it is that of the element
+            row = [own, np.full(len(own), list(ELEMENTS).index(name)), given]
+            numbers.setdefault(kind, []).append(np.stack(row, axis=1))
         left &= ~full
 
 

@@ -44,7 +44,7 @@ class _Rows:
     points: Points
     mask: np.ndarray
     source: Path
-    elements: dict
+    deck: bulk.Deck | None  # with the elements
 
 
 def begins_bulk(start: bytes) -> bool:
@@ -241,7 +241,7 @@ def _rows_of_op2(file, groups, decks, comm, letter, size):
     for deck in decks:
         if points.rough:
             points = refined(comm, points, bulk.points_of(deck, comm))
-    return _Rows(points, mask, file, next((deck.elements for deck in decks if deck.elements), {}))
+    return _Rows(points, mask, file, next((deck for deck in decks if deck.elements), None))
 
 
 def _rows_of_deck(deck, comm, letter, size):
@@ -256,7 +256,7 @@ def _rows_of_deck(deck, comm, letter, size):
         counts.append(points.count(comm, points.of_set(letter)))
     if counts[-1] != size:
         return None, f"{' or '.join(map(str, dict.fromkeys(counts)))} dofs in the set {letter}"
-    return _Rows(points, points.of_set(letter), deck.path, deck.elements), None
+    return _Rows(points, points.of_set(letter), deck.path, deck), None
 
 
 def _said_of_rows(comm, rows, letter):
@@ -322,7 +322,9 @@ def _turn(comm, parts, turn):
 def _finish(comm, parts, rows, turn, mask):
     """Add nodes, elements, held dofs, and messages on rotated ones."""
     points = rows.points
-    parts.nodes, parts.elements = NodeTable.as_given(comm, points.label, points.position), rows.elements
+    parts.nodes = NodeTable.as_given(comm, points.label, points.position)
+    if rows.deck is not None:
+        parts.elements, parts.properties = rows.deck.elements, rows.deck.properties
     held = points.there() & ~mask & (points.marks & HELD > 0)
     label = points.local_labels()
     for low in (0, 3):
@@ -376,12 +378,12 @@ def read_bulk(path, comm, variables=None) -> Parts:
     return parts
 
 
-def read_nodes(path, comm) -> tuple[NodeTable, dict[str, np.ndarray], Points]:
-    """Return nodes, ascending by number, elements and Points of an input file for other matrices. Collective."""
+def read_nodes(path, comm) -> tuple[NodeTable, bulk.Deck, Points]:
+    """Return nodes, ascending by number, the Deck and its Points of an input file for other matrices. Collective."""
     deck = bulk.read_deck(path, comm)
     points = bulk.points_of(deck, comm)
     nodes = NodeTable.as_given(comm, points.label[~points.scalar], points.position[~points.scalar])
-    return nodes, deck.elements, points
+    return nodes, deck, points
 
 
 def turn_rows(comm, parts, points, path):
@@ -437,7 +439,7 @@ def _label_entries(comm, parts, deck, lacking, path):
     held = points.count(comm, points.there() & ~mask & (points.marks & HELD > 0))
     if held and not reason:
         parts.warnings.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
-    _finish(comm, parts, _Rows(points, mask, deck.path, deck.elements), turn, mask)
+    _finish(comm, parts, _Rows(points, mask, deck.path, deck), turn, mask)
     of_this_run = Path(path) != Path(deck.path)  # and not matrices that were put into another model
     if of_this_run and not (held or reason or comm.allreduce(turn.own)):
         parts.warnings += compare_mass(comm, path, deck, parts.matrices["M"])

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...files.text import records
 from ...model.elements import CORNERS, FACES, NODES, SHELLS
+from ...model.materials import NUMBER
 from ...parallel.failures import InputError, agreed
 from ..deck_loads import DeckLoads, faces_at, find_elements
 from . import bulk
@@ -92,7 +93,7 @@ def _cards(path, comm):
     return (
         cards, sum(comm.allgather(combined), []),
         {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *elements.get(kind, [])]) for kind in kinds},
-        {kind: np.concatenate([np.zeros(0, np.int64), *numbers.get(kind, [])]) for kind in kinds},
+        {kind: np.concatenate([np.zeros((0, 3), np.int64), *numbers.get(kind, [])])[:, NUMBER] for kind in kinds},
     )  # fmt: skip
 
 
