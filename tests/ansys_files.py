@@ -194,3 +194,25 @@ def write_large(path, nodes, width):
         np.array([-1], "<i4").tofile(file)
         file.truncate(-(-file.tell() // (4 * BLOCK)) * 4 * BLOCK)
     return terms, sums["K"], sums["M"]
+
+
+def archive(places, angles=None, form="(3i9,6e21.13e3)", announced=None, elements=""):
+    """The lines of an archive that matter, with trailing zeros left out."""
+    lines = []
+    for number, xyz in places.items():
+        reals = [*xyz, *(angles or {}).get(number, ())]
+        while reals and reals[-1] == 0:
+            reals.pop()
+        lines.append(f"{number:9d}{0:9d}{0:9d}" + "".join(f"{x:21.13E}" for x in reals))
+    return (
+        "/COM,ANSYS RELEASE 2019 R2\n/PREP7\nET,        1,185\nET,2,181\n"
+        f"NBLOCK,6,SOLID,{max(places):10d},{len(lines) if announced is None else announced:10d}\n{form}\n"
+        + "\n".join(lines) + f"\nN,R5.3,LOC,       -1,\n{elements}FINISH\n"
+    )  # fmt: skip
+
+
+def element(type_, number, nodes):
+    """The lines of an element in an EBLOCK."""
+    head = [1, type_, 1, 1, 0, 0, 0, 0, len(nodes), 0, number]
+    items = [f"{item:9d}" for item in (*head, *nodes)]
+    return "".join(items[:19]) + "\n" + ("".join(items[19:]) + "\n" if items[19:] else "")

@@ -59,7 +59,8 @@ class Solids:
     def __init__(self, model, nodes: Iterable[int | str] | None = None):
         require_dofs(model, "a stress")
         self.model, self.remarks = model, []
-        cells = {kind: np.asarray(part, np.int64) for kind, part in model.elements.items() if kind in SOLIDS}
+        cells = {kind: np.asarray(part, np.int64) for kind, part in model.elements.items()
+                 if kind in (*SOLIDS, "pyramid")}  # fmt: skip
         self._require_solids(cells)
         inside = self._elements_at(cells, nodes)
         keys = self._types(cells, inside)

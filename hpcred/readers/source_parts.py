@@ -63,7 +63,7 @@ def read_source(source: Source, comm) -> Parts:
             parts.warnings += found.notes(source.nodes)
         elif ansys_nodes.begins(start):
             turned = ansys_nodes.read_nodes(source.nodes, comm)
-            parts.nodes, parts.elements = turned.nodes, turned.elements
+            ansys_nodes.give_mesh(parts, turned)
         else:
             with agreed(comm):
                 refuse_unread(source.nodes)

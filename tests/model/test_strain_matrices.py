@@ -1,13 +1,14 @@
 """Matrices B and E B: constant strains, and the stiffness of other programs and of other code."""
 
-import gzip
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse
+from conftest import DATA
 from fe_data import FE, needs_fe
+from foreign import unpack
+from shared_data import unpacked
 from solid_meshes import PARTS, mesh, stiffness
 
 import hpcred
@@ -16,7 +17,6 @@ from hpcred.model.element_rules import B_BAR, FULL, REDUCED, RULES, UNIFORM, rul
 from hpcred.model.shape_functions import SOLIDS
 from hpcred.model.strain_matrices import elasticity, nodal_stress_matrices, stiffness_matrices, strain_matrices
 
-DATA = Path(__file__).parents[1] / "data"
 RULED = [(kind, FULL) for kind in SOLIDS] + [
     ("hexahedron", REDUCED), ("hexahedron", UNIFORM), ("hexahedron", B_BAR), ("hexahedron20", REDUCED)
 ]  # fmt: skip
@@ -82,49 +82,36 @@ def difference(model, rules, young, poisson):
     return scipy.sparse.linalg.norm(total) / scipy.sparse.linalg.norm(K)
 
 
-def unpacked(folder, *names):
-    """Files of the tests' data in a folder, those that are packed without their .gz."""
-    for name in names:
-        if (DATA / name).is_file():
-            shutil.copy(DATA / name, folder)
-        else:
-            with gzip.open(DATA / f"{name}.gz") as packed:
-                (folder / Path(name).name).write_bytes(packed.read())
-
-
 @pytest.mark.parametrize("name", ["C3D8", "C3D10"])
-def test_stiffness_of_abaqus(tmp_path, name):
-    unpacked(tmp_path, f"block{name}.inp", f"block{name}_STIF1.mtx", f"block{name}_MASS1.mtx")
-    with hpcred.load_export(tmp_path / f"block{name}.inp") as model:
+def test_stiffness_of_abaqus(tmp_path, comm, name):
+    unpacked(comm, tmp_path, f"block{name}_STIF1.mtx", f"block{name}_MASS1.mtx")
+    with hpcred.load_export(shutil.copy(DATA / f"block{name}.inp", tmp_path)) as model:
         (kind,) = model.elements
         assert difference(model, {kind: rule_of("Abaqus", name, kind)}, 2e11, 0.3) < 1e-14
         if name == "C3D8":  # it is not the one without B-bar
             assert difference(model, {kind: FULL}, 2e11, 0.3) > 0.1
 
 
-def test_stiffness_of_calculix(tmp_path):
-    unpacked(tmp_path, *(f"calculix/quadratic.{end}" for end in ("inp", "dof", "sti", "mas")))
-    with hpcred.load_export(tmp_path / "quadratic.inp") as model:
+def test_stiffness_of_calculix(tmp_path, comm):
+    with hpcred.load_export(unpack(tmp_path, comm, "calculix") / "quadratic.inp") as model:
         assert difference(model, {"hexahedron20": FULL, "wedge15": FULL}, 2.1e11, 0.3) < 1e-13
 
 
-def test_stiffness_of_ansys(tmp_path):
-    unpacked(tmp_path, "ansys/HexBeam.cdb", "ansys/HexBeam.full")
-    source = tmp_path / "HexBeam.full"
-    with hpcred.load_export(source) as model:
+def test_stiffness_of_ansys(tmp_path, comm):
+    with hpcred.load_export(unpacked(comm, tmp_path, "ansys/HexBeam.full", "ansys/HexBeam.cdb")) as model:
         rule = rule_of("ANSYS", "SOLID186", "hexahedron20")
         # the archive has the mesh, and the material of another run (7e10, 0.35)
         assert difference(model, {"hexahedron20": rule}, 16.9e6, 0.31) < 1e-12
 
 
 @needs_fe
-def test_stiffness_of_solid185(tmp_path):
-    unpacked(tmp_path, "ansys/rotorAnsys.full", "ansys/rotorAnsys.rst")
+def test_stiffness_of_solid185(tmp_path, comm):
+    path = unpacked(comm, tmp_path, "ansys/rotorAnsys.full", "ansys/rotorAnsys.rst")
     _, *lines = (FE / "ansys" / "rotor" / "rotorAnsysElements.txt").read_text().splitlines()
     elements = np.array([line.split()[2:] for line in lines if line.strip()], int)
     rule = rule_of("ANSYS", "SOLID185", "hexahedron")
     with (
-        hpcred.load_export(tmp_path / "rotorAnsys.full") as bare,
+        hpcred.load_export(path) as bare,
         bare.with_fields(elements={"hexahedron": elements}) as model,
     ):
         assert difference(model, {"hexahedron": rule}, 2.1e9, 0.3) < 1e-12

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from ansys_files import write_rst
+from ansys_files import archive, element, write_rst
 from foreign import gathered, write
 from helpers import to_dense
 from shared_data import unpacked
@@ -71,21 +71,6 @@ NLIST = """
 """
 LINES = [f"{n:9d}" + "".join(f"{x:14.6g}" for x in xyz) + "     0.00     0.00     0.00" for n, xyz in PLACES.items()]
 LISTING = NLIST.format("\n".join(LINES[:2]), "\n".join(LINES[2:]))
-
-
-def archive(places, angles=None, form="(3i9,6e21.13e3)", announced=None, elements=""):
-    """The lines of an archive that matter, with trailing zeros left out."""
-    lines = []
-    for number, xyz in places.items():
-        reals = [*xyz, *(angles or {}).get(number, ())]
-        while reals and reals[-1] == 0:
-            reals.pop()
-        lines.append(f"{number:9d}{0:9d}{0:9d}" + "".join(f"{x:21.13E}" for x in reals))
-    return (
-        "/COM,ANSYS RELEASE 2019 R2\n/PREP7\nET,        1,185\nET,2,181\n"
-        f"NBLOCK,6,SOLID,{max(places):10d},{len(lines) if announced is None else announced:10d}\n{form}\n"
-        + "\n".join(lines) + f"\nN,R5.3,LOC,       -1,\n{elements}FINISH\n"
-    )  # fmt: skip
 
 
 def check(comm, model, keys="KM"):
@@ -319,7 +304,7 @@ def test_keys_of_the_geometry_may_be_negative(comm, folder):
     text = archive(many, elements=f"EBLOCK,19,SOLID,{1:10d},{1:10d}\n(19i9)\n{brick}{-1:9d}\n")
     types = f"ETBLOCK,{2:9d},{2:9d}\n(2i9,19a9)\n" + f"{1:9d}{185:9d}{0:9d}\n{2:9d}{181:9d}{0:9d}\n{-1:9d}\n"
     for content in (text, text.replace("ET,        1,185\nET,2,181\n", types)):
-        *_, found = ansys_cdb.read(write(folder / "a.cdb", content, comm), comm)
+        found = ansys_cdb.read(write(folder / "a.cdb", content, comm), comm).elements
         assert comm.allreduce(len(found.get("hexahedron", ()))) == 1
         comm.Barrier()
     for good, wrong in ((f"{5:9d}{1:9d}", f"{5:9d}{-1:9d}"), (f"{5:9d}{1:9d}", f"{-5:9d}{1:9d}")):
@@ -337,12 +322,6 @@ def test_keys_of_the_geometry_may_be_negative(comm, folder):
 SOLID = "".join(f"{item:9d}" for item in (1, 1, 1, 1, 0, 0, 0, 0))
 
 
-def element(type_, number, nodes):
-    head = [1, type_, 1, 1, 0, 0, 0, 0, len(nodes), 0, number]
-    items = [f"{item:9d}" for item in (*head, *nodes)]
-    return "".join(items[:19]) + "\n" + ("".join(items[19:]) + "\n" if items[19:] else "")
-
-
 def test_elements_of_archives(comm, folder):
     """Bricks, wedges, tetrahedra and shells in one block, the longer ones on two lines."""
     many = {number: (float(number), 0.0, 0.0) for number in range(1, 60)}
@@ -356,7 +335,7 @@ def test_elements_of_archives(comm, folder):
     text = archive(many, elements=f"EBLOCK,19,SOLID,{40:10d},{40:10d}\n(19i9)\n{blocks}{-1:9d}\n")
     for content in (text, text.replace("\n", "\r\n")):
         comm.Barrier()
-        *_, found = ansys_cdb.read(write(folder / "a.cdb", content, comm), comm)
+        found = ansys_cdb.read(write(folder / "a.cdb", content, comm), comm).elements
         counts = {kind: comm.allreduce(len(nodes)) for kind, nodes in found.items()}
         assert counts == dict.fromkeys(kinds, 5)
         corner = {"wedge": [1, 2, 3, 5, 6, 7], "tetra": [1, 2, 3, 5], "pyramid": [1, 2, 3, 4, 5], "triangle": [4, 5, 6]}

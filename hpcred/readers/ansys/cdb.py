@@ -1,31 +1,35 @@
 """Read nodes, angles of nodal axes and elements of an ANSYS archive (.cdb, of CDWRITE).
 
-The blocks NBLOCK and EBLOCK, whose second line is the Fortran format of their fields, and ET or ETBLOCK, the types of
-elements, are read. Each rank looks for them in its range of bytes, then all share the lines of each block.
+The blocks NBLOCK and EBLOCK, whose second line is the Fortran format of their fields, ET or ETBLOCK, the types of
+elements, and materials are read. Each rank looks for them in its range of bytes, then all share the lines of blocks.
 """
 
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ...files.system_errors import open_input
 from ...files.text import LARGEST_LABEL, Piece, line_number, pieces, require_file, shown
 from ...files.text_numbers import labels, numbers, ragged, whole
+from ...model.materials import ElementProperties
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ..fixed_width import Field, fields_of_format, separated
 from ..nodes.table import elements_of, finite
+from .materials import material_and_options, type_name
 
 COMMAND = re.compile(
     rb"(?im)^[ \t]*(?:(?P<block>[NE]BLOCK)\b|(?P<types>ETBLOCK)\b|(?P<type>ET[ \t]*,)"
     rb"|(?P<end>-1[ \t]*\r?$|N[ \t]*,[ \t]*(?:R5\.\d|UNBL)[ \t]*,[ \t]*LOC[ \t]*,[ \t]*-1)"
-    rb"|(?P<node>N[ \t]*,[ \t]*(?:R5\.\d[ \t]*,[ \t]*LOC[ \t]*,|\d))|(?P<turn>(?:NROTAT|NMODIF|NANG)\b))[^\n]*"
+    rb"|(?P<node>N[ \t]*,[ \t]*(?:R5\.\d[ \t]*,[ \t]*LOC[ \t]*,|\d))|(?P<turn>(?:NROTAT|NMODIF|NANG)\b)"
+    rb"|(?P<data>(?:KEYO\w*|MPDATA|MP|UIMP|TB)[ \t]*,))[^\n]*"
 )
 START = re.compile(rb"(?im)^[ \t]*(/COM|/PREP7|/NOPR|/BATCH|/TITLE|NUMOFF|NBLOCK|ET[ \t]*,)")
 HEAD = 11  # fields of an element in front of its nodes; the second is its type, the ninth how many nodes follow
-TYPE, COUNT, NUMBER = 1, 8, 10
+MATERIAL, TYPE, COUNT, NUMBER = 0, 1, 8, 10
 FIRST = 8  # nodes in the first line of an element
 SOLIDS = {45, 46, 64, 65, 73, 92, 95, 148, 185, 186, 187, 190, 285}
 SHELLS = {28, 41, 42, 43, 63, 82, 91, 93, 99, 143, 150, 181, 182, 183, 281}
@@ -44,13 +48,25 @@ class Block:
     stop: int
 
 
+class Archive(NamedTuple):
+    """Node numbers, coordinates, angles in degrees and elements of this rank, with their properties; remarks on
+    materials."""
+
+    label: np.ndarray
+    position: np.ndarray
+    angles: np.ndarray
+    elements: dict[str, np.ndarray]
+    properties: ElementProperties | None
+    remarks: list[str]
+
+
 def begins(start: bytes) -> bool:
     """Test whether a text that starts so may be an archive: it has a command that stands above the blocks."""
     return b"\0" not in start and bool(START.search(start))
 
 
-def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict]:
-    """Return node numbers, coordinates, angles in degrees and elements of this rank. Collective. Raises InputError.
+def read(path, comm) -> Archive:
+    """Return the contents of an archive. Collective. Raises InputError.
 
     Elements: node numbers (elements, nodes) by kind; those of other types than solids, shells and beams are left out.
     """
@@ -62,6 +78,7 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict]:
     found = sum(comm.allgather(found), [])
     blocks, types = decided(comm, _blocks, path, found), decided(comm, _types, path, found)
     nodes, elements, counts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))], {}, []
+    tables = {}
     with agreed(comm):
         for block in blocks:
             if block.name == "NBLOCK":
@@ -69,7 +86,7 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict]:
                 nodes += parts
                 counts.append(sum(len(part[0]) for part in parts))
             else:
-                counts.append(_elements(path, comm, block, types, elements))
+                counts.append(_elements(path, comm, block, types, elements, tables))
     totals = comm.allreduce(np.array(counts, dtype=np.int64))
     for block, total in zip(blocks, totals, strict=True):
         if block.announced is not None and block.announced != total:
@@ -77,7 +94,37 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict]:
                 f"{path}, line {block.line}: found {total} entries of {block.name}, but it announces "
                 f"{block.announced}; the file is damaged"
             )
-    return *map(np.concatenate, zip(*nodes, strict=True)), elements_of(comm, elements)
+    elements = elements_of(comm, elements)
+    tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *tables.get(kind, [])]) for kind in elements}
+    properties, remarks = _properties(comm, path, found, types, tables)
+    return Archive(*map(np.concatenate, zip(*nodes, strict=True)), elements, properties, remarks)
+
+
+def _properties(comm, path, found, types, tables):
+    """Return the properties of the elements, and remarks; `tables` (elements, 3) by kind: number, and the numbers of
+    type and material in the file."""
+    if not tables:
+        return None, []
+    commands = [[word.strip() for word in line.split("!")[0].split(",")] for _, kind, line in found if kind == "data"]
+    materials, options, remarks = material_and_options([[words[0].upper(), *words[1:]] for words in commands])
+    for number, (_, given) in types.items():
+        options[number] = given | options.get(number, {})
+    used = [sorted(set().union(*comm.allgather({int(n) for table in tables.values() for n in np.unique(table[:, k])})))
+            for k in (1, 2)]  # fmt: skip
+    kept = [number for number in used[1] if number in materials]
+    names = [type_name(_family(types[number][0]), types[number][0], options[number]) for number in used[0]]
+    places = [dict(zip(numbers, range(len(numbers)), strict=True)) for numbers in (used[0], kept)]
+    for table in tables.values():
+        for column, place in enumerate(places, 1):
+            distinct, back = np.unique(table[:, column], return_inverse=True)
+            table[:, column] = np.array([place.get(number, -1) for number in distinct.tolist()], int)[back]
+    return ElementProperties("ANSYS", tuple(names), tuple(materials[number] for number in kept), tables), [
+        f"{path}: {remark}" for remark in remarks
+    ]
+
+
+def _family(type_):
+    return "SOLID" if type_ in SOLIDS else "SHELL" if type_ in SHELLS else "BEAM"
 
 
 def _blocks(path, found):
@@ -130,14 +177,15 @@ def _fits(fields, words):
 
 
 def _types(path, found):
-    """Return the numbers of ANSYS' element types (185 of SOLID185) by the type numbers that elements name."""
+    """Return numbers of ANSYS' element types (185 of SOLID185), and key options, by the type numbers that elements
+    name."""
     types = {}
     for index, (position, kind, line) in enumerate(found):
         words = [word.strip() for word in line.split("!")[0].split(",")]
         if kind == "type" and len(words) > 2 and words[1].isdecimal() and len(words[1]) < 12:
             digits = re.search(r"\d{1,9}$", words[2])
             if digits:
-                types[int(words[1])] = int(digits[0])
+                types[int(words[1])] = int(digits[0]), {}
         elif kind == "types":
             types |= _types_of_block(path, position, found[index + 1 : index + 2])
     return types
@@ -150,10 +198,11 @@ def _types_of_block(path, position, after):
     with open_input(path) as file:
         file.seek(position)
         _, _, *lines = file.read(after[0][0] - position).splitlines() or [b""]
-    pairs = [line.split()[:2] for line in lines if line.strip()]
-    if not all(len(pair) == 2 and pair[0].isdigit() and pair[1].isdigit() for pair in pairs):
+    rows = [line.split() for line in lines if line.strip()]
+    if not all(len(row) > 1 and row[0].isdigit() and row[1].isdigit() for row in rows):
         raise _refusal(path, position, "an ETBLOCK with other lines than number, type and key options")
-    return {int(key): int(type_) for key, type_ in pairs}
+    return {int(key): (int(type_), {k: value.decode("latin-1") for k, value in enumerate(options, 1)})
+            for key, type_, *options in rows}  # fmt: skip
 
 
 def _nodes(piece, fields):
@@ -166,8 +215,9 @@ def _nodes(piece, fields):
     return label, reals[:, :3], reals[:, 3:]
 
 
-def _elements(path, comm, block, types, elements):
-    """Add the elements of this rank to `elements` by kind; returns how many there are of any kind."""
+def _elements(path, comm, block, types, elements, tables):
+    """Add the elements of this rank to `elements`, and number, type and material to `tables`, by kind; returns how many
+    there are of any kind."""
     own = b"".join(piece.text for piece in pieces(path, comm, block.start, block.stop))
     if not own:
         return 0
@@ -202,9 +252,11 @@ def _elements(path, comm, block, types, elements):
     piece.require(positive, lines[heads], "numbers of nodes, of an element and its type, from 0 on")
     for number in np.unique(table[:, TYPE]):
         for count in np.unique(table[table[:, TYPE] == number, COUNT]):
-            some = table[(table[:, TYPE] == number) & (table[:, COUNT] == count), HEAD:][:, : min(count, 20)]
-            for kind, part in kinds_of(types.get(int(number)), some):
-                elements.setdefault(kind, []).append(part)
+            some = table[(table[:, TYPE] == number) & (table[:, COUNT] == count)]
+            nodes = some[:, HEAD:][:, : min(count, 20)]
+            for kind, mask, places in kinds_of(types.get(int(number), (None,))[0], nodes):
+                elements.setdefault(kind, []).append(nodes[mask][:, places])
+                tables.setdefault(kind, []).append(some[mask][:, [NUMBER, TYPE, MATERIAL]])
     return len(heads)
 
 
@@ -223,18 +275,19 @@ def followed(after: np.ndarray, first: int) -> np.ndarray:
 
 
 def kinds_of(type_: int | None, nodes: np.ndarray):
-    """Yield kinds (see model.elements) and node numbers of elements of one type; repeated nodes make wedges."""
-    count = nodes.shape[1]
+    """Yield kinds (see model.elements), which elements of one type are of that kind, and the places of its nodes;
+    repeated nodes make wedges."""
+    count, every = nodes.shape[1], np.ones(len(nodes), bool)
     if type_ in BEAMS and count >= 2:
-        yield ("line3", nodes[:, :3]) if type_ == 189 and count >= 3 else ("line", nodes[:, :2])
+        yield ("line3", every, [0, 1, 2]) if type_ == 189 and count >= 3 else ("line", every, [0, 1])
     elif type_ in SHELLS and count in (3, 4, 6, 8):
-        triangle = nodes[:, 2] == nodes[:, 3] if count in (4, 8) else np.ones(len(nodes), bool)
+        triangle = nodes[:, 2] == nodes[:, 3] if count in (4, 8) else every
         corner = [0, 1, 2] if count in (3, 4) else [0, 1, 2, 4, 5, 7] if count == 8 else list(range(6))
-        yield ("triangle" if len(corner) == 3 else "triangle6"), nodes[triangle][:, corner]
+        yield ("triangle" if len(corner) == 3 else "triangle6"), triangle, corner
         if count in (4, 8):
-            yield ("quad" if count == 4 else "quad8"), nodes[~triangle]
+            yield ("quad" if count == 4 else "quad8"), ~triangle, list(range(count))
     elif type_ in SOLIDS and count in (4, 10):
-        yield ("tetra" if count == 4 else "tetra10"), nodes
+        yield ("tetra" if count == 4 else "tetra10"), every, list(range(count))
     elif type_ in SOLIDS and count in (8, 20):
         top = (nodes[:, 4:7] == nodes[:, 5:8]).all(axis=1)  # M = N = O = P
         side = nodes[:, 2] == nodes[:, 3]  # K = L
@@ -242,10 +295,10 @@ def kinds_of(type_: int | None, nodes: np.ndarray):
         plain = ~top & ~wedge & ~side
         for some, kind, corner in (
             (top & side, "tetra", [0, 1, 2, 4]), (top & ~side, "pyramid", [0, 1, 2, 3, 4]),
-            (wedge, "wedge", [0, 1, 2, 4, 5, 6]), (plain, "hexahedron" if count == 8 else "hexahedron20", range(count)),
+            (wedge, "wedge", [0, 1, 2, 4, 5, 6]),
+            (plain, "hexahedron" if count == 8 else "hexahedron20", list(range(count))),
         ):  # fmt: skip
-            part = nodes[some][:, list(corner)]
-            if len(part) and (part > 0).all():
-                yield kind, part
-            elif len(part):  # without some of the nodes in the middle of edges
-                yield "hexahedron", part[:, :8]
+            if some.any() and (nodes[some][:, corner] > 0).all():
+                yield kind, some, corner
+            elif some.any():  # without some of the nodes in the middle of edges
+                yield "hexahedron", some, list(range(8))

@@ -18,7 +18,7 @@ from ..entries import Entries, joined, label_name, label_of, node_and_direction,
 from ..matrices.petsc_binary import row_share
 from ..parts import Parts
 from . import records as ansys_records
-from .nodes import find_nodes, turn_found
+from .nodes import find_nodes, give_mesh, turn_found
 from .records import BLOCKS, INTEGER, RecordFile, Squeezed, columns, squeezed_columns
 
 FILE = 4  # the number of .full files
@@ -73,7 +73,7 @@ def read_parts(path, comm):
         )
     else:
         _require_places(comm, path, found, label)
-        parts.nodes, parts.elements = found.nodes, found.elements
+        give_mesh(parts, found)
         parts.files["nodes"] = found.file
         parts.warnings.append(f"{path}: nodes taken from {found.file}")
         turn_found(comm, parts, found)

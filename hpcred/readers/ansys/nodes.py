@@ -1,12 +1,13 @@
 """Find the nodes, nodal axes and elements that belong to a matrix file of ANSYS, in a file beside it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os.path import commonprefix
 from pathlib import Path
 
 import numpy as np
 
 from ...files.text import first_bytes
+from ...model.materials import ElementProperties
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once
@@ -21,13 +22,16 @@ SUFFIXES = (".cdb", ".rst")  # in this order: an archive has elements too
 
 @dataclass
 class FoundNodes:
-    """The nodes of a file, the numbers (turned,) and axes (turned, 3, 3) of those with axes of their own; elements."""
+    """The nodes of a file, the numbers (turned,) and axes (turned, 3, 3) of those with axes of their own; elements,
+    their properties, and remarks on materials."""
 
     file: str
     nodes: NodeTable
     turned: np.ndarray
     rotation: np.ndarray
     elements: dict
+    properties: ElementProperties | None = None
+    remarks: list[str] = field(default_factory=list)
 
     def refuse_turned(self):
         """Raise InputError where nodes have axes of their own, for matrices whose rows have no names."""
@@ -53,17 +57,23 @@ def read_nodes(file, comm) -> FoundNodes:
     """Return the nodes of a result file, an archive or a list of nodes. Collective. Raises InputError."""
     with agreed(comm):
         start = first_bytes(file)
-    elements = {}
+    mesh = {}, None, []
     if ansys_rst.begins(start):
         label, position, angles = ansys_rst.read(file, comm)
     elif ansys_lists.begins_nodes(start):
         label, position, angles = ansys_lists.read_nodes(file, comm)
     else:
-        label, position, angles, elements = ansys_cdb.read(file, comm)
+        label, position, angles, *mesh = ansys_cdb.read(file, comm)
     turned = (angles != 0).any(axis=1)
     label_turned, rotation = label[turned], rotation_of_angles(angles[turned])
     require_once(comm, label, lambda twice: f"{file}: found the node {twice} more than once, expected one place a node")
-    return FoundNodes(str(file), NodeTable.ascending(comm, label, position), label_turned, rotation, elements)
+    return FoundNodes(str(file), NodeTable.ascending(comm, label, position), label_turned, rotation, *mesh)
+
+
+def give_mesh(parts, found: FoundNodes):
+    """Put nodes and elements into the parts of a model."""
+    parts.nodes, parts.elements, parts.properties = found.nodes, found.elements, found.properties
+    parts.warnings += found.remarks
 
 
 def turn_found(comm, parts, found: FoundNodes):

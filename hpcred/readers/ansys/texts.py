@@ -16,7 +16,7 @@ from ..base import Reader
 from ..matrices import harwell_boeing, matrix_market
 from ..parts import Parts
 from . import lists as ansys_lists
-from .nodes import find_nodes, turn_found
+from .nodes import find_nodes, give_mesh, turn_found
 
 TITLE = re.compile(rb"^(stiffness|mass|damping) matrix from ANSYS", re.IGNORECASE)
 KEYS = {b"stiffness": "K", b"mass": "M", b"damping": "D"}
@@ -61,7 +61,7 @@ def read_parts(path, comm):
             "them by CDWRITE,DB"
         )
     else:
-        parts.nodes, parts.elements = nodes.nodes, nodes.elements
+        give_mesh(parts, nodes)
         parts.files["nodes"] = nodes.file
         turn_found(comm, parts, nodes)
     parts.as_written = nodes is None or not comm.allreduce(len(nodes.turned))
