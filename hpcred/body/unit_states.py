@@ -11,6 +11,7 @@ inertia relief there is no stress in accelerations of the body: they follow from
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -78,7 +79,35 @@ def geometric_stiffness(
     """
     solids = require_stresses(model)
     origin = np.asarray(origin, dtype=float)
+    found = displacements_of_states(model, solids, frame, origin, nodes, factoring)
+    with ValuesAtRows(model, solids.rows) as values:
+        shapes = values.of(columns)
+    total = summed(model.comm, sum_over_elements(solids, found.field, shapes))
+    matrices = model.comm.bcast(total)
+    return GeometricStiffness(found.states, (matrices + matrices.transpose(0, 2, 1)) / 2, origin)
+
+
+class StaticStates(NamedTuple):
+    """Displacements `field` (l, 3, s) of the nodes of solids in static states of load, their names, and whether the
+    body is free, so that the loads were made self-equilibrated."""
+
+    states: tuple[str, ...]
+    field: np.ndarray
+    free: bool
+
+
+def displacements_of_states(model, solids, frame, origin, nodes, factoring, values=None) -> StaticStates:
+    """Return the displacements under unit states of load, or under the sum of those with `values` by name.
+
+    States without load, such as accelerations of a free body, are left out. Collective. Raises InputError.
+    """
     loads, states = _unit_loads(model, origin, nodes)
+    if values is not None:
+        missing = [state for state in values if state not in states]
+        if missing:
+            raise InputError(f"preload: {model.name} has no direction {missing[0]}; its states are {', '.join(states)}")
+        loads = loads @ np.array([[values.get(state, 0.0)] for state in states])
+        states = ["the preload"]
     with Owned(model.comm) as owned:
         loaded = owned.owns(model.with_input_columns(loads, states))
         framed = owned.owns(apply_frame(loaded, frame))
@@ -94,12 +123,10 @@ def geometric_stiffness(
             chosen = owned.owns(_chosen(right, kept, framed.model.K))
             _solve(framed.model, rigid, factoring, chosen, solution)
         moved = owned.owns(everywhere(model, framed, solution))
-        with ValuesAtRows(model, solids.rows) as values:
-            field, shapes = values.of(moved), values.of(columns)
+        with ValuesAtRows(model, solids.rows) as rows:
+            field = rows.of(moved)[..., : len(states)]
         _check_energy(model, solids, field, moved, states)
-    found = sum_over_elements(solids, field, shapes)
-    matrices = model.comm.bcast(summed(model.comm, found))
-    return GeometricStiffness(states, (matrices + matrices.transpose(0, 2, 1)) / 2, origin)
+    return StaticStates(states, field, rigid is not None)
 
 
 def require_stresses(model) -> Solids:

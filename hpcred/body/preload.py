@@ -1,0 +1,209 @@
+"""Put a body under a constant load: K with the geometric stiffness of its stress, and with spin softening.
+
+In the frame of a body that spins with omega small vibrations have the stiffness K + K_sigma + M skew(omega)^2: the last
+term, the change of the centrifugal force with the displacement, softens the directions normal to omega (spin softening;
+CalculiX has it in its steps with CENTRIF and PERTURBATION). Coriolis forces are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..linalg.csr import sparse_rows
+from ..model.element_rows import node_rows
+from ..model.frames import Frame
+from ..model.second_order_model import SecondOrderModel
+from ..parallel.declared import as_declared, declared
+from ..parallel.failures import InputError, Owned
+from ..parallel.petsc import PETSc
+from ..parallel.ranges import ANYTHING, within
+from ..reduction.reduced_model import ReducedModel
+from .body import Body
+from .geometric_stiffness import ACCELERATIONS, ANGULAR_ACCELERATIONS, OF_BODY, VELOCITIES, check_state
+from .rotations import skew
+from .stress_stiffness import assembled, node_stiffness
+from .unit_states import displacements_of_states, require_stresses, stresses
+
+Vector = tuple[float, float, float]
+ZERO = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preload:
+    """A constant load on a body, in its axes.
+
+    Parameters
+    ----------
+    omega : tuple of three floats, default (0, 0, 0)
+        Angular velocity in rad/s of the body frame, about its origin.
+    acceleration : tuple of three floats, default (0, 0, 0)
+        Of the body frame in m/s^2, less that of gravity: a body at rest under gravity g has -g.
+    angular_acceleration : tuple of three floats, default (0, 0, 0)
+        In rad/s^2.
+    forces : dict of str to float, default {}
+        Forces (N) and moments (N m) by node or interface and direction, such as {"crank:x": 100.0, "20:z": 5.0}.
+
+    Raises
+    ------
+    InputError
+        For numbers that are not finite, and names that are not node and direction.
+    """
+
+    omega: Vector = ZERO
+    acceleration: Vector = ZERO
+    angular_acceleration: Vector = ZERO
+    forces: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self):
+        as_declared(self, "preload.")
+        for key in ("omega", "acceleration", "angular_acceleration"):
+            within(f"preload.{key}", getattr(self, key), ANYTHING)
+        for state, value in self.forces.items():
+            check_state(state)
+            if state in OF_BODY:
+                raise InputError(f"preload.forces: found '{state}', expected node and direction, such as crank:x")
+            within(f"preload.forces.{state}", value, ANYTHING)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Return the values of the states of load that are not zero."""
+        w = self.omega
+        products = [*(x * x for x in w), w[0] * w[1], w[1] * w[2], w[0] * w[2]]
+        found = dict(zip(ACCELERATIONS + ANGULAR_ACCELERATIONS + VELOCITIES,
+                         (*self.acceleration, *self.angular_acceleration, *products), strict=True))  # fmt: skip
+        return {state: value for state, value in (found | self.forces).items() if value}
+
+
+def reduced_at(body: Body, preload: Preload) -> ReducedModel:
+    """Return the reduced model of a body under a preload, with its frequencies there.
+
+    Parameters
+    ----------
+    body : Body
+        With geometric stiffness.
+    preload : Preload
+
+    Returns
+    -------
+    ReducedModel
+        Without basis, and without the accuracy that is known without load.
+
+    Raises
+    ------
+    InputError
+        Without geometric stiffness, for forces at nodes that do not exist, and where the body buckles.
+    """
+    declared("preload", preload, Preload)
+    stiffness, reduced = body.geometric_stiffness, body.reduced
+    if stiffness is None:
+        raise InputError(
+            "preload: the result has no geometric stiffness; reduce with geometric_stiffness = true in the job"
+        )
+    known = {node.label for node in body.nodes}
+    for state in preload.forces:
+        if state not in stiffness.states and state.rpartition(":")[0] not in known:
+            raise InputError(
+                f"preload.forces: found '{state}', expected nodes with states of load: {', '.join(sorted(known))}"
+            )
+    values = preload.values
+    K = reduced.K + np.tensordot(np.array(list(values.values())), stiffness.of(tuple(values)), axes=1)
+    spin = {state: value for state, value in values.items() if state in VELOCITIES}
+    K += sum(value * body.floating_frame.Oe1[..., VELOCITIES.index(state)] for state, value in spin.items())
+    squares = _squares(K, reduced.M)
+    rigid = reduced.rigid_size
+    if squares[: rigid + 1].min() < 0 and not rigid:
+        raise InputError(
+            f"preload: the body has no stable state there: the lowest eigenvalue of its stiffness is {squares[0]:.4g} "
+            "(rad/s)^2; it buckles, or flies apart, under a smaller load"
+        )
+    record = reduced.record and replace(reduced.record, accuracy=None)
+    return replace(
+        reduced, K=(K + K.T) / 2, frequencies=np.sqrt(np.maximum(squares, 0.0)) / 2 / np.pi, record=record,
+        columns=None, left_columns=None, model=None,
+    )  # fmt: skip
+
+
+def _squares(K, M):
+    """Return the squared eigenfrequencies, ascending."""
+    from scipy.linalg import eigh  # which few results need
+
+    return eigh((K + K.T) / 2, M, eigvals_only=True)
+
+
+def preloaded(
+    model: SecondOrderModel, preload: Preload, frame: Frame | None = None, *, origin=(0.0, 0.0, 0.0), factoring=None
+) -> SecondOrderModel:
+    """Return a model of solids under a preload: K with the stiffness of its stress and of its spin.
+
+    Collective.
+
+    Parameters
+    ----------
+    model : SecondOrderModel
+        A body that the matrices or the frame hold, of solid elements with types and materials.
+    preload : Preload
+    frame : Frame, optional
+        Holds the body.
+    origin : array_like, shape (3,), default (0, 0, 0)
+        Origin of the body frame in m, through which the axis of rotation goes.
+    factoring : Factoring, optional
+        How to factor, and in how much memory.
+
+    Returns
+    -------
+    SecondOrderModel
+        The caller closes it.
+
+    Raises
+    ------
+    InputError
+        For a free body, elements without stress, and nodes that do not exist.
+    """
+    declared("preload", preload, Preload)
+    solids = require_stresses(model)
+    origin, values = np.asarray(origin, dtype=float), preload.values
+    nodes = [state.rpartition(":")[0] for state in preload.forces]
+    nodes = list(dict.fromkeys(int(node) if node.isdecimal() else node for node in nodes))
+    found = displacements_of_states(model, solids, frame, origin, nodes, factoring, values)
+    if found.free:
+        raise InputError(
+            f"preload: {model.name} is a free body, whose rigid-body motions a preload does not leave free; hold it by "
+            "a frame, or take the reduced model at the preload (hpcred evaluate)"
+        )
+    parts = [
+        (node_stiffness(group.kind, group.rule, solids.position[members], stress).sum(axis=0), solids.rows[members])
+        for group, members, stress in stresses(solids, found.field)
+    ]
+    with Owned(model.comm) as owned:
+        K = model.K.copy()
+        K.axpy(1.0, owned.owns(assembled(model, parts)))
+        if any(preload.omega):
+            K.axpy(1.0, owned.owns(_spin_softening(model, preload.omega)))
+        mats = {"K": K}
+        for key, mat in model.matrices.items():
+            if key != "K":  # all are on one pattern
+                mats[key] = K.copy()
+                mats[key].zeroEntries()
+                mats[key].axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        return model.with_fields(**mats)
+
+
+def _spin_softening(model, omega) -> PETSc.Mat:
+    """Return M skew(omega)^2 (n, n), symmetric, for masses that are the same in all directions. Collective; the caller
+    destroys it."""
+    square = skew(np.array(omega)) @ skew(np.array(omega))
+    dofs = model.dofs
+    moved = np.flatnonzero(dofs.direction < 3)
+    nodes, place = np.unique(dofs.node[moved], return_inverse=True)
+    rows = node_rows(model, nodes)[1][place]  # (k, 3)
+    values = square[dofs.direction[moved]]
+    there = rows >= 0
+    parts = [(np.repeat(moved, 3)[there.ravel()], rows[there], values[there])]
+    with Owned(model.comm) as owned:
+        turn = owned.owns(sparse_rows(model.K, parts, model.M.getSizes()[1]))
+        product = turn.matMult(model.M)
+        product.axpy(1.0, owned.owns(product.transpose(PETSc.Mat())))
+        product.scale(0.5)
+        return product
