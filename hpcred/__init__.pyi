@@ -17,6 +17,8 @@ from .body.floating_frame import FloatingFrame as FloatingFrame
 from .body.floating_frame import floating_frame as floating_frame
 from .body.geometric_stiffness import GeometricStiffness as GeometricStiffness
 from .body.node_shapes import node_shapes as node_shapes
+from .body.preload import Preload as Preload
+from .body.preload import preloaded as preloaded
 from .body.stress import StressModes as StressModes
 from .body.stress import stress_modes as stress_modes
 from .body.stress import von_mises as von_mises

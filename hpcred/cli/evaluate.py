@@ -11,6 +11,7 @@ import hpcred
 from ..parallel.failures import InputError
 from ..parallel.progress import counted
 from ..report.tables import show_table, show_timing
+from ..settings.preload_text import preload_of
 from . import session, values
 from .options import (
     DIRECTIONS,
@@ -26,6 +27,7 @@ from .options import (
     Package,
     Pairs,
     Points,
+    PreloadTable,
     Seed,
 )  # fmt: skip
 
@@ -44,6 +46,7 @@ def evaluate(
     measure: Annotated[
         str | None, typer.Option(help="What eps is: directions, or paper, the Frobenius norm (55).")
     ] = None,
+    preload: PreloadTable = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
     check: Annotated[
         int | None, typer.Option(help="Compare the estimate with full solves at N random frequencies.")
@@ -66,8 +69,10 @@ def evaluate(
     if len(results) > 1 and (estimate or figure or check is not None or full is None):
         raise InputError("evaluate: several results are compared with the model that --full names, and without "
                          "--estimate, --check or --figure; call evaluate once for each result")  # fmt: skip
-    given = {"--band": band, "--frequencies": frequencies, "-o": output, "--full": full, "--check": check,
-             "--figure": figure, "--pairs": pairs}
+    if len(results) > 1 and preload:
+        raise InputError("--preload: of one result at a time; call evaluate once for each")
+    given = {"--preload": preload, "--band": band, "--frequencies": frequencies, "-o": output, "--full": full,
+             "--check": check, "--figure": figure, "--pairs": pairs}
     allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
     wrong = [option for option, value in given.items() if value is not None and option not in allowed]
     if wrong or (estimate and check is not None):
@@ -96,7 +101,7 @@ def evaluate(
     else:
         pairs = pairs.split(",") if pairs else ()
         report = _show_responses(result, full, band=limits, points=points, output=output, figure=figure, pairs=pairs,
-                                 measure=measure, **chosen, **solving)  # fmt: skip
+                                 measure=measure, preload=preload_of(preload), **chosen, **solving)  # fmt: skip
     session.write_json(json, report)
     return int(not report.get("passed", True))
 
@@ -130,6 +135,9 @@ def _show_responses(result, full, **keywords):
     columns = {"f (Hz)": "frequencies_hz", "|H| reduced": "reduced_norm", "|H| full": "full_norm", "eps": "eps"}
     columns = {title: report[key] for title, key in columns.items() if key in report}
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
+    if "pseudo_frequencies_hz" in report:
+        found = ", ".join(f"{f:.6g}" for f in report["pseudo_frequencies_hz"])
+        print(f"pseudo-frequencies at the preload (Hz): {found}")
     if full:
         show_table(DIRECTIONS, report["direction_rows"])
         paper = " (55)" if report["measure"] == "paper" else ""
@@ -158,6 +166,7 @@ def response(
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="A .csv or HDF5 file.")] = None,
     polar: Annotated[bool, typer.Option("--polar", help="Magnitude and phase in the .csv.")] = False,
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png, .svg or .pdf.")] = None,
+    preload: PreloadTable = None,
     check: Annotated[int, typer.Option(help="Compare with full solves at N random frequencies.")] = 0,
     seed: Seed = None,
     groups: Annotated[int | None, typer.Option(help="Groups of ranks that share those of --check.")] = None,
@@ -173,7 +182,7 @@ def response(
         tolerance=tolerance, frame=values.frame(frame), damping=None if damping is None else values.damping(damping),
         inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"), check=check, seed=seed,
         groups=groups, factoring=values.factoring(out_of_core, low_rank, package), output=output, polar=polar,
-        figure=figure, progress=progress,
+        figure=figure, preload=preload_of(preload), progress=progress,
     )  # fmt: skip
     told = [*([] if report["reached"] else ["NOT REACHED everywhere:"]), *report["sentences"]]
     session.verdict("\n".join(told), report["reached"])

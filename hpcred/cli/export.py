@@ -10,9 +10,10 @@ import typer
 import hpcred
 
 from ..parallel.failures import InputError
+from ..settings.preload_text import preload_of
 from ..writers.registry import WRITERS
 from . import session, values
-from .options import JsonFile
+from .options import JsonFile, PreloadTable
 
 
 class ExportCommand(typer.core.TyperCommand):
@@ -43,6 +44,7 @@ def export(
     options: Annotated[
         list[str] | None, typer.Option("--set", metavar="FORMAT.KEY=VALUE", help="A setting of the format.")
     ] = None,
+    preload: PreloadTable = None,
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
@@ -53,7 +55,7 @@ def export(
     shapes = [int(number) for number in values.numbers(modes, "--modes")] if modes else None
     report = hpcred.export_result(
         result, kind, output, nodes=values.labels(nodes), units=units, modes=shapes, options=options,
-        progress=session.progress(),
+        preload=preload_of(preload), progress=session.progress(),
     )
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")

@@ -10,8 +10,9 @@ import hpcred
 
 from ..parallel.failures import InputError
 from ..report.tables import in_words, show_table
+from ..settings.preload_text import preload_of
 from . import session, values
-from .options import INTERFACES, JsonFile, LowRank, OutOfCore, Package
+from .options import INTERFACES, JsonFile, LowRank, OutOfCore, Package, PreloadTable
 
 MOST_SETS = 20  # node sets that are listed
 
@@ -81,6 +82,7 @@ def modes(
     count: Annotated[int, typer.Option(help="How many of the lowest modes, rigid-body modes included.")] = 20,
     frame: Annotated[str, typer.Option(help="auto, or as for response.")] = "auto",
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png of the first six elastic modes.")] = None,
+    preload: PreloadTable = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
     package: Package = None,
@@ -92,7 +94,8 @@ def modes(
     """
     report = hpcred.modes_of_file(
         model, count, frame=None if frame == "auto" else values.frame(frame), figure=figure,
-        factoring=values.factoring(out_of_core, low_rank, package), progress=session.progress(),
+        preload=preload_of(preload), factoring=values.factoring(out_of_core, low_rank, package),
+        progress=session.progress(),
     )  # fmt: skip
     f = report["frequencies_hz"]
     if "masses" in report:

@@ -30,5 +30,8 @@ Outputs = Annotated[str | None, typer.Option("--outputs", help="Outputs that dif
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
 Package = Annotated[str | None, typer.Option(help="What factors: mumps, superlu_dist or petsc.")]
+PreloadTable = Annotated[
+    str | None, typer.Option("--preload", metavar="TABLE", help="Constant load: '{omega = [0, 0, 300]}' (rad/s).")
+]
 DIRECTIONS = "Directions by themselves, the least accurate first (|H| in SI units: m/N, rad/(N m))"
 INTERFACES = "Interfaces, and where their reference nodes are (m)"

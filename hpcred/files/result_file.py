@@ -20,7 +20,7 @@ record: JSON of reduction.record.Record
 from __future__ import annotations
 
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,7 @@ from ..body.body import Body, BodySurface, body_of, number_of
 from ..body.floating_frame import FloatingFrame
 from ..body.geometric_stiffness import GeometricStiffness
 from ..body.node_shapes import NodeShape, shapes_of_rows
+from ..body.preload import Preload, reduced_at
 from ..body.stress import StressModes
 from ..linalg.blocks import create_block, local_rows
 from ..model.dofs import SCALAR
@@ -79,7 +80,7 @@ class Result:
 
     `reduced`: the ReducedModel with its record. `floating_frame`: None where the model had no nodes or the projection
     was two-sided. `nodes`: shapes of the interface nodes, those of the inputs and outputs. `geometric_stiffness`: None
-    where it was not asked for. `path` of the file.
+    where it was not asked for. `preload`: at which `reduced` is, see at_preload. `path` of the file.
     """
 
     path: Path
@@ -87,6 +88,7 @@ class Result:
     floating_frame: FloatingFrame | None = None
     nodes: list[NodeShape] = field(default_factory=list)
     geometric_stiffness: GeometricStiffness | None = None
+    preload: Preload | None = None
 
     def __str__(self):
         return f"{self.path}: {self.reduced}"
@@ -117,6 +119,11 @@ class Result:
             self.reduced, self.floating_frame, [known[node] for node in chosen],
             geometric_stiffness=self.geometric_stiffness,
         )  # fmt: skip
+
+    def at_preload(self, preload: Preload) -> Result:
+        """The result under a constant load, by its geometric stiffness: see body.preload.reduced_at. On one rank, or on
+        all. Raises InputError."""
+        return replace(self, reduced=reduced_at(self.body(), preload), preload=preload)
 
     def _members(self, names) -> dict[str, list[int]]:
         """The nodes with dofs of the sets of these names, those of interfaces left out. Raises InputError."""

@@ -10,6 +10,7 @@ import numpy as np
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.error_check import accuracy_of, check_reduced, estimate_at, measuring_damping
 from ..analysis.frequency_response import checked_frequencies, frequencies_to_draw, frequency_response, resonances_of
+from ..body.preload import Preload
 from ..files.outputs import check_outputs
 from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
 from ..files.result_file import read_result
@@ -35,8 +36,8 @@ MOST_FIGURES = 16  # of the largest responses
 @workflow
 def evaluate_result(
     result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None, pairs=(),
-    measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
-    progress: Progress | None = None,
+    measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None,
+    preload: Preload | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Responses of result.h5, and eps(f) and Q (57) against the model file `full` if given. Collective.
 
@@ -45,10 +46,14 @@ def evaluate_result(
     given; that it is the model of the reduction is checked. `measure`: what eps is, "directions" or "paper", by default
     as the model was reduced. Modal ratios are measured as the loss factor of the smallest. `output`: a .csv or HDF5
     file for the responses, see write_responses. `figure`: a .png, .svg or .pdf of a response and its error, for
-    each of the `pairs` "output/input", by default the largest. `groups`: see frequency_response. Returns plain
-    numbers for a table or JSON. Raises InputError.
+    each of the `pairs` "output/input", by default the largest. `groups`: see frequency_response. `preload`: a
+    constant load, by the geometric stiffness of the result. Returns plain numbers for a table or JSON. Raises
+    InputError.
     """
-    reduced = elastic_part(read_result(result, comm).reduced)
+    if preload is not None and full is not None:
+        raise InputError("--preload: cannot be combined with --full, which is without load; leave one of them out")
+    found = read_result(result, comm)
+    reduced = elastic_part((found if preload is None else found.at_preload(preload)).reduced)
     record = reduced.record
     grid = frequencies_over(frequencies, band or band_of(reduced), points)
     given = [(record.job or {}).get(key) for key in ("inputs", "outputs")]
@@ -59,6 +64,8 @@ def evaluate_result(
     check_figure(figure, comm, reads, progress)
     shown = pairs_by_name(pairs, reduced.output_names, reduced.input_names, result)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
+    if preload is not None:
+        report |= {"preload": asdict(preload), "pseudo_frequencies_hz": reduced.frequencies.tolist()}
     damping, words = record.damping, ""
     if full is not None:
         reduced, damping, words = as_compared(reduced, (grid[0], grid[-1]))

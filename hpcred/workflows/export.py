@@ -34,14 +34,16 @@ WITHOUT_NODES = {
 
 @workflow
 def export_result(
-    result, kind=None, path=None, *, nodes=None, units: str = "SI", modes=None, options=None, comm=None, progress=None
-) -> dict:
+    result, kind=None, path=None, *, nodes=None, units: str = "SI", modes=None, options=None, preload=None,
+    comm=None, progress=None,
+) -> dict:  # fmt: skip
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
     `kind`: a format, see `hpcred export --help`, by default what the name of `path` ends in, or else "sid"; `path`: by
     default the name of the result with the suffix of the format. `nodes`: numbers of the interface nodes, or names of
     interfaces or node sets, by default those of the inputs and outputs; a superelement has those of its coordinates.
-    `units`: of the file, see model.units.units_of; bodies and superelements have others than SI.
+    `units`: of the file, see model.units.units_of; bodies and superelements have others than SI. `preload`: a Preload,
+    whose stiffness K then has.
     `modes`: numbers from 1 of the shapes of a picture, by default the first six elastic ones, of a moving one (gif,
     webp) the first. `options`: settings of the format by name, such as {"ge_order": "coordinate"} of "sid", or texts
     such as "sid.ge_order=coordinate". Returns what was written: output, format, and shapes (their names), or
@@ -49,7 +51,7 @@ def export_result(
     superelement, the files beside the output.
     """
     if isinstance(result, Result):
-        result = result.path
+        result, preload = result.path, preload or result.preload
     require_name(result)
     writer, guessed = _chosen(kind, path, comm), kind is None and path
     kind = writer.name
@@ -80,6 +82,7 @@ def export_result(
         with agreed(comm), _naming(result):
             if comm.rank == 0:
                 taken = read_result(result, MPI.COMM_SELF)
+                taken = taken if preload is None else taken.at_preload(preload)
                 source = ExportSource(taken, path.stem, nodes, system, modes, writer.surface, settings)
                 report = _write(writer, source, temporary)
                 report.get("remarks", []).extend(WRITERS.broken)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from ..body.preload import preloaded
 from ..files.model_file import read_model
 from ..model import interface_motion
 from ..parallel.failures import InputError, agreed
@@ -52,6 +53,14 @@ def with_interfaces(model, interfaces):
             interfaces = [replace(item, nodes=read_node_numbers(item.nodes)) if isinstance(item.nodes, str) else item
                           for item in interfaces]  # fmt: skip
         return interface_motion.with_interfaces(model, interfaces)
+
+
+def at_preload(model, preload, frame, factoring):
+    """The model under a preload, or as it is for None; `model` is closed. Collective. Raises InputError."""
+    if preload is None:
+        return model
+    with model:
+        return preloaded(model, preload, frame, factoring=factoring)
 
 
 def with_targets(model, key, targets):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.natural_modes import NaturalModes, natural_modes
+from ..body.preload import Preload
 from ..files.hdf5 import atomic_output, reading, writing
 from ..files.model_file import read_model, write_nodes
 from ..files.result_file import Shapes
@@ -19,6 +20,7 @@ from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..report.mode_pictures import draw_shapes
+from .model_of_job import at_preload
 from .pair_figures import check_figure
 from .workflow import workflow
 
@@ -28,12 +30,13 @@ ROUND_OFF = 1e-12  # of a mass
 
 @workflow
 def modes_of_file(
-    model, count: int = 20, *, frame=None, figure=None, factoring: Factoring | None = None, comm=None,
-    progress: Progress | None = None,
+    model, count: int = 20, *, frame=None, figure=None, factoring: Factoring | None = None,
+    preload: Preload | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """The `count` lowest undamped modes of a model file. Collective. Raises InputError or ComputationError.
 
-    `frame`, `factoring`: see natural_modes. `figure`: a .png of the first six elastic modes. Returns plain
+    `frame`, `factoring`: see natural_modes. `preload`: a constant load on a body of solids, which the matrices or the
+    frame hold. `figure`: a .png of the first six elastic modes. Returns plain
     numbers for a table or JSON: frequencies_hz (m), the number of rigid_body_modes, which come first at 0 Hz, and with
     nodes participation_factors (m, 6), effective_masses (m, 6) and masses (6) along x, y, z and about the axes through
     the centre of mass.
@@ -41,7 +44,7 @@ def modes_of_file(
     check_figure(figure, comm, [model], progress, endings=(".png",))
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
     with progress.stage("read", str(model)):
-        loaded = read_model(model, comm)
+        loaded = at_preload(read_model(model, comm), preload, frame, factoring)
     with loaded, closing(natural_modes(loaded, count, frame, factoring=factoring, progress=progress)) as found:
         report = {"model": str(model), "size": loaded.size, **_numbers(found)}
         exchanged = exchange_of_matrices(loaded) if loaded.dofs is not None else None

@@ -7,6 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from ..analysis.full_response import FullResponse, full_response
+from ..body.preload import Preload
 from ..files.hdf5 import atomic_output
 from ..files.model_file import read_model
 from ..files.outputs import check_outputs
@@ -20,7 +21,7 @@ from ..parallel.progress import Progress, counted
 from ..reduction.record import versions
 from ..report.figures import MOST, kind_of_figure, response_figure
 from .evaluate import frequencies_over
-from .model_of_job import with_targets
+from .model_of_job import at_preload, with_targets
 from .pair_figures import check_figure, pairs_to_show
 from .workflow import workflow
 
@@ -29,16 +30,16 @@ from .workflow import workflow
 def response_file(
     model, *, frequencies=(), band=None, points: int = 2001, tolerance: float = 1e-6, frame=None, damping=None,
     inputs=None, outputs=None, check: int = 0, seed: int | None = None, groups: int | None = None,
-    factoring: Factoring | None = None, output=None, polar: bool = False, figure=None, comm=None,
-    progress: Progress | None = None,
+    factoring: Factoring | None = None, output=None, polar: bool = False, figure=None,
+    preload: Preload | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """The frequency response of a model file to a tolerance: see full_response. Collective.
 
     `frequencies` (Hz), or else `points` of them over `band`. `inputs`, `outputs`: dofs or a matrix file, as in a job;
-    by default those of the model. `output`: a .csv (`polar`: magnitude and phase) or an HDF5 file, see
-    write_responses; `figure`: a .png, .svg or .pdf. Returns plain numbers for a table or JSON: sentences,
-    whether the tolerance is `reached`, proofs, and of the response its norm and estimated error. Raises InputError or
-    ComputationError.
+    by default those of the model. `preload`: a constant load, as for modes_of_file. `output`: a .csv (`polar`:
+    magnitude and phase) or an HDF5 file, see write_responses; `figure`: a .png, .svg or .pdf. Returns plain numbers for
+    a table or JSON: sentences, whether the tolerance is `reached`, proofs, and of the response its norm and estimated
+    error. Raises InputError or ComputationError.
     """
     if band is None and not len(frequencies):
         raise InputError("response: no frequencies; give the band in Hz, such as 0,6000")
@@ -53,6 +54,7 @@ def response_file(
         loaded = read_model(model, comm)
     for key, targets in (("input", inputs), ("output", outputs)):
         loaded = with_targets(loaded, key, targets)
+    loaded = at_preload(loaded, preload, frame, factoring)
     with loaded:
         found = full_response(
             loaded, chosen, frame, damping, tolerance=tolerance, band=band, check=check, seed=seed, groups=groups,

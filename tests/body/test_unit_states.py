@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from helpers import block_from, gather
+from helpers import block_from, face, gather
 from solid_meshes import mesh, model_of, stiffness
 
 import hpcred
-from hpcred import Buckens, Chord, Interface, Material, Modes, Nodes, Tangent
+from hpcred import Buckens, Chord, Material, Modes, Tangent
 from hpcred.body.stress_stiffness import assembled, node_stiffness
 from hpcred.body.unit_states import geometric_stiffness
 from hpcred.linalg.blocks import apply, create_block, local_rows
@@ -22,8 +22,7 @@ STRESS = np.array([3.0, -1.0, 2.0, 0.5, -0.7, 1.1])  # xx, yy, zz, xy, yz, zx
 
 
 def ends(length, kind="rigid"):
-    low, high = (Nodes(box=((x - 1e-6, -9.0, -9.0), (x + 1e-6, 9.0, 9.0))) for x in (0.0, length))
-    return [Interface(name="left", nodes=low, kind=kind), Interface(name="right", nodes=high, kind=kind)]
+    return [face("left", 0.0, kind=kind), face("right", length, kind=kind)]
 
 
 @pytest.mark.mpi
