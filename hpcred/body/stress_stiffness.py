@@ -31,9 +31,9 @@ def node_stiffness(kind: str, rule: Rule, position: np.ndarray, stress: np.ndarr
         volumes = whole
     tensor = np.moveaxis(stress, 3, 0)[:, :, :, PAIRS]  # (s, e, g, 3, 3)
     left = (gradients * volumes[..., None, None])[None] @ tensor  # (s, e, g, k, 3)
-    states, elements, _, nodes, _ = left.shape
-    left = left.transpose(0, 1, 3, 2, 4).reshape(states, elements, nodes, -1)
-    return left @ gradients.transpose(0, 1, 3, 2).reshape(elements, -1, nodes)
+    states, elements, count, nodes, _ = left.shape
+    left = left.transpose(0, 1, 3, 2, 4).reshape(states, elements, nodes, 3 * count)
+    return left @ gradients.transpose(0, 1, 3, 2).reshape(elements, 3 * count, nodes)
 
 
 def projected(matrices: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -42,7 +42,7 @@ def projected(matrices: np.ndarray, columns: np.ndarray) -> np.ndarray:
     elements, nodes, _, count = columns.shape
     flat = columns.reshape(elements, nodes, 3 * count)
     rows = columns.reshape(-1, count)
-    return np.array([rows.T @ (matrix @ flat).reshape(-1, count) for matrix in matrices])
+    return np.array([rows.T @ (matrix @ flat).reshape(-1, count) for matrix in matrices]).reshape(-1, count, count)
 
 
 def assembled(model, parts) -> PETSc.Mat:
