@@ -1,10 +1,10 @@
 """Stresses of displacements against those that CalculiX prints, for all solids, where it is installed."""
 
 import shutil
-import subprocess
 
 import numpy as np
 import pytest
+from calculix_runs import input_lines, run_calculix
 from helpers import block_from
 from solid_meshes import mesh, model_of
 
@@ -15,27 +15,7 @@ from hpcred.model.strain_matrices import elasticity, strain_matrices
 pytestmark = [pytest.mark.ccx, pytest.mark.skipif(shutil.which("ccx") is None, reason="needs ccx")]
 STEEL = hpcred.Material(name="STEEL", young=2.1e11, poisson=0.3)
 TYPES = [(name, kind) for name, kinds in CALCULIX.items() for kind in kinds]
-LONGEST = 16  # numbers in a line of an element
 FOR_DAT = [0, 1, 2, 3, 5, 4]  # places of our components among xx, yy, zz, xy, xz, yz
-
-
-def input_lines(type_, points, elements):
-    """Lines of nodes, elements and their material."""
-    lines = ["*NODE, NSET=NALL"]
-    lines += [f"{n}, " + ", ".join(f"{x:.12e}" for x in point) for n, point in enumerate(points, 1)]
-    lines.append(f"*ELEMENT, TYPE={type_}, ELSET=EALL")
-    for n, nodes in enumerate(elements + 1, 1):
-        numbers = [n, *nodes.tolist()]
-        lines += [", ".join(map(str, numbers[k : k + LONGEST])) + ("," if k + LONGEST < len(numbers) else "")
-                  for k in range(0, len(numbers), LONGEST)]  # fmt: skip
-    lines += ["*MATERIAL, NAME=STEEL", "*ELASTIC", "2.1E11, 0.3", "*DENSITY", "7850."]
-    return [*lines, "*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL"]
-
-
-def run_calculix(folder, name, lines):
-    (folder / f"{name}.inp").write_text("\n".join([*lines, "*END STEP", ""]))
-    done = subprocess.run(["ccx", name], cwd=folder, capture_output=True, text=True)
-    assert done.returncode in (0, 201), done.stdout[-2000:]  # 201: matrices were stored, and nothing solved
 
 
 def at_nodes_of(path):
