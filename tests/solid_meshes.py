@@ -5,7 +5,7 @@ import scipy.sparse
 from bodies import block
 
 import hpcred
-from hpcred.model.shape_functions import EDGES, corner_kind
+from hpcred.model.shape_functions import EDGES, corner_kind, gradients_in_space, integration_points, shape_functions
 from hpcred.model.strain_matrices import elasticity, stiffness_matrices
 from hpcred.parallel.shares import row_range
 
@@ -29,6 +29,17 @@ def mesh(kind, cells=(2, 2, 1), size=(1.0, 1.0, 1.0), distortion=0.1, seed=2):
     return points, elements
 
 
+def mass(kind, points, elements, density):
+    """Consistent M (n, n), sparse, three dofs a point, by full integration."""
+    places, weights = integration_points(kind)
+    N, dN = shape_functions(kind, places)
+    _, determinant = gradients_in_space(dN, points[elements])
+    blocks = density * np.einsum("g,eg,gk,gl->ekl", weights, determinant, N, N)
+    i, j = (np.broadcast_to(part, blocks.shape) for part in (elements[:, :, None], elements[:, None]))
+    scalar = scipy.sparse.coo_array((blocks.ravel(), (i.ravel(), j.ravel())), (len(points),) * 2)
+    return scipy.sparse.kron(scalar, scipy.sparse.eye(3), format="csr")
+
+
 def stiffness(kind, rule, points, elements, young, poisson):
     """K (n, n), sparse, of elements of one type and material, three dofs a point."""
     blocks = stiffness_matrices(kind, rule, points[elements], elasticity(young, poisson))
@@ -39,10 +50,10 @@ def stiffness(kind, rule, points, elements, young, poisson):
     return scipy.sparse.coo_array((blocks.ravel(), (i.ravel(), j.ravel())), (size, size)).tocsr()
 
 
-def model_of(kind, program, type_, points, elements, material, comm, K=None, held=(), **more):
-    """A model with nodes from 1, the elements over the ranks; K is I if it is not given. Points `held` have no rows."""
+def model_of(kind, program, type_, points, elements, material, comm, K=None, held=(), M=None, **more):
+    """A model with nodes from 1, elements over the ranks; K and M are I if not given. Points `held` have no rows."""
     size = 3 * len(points)
-    K = scipy.sparse.eye(size, format="csr") if K is None else K
+    K, M = (scipy.sparse.eye(size, format="csr") if item is None else item for item in (K, M))
     dofs = hpcred.Dofs(np.repeat(np.arange(1, len(points) + 1), 3), np.tile(np.arange(3), len(points)),
                        np.repeat(points, 3, axis=0))  # fmt: skip
     stuck = np.isin(dofs.node - 1, held)
@@ -53,6 +64,6 @@ def model_of(kind, program, type_, points, elements, material, comm, K=None, hel
     free = np.flatnonzero(~stuck)
     given = dofs.take(stuck).take(slice(*row_range(comm, int(stuck.sum())))) if stuck.any() else None
     return hpcred.SecondOrderModel.from_scipy(
-        K[free][:, free], scipy.sparse.eye(len(free), format="csr"), comm=comm, dofs=dofs.take(~stuck),
+        K[free][:, free], M[free][:, free], comm=comm, dofs=dofs.take(~stuck),
         held=given, elements={kind: elements[share] + 1}, properties=properties, **more,
     )  # fmt: skip
