@@ -88,7 +88,10 @@ def test_commands_at_a_preload(folder, capsys):
 
 
 def test_preloads_that_a_command_does_not_take(folder, capsys):
-    with hpcred.solid((2, 1, 1), None, 3, False) as model, hpcred.reduce(model, hpcred.Modes(count=8), hpcred.Buckens()) as rom:
+    with (
+        hpcred.solid((2, 1, 1), None, 3, False) as model,
+        hpcred.reduce(model, hpcred.Modes(count=8), hpcred.Buckens()) as rom,
+    ):
         rom.save(folder / "r.h5")
         hpcred.write_model(folder / "m.h5", model)
     result, model = str(folder / "r.h5"), str(folder / "m.h5")
