@@ -375,7 +375,7 @@ def test_damaged_copies_are_refused(comm, folder, held):
 def load_parts(path, comm):
     """As load_export reads them: a file that is not known is refused as well."""
     from hpcred.files.text import first_bytes
-    from hpcred.readers.ansys.full import begins
+    from hpcred.readers.ansys.records import begins
 
     if not begins(first_bytes(path)):
         raise InputError(f"{path}: not known")

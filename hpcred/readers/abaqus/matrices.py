@@ -23,11 +23,6 @@ MATRIX_MARKET = (  # compiled when a file has a %
 )
 
 
-def begins(start: bytes) -> bool:
-    """Test whether a file that starts so has lines of numbers."""
-    return first_line(start)[:1].isdigit() or first_line(start)[:1] == b"-"
-
-
 def read(path, comm) -> Entries | LabelledEntries:
     """Read a real square matrix. Collective. Raises InputError."""
     with agreed(comm):
@@ -161,4 +156,7 @@ class Triplets(Reader):
     name = "text lines of row, column, value or node, dof, node, dof, value"
     told_by = "a first line of numbers"
     packed = vague = open_ended = line_ended = True
-    begins, read_matrix = staticmethod(begins), staticmethod(read)
+    read_matrix = staticmethod(read)
+
+    def begins(self, start):
+        return first_line(start)[:1].isdigit() or first_line(start)[:1] == b"-"

@@ -50,11 +50,6 @@ class Header:
     whole: tuple[int, int] | None  # equations and nodes of all parts, if this is one
 
 
-def begins(start: bytes) -> bool:
-    """Test whether a file that starts so is a binary file of ANSYS; all but .full are refused when they are read."""
-    return ansys_records.begins(start)
-
-
 def read_parts(path, comm):
     """Return K, M and D of a .full file, with the nodes of the .rst or .cdb file beside it. Collective."""
     with agreed(comm):
@@ -419,4 +414,4 @@ class Full(Reader):
 
     name, told_by = "ANSYS' .full file", "the header of its first record"
     companions = ".cdb, .rst or a list with nodes"
-    begins, read_model = staticmethod(begins), staticmethod(read_parts)
+    begins, read_model = staticmethod(ansys_records.begins), staticmethod(read_parts)

@@ -26,11 +26,6 @@ NAMES = {"K": re.compile(r"stif|(?<![a-z])k(?![a-z])|mat_?k|kmat", re.IGNORECASE
 COORDINATE = re.compile(rb"^%%matrixmarket +matrix +coordinate +real", re.IGNORECASE)
 
 
-def begins(start: bytes) -> bool:
-    """Test whether a text that starts so is a matrix of HBMAT or of *EXPORT,...,MMF."""
-    return _is_hbmat(start) or _is_mmf(start)
-
-
 def read_parts(path, comm):
     """Return the matrices of a set, told by one of them. Collective. Raises InputError."""
     path = Path(path)
@@ -142,4 +137,7 @@ class Texts(Reader):
     name = "matrices of ANSYS' HBMAT or *EXPORT,...,MMF"
     told_by = "its title, or a Matrix Market header with a mapping beside it"
     companions = "the other matrices, mapping, nodes"
-    begins, read_model = staticmethod(begins), staticmethod(read_parts)
+    read_model = staticmethod(read_parts)
+
+    def begins(self, start):
+        return _is_hbmat(start) or _is_mmf(start)

@@ -46,11 +46,6 @@ def begins(start: bytes) -> bool:
     return places[0] == (1, 1) and all(row <= column for row, column in places)
 
 
-def read(path, comm) -> Entries:
-    """Read a symmetric matrix. Collective. Raises InputError."""
-    return read_triangle(path, comm).mirrored()
-
-
 def read_triangle(path, comm) -> Triangle:
     """Read the upper triangle of a matrix. Collective. Raises InputError."""
     with agreed(comm):
@@ -95,4 +90,7 @@ class CalculixMatrix(Reader):
     """One matrix of CalculiX."""
 
     name, told_by, packed = "CalculiX .sti or .mas", "lines of an upper triangle, 14 digits each", True
-    begins, read_matrix = staticmethod(begins), staticmethod(read)
+    begins = staticmethod(begins)
+
+    def read_matrix(self, path, comm):
+        return read_triangle(path, comm).mirrored()

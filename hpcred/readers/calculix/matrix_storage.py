@@ -23,7 +23,7 @@ from ..entries import label_name, label_of, node_and_direction
 from ..nodes.table import NodeTable
 from ..parts import Parts
 from . import frd as calculix_frd
-from . import matrices as calculix_matrices
+from . import matrices
 from .matrices import read_triangle, require_last_line
 
 DOF_LINES = re.compile(rb"(?:\d+\.\d\r?\n)*")
@@ -43,7 +43,7 @@ SUFFIXES = {"K": ".sti", "M": ".mas", "dofs": ".dof"}
 
 def begins(start: bytes) -> bool:
     """Test whether a file that starts so is a .sti, .mas or .dof file."""
-    return begins_dofs(start) or calculix_matrices.begins(start)
+    return begins_dofs(start) or matrices.begins(start)
 
 
 def begins_dofs(start: bytes) -> bool:

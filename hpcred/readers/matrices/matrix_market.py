@@ -11,11 +11,6 @@ from ..entries import Collected, Entries, both_triangles
 SYMMETRIES = ("general", "symmetric", "skew-symmetric")
 
 
-def begins(start: bytes) -> bool:
-    """Test whether a file that starts so is Matrix Market."""
-    return start[:14].lower() == b"%%matrixmarket"
-
-
 def read(path, comm) -> Entries:
     """Read a real matrix; of symmetric files both triangles are given. Collective. Raises InputError."""
     with agreed(comm):
@@ -103,4 +98,7 @@ class MatrixMarket(Reader):
     """Matrix Market files."""
 
     name, told_by, packed, line_ended = "Matrix Market", "%%MatrixMarket", True, True
-    begins, read_matrix = staticmethod(begins), staticmethod(read)
+    read_matrix = staticmethod(read)
+
+    def begins(self, start):
+        return start[:14].lower() == b"%%matrixmarket"

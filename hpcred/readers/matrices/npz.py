@@ -23,23 +23,6 @@ DAMAGES = (
 NEEDED = {"coo": ("row", "col"), "csr": ("indptr", "indices"), "csc": ("indptr", "indices")}
 
 
-def begins(start: bytes) -> bool:
-    """Test whether a file that starts so is a zip archive."""
-    return start[:2] == b"PK"
-
-
-def read(path, comm) -> Entries:
-    """Read a real sparse matrix. Collective. Raises InputError."""
-    with agreed(comm):
-        try:
-            with reading_from(path), zipfile.ZipFile(path) as archive:
-                return _read(path, archive, comm)
-        except InputError:
-            raise
-        except DAMAGES as error:
-            raise InputError(f"{path}: found a damaged zip archive ({error})") from error
-
-
 def _read(path, archive, comm):
     names = set(archive.namelist())
     if len(names) < len(archive.namelist()):
@@ -156,7 +139,19 @@ def _exactly(path, name, file, count):
 
 
 class Npz(Reader):
-    """Archives of SciPy."""
+    """Archives of scipy.sparse.save_npz, with a real matrix."""
 
     name, told_by, vague = "SciPy .npz", "a zip archive", True
-    begins, read_matrix = staticmethod(begins), staticmethod(read)
+
+    def begins(self, start):
+        return start[:2] == b"PK"
+
+    def read_matrix(self, path, comm):
+        with agreed(comm):
+            try:
+                with reading_from(path), zipfile.ZipFile(path) as archive:
+                    return _read(path, archive, comm)
+            except InputError:
+                raise
+            except DAMAGES as error:
+                raise InputError(f"{path}: found a damaged zip archive ({error})") from error

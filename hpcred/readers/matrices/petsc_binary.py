@@ -14,11 +14,6 @@ CLASS_ID = 1211216  # of a matrix
 HEADER = 4  # whole numbers: that, rows, columns and entries
 
 
-def begins(start: bytes) -> bool:
-    """Test whether a file that starts so is a PETSc matrix."""
-    return _whole(start) is not None
-
-
 def _whole(start):
     """Return the type of the whole numbers of a file, that of PetscInt where PETSc wrote it, or None."""
     return next((kind for kind in (">i4", ">i8") if start.startswith(np.array(CLASS_ID, kind).tobytes())), None)
@@ -82,4 +77,7 @@ class PetscBinary(Reader):
     """Matrices of PETSc's MatView."""
 
     name, told_by = "PETSc binary", "the number 1211216"
-    begins, read_matrix = staticmethod(begins), staticmethod(read)
+    read_matrix = staticmethod(read)
+
+    def begins(self, start):
+        return _whole(start) is not None
