@@ -333,8 +333,7 @@ def _block(section, system, placement, group, prefix=""):
         if unknown or kind not in ("r", "c"):
             found = f"the parameter {unknown[0]}" if unknown else f"system={kind.upper()}"
             raise section.refusal(
-                f"found *Node with {found}, expected "
-                "rectangular (system=R) or cylindrical (system=C) coordinates"
+                f"found *Node with {found}, expected rectangular (system=R) or cylindrical (system=C) coordinates"
             )
     return Block(section, path, start, stop, system, placement, group, prefix)
 

@@ -19,9 +19,7 @@ from ..nodes.table import finite
 DOFS = (b"UX", b"UY", b"UZ", b"ROTX", b"ROTY", b"ROTZ")
 MAPPING = re.compile(rb"^\s*Matrix Eqn\s+Node\s+DOF\s*$", re.MULTILINE)
 MAPPING_LINE = re.compile(rb"(?m)^[ \t]*Matrix Eqn[ \t]+Node[ \t]+DOF[ \t]*\r?$")
-NO_ROW = re.compile(
-    rb"(?m)^(?![ \t]*\d+[ \t]+\d+[ \t]+(?:" + rb"|".join(DOFS) + rb")[ \t]*\r?$)[^\n]*[^\s][^\n]*$"
-)
+NO_ROW = re.compile(rb"(?m)^(?![ \t]*\d+[ \t]+\d+[ \t]+(?:" + rb"|".join(DOFS) + rb")[ \t]*\r?$)[^\n]*[^\s][^\n]*$")
 NAME = re.compile(rb"\b(" + rb"|".join(DOFS) + rb")\b")
 CREATOR = b"% Creator: ANSYS"
 VECTOR = re.compile(rb"^%%matrixmarket +matrix +array +integer +general[ \t]*\r?\n", re.IGNORECASE)

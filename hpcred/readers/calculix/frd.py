@@ -71,7 +71,7 @@ def read(path, comm) -> Results | None:
         if wrong.any():
             raise InputError(f"{path}: found the node {label[wrong][0]} at {position[wrong][0].tolist()}, expected "
                              "finite coordinates")  # fmt: skip
-    counts = [comm.allreduce(len(label)), comm.allreduce(sum(len(part) for part, in elements.values()))]
+    counts = [comm.allreduce(len(label)), comm.allreduce(sum(len(part) for (part,) in elements.values()))]
     for what, count, block in zip(("nodes", "elements"), counts, (blocks[2], blocks.get(3)), strict=True):
         if block and count != block.count:
             raise InputError(f"{path}: found {count} {what}, expected {block.count}; the file is cut off or damaged")

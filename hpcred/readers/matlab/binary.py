@@ -5,7 +5,7 @@ part; others are read in place. Structs and cells are searched up to a depth.
 """
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -228,11 +228,16 @@ class _Level5:
         self._require_names([own])
         name, items = name or own, int(np.prod(shape, dtype=object))
         if kind in NUMERIC:
-            self._dense(name, shape, is_complex, items)
+            runs = [self._run() for _ in range(1 + is_complex)]
+            if any(run.count != items for run in runs):
+                raise self._wrong(f"{runs[0].count} numbers for the matrix '{name}' of {items}")
+            place = replace(self._place, values=runs[0])
+            self.found.append(Variable(name, shape, complex=is_complex, place=place))
         elif kind == SPARSE:
             self._sparse(name, shape, is_complex, is_logical, int(flags[1]))
         elif kind == CHAR:
-            self._run_of_text()
+            _, count, padding = self._tag()
+            self._stream.skip(count + padding)
         elif kind == CELL:
             self._items([f"{name}{{{k + 1}}}" for k in range(min(items, MOST_ITEMS))], items, depth)
         elif kind in (STRUCT, OBJECT):
@@ -245,23 +250,14 @@ class _Level5:
                 "matrices without it"
             )
 
-    def _dense(self, name, shape, is_complex, items):
-        runs = [self._run() for _ in range(1 + is_complex)]
-        if any(run.count != items for run in runs):
-            raise self._wrong(f"{runs[0].count} numbers for the matrix '{name}' of {items}")
-        self.found.append(Variable(name, shape, complex=is_complex, place=self._at(runs[0])))
-
     def _sparse(self, name, shape, is_complex, is_logical, room):
         rows = self._run()
         starts, count = self._run_and_last()
         values = [self._run(room if is_logical else None) for _ in range(1 + is_complex)][0]
         if len(shape) != 2 or starts.count != shape[1] + 1 or not count <= min(rows.count, values.count, room):
             raise self._wrong(f"a sparse matrix '{name}' whose lists do not fit each other,")
-        self.found.append(Variable(name, shape, True, count, is_complex, self._at(values, rows, starts)))
-
-    def _run_of_text(self):
-        _, count, padding = self._tag()
-        self._stream.skip(count + padding)
+        place = replace(self._place, values=values, rows=rows, starts=starts)
+        self.found.append(Variable(name, shape, True, count, is_complex, place))
 
     def _fields(self, name, items, depth):
         length = int(self._small((5,), 4).sum())
@@ -290,9 +286,6 @@ class _Level5:
             if self._stream.position > end:
                 raise self._wrong("an element that is longer than the one around it")
             self._stream.skip(end - self._stream.position)
-
-    def _at(self, *runs):
-        return Place(self._place.start, self._place.size, self._place.packed, *runs)
 
 
 def _header_4(header):

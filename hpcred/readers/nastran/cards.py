@@ -255,4 +255,3 @@ def whole_of(field: str, where, what: str, empty=None) -> int:
     if not (text.isascii() and text.isdigit() and len(text) < 11):
         raise where(f"found '{field}' for {what}, expected a whole number")
     return int(text)
-

@@ -225,9 +225,7 @@ def _companions(path):
     found = next((file for file in (path, *beside) if op2.begins(first_bytes(file))), None)
     other = next((file for file in beside if found is None and file.suffix.lower() == ".op2"), None)
     if other is not None:
-        raise InputError(
-            f"{other}: found a file that begins with {first_bytes(other)[:12]!r}, expected one of OUTPUT2"
-        )
+        raise InputError(f"{other}: found a file that begins with {first_bytes(other)[:12]!r}, expected one of OUTPUT2")
     return found, bulk.companions(path)
 
 

@@ -183,4 +183,3 @@ def present(comm, points: Points, labels: np.ndarray) -> np.ndarray:
     mine = points.local_labels()
     found, _ = look_up(comm, distinct, [distinct], mine.ravel())
     return found.reshape(mine.shape) & points.there()
-

@@ -62,10 +62,9 @@ def _marked(deck) -> tuple[str | None, list[Marked]]:
     untold = next((card for card in deck.cards if card.name in UNTOLD), None)
     if untold is not None:
         return f"{untold.name} in {untold.file}, whose dofs are not known from the input file alone", []
-    chosen = {}
-    for key in ("SPC", "MPC"):
-        chosen[key] = _chosen(deck, key)
-        if chosen[key] is None:
+    chosen = {key: _chosen(deck, key) for key in ("SPC", "MPC")}
+    for key, sets in chosen.items():
+        if sets is None:
             return f"more than one set of {key} in {deck.path}, and no word on which one was used", []
     return None, [item for card in deck.cards for item in _marked_by(card, chosen)]
 

@@ -73,9 +73,7 @@ def require_nodes(comm, label, path, without: str, expected: str):
 def read_node_numbers(path) -> tuple[int, ...]:
     """Return the numbers of nodes in a text, one or several a line, in their order; on this rank. Raises InputError."""
     if not Path(path).is_file():
-        raise InputError(
-            f"{path}: no such file of node numbers; a node set is {{set = \"{Path(path).name}\"}}"
-        )
+        raise InputError(f'{path}: no such file of node numbers; a node set is {{set = "{Path(path).name}"}}')
     found = []
     for piece in pieces(path, MPI.COMM_SELF):
         values, counts, lines = ragged(piece, expected="node numbers")

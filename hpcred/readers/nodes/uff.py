@@ -102,9 +102,7 @@ def _datasets(path, marks):
                 below = shown(line, 20)
                 raise InputError(f"{path}: found '{below}' below a line of -1, expected the number of a dataset")
             if place + 1 == len(marks):
-                raise InputError(
-                    f"{path}: found {len(marks)} lines of -1, expected two a dataset; the file is cut off"
-                )
+                raise InputError(f"{path}: found {len(marks)} lines of -1, expected two a dataset; the file is cut off")
             found.append((int(match[1]), file.tell(), marks[place + 1]))
             file.seek(marks[place + 1])
             file.readline()
@@ -124,8 +122,7 @@ def _require_nothing(path, file, low, high):
 
 
 def _end_of_functions(path, file, line):
-    """Return the byte behind a dataset of binary functions (58b), whose first line has its numbers of lines and bytes.
-    """
+    """Return the byte behind a dataset of binary functions (58b), whose first line has its lines and bytes."""
     words = line.split()[1:]
     if len(words) < 4 or not all(word.isdigit() and len(word) < 16 for word in words[:4]) or int(words[2]) > ABOVE:
         raise InputError(f"{path}: found the binary dataset '{shown(line)}', expected its number of lines and bytes")
