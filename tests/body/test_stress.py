@@ -131,6 +131,24 @@ def test_bending_of_a_cantilever(comm, type_, kind):
 
 
 @pytest.mark.mpi
+def test_static_solutions_in_the_basis_make_stresses_near_loads_exact(comm):
+    """Under a force at a corner; twenty modes alone miss most of it there, and little in the middle."""
+    found = []
+    with hpcred.solid((12, 3, 3), None, 3, comm=comm) as model:
+        for basis in ([hpcred.StaticCorrection()], [hpcred.Modes(count=20)],
+                      [hpcred.Modes(count=20), hpcred.StaticCorrection()]):  # fmt: skip
+            with hpcred.reduce(model, basis) as rom:
+                nodes, values = whole(comm, hpcred.stress_modes(model, rom.columns))
+                found.append(np.tensordot(np.linalg.solve(rom.K, rom.B[:, 2]), values, axes=(0, 0)))
+    layer = (nodes - 1) // 16  # along x, from the second one
+    exact, modes, both = found
+    scale = np.abs(exact).max()
+    assert np.abs(both - exact).max() < 1e-9 * scale
+    assert np.abs(modes - exact)[layer >= 10].max() > 0.5 * scale
+    assert np.abs(modes - exact)[(layer > 2) & (layer < 8)].max() < 0.03 * scale
+
+
+@pytest.mark.mpi
 def test_held_nodes_do_not_move_and_have_a_stress(comm):
     """The same stresses with clamped nodes that have no rows as with rows that do not move."""
     points, elements = mesh("tetra", cells=(2, 1, 1))
