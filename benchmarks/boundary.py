@@ -60,8 +60,8 @@ def measured():
             elif state != "free":
                 heavy[part] = state * mass * np.repeat([1.0, ARM**2], 3)
         count = min(len(K), 40) - 1
-        squares = scipy.linalg.eigh(K + (B * stiff) @ B.T, M + (B * heavy) @ B.T, subset_by_index=[0, count])[0]
-        f = np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi)
+        eigenvalues = scipy.linalg.eigh(K + (B * stiff) @ B.T, M + (B * heavy) @ B.T, subset_by_index=[0, count])[0]
+        f = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         return f[f > 1.0]
 
     for states in [("free", "free"), *((a, "free") for a in STATES), *(("free", a) for a in STATES),

@@ -79,30 +79,32 @@ def sparse(mat):
 class Truth:
     """Exact responses of a body by all of its elastic modes, with the damping that it is measured with."""
 
-    def __init__(self, model, body, law):
+    def __init__(self, model, body, damping):
         import numpy as np
         import scipy.linalg
 
-        squares, shapes = scipy.linalg.eigh(sparse(model.K).toarray(), sparse(model.M).toarray())
+        eigenvalues, shapes = scipy.linalg.eigh(sparse(model.K).toarray(), sparse(model.M).toarray())
         first = 6 if body.free else 0
-        self.squares, self.L, self.law = squares[first:], (shapes.T @ model.B.getDenseArray().real)[first:], law
-        self.frequencies = np.sqrt(self.squares) / (2 * np.pi)
+        self.eigenvalues, self.damping = eigenvalues[first:], damping
+        self.L = (shapes.T @ model.B.getDenseArray().real)[first:]
+        self.frequencies = np.sqrt(self.eigenvalues) / (2 * np.pi)
         self.band = body.band
 
-    def inverse(self, f, squares=None):
+    def inverse(self, f, eigenvalues=None):
         """A(s)^-1 (S, m) of modes."""
         import numpy as np
 
-        s, law, squares = 2j * np.pi * f, self.law, self.squares if squares is None else squares
-        return 1 / ((1 + 1j * law.eta + s * law.beta)[:, None] * squares + (s * s + s * law.alpha)[:, None])
+        s, damping, eigenvalues = 2j * np.pi * f, self.damping, self.eigenvalues if eigenvalues is None else eigenvalues
+        a, b = 1 + 1j * damping.eta + s * damping.beta, s * s + s * damping.alpha
+        return 1 / (a[:, None] * eigenvalues + b[:, None])
 
-    def response(self, f, squares=None, L=None):
+    def response(self, f, eigenvalues=None, L=None):
         """H (S, p, p), of the body or of other modes."""
         import numpy as np
 
         L = self.L if L is None else L
         parts = np.array_split(f, 1 + len(f) * len(L) // 2**20)
-        return np.concatenate([np.einsum("mi,sm,mj->sij", L, self.inverse(part, squares), L, optimize=True)
+        return np.concatenate([np.einsum("mi,sm,mj->sij", L, self.inverse(part, eigenvalues), L, optimize=True)
                                for part in parts])  # fmt: skip
 
     def look_at(self, rom):
@@ -126,10 +128,10 @@ class Truth:
         import scipy.linalg
 
         f = self.look_at(rom)
-        squares, V = scipy.linalg.eigh(rom.K, rom.M)
-        elastic = squares > 1e-9 * squares[-1]
+        eigenvalues, V = scipy.linalg.eigh(rom.K, rom.M)
+        elastic = eigenvalues > 1e-9 * eigenvalues[-1]
         L = (V.T @ rom.B)[elastic]
-        H, Hr = self.response(f), self.response(f, squares[elastic], L)
+        H, Hr = self.response(f), self.response(f, eigenvalues[elastic], L)
         return measure.each(H - Hr, H, np.einsum("fii->fi", H))
 
     def best(self, measure, error):
@@ -146,10 +148,10 @@ class Truth:
         both = np.hstack([X.real, X.imag])
         U = np.linalg.eigh(both @ both.T)[1][:, ::-1]
         for k in range(1, U.shape[1]):
-            K = U[:, :k].T @ (self.squares[:, None] * U[:, :k])
-            squares, V = np.linalg.eigh(K)
+            K = U[:, :k].T @ (self.eigenvalues[:, None] * U[:, :k])
+            eigenvalues, V = np.linalg.eigh(K)
             L = (U[:, :k] @ V).T @ self.L
-            Hr = self.response(f, squares, L)
+            Hr = self.response(f, eigenvalues, L)
             if measure.each(H - Hr, H, drive).max() <= error:
                 return k
         return U.shape[1]

@@ -43,7 +43,7 @@ def main(edges):
         checked[key] = float(np.exp(slope * dofs[-1] + offset - values[-1]))
         slope, offset = np.polyfit(dofs, values, 1)
         power[key], expected[key] = float(slope), float(np.exp(slope * np.log(TARGET) + offset))
-    rows += [{"dofs": "exponent", **power}, {"dofs": "law / largest", **checked}, {"dofs": TARGET, **expected}]
+    rows += [{"dofs": "exponent", **power}, {"dofs": "power law / largest", **checked}, {"dofs": TARGET, **expected}]
     finish("extrapolation", rows)
 
 

@@ -25,15 +25,15 @@ def work(name):
 
     hpcred.start("complex")  # in the direct solves' favour: complex arithmetic instead of real of twice the size
     cells, top = CASES[name]
-    grid, law = np.linspace(0.0, top, POINTS), hpcred.Rayleigh(20.0, 1e-7)
+    grid, damping = np.linspace(0.0, top, POINTS), hpcred.Rayleigh(20.0, 1e-7)
     some = np.arange(DIRECT) * (POINTS - 1) // (DIRECT - 1)
     comm = MPI.COMM_WORLD
     with hpcred.solid(cells) as model:
         start = MPI.Wtime()
-        found = hpcred.full_response(model, grid, damping=law, tolerance=TOLERANCE)
+        found = hpcred.full_response(model, grid, damping=damping, tolerance=TOLERANCE)
         seconds = MPI.Wtime() - start
         start = MPI.Wtime()
-        direct = hpcred.frequency_response(model, grid[some], damping=law, groups=1)
+        direct = hpcred.frequency_response(model, grid[some], damping=damping, groups=1)
         each = (MPI.Wtime() - start) / DIRECT
         size = model.size
     if comm.rank == 0:

@@ -44,19 +44,20 @@ def reference(name):
     hpcred.start("complex")
     row, frame = MODELS[name], frame_of(MODELS[name])
     damping = hpcred.Rayleigh(*row.rayleigh) if row.rayleigh else hpcred.NoDamping()
-    law = measured_damping(damping, 1e-3, row.band)[0]
+    measured_with = measured_damping(damping, 1e-3, row.band)[0]
     with model_of(row) as model:
         with hpcred.reduce(model, frame=frame, damping=damping, tolerance=1e-4, band=row.band) as reduced:
             poles = reduced.frequencies[reduced.frequencies < 0.99 * row.band[1]]
         f = np.unique(np.concatenate([np.linspace(*row.band, UNIFORM), *(poles * (1 + x * 1e-3) for x in (-2, 0, 2))]))
-        measured = hpcred.Structural(law.eta) if law.eta else damping
+        measured = hpcred.Structural(measured_with.eta) if measured_with.eta else damping
         full = hpcred.frequency_response(model, f, frame, measured)
         framed = apply_frame(model, frame or hpcred.NoFrame(), hpcred.NoDamping())
         if framed.rigid is None:
             hpcred.write_model("framed.h5", framed.model)
         framed.close()
         if model.comm.rank == 0:
-            np.savez("reference.npz", frequencies=f, response=full, alpha=law.alpha, beta=law.beta, eta=law.eta)
+            np.savez("reference.npz", frequencies=f, response=full,
+                     alpha=measured_with.alpha, beta=measured_with.beta, eta=measured_with.eta)  # fmt: skip
             print(json.dumps({"frequencies": len(f)}))
 
 

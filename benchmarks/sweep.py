@@ -1,4 +1,4 @@
-"""A sweep of 24 jobs (4 damping laws, 3 orders, 2 mixtures) on a block, with and without a store of points.
+"""A sweep of 24 jobs (4 damping models, 3 orders, 2 mixtures) on a block, with and without a store of points.
 
 usage: python benchmarks/sweep.py [27k|112k] [ranks]
 

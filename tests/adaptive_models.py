@@ -41,7 +41,7 @@ class Case:
         root = np.linalg.inv(np.linalg.cholesky(self.M))
         return np.sqrt(np.maximum(np.linalg.eigvalsh(root @ self.K @ root.T), 0.0)) / (2 * np.pi)
 
-    def law(self, zeta0=1e-3):
+    def damping_model(self, zeta0=1e-3):
         return measured_damping(self.damping, zeta0, self.band)[0]
 
     def truth(self, frequencies):
@@ -52,8 +52,8 @@ class Case:
         """H (S, r, p), and b_i^T A^-1 b_i (S, p) of every input."""
         C = self.B if self.Ct is None else self.Ct
         found, drive = [], []
-        for A in dynamic(self.K, self.M, self.D if isinstance(self.damping, GivenDamping) else None, self.law(),
-                         frequencies):  # fmt: skip
+        D = self.D if isinstance(self.damping, GivenDamping) else None
+        for A in dynamic(self.K, self.M, D, self.damping_model(), frequencies):
             X = np.linalg.solve(A, self.B.astype(complex))
             X += np.linalg.solve(A, self.B - A @ X)
             found.append(C.T @ X)
@@ -61,21 +61,21 @@ class Case:
         return np.array(found), np.array(drive)
 
 
-def dynamic(K, M, D, law, frequencies):
+def dynamic(K, M, D, damping, frequencies):
     """A(s), one by one."""
     higher, power = 0.0, K
-    for coefficient in law.higher:
+    for coefficient in damping.higher:
         power = K @ np.linalg.solve(M, power)
         higher = higher + coefficient * power
-    for a, b, s in zip(*law.coefficients(frequencies), strict=True):
+    for a, b, s in zip(*damping.coefficients(frequencies), strict=True):
         yield a * K + b * M + s * higher + (0.0 if D is None else s * D)
 
 
-def reduced_response(rom, law, frequencies, given):
+def reduced_response(rom, damping, frequencies, given):
     """H_r (S, r, p) of the reduced model with the damping that is measured with."""
     D = rom.D if given else None
     return np.array([rom.C @ np.linalg.solve(A, rom.B.astype(complex))
-                     for A in dynamic(rom.K, rom.M, D, law, frequencies)])  # fmt: skip
+                     for A in dynamic(rom.K, rom.M, D, damping, frequencies)])  # fmt: skip
 
 
 def chain(n, k=1e4, m=1.0, rng=None, spread=0.0, ground=True):
@@ -180,10 +180,10 @@ def fresh(case, rom, seed=5, count=31, beside=3):
 
 def estimated_and_true(case, rom, frequencies):
     """eps (S,) as the curve of the result has it there, and by dense solves."""
-    law, given = case.law(), isinstance(case.damping, GivenDamping)
+    damping, given = case.damping_model(), isinstance(case.damping, GivenDamping)
     H, drive = case.truth_and_drive(frequencies)
     accuracy = rom.record.accuracy
-    true = accuracy.measure.eps(H - reduced_response(rom, law, frequencies, given), H, drive)
+    true = accuracy.measure.eps(H - reduced_response(rom, damping, frequencies, given), H, drive)
     curve = np.log(np.maximum(accuracy.eps, 1e-300))
     return np.exp(np.interp(frequencies, accuracy.frequencies, curve)), true
 
@@ -217,9 +217,9 @@ def hard_cases(seed=0):
         Ct = None if sensors is None else unit(80, *sensors)
         return Case("", K, M, unit(80, 5), up_to(K1, M1, 12), Ct=Ct)
 
-    def square(rows, mode=30, law=None):
+    def square(rows, mode=30, damping_model=None):
         K, M = membrane()
-        return Case("", K, M, unit(len(K), *rows), up_to(K, M, mode), damping=law or NoDamping())
+        return Case("", K, M, unit(len(K), *rows), up_to(K, M, mode), damping=damping_model or NoDamping())
 
     def cancelling():
         case = square((37, 101), 20)
@@ -249,12 +249,12 @@ def hard_cases(seed=0):
             M[n + i, n + i] = 1e-4
         return Case("", K, M, unit(n + m, 30), up_to(K, M, 25))
 
-    def other_outputs(units=1.0, law=None, damped=False, n=80):
+    def other_outputs(units=1.0, damping_model=None, damped=False, n=80):
         rng = np.random.default_rng(seed)
         K, M = chain(n, rng=rng, spread=0.2)
         D = np.diag(rng.uniform(0, 5, n) * (rng.uniform(size=n) < 0.2)) if damped else None
         return Case("", K, M, units * unit(n, 3, 40), up_to(K, M, 16), D=D, Ct=unit(n, 70, 3, 30) / units,
-                    damping=GivenDamping() if damped else law or NoDamping())  # fmt: skip
+                    damping=GivenDamping() if damped else damping_model or NoDamping())  # fmt: skip
 
     def in_band(low, high, n=100):
         return Case("", *chain(n), unit(n, 3), (low, high))

@@ -25,11 +25,11 @@ def test_structural_damping(solid):
     K, M, B = dense_model(solid)
     omega = 2 * np.pi * 900.0
     expected = B.T @ np.linalg.solve((1 + 0.05j) * K - omega**2 * M, B)
-    law = Structural(0.05)
-    full = hpcred.frequency_response(solid, [900.0, 0.0], damping=law)
+    damping = Structural(0.05)
+    full = hpcred.frequency_response(solid, [900.0, 0.0], damping=damping)
     assert close(expected, full[0]) < 1e-9
     assert close(B.T @ np.linalg.solve((1 + 0.05j) * K, B), full[1]) < 1e-9
-    with hpcred.reduce(solid, [Krylov(900.0, 3), Krylov(0.0, 1)], damping=law) as rom:
+    with hpcred.reduce(solid, [Krylov(900.0, 3), Krylov(0.0, 1)], damping=damping) as rom:
         assert rom.D.max() == 0.0
         assert hpcred.relative_error(full, hpcred.frequency_response(rom, [900.0, 0.0])).max() < 1e-5
 

@@ -31,8 +31,8 @@ def test_all_modes_together_move_the_whole_mass(comm):
     with hpcred.solid((2, 1, 1), size=(0.4, 0.1, 0.15), comm=comm) as model:
         K, M, _ = dense_model(model)
         with closing(hpcred.natural_modes(model, model.size)) as found:
-            squares = eigh(K, M, eigvals_only=True)
-            assert found.frequencies == pytest.approx(np.sqrt(squares) / (2 * np.pi), rel=1e-9)
+            eigenvalues = eigh(K, M, eigvals_only=True)
+            assert found.frequencies == pytest.approx(np.sqrt(eigenvalues) / (2 * np.pi), rel=1e-9)
             assert found.effective_masses.sum(axis=0) == pytest.approx(found.masses, rel=1e-9)
 
 

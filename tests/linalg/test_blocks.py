@@ -24,6 +24,6 @@ def test_combinations_of_columns_of_any_size_are_orthogonal():
     """One column is zero, and one the sum of two others: three combinations are left of five columns."""
     A = np.random.default_rng(2).standard_normal((20, 5)) * [1.0, 1e9, 1e-9, 1.0, 1.0]
     A[:, 3], A[:, 4] = 0.0, A[:, 0] + 1e-9 * A[:, 1]
-    factor, squares = independent(A.T @ A, 1e-12)
+    factor, eigenvalues = independent(A.T @ A, 1e-12)
     found = A @ factor
-    assert squares.shape == (3,) and np.allclose(found.T @ found, np.diag(squares), atol=1e-12)
+    assert eigenvalues.shape == (3,) and np.allclose(found.T @ found, np.diag(eigenvalues), atol=1e-12)

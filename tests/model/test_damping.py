@@ -1,4 +1,4 @@
-"""Damping laws against dense matrices; which are proportional."""
+"""Damping models against dense matrices; which are proportional."""
 
 import numpy as np
 import pytest
@@ -27,8 +27,8 @@ def test_caughey_series_against_dense_matrices(comm):
         full = hpcred.frequency_response(model, frequencies, damping=Caughey(a))
         assert close(np.array(expected), full) < 1e-8
         with hpcred.reduce(model, [Krylov(0.0, 1), Krylov(2500.0, 1)], damping=Caughey(a)) as rom:
-            squares = (2 * np.pi * rom.frequencies) ** 2
-            assert close(np.diag(sum(c * squares**k for k, c in enumerate(a))), rom.D) < 1e-8
+            eigenvalues = (2 * np.pi * rom.frequencies) ** 2
+            assert close(np.diag(sum(c * eigenvalues**k for k, c in enumerate(a))), rom.D) < 1e-8
             assert hpcred.relative_error(full, hpcred.frequency_response(rom, frequencies)).max() < 1e-4
         with hpcred.reduce(model, [Modes(count=len(K))], damping=Caughey(a)) as rom:  # where nothing is left out
             V = gather(rom.columns)

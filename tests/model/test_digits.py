@@ -87,7 +87,7 @@ def test_twelve_modes_are_looked_at(comm):
         with local_rows(block) as rows:
             rows[...] = 1.0
         for place, found in ((0, 1), (11, 1), (12, 0)):
-            squares = np.full(13, np.inf)
-            squares[place] = 1e-3
-            assert len(warnings_of_digits(model, model.K, squares, block)) == found
+            eigenvalues = np.full(13, np.inf)
+            eigenvalues[place] = 1e-3
+            assert len(warnings_of_digits(model, model.K, eigenvalues, block)) == found
         block.destroy()

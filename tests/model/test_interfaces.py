@@ -144,9 +144,9 @@ def test_a_rigid_set_is_a_model_made_rigid_by_hand(comm, directions):
         for row in np.flatnonzero(follow):
             arm = position[row] - np.array([0.04, 0.0, 0.01])
             T[row, -len(moves) :] = rigid_motions_at([arm])[direction[row], moves]
-        squares = scipy.linalg.eigvalsh(T.T @ K @ T, T.T @ M @ T)
+        eigenvalues = scipy.linalg.eigvalsh(T.T @ K @ T, T.T @ M @ T)
         with hpcred.reduce(marked, [Modes(count=6)]) as rom:
-            assert np.allclose(rom.frequencies, np.sqrt(squares[:6]) / 2 / np.pi, rtol=1e-9)
+            assert np.allclose(rom.frequencies, np.sqrt(eigenvalues[:6]) / 2 / np.pi, rtol=1e-9)
             V = gather(rom.columns)
         assert np.abs(V - T @ np.linalg.lstsq(T, V, rcond=None)[0]).max() < 1e-9 * np.abs(V).max()
         assert np.abs(to_dense(marked.Gt).T[moves] @ T[:, -len(moves) :] - np.eye(len(moves))).max() < 1e-12

@@ -361,14 +361,14 @@ def test_loads_and_sensors_without_effect_are_refused(comm):
         hpcred.reduce(model, tolerance=1e-3, band=case.band)
 
 
-def free_truth(model, law, frequencies):
+def free_truth(model, damping, frequencies):
     """The elastic response of a free body, by its modes."""
     K, M, B = dense_model(model)
     root = np.linalg.inv(np.linalg.cholesky(M)).T
-    squares, vectors = np.linalg.eigh(root.T @ K @ root)
+    eigenvalues, vectors = np.linalg.eigh(root.T @ K @ root)
     shapes = (root @ vectors)[:, 6:].T @ B
     s = 2j * np.pi * np.asarray(frequencies)[:, None]
-    factor = 1 / ((1 + 1j * law.eta + s * law.beta) * squares[6:] + s * s + s * law.alpha)
+    factor = 1 / ((1 + 1j * damping.eta + s * damping.beta) * eigenvalues[6:] + s * s + s * damping.alpha)
     return np.einsum("ki,sk,kj->sij", shapes, factor, shapes)
 
 
@@ -377,14 +377,13 @@ def test_free_body_in_the_buckens_frame(comm, damping):
     band = (0.0, 60000.0)
     with hpcred.solid((4, 2, 3), inputs=3, clamped=False, comm=comm) as model:
         with reduced(model, band=band, frame=Buckens(), damping=damping) as rom:
-            accuracy, law = rom.record.accuracy, measured_damping(damping, 1e-3, band)[0]
+            accuracy, damped = rom.record.accuracy, measured_damping(damping, 1e-3, band)[0]
             frequencies = np.append(np.random.default_rng(0).uniform(*band, 20), accuracy.worst)
-            H = free_truth(model, law, frequencies)
+            H = free_truth(model, damped, frequencies)
             s = 2j * np.pi * frequencies
-            Hr = np.array([
-                rom.C @ np.linalg.solve((1 + 1j * law.eta + x * law.beta) * rom.K + (x * x + x * law.alpha) * rom.M,
-                                        rom.B.astype(complex)) for x in s
-            ])  # fmt: skip
+            a, b = 1 + 1j * damped.eta + s * damped.beta, s * s + s * damped.alpha
+            A = a[:, None, None] * rom.K + b[:, None, None] * rom.M
+            Hr = rom.C @ np.linalg.solve(A, np.broadcast_to(rom.B.astype(complex), (len(s), *rom.B.shape)))
             true = np.linalg.norm(H - Hr, axis=(1, 2)) / np.linalg.norm(H, axis=(1, 2))
             assert accuracy.reached and true.max() <= 1e-4
             assert 0.5 <= accuracy.largest / true.max() <= 3
@@ -473,8 +472,8 @@ def test_modes_of_a_cluster_that_dashpots_leave_alone(comm, seed):
     poles = np.linalg.eigvals(np.block([[np.zeros((n, n)), M], [-case.K, -D]]))
     sharp = poles[(poles.imag > 0) & (poles.imag < 1000) & (np.abs(poles.real) < 1e-3 * poles.imag)].imag / 2 / np.pi
     assert len(sharp) == 2
-    law = {"damping": GivenDamping(), "tolerance": 1e-3, "band": case.band}
-    with case.model(comm) as model, hpcred.reduce(model, **law) as rom:
+    asked = {"damping": GivenDamping(), "tolerance": 1e-3, "band": case.band}
+    with case.model(comm) as model, hpcred.reduce(model, **asked) as rom:
         assert rom.record.accuracy.reached
         _, true = estimated_and_true(case, rom, np.outer([0.9999, 1.0, 1.0001], sharp).ravel())
         check = hpcred.check_reduced(rom, model, 1, seed=seed)

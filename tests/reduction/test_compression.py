@@ -16,7 +16,7 @@ from hpcred.reduction.tolerance.pseudo_modal import UNDAMPED, InputsOutputs, Pro
 BAND = (0.0, 10.0)
 
 
-def model_of(kind, law):
+def model_of(kind, damping):
     n = 60
     rng = np.random.default_rng(0)
     K = chain(n, rng=rng, spread=0.2)[0]
@@ -28,7 +28,7 @@ def model_of(kind, law):
             D[5, 9], D[9, 5] = 4.0, -4.0
     same = np.eye(3)
     other = np.eye(3)[:, :1] * 1e6, np.eye(3)[:, 1:] * 1e-6
-    return diagonalised(K, L, D, law, InputsOutputs(*(other if "outputs" in kind else (same, same))))
+    return diagonalised(K, L, D, damping, InputsOutputs(*(other if "outputs" in kind else (same, same))))
 
 
 def whole(model, kind):
@@ -39,8 +39,8 @@ def whole(model, kind):
 @pytest.mark.parametrize("goal", [1e-2, 1e-5])
 @pytest.mark.parametrize("kind", ["plain", "outputs", "D", "unsymmetric D, outputs"])
 def test_goal_is_reached(kind, goal, measured):
-    law = UNDAMPED if "D" in kind else Proportional(eta=2e-3)
-    model = model_of(kind, law)
+    damping = UNDAMPED if "D" in kind else Proportional(eta=2e-3)
+    model = model_of(kind, damping)
     S = grid([model], BAND)
     pair = whole(model, measured)
     U = compressed(pair, S, goal)
@@ -62,14 +62,14 @@ def test_goal_is_reached(kind, goal, measured):
 
 
 def test_no_goal_keeps_everything_and_a_zero_response_harms_nothing():
-    law = Proportional(eta=2e-3)
-    model = model_of("plain", law)
+    damping = Proportional(eta=2e-3)
+    model = model_of("plain", damping)
     S = grid([model], BAND, 30)
     assert compressed(whole(model, "directions"), S, 0.0).shape[1] == 60
     # two bodies without a tie: nothing arrives
     K = np.kron(np.eye(2), chain(10)[0])
     silent = InputsOutputs(np.eye(2)[:, :1], np.eye(2)[:, 1:])
-    apart = diagonalised(K, unit(20, 2, 13), None, law, silent)
+    apart = diagonalised(K, unit(20, 2, 13), None, damping, silent)
     S = grid([apart], BAND, 30)
     for measured in ("directions", "paper"):
         assert np.isfinite(compressed(whole(apart, measured), S, 1e-3)).all()
@@ -77,8 +77,8 @@ def test_no_goal_keeps_everything_and_a_zero_response_harms_nothing():
 
 def test_the_uncompressed_model_is_kept_where_no_compression_reaches_the_goal(monkeypatch):
     """After TRIALS of them, each with more frequencies than the one before."""
-    law, tried = Proportional(eta=2e-3), []
-    model = model_of("plain", law)
+    damping, tried = Proportional(eta=2e-3), []
+    model = model_of("plain", damping)
     pair = whole(model, "directions")
     monkeypatch.setattr(compression, "compressed", lambda _, S, *__: (tried.append(len(S)), np.eye(60)[:, :1])[1])
     judge = SimpleNamespace(settings=hpcred.Adaptive(tolerance=1e-2, band=BAND), noise=1e-12)

@@ -38,10 +38,10 @@ def dense_component_modes(model):
         K, M, _ = dense_model(framed.model)
         G = to_dense(framed.model.Gt).T
     N = scipy.linalg.null_space(G)
-    squares = scipy.linalg.eigvalsh(N.T @ K @ N, N.T @ M @ N)
+    eigenvalues = scipy.linalg.eigvalsh(N.T @ K @ N, N.T @ M @ N)
     unit = np.linalg.pinv(G)
     psi = unit - N @ np.linalg.solve(N.T @ K @ N, N.T @ K @ unit)
-    return squares, psi.T @ K @ psi
+    return eigenvalues, psi.T @ K @ psi
 
 
 @KINDS
@@ -50,12 +50,12 @@ def test_craig_bampton_in_interface_coordinates_is_the_textbook_form(comm, kind,
     """Against the null space of G in dense numpy; M = [M_bb M_bi; M_ib I], K = [K_bb 0; 0 omega^2], C = [I 0]."""
     frame = NoFrame() if clamped else Buckens()
     with block_with_ends(comm, kind, clamped, cells=(4, 2, 2)) as model:
-        squares, static = dense_component_modes(model)
+        eigenvalues, static = dense_component_modes(model)
         count = 6 * len(model.interfaces)
         with hpcred.reduce(model, [CraigBampton(count=8)], frame, coordinates="interface") as rom:
             assert rom.size == count + 8
             assert rom.interfaces == model.interfaces
-            assert np.allclose(np.diag(rom.K)[count:], squares[:8], rtol=1e-8)
+            assert np.allclose(np.diag(rom.K)[count:], eigenvalues[:8], rtol=1e-8)
             assert np.abs(rom.K[:count, :count] - static).max() < 1e-8 * np.abs(static).max()
             assert not rom.K[:count, count:].any()
             assert np.array_equal(rom.M[count:, count:], np.eye(8))
@@ -171,9 +171,9 @@ def test_a_damping_law_does_not_brake_the_rigid_motion_of_interface_coordinates(
         R = np.zeros((rom.size, 6))
         R[:count] = rigid_motions_at([item.position for item in rom.interfaces])
         assert np.abs(rom.D @ R).max() < 1e-9 * np.abs(rom.D).max() * np.abs(R).max()
-        squares, X = scipy.linalg.eigh(rom.K, rom.M)
+        eigenvalues, X = scipy.linalg.eigh(rom.K, rom.M)
         damping = X.T @ rom.D @ X
-        assert np.allclose(np.diag(damping)[6:], alpha + beta * squares[6:], rtol=1e-8)
+        assert np.allclose(np.diag(damping)[6:], alpha + beta * eigenvalues[6:], rtol=1e-8)
 
 
 def everywhere(model):
@@ -258,8 +258,8 @@ def test_fixed_interface_modes_of_a_body_on_soft_springs_hold_the_interfaces(com
         with model, hpcred.reduce(model, [FixedInterfaceModes(count=6)]) as rom:
             V, G = gather(rom.columns), to_dense(model.Gt).T
             N = scipy.linalg.null_space(G)
-            squares = scipy.linalg.eigvalsh(N.T @ (K + 1e4 * M) @ N, N.T @ M @ N)[:6]
-            assert np.allclose((2 * np.pi * rom.frequencies) ** 2, squares, rtol=1e-11)
+            eigenvalues = scipy.linalg.eigvalsh(N.T @ (K + 1e4 * M) @ N, N.T @ M @ N)[:6]
+            assert np.allclose((2 * np.pi * rom.frequencies) ** 2, eigenvalues, rtol=1e-11)
             assert np.abs(G @ V).max() < 1e-11 * np.abs(V).max()
 
 

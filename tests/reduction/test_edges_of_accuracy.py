@@ -71,8 +71,8 @@ def test_loads_that_differ_by_little_keep_their_difference(comm, inclined):
 def test_a_basis_of_full_rank_is_smoothed_where_m_is_singular(comm):
     K, M = chain(40)
     M[5, 5] = 0.0
-    squares = np.linalg.eigvals(np.linalg.solve(K, M)).real
-    top = 1.02 / np.sqrt(np.sort(squares)[-20]) / (2 * np.pi)
+    eigenvalues = np.linalg.eigvals(np.linalg.solve(K, M)).real
+    top = 1.02 / np.sqrt(np.sort(eigenvalues)[-20]) / (2 * np.pi)
     with Case("massless", K, M, unit(40, 0), (0.0, top)).model(comm) as model:
         with hpcred.reduce(model, tolerance=1e-2, band=(0.0, top)) as rom:
             accuracy = rom.record.accuracy

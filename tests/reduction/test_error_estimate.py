@@ -40,22 +40,22 @@ def comparison(inner, outer, band, measure="directions", embedding=None):
     return Comparison(inner, outer, embedding, measure_over(MEASURES[measure], band, outer))
 
 
-def projected(K, B, V, law):
-    return diagonalised(V.T @ K @ V, V.T @ B, None, law)
+def projected(K, B, V, damping):
+    return diagonalised(V.T @ K @ V, V.T @ B, None, damping)
 
 
 @pytest.mark.parametrize("measure", ["directions", "paper"])
 @pytest.mark.parametrize("make, high, blocks", [(chain, 8.0, 13), (chain, 8.0, 15), (membrane, 20.0, 10),
                                                 (membrane, 20.0, 12)])  # fmt: skip
 def test_one_more_block_tells_the_error(make, high, blocks, measure):
-    K, law, band = make(90 if make is chain else 9)[0], Proportional(eta=2e-3), (0.0, high)
+    K, damping, band = make(90 if make is chain else 9)[0], Proportional(eta=2e-3), (0.0, high)
     B = unit(len(K), 2, len(K) // 2)
     V = krylov(K, B, 0.7 * band[1], blocks + 1)
-    inner, outer = projected(K, B, V[:, :-2], law), projected(K, B, V, law)
+    inner, outer = projected(K, B, V[:, :-2], damping), projected(K, B, V, damping)
     S = grid([outer], band, 60)
     pair = comparison(inner, outer, band, measure)
     said, noise = pair.curve(S), pair.noise(S)
-    H, drive = diagonalised(K, B, None, law).responses(S)
+    H, drive = diagonalised(K, B, None, damping).responses(S)
     true = pair.measure.eps(H - inner.response(S), H, drive)
     assert said.max() < 0.1 and 0.8 < said.max() / true.max() < 1.25
     clear = true > 1e-9
@@ -64,23 +64,23 @@ def test_one_more_block_tells_the_error(make, high, blocks, measure):
     assert noise.max() < 1e-8
 
 
-def poles_at(f, law):
+def poles_at(f, damping):
     """s / (2 pi i) (k,) of undamped frequencies f (k,) in Hz with a loss factor."""
-    return f * np.sqrt(1 + 1j * law.eta)
+    return f * np.sqrt(1 + 1j * damping.eta)
 
 
 @pytest.mark.parametrize("eta", [0.02, 1e-5, 1e-8])
 @pytest.mark.parametrize("step", [1.0, FINE])
 def test_frequencies_of_a_grid_are_nearer_to_each_other_than_to_any_pole(eta, step):
     """So that nothing is hidden between them, however sharp resonances are and how near to each other."""
-    law, band = Proportional(eta=eta), (1.0, 10.0)
+    damping, band = Proportional(eta=eta), (1.0, 10.0)
     f = np.array([0.2, 1.0001, 3.0, 3.0 * (1 + 3e-6), 6.0, 6.05, 30.0])
-    model = diagonalised(np.diag((2 * np.pi * f) ** 2), np.ones((len(f), 1)), None, law)
+    model = diagonalised(np.diag((2 * np.pi * f) ** 2), np.ones((len(f), 1)), None, damping)
     S = grid([model], band, 50, step)
     assert (np.diff(S) > 0).all() and S[0] == 1.0 and S[-1] == 10.0
     assert np.isin(np.linspace(1.0, 10.0, 50), S).all()
     middles = (S[1:] + S[:-1]) / 2
-    nearest = np.abs(middles[:, None] - poles_at(f, law)).min(axis=1)
+    nearest = np.abs(middles[:, None] - poles_at(f, damping)).min(axis=1)
     assert (np.diff(S) <= 2.2 * step * nearest).all()
     for pole in f[(f > 1.0) & (f < 10.0)]:
         assert np.abs(S - pole).min() < 0.3 * eta * pole
@@ -88,8 +88,8 @@ def test_frequencies_of_a_grid_are_nearer_to_each_other_than_to_any_pole(eta, st
 
 
 def test_a_grid_has_the_poles_of_all_models_and_may_have_nothing_else():
-    law, band = Proportional(eta=0.02), (1.0, 10.0)
-    one, other = (diagonalised(np.array([[(2 * np.pi * f) ** 2]]), np.ones((1, 1)), None, law) for f in (3.0, 8.0))
+    damping, band = Proportional(eta=0.02), (1.0, 10.0)
+    one, other = (diagonalised(np.array([[(2 * np.pi * f) ** 2]]), np.ones((1, 1)), None, damping) for f in (3.0, 8.0))
     assert len(grid([one, other], band, 50, None)) == 52
     for f in (3.0, 8.0):
         assert (np.abs(grid([one, other], band, 50) / f - 1) < 0.01).sum() >= 2
@@ -113,10 +113,10 @@ def test_beside_and_maxima():
 @pytest.mark.parametrize("row, eta", [(5, 1e-3), (31, 1e-3), (5, 1e-5)])
 def test_the_largest_error_lies_nowhere_between_and_the_curve_can_be_interpolated(row, eta, measure):
     """Between two resonances the response has a zero, where scales of the measure dip in a narrow place."""
-    K, law, band = chain(60)[0], Proportional(eta=eta), (0.0, 6.0)
+    K, damping, band = chain(60)[0], Proportional(eta=eta), (0.0, 6.0)
     B = unit(60, row)
     V = krylov(K, B, 4.0, 12)
-    inner, outer = projected(K, B, V, law), projected(K, B, krylov(K, B, 4.0, 30), law)
+    inner, outer = projected(K, B, V, damping), projected(K, B, krylov(K, B, 4.0, 30), damping)
     embedding = np.linalg.lstsq(krylov(K, B, 4.0, 30) @ outer.vectors, V @ inner.vectors, rcond=None)[0]
     pair = comparison(inner, outer, band, measure, embedding)
     S, curve = largest(pair, grid([outer, inner], band, 400, FINE))
@@ -172,21 +172,21 @@ def test_modes_that_are_missing_and_modes_that_move():
     assert not len(unsettled(*rigid, 8.0))
 
 
-@pytest.mark.parametrize("law", [Proportional(eta=2e-3), Proportional(1.0, 1e-4)], ids=["undamped", "Rayleigh"])
-def test_a_free_body_is_known_by_its_infinite_response(law):
+@pytest.mark.parametrize("damping", [Proportional(eta=2e-3), Proportional(1.0, 1e-4)], ids=["undamped", "Rayleigh"])
+def test_a_free_body_is_known_by_its_infinite_response(damping):
     S = np.linspace(0.0, 5.0, 100)
     for ground, free in ((True, False), (False, True)):
         K = chain(30, ground=True)[0]
         if not ground:
             K[0, 0] -= 1e4
             K[-1, -1] -= 1e4
-        assert is_free(diagonalised(K, unit(30, 3, 8), None, law), S, 1e-12) == free
+        assert is_free(diagonalised(K, unit(30, 3, 8), None, damping), S, 1e-12) == free
 
 
 def test_the_grid_has_the_resonances_that_a_given_damping_makes():
     """A dashpot between two close modes damps their sum and leaves a sharp resonance of their difference."""
-    squares, c = (2 * np.pi * np.array([10.0, 10.02])) ** 2, 2.0
-    model = diagonalised(np.diag(squares), np.eye(2), c * np.ones((2, 2)))
+    eigenvalues, c = (2 * np.pi * np.array([10.0, 10.02])) ** 2, 2.0
+    model = diagonalised(np.diag(eigenvalues), np.eye(2), c * np.ones((2, 2)))
     sharp = min(model.poles.values[model.poles.values.imag > 0], key=lambda pole: abs(pole.real))
     width = abs(sharp.real) / (2 * np.pi)
     f = sharp.imag / (2 * np.pi)

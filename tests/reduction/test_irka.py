@@ -75,9 +75,9 @@ def test_its_results_are_written_and_read(comm, folder, linkage):
 
 
 def test_what_it_refuses(linkage):
-    for law in (None, hpcred.Structural(0.02)):
+    for damping in (None, hpcred.Structural(0.02)):
         with pytest.raises(InputError, match="irka: found the damping '(none|structural)', expected a viscous one"):
-            IRKA(size=4, band=(0, 300), frame=FRAME, damping=law).reduce(linkage)
+            IRKA(size=4, band=(0, 300), frame=FRAME, damping=damping).reduce(linkage)
     with pytest.raises(InputError, match="irka: the model has a pole without damping at .* Hz, whose mirror image"):
         IRKA(size=4, band=(0, 300), frame=FRAME, damping=hpcred.Rayleigh(1e-12, 0.0)).reduce(linkage)
     with pytest.raises(InputError, match="^model: found None, expected SecondOrderModel"):

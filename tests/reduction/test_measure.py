@@ -41,9 +41,9 @@ def random():
 
 def responses(random, outputs=None):
     """Frequencies (F,), H (F, r, p) and the drive points (F, p) of a random symmetric body, and a wrong H."""
-    f, squares, B = np.linspace(0.0, 3.0, 61), np.array([1.0, 5.0, 9.0, 40.0]), random.standard_normal((4, 3))
+    f, eigenvalues, B = np.linspace(0.0, 3.0, 61), np.array([1.0, 5.0, 9.0, 40.0]), random.standard_normal((4, 3))
     C = B if outputs is None else random.standard_normal((4, outputs))
-    states = B / (squares * (1 + 0.01j) - f[:, None] ** 2)[:, :, None]
+    states = B / (eigenvalues * (1 + 0.01j) - f[:, None] ** 2)[:, :, None]
     H = C.T @ states
     return f, H, np.einsum("mp,fmp->fp", B, states), H * (1 + 0.1 * random.standard_normal(H.shape)), drive_points(B, C)
 
@@ -222,17 +222,17 @@ def test_a_gyroscopic_response_has_an_error_that_is_no_round_off(comm):
     with case.model(comm) as model, hpcred.reduce(model, damping=case.damping, tolerance=1e-5, band=case.band) as rom:
         accuracy = rom.record.accuracy
         frequencies = fresh(case, rom)
-        found = reduced_response(rom, case.law(), frequencies, given=True)
+        found = reduced_response(rom, case.damping_model(), frequencies, given=True)
     assert accuracy.reached and accuracy.noise < 1e-7
     H, drive = case.truth_and_drive(frequencies)
     assert accuracy.measure.eps(H - found, H, drive).max() < 1e-5
 
 
 def test_a_full_response_is_measured_by_directions(rod):
-    law, frequencies = hpcred.Structural(0.01), [20.0, 777.0]
+    damping, frequencies = hpcred.Structural(0.01), [20.0, 777.0]
     adaptive = hpcred.Adaptive(tolerance=1e-4, band=BAND)
-    found = hpcred.full_response(rod, frequencies, hpcred.Buckens(), law, adaptive=adaptive, check=2)
-    exact = hpcred.frequency_response(rod, frequencies, hpcred.Buckens(), law)
+    found = hpcred.full_response(rod, frequencies, hpcred.Buckens(), damping, adaptive=adaptive, check=2)
+    exact = hpcred.frequency_response(rod, frequencies, hpcred.Buckens(), damping)
     assert found.accuracy.measure.kind == "directions" and found.check.passed
     drive = np.einsum("fii->fi", exact)
     assert hpcred.relative_error(exact, found.response, found.accuracy.measure, drive=drive).max() < 1e-4
@@ -272,8 +272,8 @@ def test_results_beside_each_other_leave_out_what_feels_nothing(comm):
     with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-4, band=case.band) as rom:
         f = np.linspace(*case.band, 21)
         measured = as_measured(rom, rom.record.accuracy)
-        law = hpcred.Structural(rom.record.accuracy.loss_factor)
-        full, drive = response_and_drive(model, f, None, law)
+        damping = hpcred.Structural(rom.record.accuracy.loss_factor)
+        full, drive = response_and_drive(model, f, None, damping)
         found = hpcred.frequency_response(measured, f)
         for anew in (False, True):
             errors = errors_of(measured, f, full, found, drive, anew=anew)

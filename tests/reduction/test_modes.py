@@ -57,20 +57,20 @@ def test_dominant_modes_are_those_that_the_loads_excite(comm):
             assert abs(rom.frequencies[0] / longitudinal - 1) < 0.02
 
 
-@pytest.mark.parametrize("law", [None, Rayleigh(20.0, 0.0), ModalDamping(ratios=(0.5, 0.01))])
-def test_dominance_is_half_the_height_of_a_resonance(comm, law):
+@pytest.mark.parametrize("damping", [None, Rayleigh(20.0, 0.0), ModalDamping(ratios=(0.5, 0.01))])
+def test_dominance_is_half_the_height_of_a_resonance(comm, damping):
     """|b| |c| / (4 xi omega^2), where the response of one mode at its omega is |b| |c| / (2 xi omega^2)."""
     K, M = np.diag(np.array([1.0, 4.0, 9.0, 16.0]) ** 2 * 1e4), 2.0 * np.eye(4)
     B = np.array([[1.0], [3.0], [4.0], [30.0]])
     columns = {"inputs": B, "input_names": ["u"], "outputs": np.ones((4, 1)), "output_names": ["y"]}
     model = hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, **columns)
-    with model, hpcred.reduce(model, [Modes(count=4, dominant=2)], damping=law) as rom:
+    with model, hpcred.reduce(model, [Modes(count=4, dominant=2)], damping=damping) as rom:
         found, frequencies = rom.record.components[0].dominance, rom.frequencies
     omega = np.sqrt(np.diag(K) / 2.0)
-    if law is None:
+    if damping is None:
         ratio = np.full(4, 0.01)
     else:
-        ratio = 20.0 / (2 * omega) if law.kind == "rayleigh" else np.array([0.5, 0.01, 0.01, 0.01])
+        ratio = 20.0 / (2 * omega) if damping.kind == "rayleigh" else np.array([0.5, 0.01, 0.01, 0.01])
     heights = B[:, 0] / (2.0 * 2j * ratio * omega**2)  # of a mass of 2
     chosen = np.sort(np.argsort(-np.abs(heights))[:2])
     assert np.allclose(found, np.abs(heights[chosen]) / 2, rtol=1e-8)

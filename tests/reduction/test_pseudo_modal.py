@@ -19,7 +19,7 @@ from hpcred.reduction.tolerance.pseudo_modal import (
 
 relative = PAPER.eps  # of differences and what they are of
 F = np.linspace(0.0, 8.0, 23)
-LAWS = {"Rayleigh": Proportional(alpha=0.3, beta=1e-3), "loss factor": Proportional(eta=0.02),
+DAMPINGS = {"Rayleigh": Proportional(alpha=0.3, beta=1e-3), "loss factor": Proportional(eta=0.02),
         "all": Proportional(0.1, 1e-3, 0.01)}  # fmt: skip
 
 
@@ -33,18 +33,18 @@ def matrices(seed=0, m=12, l=3, damped=False, symmetric=True):
     return K, rng.standard_normal((m, l)), D
 
 
-def dense(K, D, law, f):
+def dense(K, D, damping, f):
     s = 2j * np.pi * f
-    A = (1 + 1j * law.eta + s * law.beta) * K + (s * s + s * law.alpha) * np.eye(len(K))
+    A = (1 + 1j * damping.eta + s * damping.beta) * K + (s * s + s * damping.alpha) * np.eye(len(K))
     return A if D is None else A + s * D
 
 
-def dense_response(K, L, D, law, ports):
-    Lb, Lc = ports
-    return np.array([(L @ Lc).T @ np.linalg.solve(dense(K, D, law, f), L @ Lb) for f in F])
+def dense_response(K, L, D, damping, io):
+    Lb, Lc = io
+    return np.array([(L @ Lc).T @ np.linalg.solve(dense(K, D, damping, f), L @ Lb) for f in F])
 
 
-def ports(kind):
+def io_of(kind):
     """B = L Lb and C^T = L Lc."""
     if kind == "other outputs":
         return InputsOutputs(np.eye(3)[:, :2], np.array([[0.0], [1.0], [-2.0]]))
@@ -52,49 +52,49 @@ def ports(kind):
     return InputsOutputs(same, same)
 
 
-@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("damping", DAMPINGS.values(), ids=DAMPINGS)
 @pytest.mark.parametrize("damped, symmetric", [(False, True), (True, True), (True, False)])
-def test_states_and_responses_are_those_of_the_dense_matrices(law, damped, symmetric):
+def test_states_and_responses_are_those_of_the_dense_matrices(damping, damped, symmetric):
     K, L, D = matrices(damped=damped, symmetric=symmetric)
-    model = diagonalised(K, L, D, law)
+    model = diagonalised(K, L, D, damping)
     assert np.allclose(model.vectors.T @ model.vectors, np.eye(12), atol=1e-13)
     for transposed in (False, True):
         states = model.vectors @ model.solve(F, model.L, transposed)
         for f, state in zip(F, states, strict=True):
-            A = dense(K, D, law, f)
+            A = dense(K, D, damping, f)
             expected = np.linalg.solve(A.T if transposed else A, L)
             assert np.linalg.norm(state - expected) < 1e-11 * np.linalg.norm(expected)
     for kind in ("same", "other outputs"):
-        H = replace(model, io=ports(kind)).response(F)
-        assert relative(H - dense_response(K, L, D, law, ports(kind)), H, None).max() < 1e-11
+        H = replace(model, io=io_of(kind)).response(F)
+        assert relative(H - dense_response(K, L, D, damping, io_of(kind)), H, None).max() < 1e-11
 
 
-@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("damping", DAMPINGS.values(), ids=DAMPINGS)
 @pytest.mark.parametrize("kind", ["same", "other outputs"])
 @pytest.mark.parametrize("damped, symmetric", [(False, True), (True, True), (True, False)])
-def test_difference_of_nested_models_is_exact(law, kind, damped, symmetric):
+def test_difference_of_nested_models_is_exact(damping, kind, damped, symmetric):
     K, L, D = matrices(1, damped=damped, symmetric=symmetric)
-    outer = diagonalised(K, L, D, law, ports(kind))
+    outer = diagonalised(K, L, D, damping, io_of(kind))
     k = 7
-    inner = diagonalised(K[:k, :k], L[:k], None if D is None else D[:k, :k], law, ports(kind))
+    inner = diagonalised(K[:k, :k], L[:k], None if D is None else D[:k, :k], damping, io_of(kind))
     E = difference(inner, outer, nested(inner, outer), F)
-    part = dense_response(K[:k, :k], L[:k], None if D is None else D[:k, :k], law, ports(kind))
-    H = dense_response(K, L, D, law, ports(kind))
+    part = dense_response(K[:k, :k], L[:k], None if D is None else D[:k, :k], damping, io_of(kind))
+    H = dense_response(K, L, D, damping, io_of(kind))
     assert relative(E - (H - part), H, None).max() < 1e-11
 
 
 def test_a_subspace_has_the_response_of_its_dense_projection():
-    law = LAWS["all"]
+    damping = DAMPINGS["all"]
     K, L, D = matrices(2, damped=True, symmetric=False)
-    outer = diagonalised(K, L, D, law)
+    outer = diagonalised(K, L, D, damping)
     U = np.linalg.qr(np.random.default_rng(3).standard_normal((12, 5)))[0]
     inner, embedding = outer.restricted(U)
     V = outer.vectors @ embedding
     assert np.allclose(V.T @ V, np.eye(5), atol=1e-13)
     assert np.allclose(V.T @ K @ V, np.diag(inner.eigenvalues), atol=1e-9)
-    expected = dense_response(V.T @ K @ V, V.T @ L, V.T @ D @ V, law, ports("same"))
+    expected = dense_response(V.T @ K @ V, V.T @ L, V.T @ D @ V, damping, io_of("same"))
     assert relative(inner.response(F) - expected, expected, None).max() < 1e-11
-    outer, inner = (replace(model, io=ports("other outputs")) for model in (outer, inner))
+    outer, inner = (replace(model, io=io_of("other outputs")) for model in (outer, inner))
     E = difference(inner, outer, embedding, F)
     H = [model.response(F) for model in (outer, inner)]
     assert relative(E - (H[0] - H[1]), H[0], None).max() < 1e-11
@@ -102,9 +102,9 @@ def test_a_subspace_has_the_response_of_its_dense_projection():
 
 def test_difference_has_no_cancellation():
     """Two coordinates coupled by d: H_Q - H_V = (d / a)^2 / (b - d^2 / a) with diagonal entries a, b of A."""
-    law, d = Proportional(eta=0.01), 1e-7
+    damping, d = Proportional(eta=0.01), 1e-7
     K, L = np.array([[400.0, d], [d, 900.0]]), np.array([[1.0], [0.0]])
-    outer, inner = diagonalised(K, L, None, law), diagonalised(K[:1, :1], L[:1], None, law)
+    outer, inner = diagonalised(K, L, None, damping), diagonalised(K[:1, :1], L[:1], None, damping)
     E = difference(inner, outer, nested(inner, outer), F)[:, 0, 0]
     s = 2j * np.pi * F
     a, b, c = 400 * (1 + 0.01j) + s**2, 900 * (1 + 0.01j) + s**2, d * (1 + 0.01j)
@@ -140,12 +140,12 @@ def test_frequencies_come_in_parts_that_fit(monkeypatch):
 def test_a_free_motion_beside_a_given_damping_is_infinite_at_0_hz_and_right_elsewhere():
     """A(0) is singular there, and elimination had ended the search with an error of NumPy."""
     rng = np.random.default_rng(0)
-    squares, D = np.array([0.0, 1.0, 4.0]), rng.standard_normal((3, 3))
+    eigenvalues, D = np.array([0.0, 1.0, 4.0]), rng.standard_normal((3, 3))
     same = InputsOutputs(*[np.eye(2)] * 2)
-    model = PseudoModal(squares, rng.standard_normal((3, 2)), np.eye(3), same, D=D)
+    model = PseudoModal(eigenvalues, rng.standard_normal((3, 2)), np.eye(3), same, D=D)
     frequencies = np.array([0.0, 0.3])
     for poles in (None, poles_of(model)):
         states = replace(model, poles=poles).solve(frequencies, model.L)
         s = 2j * np.pi * 0.3
         assert np.isinf(states[0]).all()
-        assert states[1] == pytest.approx(np.linalg.solve(s * s * np.eye(3) + s * D + np.diag(squares), model.L))
+        assert states[1] == pytest.approx(np.linalg.solve(s * s * np.eye(3) + s * D + np.diag(eigenvalues), model.L))

@@ -242,15 +242,15 @@ def test_a_sweep_factors_each_point_once(comm, folder, case):
     """Damping, orders and mixtures; the highest order comes first, so that no sequence has to grow."""
     model = package.linkage(comm) if case == "linkage" else package.solid((4, 2, 3), inputs=3, comm=comm)
     frame = Buckens() if case == "linkage" else None
-    laws = [None, Rayleigh(2.0, 1e-5), Caughey((1.0, 1e-6, 1e-14)), Structural(0.02)]
+    dampings = [None, Rayleigh(2.0, 1e-5), Caughey((1.0, 1e-6, 1e-14)), Structural(0.02)]
     points = (100.0, 250.0) if case == "linkage" else (2000.0, 9000.0)
     made, saved, alone = [], 0, 0
     with model:
         for order in (1, 0):
-            for law in laws:
+            for damping in dampings:
                 for before in ((), (Modes(count=3),)):
                     basis = [*before, *(Krylov(frequency=f, order=order) for f in points), StaticCorrection()]
-                    _, record = reduced(model, PointStore(folder, comm), basis, frame, law)
+                    _, record = reduced(model, PointStore(folder, comm), basis, frame, damping)
                     made += [item.mass for item in record.factorisations if item.mass != "inf"]  # which Caughey needs
                     saved += record.factorisations_saved
                     alone += len(points) + 1 + bool(before)
@@ -259,14 +259,15 @@ def test_a_sweep_factors_each_point_once(comm, folder, case):
 
 
 def test_a_search_serves_others(comm, folder):
-    """Another damping law and a looser tolerance find all that they need; a tighter one extends the sequences."""
+    """Another damping and a looser tolerance find all that they need; a tighter one extends the sequences."""
     store = PointStore(folder, comm)
     with package.solid((4, 2, 3), inputs=3, comm=comm) as model:
         given = {"band": (0.0, 30000.0), "store": store}
         counts = []
-        for tolerance, law in ((1e-5, None), (1e-3, None), (1e-5, Rayleigh(10.0, 1e-7)), (1e-8, None), (1e-8, None)):
-            found, record = reduced(model, damping=law, tolerance=tolerance, **given)
-            alone, expected = reduced(model, damping=law, tolerance=tolerance, **(given | {"store": None}))
+        damped = Rayleigh(10.0, 1e-7)
+        for tolerance, damping in ((1e-5, None), (1e-3, None), (1e-5, damped), (1e-8, None), (1e-8, None)):
+            found, record = reduced(model, damping=damping, tolerance=tolerance, **given)
+            alone, expected = reduced(model, damping=damping, tolerance=tolerance, **(given | {"store": None}))
             assert same(alone, found, 1e-10)  # a proof is solved for beside the basis of the run that made it
             assert record.accuracy.reached == expected.accuracy.reached
             assert len(record.factorisations) + record.factorisations_saved == len(expected.factorisations)

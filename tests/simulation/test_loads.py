@@ -39,8 +39,8 @@ def test_a_free_body_under_a_load_moves_as_the_full_model(free, name):
     setup = Simulation(end=end, steps=40, observe=(1, 16), load=(SineLoad(name, factor, frequency),),
                        relative_tolerance=1e-9, absolute_tolerance=1e-16)  # fmt: skip
     motion = hpcred.simulate(body, setup)
-    squares, modes = scipy.linalg.eigh(K, M)
-    omega, w = np.sqrt(squares.clip(min=0.0)), 2 * np.pi * frequency
+    eigenvalues, modes = scipy.linalg.eigh(K, M)
+    omega, w = np.sqrt(eigenvalues.clip(min=0.0)), 2 * np.pi * frequency
     omega[:6] = 0.0
     t = motion.t[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):

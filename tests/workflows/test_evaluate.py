@@ -145,13 +145,13 @@ LAWS = {
 
 @pytest.fixture
 def automatic(tmp_path, monkeypatch):
-    """Reduce the linkage to eps <= 1e-4 with a damping law, into result.h5 beside model.h5."""
+    """Reduce the linkage to eps <= 1e-4 with damping, into result.h5 beside model.h5."""
     monkeypatch.chdir(tmp_path)
 
-    def make(law=LAWS["rayleigh"][0]):
+    def make(damping=LAWS["rayleigh"][0]):
         with package.linkage() as model:
             package.write_model("model.h5", model)
-            with package.reduce(model, frame=package.Buckens(), damping=law, tolerance=1e-4, band=(0, 300)) as rom:
+            with package.reduce(model, frame=package.Buckens(), damping=damping, tolerance=1e-4, band=(0, 300)) as rom:
                 package.write_result("result.h5", rom, model)
                 return rom.record.accuracy
 
@@ -161,8 +161,8 @@ def automatic(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", LAWS)
 def test_fresh_frequencies_bear_out_what_was_said(automatic, capsys, name):
     """Never above eps, and within a factor of 2 of what was said where that is well above what else is unknown."""
-    law, measured = LAWS[name]
-    accuracy = automatic(law)
+    damping, measured = LAWS[name]
+    accuracy = automatic(damping)
     assert run(["evaluate", "result.h5", "--full", "model.h5", "--check", "12", "--seed", "3", "--json", "c.json"]) == 0
     report = json.loads(Path("c.json").read_text())
     assert measured in report["measured"]

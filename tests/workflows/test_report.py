@@ -222,8 +222,8 @@ def test_results_beside_each_other_have_one_damping_and_one_full_response(folder
     assert one.band == two.band == (0.0, 300.0)
     assert two.full is one.full and two.full_as_before and not one.full_as_before
     with package.read_model(folder / "model.h5") as model:
-        law = package.Structural(0.002)
-        H = package.frequency_response(model, one.full.frequencies, package.Buckens(), law)
+        damping = package.Structural(0.002)
+        H = package.frequency_response(model, one.full.frequencies, package.Buckens(), damping)
     assert np.allclose(H, one.full.response, rtol=1e-6, atol=1e-9 * np.abs(H).max())
     for sheet in (one, two):
         reduced = replace(sheet.reduced, loss_factor=0.002)

@@ -38,13 +38,13 @@ def model_file(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "law, terms", [(Rayleigh(20.0, 1e-7), (20.0, 1e-7, 0.0)), (Caughey((0.0, 1e-6)), (0.0, 1e-6, 0.0)),
-                   (Structural(0.02), (0.0, 0.0, 0.02)), (None, (0.0, 0.0, 0.0))],
+    "damping, terms", [(Rayleigh(20.0, 1e-7), (20.0, 1e-7, 0.0)), (Caughey((0.0, 1e-6)), (0.0, 1e-6, 0.0)),
+                       (Structural(0.02), (0.0, 0.0, 0.02)), (None, (0.0, 0.0, 0.0))],
 )  # fmt: skip
-def test_against_dense_solves(solid, law, terms):
+def test_against_dense_solves(solid, damping, terms):
     """At frequencies that no point of the search is near; the estimate holds at each of them."""
     frequencies = np.linspace(*BAND, 61)
-    found = package.full_response(solid, frequencies, damping=law, tolerance=1e-5)
+    found = package.full_response(solid, frequencies, damping=damping, tolerance=1e-5)
     K, M, B = dense_model(solid)
     alpha, beta, eta = terms
     for f, H, eps in zip(frequencies, found.response, found.eps, strict=True):
@@ -60,9 +60,9 @@ def test_against_dense_solves(solid, law, terms):
 def test_a_free_body_with_a_check(linkage):
     """The elastic response in the Buckens frame from rest on, like direct solves in both builds."""
     frequencies = np.linspace(0.0, 300.0, 31)
-    law = Rayleigh(2.0, 1e-5)
-    found = package.full_response(linkage, frequencies, Buckens(), law, tolerance=1e-6, check=3, seed=5)
-    direct = package.frequency_response(linkage, frequencies, Buckens(), law)
+    damping = Rayleigh(2.0, 1e-5)
+    found = package.full_response(linkage, frequencies, Buckens(), damping, tolerance=1e-6, check=3, seed=5)
+    direct = package.frequency_response(linkage, frequencies, Buckens(), damping)
     assert package.relative_error(direct, found.response).max() < 1e-6
     assert found.reached and found.check.passed and found.check.seed == 5
     assert 3 < len(found.check.frequencies) <= 6

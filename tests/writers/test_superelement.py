@@ -163,8 +163,8 @@ def test_superelements_in_other_units(tmp_path, comm, text):
             assert np.allclose(read.dofs.position[0] * L, model.interfaces[0].position)
             with hpcred.in_si(read, units_of(text)) as back:  # another way: rows of interface nodes are those of SI
                 assert np.allclose(to_dense(back.K)[:12, :12], model.K[:12, :12], rtol=1e-8)
-                squares = scipy.linalg.eigh(to_dense(back.K), to_dense(back.M), eigvals_only=True)
-    assert np.sqrt(squares[6:]) / (2 * np.pi) == pytest.approx(model.frequencies[6:], rel=1e-8)
+                eigenvalues = scipy.linalg.eigh(to_dense(back.K), to_dense(back.M), eigvals_only=True)
+    assert np.sqrt(eigenvalues[6:]) / (2 * np.pi) == pytest.approx(model.frequencies[6:], rel=1e-8)
     nodes, _, matrices = abaqus(files["abaqus"].read_text())
     assert np.allclose(np.array(nodes[205]) * L, model.interfaces[1].position)
     found["abaqus"] = {"K": matrices["STIFFNESS"], "M": matrices["MASS"], "D": matrices["VISCOUS DAMPING"]}
