@@ -235,9 +235,8 @@ class _Search:
         """Degrees around the axis that faces (k,) cover."""
         corners = self.faces.corners[faces]
         arm = cylinder.outwards(self.points[np.where(corners < 0, corners[:, :1], corners)])
-        helper = np.cross(cylinder.axis, np.eye(3)[np.abs(cylinder.axis).argmin()])
-        first = helper / np.linalg.norm(helper)
-        angle = np.arctan2(arm @ np.cross(cylinder.axis, first), arm @ first)
+        first, second = _across(cylinder.axis)
+        angle = np.arctan2(arm @ second, arm @ first)
         near = angle[:, :1] + (angle - angle[:, :1] + np.pi) % (2 * np.pi) - np.pi
         low, width = near.min(axis=1) % (2 * np.pi), np.ptp(near, axis=1)
         order = np.argsort(low)
@@ -311,12 +310,17 @@ def _least_direction(normals):
     return np.linalg.eigh(normals.T @ normals)[1][:, 0]
 
 
+def _across(axis):
+    """Two unit vectors (2, 3) at right angles to a unit vector, and to each other."""
+    helper = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    first = helper / np.linalg.norm(helper)
+    return np.stack([first, np.cross(axis, first)])
+
+
 def around(points, axis) -> Cylinder:
     """The cylinder with a given axis that is nearest to points (k, 3), by its circle in the plane across."""
     centre = points.mean(axis=0)
-    helper = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-    first = helper / np.linalg.norm(helper)
-    plane = np.stack([first, np.cross(axis, first)])
+    plane = _across(axis)
     x = (points - centre) @ plane.T
     size = max(np.abs(x).max(initial=0.0), 1e-300)
     x = x / size
@@ -332,9 +336,7 @@ def fitted(points, cylinder: Cylinder, to: float = 1e-12) -> Cylinder | None:
     point, axis, radius = points.mean(axis=0), cylinder.axis, cylinder.radius
     point = point - cylinder.outwards(point[None])[0]
     for _ in range(10):
-        helper = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-        first = helper / np.linalg.norm(helper)
-        plane = np.stack([first, np.cross(axis, first)])
+        plane = _across(axis)
         arm = points - point
         along, x = arm @ axis, arm @ plane.T
         distance = np.linalg.norm(x, axis=1)

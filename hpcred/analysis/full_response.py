@@ -212,7 +212,8 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
             basis.multiply(outer.vectors)
             run.notes.remarks += warnings_of_digits(model, framed.model.K, outer.eigenvalues, basis.columns)
             again = tuple(projected_again(projections))
-            pair = search.judge.compare(outer if seen is None else seen, outer, _embedding(seen, outer))
+            inner, embedding = (outer, np.eye(len(outer))) if seen is None else (seen, nested(seen, outer))
+            pair = search.judge.compare(inner, outer, embedding)
             models = _Models(pair, again, seen is not None, damping_of_response)
             values, eps, accuracy = decided(model.comm, _evaluate, search, frequencies, models)
         factorisations, warnings = tuple(run.factorisations), (*warnings, *run.notes.warnings)
@@ -287,10 +288,6 @@ class _Models:
         H, drive = pair.outer.responses(frequencies)
         estimated = sum(self.curve(pair.outer.damping, frequencies))
         return tuple(estimated.tolist()), tuple(pair.measure.eps(solved - H, solved, drive).tolist())
-
-
-def _embedding(seen, outer):
-    return np.eye(len(outer)) if seen is None else nested(seen, outer)
 
 
 def _seen(search, outer):

@@ -77,6 +77,16 @@ def new_figure(**keywords):
     return Figure(**keywords)
 
 
+def add_grid(axes):
+    """Draw the lines of the large ticks."""
+    axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
+
+
+def legend_beside(axes, *entries, **style):
+    """Draw the legend to the right of axes."""
+    axes.legend(*entries, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False, **style)
+
+
 def error_figure(stem, frequencies, curves, title):
     """Draw eps over frequency, logarithmic, as stem.png and stem.svg. `curves`: (label, errors) pairs."""
     plt = pyplot()
@@ -86,7 +96,7 @@ def error_figure(stem, frequencies, curves, title):
         axes.semilogy(frequencies, errors, dash, color=colour, linewidth=1.1, marker=marker, label=label)
     axes.set(xlabel="frequency (Hz)", ylabel="relative error", title=title)
     axes.set_xlim(0, frequencies[-1])
-    axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
+    add_grid(axes)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=9, frameon=False)
     save(figure, stem)
 
@@ -112,7 +122,7 @@ def cut_figure(stem, t, curves, title):
     cut.set(xlabel="time (s)", xlim=(t[near][0], t[near][-1]))
     for axes in (whole, cut):
         axes.set_ylabel("displacement (mm)")
-        axes.grid(True, color="#dddddd", linewidth=0.6)
+        add_grid(axes)
     cut.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=9, frameon=False)
     save(figure, stem)
 
@@ -158,8 +168,8 @@ def time_figure(path, t, panels):
             panel.plot(t, values, DASHES[i // len(COLOURS) % len(DASHES)], color=COLOURS[i % len(COLOURS)],
                        linewidth=1.1, label=label)  # fmt: skip
         panel.set_ylabel(name)
-        panel.grid(True, color="#dddddd", linewidth=0.6)
-        panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+        add_grid(panel)
+        legend_beside(panel)
     axes[-1, 0].set(xlabel="time (s)", xlim=(t[0], t[-1]))
     figure.savefig(path, dpi=150, format="png")
     plt.close(figure)
@@ -210,9 +220,8 @@ def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=No
     if len(frequencies) > 1:
         panels[-1].set_xlim(*_limits(frequencies))
     for axes in panels:
-        axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
-    panels[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False, title="output/input",
-                     title_fontsize=8)  # fmt: skip
+        add_grid(axes)
+    legend_beside(panels[0], title="output/input", title_fontsize=8)
 
 
 def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"):
@@ -290,10 +299,10 @@ def _limits(frequencies):
 
 def _finish(figure, panels, frequencies, path, kind):
     for axes in panels:
-        axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
+        add_grid(axes)
         axes.spines[["top", "right"]].set_visible(False)
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+            legend_beside(axes)
     panels[-1].set_xlabel("frequency (Hz)")
     panels[-1].set_xlim(*_limits(frequencies))
     save_as(figure, path, kind)

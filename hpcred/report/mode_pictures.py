@@ -188,7 +188,7 @@ class _Stage:
             return 1
         heights = {c: -(-len(self.modes) // c) * (TITLE + WIDTH / c / aspect) for c in (1, 2, 3)}
         fitting = [c for c in heights if heights[c] <= 0.95 * WIDTH]
-        return min(fitting or [3], default=3) if len(self.modes) > 1 else 1
+        return min(fitting or [3])
 
     def figure(self):
         """Return an empty matplotlib figure with titles, axes, scale bar and colour bar, and its images, one a
@@ -219,10 +219,7 @@ class _Stage:
                 axes.annotate("", origin + end, origin, arrowprops=ARROW)
                 axes.text(*(origin + end * (1 + 0.09 / np.linalg.norm(end))), name, fontsize=9, color=INK, ha="center",
                           va="center")  # fmt: skip
-        inch = self.view.scale / (self.dots * FINE)  # inches a metre
-        length = round_length(1.6 / inch)
-        axes.plot([1.1, 1.1 + length * inch], [0.28, 0.28], color=INK, linewidth=2.5, solid_capstyle="butt")
-        axes.text(1.1 + length * inch / 2, 0.35, in_metres(length), fontsize=9, color=INK, ha="center", va="bottom")
+        scale_bar(axes, self.view.scale / (self.dots * FINE), 1.1, 0.28)
         left = 3.6
         if len(self.shapes.mark_points):
             axes.plot([left], [0.30], "o", color=MARK, markersize=5, markeredgewidth=0)
@@ -243,8 +240,12 @@ class _Stage:
         field, size = self.fields[place], self.sizes[place] * abs(amplitude)
         moved = self.surface.points + amplitude * field[self.surface.nodes]
         marks = self.shapes.mark_points + amplitude * self.marks[place]
-        fine = render(self.surface, moved, size[self.surface.nodes], self.view, marks)
-        return fine.reshape(fine.shape[0] // FINE, FINE, fine.shape[1] // FINE, FINE, 3).mean(axis=(1, 3))
+        return coarse(render(self.surface, moved, size[self.surface.nodes], self.view, marks))
+
+
+def coarse(fine) -> np.ndarray:
+    """Return the mean colours (h, w, 3) of FINE x FINE pixels each."""
+    return fine.reshape(fine.shape[0] // FINE, FINE, fine.shape[1] // FINE, FINE, 3).mean(axis=(1, 3))
 
 
 def render(surface: DrawnSurface, moved, values, view: View, marks=()) -> np.ndarray:
@@ -263,8 +264,7 @@ def render(surface: DrawnSurface, moved, values, view: View, marks=()) -> np.nda
         canvas.fill(screen, surface.triangles)
         (y, x), number, weights = canvas.weights(screen, surface.triangles)
         corners = surface.triangles[number].T
-        normals = normals_on_screen(screen, surface.triangles)
-        shade = 0.5 + 0.5 * np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
+        shade = shades(screen, surface.triangles)
         image[y, x] = colours((weights * values[corners]).sum(axis=0))[:, :3] * shade[number][:, None]
         if len(surface.edges) and mean_length(screen, surface.edges) > 7 * FINE:
             paint(image, canvas.strokes(screen, surface.edges, 1, near), EDGE, 0.5)
@@ -283,12 +283,13 @@ def render(surface: DrawnSurface, moved, values, view: View, marks=()) -> np.nda
     return image
 
 
-def normals_on_screen(screen, triangles):
-    """Return unit normals (t, 3), towards the viewer."""
+def shades(screen, triangles):
+    """Return how bright triangles (t,) are, 0.5 to 1, by their normals towards the viewer."""
     a, b, c = (screen[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals *= np.where(normals[:, 2:] > 0, -1.0, 1.0)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    return 0.5 + 0.5 * np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
 
 
 def mean_length(screen, pairs):
@@ -317,6 +318,14 @@ def _splats(image, screen, colours, size):
 def in_hertz(frequency) -> str:
     """Return a frequency in four digits."""
     return f"{frequency:.0f} Hz" if frequency >= 1000 else f"{frequency:.4g} Hz"
+
+
+def scale_bar(axes, inch, left, height):
+    """Draw a bar of a round length, with `inch` inches a metre, on axes in inches."""
+    length = round_length(1.6 / inch)
+    axes.plot([left, left + length * inch], [height] * 2, color=INK, linewidth=2.5, solid_capstyle="butt")
+    axes.text(left + length * inch / 2, height + 0.07, in_metres(length), fontsize=9, color=INK, ha="center",
+              va="bottom")  # fmt: skip
 
 
 def round_length(length) -> float:

@@ -10,16 +10,15 @@ from .mode_pictures import (
     EDGE,
     FINE,
     GAP,
-    LIGHT,
     OUTLINE,
     WIDTH,
     View,
     axes_of_view,
-    in_metres,
+    coarse,
     mean_length,
-    normals_on_screen,
     paint,
-    round_length,
+    scale_bar,
+    shades,
 )
 from .rasteriser import Canvas
 from .surface import DrawnSurface
@@ -60,8 +59,7 @@ def draw_sets(path, surface: DrawnSurface, nodes: np.ndarray, sets: list, marks=
         panel = figure.add_axes([left / WIDTH, bottom / tall, wide / WIDTH, high / tall])
         panel.set_axis_off()
         image = _render(surface, nodes, [members for _, members in sets], colours, view)
-        image = image.reshape(height // FINE, FINE, width // FINE, FINE, 3).mean(axis=(1, 3))
-        panel.imshow(image, interpolation="nearest", aspect="auto")
+        panel.imshow(coarse(image), interpolation="nearest", aspect="auto")
         for name, place in marks:
             x, y, _ = view.screen(np.reshape(place, (1, 3)))[0] / FINE
             panel.plot([x], [y], "o", color=INK, markersize=5, markeredgecolor="white", markeredgewidth=1)
@@ -70,11 +68,7 @@ def draw_sets(path, surface: DrawnSurface, nodes: np.ndarray, sets: list, marks=
     foot = figure.add_axes([0, 0, 1, (FOOT + legend) / tall], xlim=(0, WIDTH), ylim=(0, FOOT + legend))
     foot.set_axis_off()
     _legend(foot, sets, colours, columns, legend)
-    inch = view.scale / (DOTS * FINE)
-    length = round_length(1.6 / inch)
-    start = np.array([GAP + 0.3, GAP + 0.3 + length * inch])
-    foot.plot(start, [0.2, 0.2], color=INK, linewidth=2.5, solid_capstyle="butt")
-    foot.text(start.mean(), 0.26, in_metres(length), fontsize=9, color=INK, ha="center", va="bottom")
+    scale_bar(foot, view.scale / (DOTS * FINE), GAP + 0.3, 0.2)
     if marks:
         foot.plot([4.0], [0.25], "o", color=INK, markersize=5)
         foot.text(4.12, 0.25, "reference node", fontsize=9, color=INK, va="center")
@@ -118,9 +112,7 @@ def _render(surface, nodes, sets, colours, view):
         colour = np.tile(GREY, (len(surface.triangles), 1))
         for k in order:
             colour[inside[k][surface.triangles].all(axis=1)] = colours[k]
-        light = normals_on_screen(screen, surface.triangles) @ (LIGHT / np.linalg.norm(LIGHT))
-        shade = 0.5 + 0.5 * np.clip(light, 0, 1)
-        image[y, x] = colour[number] * shade[number][:, None]
+        image[y, x] = colour[number] * shades(screen, surface.triangles)[number][:, None]
         if len(surface.edges) and mean_length(screen, surface.edges) > 7 * FINE:
             paint(image, canvas.strokes(screen, surface.edges, 1, near), EDGE, 0.4)
         paint(image, canvas.strokes(screen, surface.outline, FINE, near), OUTLINE, 0.75)

@@ -2,7 +2,7 @@
 
 import re
 
-from .figures import COLOURS, DASHES, FEW, INK, pyplot, save
+from .figures import COLOURS, DASHES, FEW, INK, add_grid, legend_beside, pyplot, save
 
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
 MOST = 16  # curves that a legend can tell apart
@@ -82,7 +82,7 @@ def _axes(x, y, title):
     axes.set_yscale("log")
     axes.set(xlabel=x, ylabel={"eps": "largest relative error", "estimate": "estimated relative error"}.get(y, y),
              title=title)  # fmt: skip
-    axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
+    add_grid(axes)
     return figure, axes
 
 
@@ -91,5 +91,5 @@ def _finish(figure, axes, stem):
     if len(handles) > MOST:
         handles, labels = handles[:MOST], [*labels[: MOST - 1], f"{labels[MOST - 1]}, and {len(handles) - MOST} more"]
     if len(handles) > 1 or (handles and labels[0]):
-        axes.legend(handles, labels, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+        legend_beside(axes, handles, labels)
     save(figure, stem)

@@ -158,7 +158,7 @@ class InterfaceSolver:
             self.from_store = self._take_flexible()
             small = inner(self._forces, self.flexible)
             rigid = inner(self._forces, run.rigid.R) if run.rigid is not None else np.zeros((self.size, 0))
-            self._system = decided(model.comm, _interface_system, small, rigid, model.interfaces)
+            self._system, self._scale = decided(model.comm, _interface_system, small, rigid, model.interfaces)
         except HpcredError:
             self.close()  # a refusal of all ranks
             raise
@@ -213,24 +213,16 @@ class InterfaceSolver:
         pushed = np.zeros((0 if rigid is None else rigid.count, count))
         if rigid is not None and load is not None:
             pushed = -inner(rigid.R, load)
-        forces, system = np.concatenate([motion, pushed]), self._system
-        found = decided(self._run.model.comm, lambda: system.scale[:, None] * np.linalg.solve(
-            system.matrix, system.scale[:, None] * forces))  # fmt: skip
+        forces, scale = np.concatenate([motion, pushed]), self._scale[:, None]
+        found = decided(self._run.model.comm, lambda: scale * np.linalg.solve(self._system, scale * forces))
         add_product(block, self.flexible, found[: self.size], beta=beta)
         if rigid is not None:
             add_product(block, rigid.R, found[self.size :])
 
 
-@dataclass(frozen=True)
-class _System:
-    """The matrix of lambda and c, scaled to a unit diagonal, and its scale."""
-
-    matrix: np.ndarray
-    scale: np.ndarray
-
-
 def _interface_system(flexibility, rigid, interfaces):
-    """[G K^+ G^T, G R; (G R)^T, 0], refused where a direction of the interfaces depends on others."""
+    """The matrix of lambda and c, [G K^+ G^T, G R; (G R)^T, 0], scaled to a unit diagonal, and the scale; refused where
+    a direction of the interfaces depends on others."""
     count = rigid.shape[1]
     scale = 1 / np.sqrt(np.maximum(np.diag(flexibility), 1e-300))
     other = 1 / np.maximum(np.linalg.norm(scale[:, None] * rigid, axis=0), 1e-300)
@@ -244,7 +236,7 @@ def _interface_system(flexibility, rigid, interfaces):
             f"interface '{interfaces[place // 6].name}': its direction {DIRECTIONS[place % 6]} cannot be moved by "
             "itself; its motion depends on other interfaces, or the set is held there"
         )
-    return _System(matrix, scale)
+    return matrix, scale
 
 
 def check_directions(model):

@@ -66,10 +66,6 @@ class Comparison:
         inner = self.inner.response(frequencies)
         return self.measure.eps(H - inner - self.difference(frequencies), H, drive)
 
-    def by(self, measure: Measure) -> Comparison:
-        """The same by another measure."""
-        return replace(self, measure=measure)
-
     def with_damping(self, damping: Proportional) -> Comparison:
         """The same with another proportional damping."""
         inner, outer = (replace(model, damping=damping) for model in (self.inner, self.outer))
@@ -93,14 +89,12 @@ def _silent(model, frequencies) -> list[int]:
 def upper_poles(model: PseudoModal) -> np.ndarray:
     """The poles (k,) of a model that are not below the real axis, in rad/s."""
     if model.poles is not None:
-        return _upper(model.poles.values)
-    given = 0.0 if model.D is None else np.diag(model.D)
-    half = (model.damping.at(model.eigenvalues) + given) / 2
-    root = np.sqrt(half**2 - (1 + 1j * model.damping.eta) * model.eigenvalues + 0j)
-    return _upper(np.concatenate([-half + root, -half - root]))
-
-
-def _upper(poles):
+        poles = model.poles.values
+    else:
+        given = 0.0 if model.D is None else np.diag(model.D)
+        half = (model.damping.at(model.eigenvalues) + given) / 2
+        root = np.sqrt(half**2 - (1 + 1j * model.damping.eta) * model.eigenvalues + 0j)
+        poles = np.concatenate([-half + root, -half - root])
     return poles[poles.imag >= 0]
 
 
@@ -188,15 +182,10 @@ def resolved(pair: Comparison, frequencies, curve, above: float, step=1.5, round
         if not halved.any():
             break
         more = ((frequencies[:-1] + frequencies[1:]) / 2)[halved]
-        frequencies, curve = _merged(frequencies, curve, more, pair.curve(more))
+        frequencies, curve = np.append(frequencies, more), np.append(curve, pair.curve(more))
+        order = np.argsort(frequencies)
+        frequencies, curve = frequencies[order], curve[order]
     return frequencies, curve
-
-
-def _merged(frequencies, curve, more, found):
-    """Both curves as one, in the order of the frequencies."""
-    frequencies, curve = np.append(frequencies, more), np.append(curve, found)
-    order = np.argsort(frequencies)
-    return frequencies[order], curve[order]
 
 
 def apart(frequencies, taken, band) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...parallel.decisions import decided
@@ -99,5 +101,6 @@ def directions_of(pair, frequencies, band, model) -> tuple[Direction, ...]:
     """Return the accuracy of each output, the least accurate first; local."""
     by = measure_over(MEASURES["directions"], band, pair.outer)
     parts = np.array_split(frequencies, 1 + len(frequencies) * len(by.outputs) * len(by.inputs) // TOGETHER)
-    return directions_table(by, ((part, pair.by(by).each(part), pair.outer.responses(part)[0]) for part in parts),
+    pair = replace(pair, measure=by)
+    return directions_table(by, ((part, pair.each(part), pair.outer.responses(part)[0]) for part in parts),
                             model.output_names, model.input_names)  # fmt: skip
