@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import operator
-from contextlib import closing
 
 import numpy as np
 
+from ..linalg.csr import diagonal_of
 from ..model.definiteness import warnings_of_definiteness
 from ..model.digits import digits_of
 from ..model.dofs import DIRECTIONS, SCALAR
@@ -110,24 +110,11 @@ def _on_symmetry(model):
 
 def _on_signs(model):
     found = warnings_of_definiteness(model)
-    if model.D is not None:
-        with closing(_Diagonal(model.D)) as D:
-            if model.comm.allreduce(float(D.values.sum())) < 0:
-                found.append(f"{model.name}: D has a negative trace, -D? Expected M q'' + D q' + K q = B u")
+    if model.D is not None and model.comm.allreduce(float(diagonal_of(model.D).sum())) < 0:
+        found.append(f"{model.name}: D has a negative trace, -D? Expected M q'' + D q' + K q = B u")
     if count := massless(model):
         found.append(f"{model.name}: {count} rows have no mass on the diagonal of M, which is singular")
     return found
-
-
-class _Diagonal:
-    """The diagonal entries of this rank's rows, while it is open."""
-
-    def __init__(self, mat):
-        self._vector = mat.getDiagonal()
-        self.values = self._vector.getArray().real
-
-    def close(self):
-        self._vector.destroy()
 
 
 def known(values):
@@ -231,8 +218,8 @@ def _beyond(numbers, units=SI, written=SI) -> list[float]:
 
 def _share_of_elements(model) -> float:
     """The part of the mass that is no point mass, by the diagonal of M. Collective."""
-    with closing(_Diagonal(model.M)) as M:
-        mine = M.values[(model.dofs.direction < 3) & (M.values > 0)]
+    masses = diagonal_of(model.M)
+    mine = masses[(model.dofs.direction < 3) & (masses > 0)]
     medians = [value for value in model.comm.allgather(float(np.median(mine)) if mine.size else None) if value]
     most = POINT_MASS * float(np.median(medians)) if medians else 0.0
     usual, total = model.comm.allreduce(np.array([np.minimum(mine, most).sum(), mine.sum()]))
@@ -274,9 +261,9 @@ def wave_speed(model) -> float | None:
     The mean distance of a node to the nearest one that K couples it with times the median of (K_ii / M_ii)^(1/2), of
     the stiffest direction, by 3: about what elements of first and second order have, also thin ones.
     """
-    # quotients overflow of values that are refused elsewhere
-    with closing(_Diagonal(model.K)) as K, closing(_Diagonal(model.M)) as M, np.errstate(over="ignore"):
-        ratio = np.divide(K.values, M.values, out=np.zeros(len(K.values)), where=M.values > 0)
+    K, M = diagonal_of(model.K), diagonal_of(model.M)
+    with np.errstate(over="ignore"):  # quotients of values that are refused elsewhere
+        ratio = np.divide(K, M, out=np.zeros(len(K)), where=M > 0)
     direction, medians = model.dofs.direction, []
     for k in range(3):
         part = ratio[(direction == k) & (ratio > 0)]

@@ -29,6 +29,7 @@ from .blocks import (
     stacked_inner,
     unfold,
 )
+from .csr import diagonal_of
 
 RESOLVED = 1e-4  # eigenvalues of a unit-diagonal Gram matrix above this are safe to divide by
 PASSES = 20  # of projection or separation; two or three are usual
@@ -107,7 +108,7 @@ class Basis:
                  keeps: bool = True):  # fmt: skip
         self.mass, self.tolerance = mass, tolerance
         self.comm = mass.comm.tompi4py()
-        self._diagonal = _diagonal_of(mass)
+        self._diagonal = _weights_of(mass)
         self._leading = 0
         self.size = 0
         deflated = 0 if deflate is None else np.diff(deflate.getActiveColumns())[0]
@@ -316,11 +317,9 @@ def _is_orthonormal(inside, gram):
     return all(bool(part <= ORTHONORMAL) for part in parts)  # NaN is not
 
 
-def _diagonal_of(mass):
+def _weights_of(mass):
     """The rows of this rank of |diag M|, with its smallest entry where there is none."""
-    vector = mass.getDiagonal()
-    values = np.abs(vector.getArray(readonly=True))
-    vector.destroy()
+    values = np.abs(diagonal_of(mass))
     smallest = mass.comm.tompi4py().allreduce(values[values > 0].min(initial=np.inf), op=MPI.MIN)
     return np.where(values > 0, values, smallest if np.isfinite(smallest) else 1.0)
 

@@ -64,3 +64,11 @@ def without_zeros(mat: PETSc.Mat) -> PETSc.Mat:
     ends = np.searchsorted(kept, indptr).astype(PETSc.IntType)
     sizes = mat.getSizes()
     return PETSc.Mat().createAIJ(sizes, csr=(ends, indices[kept], values[kept]), comm=mat.comm)
+
+
+def diagonal_of(mat) -> np.ndarray:
+    """Return the real parts of the diagonal entries of this rank's rows."""
+    vector = mat.getDiagonal()
+    values = vector.getArray(readonly=True).real.copy()
+    vector.destroy()
+    return values

@@ -14,6 +14,7 @@ from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc
 from ..parallel.sums import summed
 from .blocks import create_dense, independent, local_rows
+from .csr import diagonal_of
 from .options import temporary_options
 
 COARSEST = 2000  # rows that every rank can have the eigenvectors of
@@ -113,9 +114,7 @@ class _Level:
         self.matrix, self.interpolation, self._owned = matrix, interpolation, owned
         self.comm = matrix.comm.tompi4py()
         self._room = []
-        diagonal = matrix.getDiagonal()
-        values = diagonal.getArray(readonly=True).real
-        diagonal.destroy()
+        values = diagonal_of(matrix)
         self.inverse = np.divide(1.0, values, out=np.zeros_like(values), where=values > 0)[:, None]
         if interpolation is not None:
             self.top = HIGH * self._largest_eigenvalue()

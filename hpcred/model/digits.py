@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..linalg.blocks import local_rows
+from ..linalg.csr import diagonal_of
 
 ROWS = 64  # of a rank that are looked at
 FEWEST, MOST = 8, 15  # digits that say something: fewer have models made by hand, more have all
@@ -50,10 +51,8 @@ def warnings_of_digits(model, K, eigenvalues: np.ndarray, block) -> list[str]:
     digits = digits_of(model.K) if len(eigenvalues) else None
     if digits is None:
         return []
-    diagonal = K.getDiagonal()
     with local_rows(block) as rows:
-        moved = ((np.abs(rows[:, : len(eigenvalues)]) ** 2 * diagonal.getArray().real[:, None]) ** 2).sum(axis=0)
-    diagonal.destroy()
+        moved = ((np.abs(rows[:, : len(eigenvalues)]) ** 2 * diagonal_of(K)[:, None]) ** 2).sum(axis=0)
     moved = BESIDE * ROUNDED * 10.0 ** (1 - digits) * np.sqrt(model.comm.allreduce(moved))
     errors = moved / np.maximum(eigenvalues, np.finfo(float).tiny) / 2
     worst = int(np.argmax(errors))

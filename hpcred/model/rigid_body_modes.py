@@ -9,6 +9,7 @@ import numpy as np
 
 from ..linalg.basis import Basis
 from ..linalg.blocks import add_product, apply, column_norms, copy_of, create_block, inner, local_rows, multiply
+from ..linalg.csr import diagonal_of
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc
@@ -228,12 +229,10 @@ def soft_supports(model) -> np.ndarray:
         motions.setActiveColumns(0, 3)
         product = owned.owns(create_block(model.K, 3))
         apply(model.K, motions, product)
-        diagonal = model.K.getDiagonal()
         with local_rows(product) as rows, local_rows(motions) as moved:
-            size = np.abs(diagonal.getArray(readonly=True).real)[:, None]
+            size = np.abs(diagonal_of(model.K))[:, None]
             met = (np.abs(rows[:, :3]) / np.where(size > 0, size, np.inf)).max(axis=0, initial=0.0)
             moves = (moved[:, :3] != 0).any(axis=0)
-        diagonal.destroy()
     met = np.max(model.comm.allgather(met), axis=0)[np.any(model.comm.allgather(moves), axis=0)]
     return np.where(met > SOFTLY, met, 0.0)
 
@@ -379,11 +378,11 @@ def exchange_of_matrices(model) -> str | None:
 def _weighs(model, motions, moved) -> bool:
     """Test whether M gives translations about the mass that is on its diagonal, which is quick to see. Collective."""
     with Owned(model.comm) as owned:
-        product, diagonal = owned.owns(create_block(model.M, 6)), owned.owns(model.M.getDiagonal())
+        product = owned.owns(create_block(model.M, 6))
         apply(model.M, motions, product)
         with local_rows(product) as rows:
             masses = (rows.real[:, :3] * moved).sum(axis=0)
-        masses, sizes = model.comm.allreduce(np.array([masses, np.abs(diagonal.getArray()) @ moved]))
+        masses, sizes = model.comm.allreduce(np.array([masses, np.abs(diagonal_of(model.M)) @ moved]))
     return model.comm.bcast(bool((masses >= ON_DIAGONAL * sizes).all()))
 
 

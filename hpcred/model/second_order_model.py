@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..linalg.csr import diagonal_of
 from ..linalg.matrix_estimates import extreme_quotients, symmetry_defect
 from ..parallel.declared import declared, spelled_with
 from ..parallel.failures import InputError, agreed, settle, watched
@@ -745,10 +746,7 @@ def require_model(model):
 
 def massless(model) -> int:
     """Return the number of dofs without mass on the diagonal of M. Collective."""
-    diagonal = model.M.getDiagonal()
-    count = int((diagonal.getArray(readonly=True).real == 0).sum())
-    diagonal.destroy()
-    return model.comm.allreduce(count)
+    return model.comm.allreduce(int((diagonal_of(model.M) == 0).sum()))
 
 
 def require_inputs(model):

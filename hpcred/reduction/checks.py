@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..linalg.csr import diagonal_of
 from ..model.definiteness import check_definite, warnings_of_definiteness
 from ..model.frames import Buckens
 from ..model.interfaces import warnings_of_interfaces
@@ -52,12 +53,9 @@ def warnings_of(model, frame) -> tuple[str, ...]:
 
 def warnings_of_band(model, band) -> tuple[str, ...]:
     """A band that ends far above all that the mesh follows, as one in other units does. Collective."""
-    K, M = (matrix.getDiagonal() for matrix in (model.K, model.M))
-    stiffness, mass = K.getArray(readonly=True).real, M.getArray(readonly=True).real
+    stiffness, mass = diagonal_of(model.K), diagonal_of(model.M)
     ratios = stiffness[mass > 0] / mass[mass > 0]
     highest = np.sqrt(max(model.comm.allreduce(ratios.max(initial=0.0), op=MPI.MAX), 0.0)) / 2 / np.pi
-    K.destroy()
-    M.destroy()
     if not 0 < BEYOND * highest < band[1]:
         return ()
     return (

@@ -11,6 +11,7 @@ from ...parallel.failures import InputError
 from ...parallel.petsc import SAME, PETSc
 from ...parallel.sums import summed
 from ..blocks import create_dense, local_rows
+from ..csr import diagonal_of
 from ..multigrid import Multigrid
 from .base import FactorRecord, SingularMatrix, Solver
 from .iterative import IterativeSolves
@@ -87,9 +88,7 @@ class MultigridSolver(IterativeSolves, Solver):
         """Have solves with A = M, by conjugate gradients with its diagonal: consistent masses are well conditioned
         (Wathen, IMA J. Numer. Anal. 7(4), 1987). Raises SingularMatrix."""
         start = time.perf_counter()
-        diagonal = self.model.M.getDiagonal()
-        values = diagonal.getArray(readonly=True).real.copy()
-        diagonal.destroy()
+        values = diagonal_of(self.model.M)
         if not all(self.model.comm.allgather(bool((values > 0).all()))):
             raise SingularMatrix()
         self._inverse, self._terms = 1 / values[:, None], [(1.0, self.model.M)]

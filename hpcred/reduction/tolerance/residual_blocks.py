@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...linalg.blocks import add_product, apply, copy_of, create_block, inner, local_rows, multiply
+from ...linalg.csr import diagonal_of
 from ...parallel.decisions import decided
 from ...parallel.failures import Owned
 from ...parallel.petsc import PETSc
@@ -157,10 +158,7 @@ def _residual_coefficients(projections, settings, S, damped=True):
 
 def _row_scale(model):
     """1 / sqrt(diag K) of the rows of this rank."""
-    diagonal = model.K.getDiagonal()
-    values = np.abs(diagonal.getArray().real)
-    diagonal.destroy()
-    typical = model.mean_diagonal_of_k
+    values, typical = np.abs(diagonal_of(model.K)), model.mean_diagonal_of_k
     return 1 / np.sqrt(np.where(values > 1e-12 * typical, values, typical))
 
 
