@@ -52,7 +52,8 @@ class Bore:
         return x, y, z
 
     def interface(self, name: str | None = None, **more) -> Interface:
-        """An interface on it whose reference node is at its centre; `more`: other settings, such as kind="rigid"."""
+        """Return an interface on it whose reference node is at its centre; `more`: other settings, such as
+        kind="rigid"."""
         where = Nodes(**{"pin" if self.kind == "pin" else "bore": (self.start, self.end, self.radius)})
         return Interface(**{"name": name or self.name, "nodes": where, "at": self.centre} | more)
 
@@ -87,7 +88,7 @@ def find_bores(model: SecondOrderModel, *, turn: float = TURN) -> tuple[Bore, ..
 
 
 def bores_and_warnings(model, turn: float) -> tuple[tuple[Bore, ...], list[str]]:
-    """What find_bores gives, and sentences on what it could not see. Collective."""
+    """Return the bores of find_bores, and warnings of faces that it cannot use. Collective."""
     require_model(model)
     turn = declared("turn", turn, float)
     if not 0 < turn <= 360:
@@ -108,7 +109,7 @@ def bores_and_warnings(model, turn: float) -> tuple[tuple[Bore, ...], list[str]]
 
 
 def _bores(surface, turn):
-    """The bores of a surface, and how many faces it lacks; on one rank."""
+    """Return the bores of a surface, and how many faces it lacks; on one rank."""
     found = []
     for item in find_cylinders(surface.faces, surface.points, turn):
         taken = surface.faces.take(item.faces)

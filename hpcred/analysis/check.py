@@ -1,4 +1,4 @@
-"""Check a model whose matrices have come from another program, and say what to look at."""
+"""Check a model whose matrices have come from another program, and warn of what looks wrong."""
 
 from __future__ import annotations
 
@@ -118,12 +118,12 @@ def _on_signs(model):
 
 
 def known(values):
-    """Numbers as nested lists, None for what is not known."""
+    """Return numbers as nested lists, None for what is not known."""
     return np.where(np.isnan(values), None, values).tolist()
 
 
 def _on_rigid_motions(residuals, count):
-    """A sentence on what K says to the rigid-body motions, of which so many combinations meet no force."""
+    """Return a sentence on what K says to the rigid-body motions, of which so many combinations meet no force."""
     worst = np.nanmax(residuals)
     moving = [name for name, value in zip("xyz", residuals, strict=False) if not np.isnan(value)]
     still = [name for name in "xyz" if name not in moving]
@@ -145,12 +145,12 @@ def _on_rigid_motions(residuals, count):
 
 
 def held_count(model) -> int:
-    """Number of dofs that the program held. Collective."""
+    """Return the number of dofs that the program held. Collective."""
     return model.comm.allreduce(0 if model.held is None else len(model.held.node))
 
 
 def on_held_dofs(model, body) -> list[str]:
-    """A sentence where the program that wrote the matrices held dofs: the mass is without theirs. Collective."""
+    """Return a sentence where the program that wrote the matrices held dofs: the mass is without theirs. Collective."""
     count = held_count(model)
     if not count:
         return []
@@ -162,7 +162,7 @@ def on_held_dofs(model, body) -> list[str]:
 
 
 def extent(model) -> tuple[np.ndarray, np.ndarray]:
-    """Smallest and largest coordinates (3,) of the nodes, those that are held included. Collective."""
+    """Return the smallest and largest coordinates (3,) of the nodes, those that are held included. Collective."""
     placed = model.dofs.position[model.dofs.direction != SCALAR]
     position = placed if model.held is None else np.concatenate([placed, model.held.position])
     low = np.min(model.comm.allgather(position.min(axis=0, initial=np.inf)), axis=0)
@@ -170,7 +170,8 @@ def extent(model) -> tuple[np.ndarray, np.ndarray]:
 
 
 def likely_units(model, mass, size) -> str | None:
-    """The only system of UNITS in which the body is of a usual material, or None where none or several are. Collective.
+    """Return the only system of UNITS in which the body is of a usual material, or None where none or several are.
+    Collective.
 
     See fitting_units.
     """
@@ -179,7 +180,7 @@ def likely_units(model, mass, size) -> str | None:
 
 
 def fitting_units(model, mass, size, first=None, written=SI) -> list[Units]:
-    """The systems of UNITS in which the body is of a usual material and of usual stiffness. Collective.
+    """Return the systems of UNITS in which the body is of a usual material and of usual stiffness. Collective.
 
     `mass` of the body, `size` (3,) of its box, and its `first` natural frequency where known; `written`: the units in
     which the numbers were before they were converted. Cautious: bodies that fill little of their box, or whose
@@ -190,7 +191,8 @@ def fitting_units(model, mass, size, first=None, written=SI) -> list[Units]:
 
 
 def _numbers_of_material(model, mass, size, first):
-    """Speed of waves, density, and speed of the first mode (or None), or None where they are not known. Collective."""
+    """Return the speed of waves, density, and speed of the first mode (or None), or None where they are not known.
+    Collective."""
     volume = _volume_of_elements(model) or float(np.prod(size))
     speed = wave_speed(model)
     if not volume or not speed:
@@ -199,7 +201,7 @@ def _numbers_of_material(model, mass, size, first):
 
 
 def _volume_of_elements(model) -> float | None:
-    """The volume of solids, or None. Collective."""
+    """Return the volume of solids, or None. Collective."""
     parts = [part for part in (model.dofs, model.held) if part is not None]
     label, first = np.unique(np.concatenate([part.node for part in parts]), return_index=True)
     position = np.concatenate([part.position for part in parts])[first]
@@ -209,7 +211,8 @@ def _volume_of_elements(model) -> float | None:
 
 
 def _beyond(numbers, units=SI, written=SI) -> list[float]:
-    """How many times each of the numbers is outside of what is usual, where they are in these units, not as written."""
+    """Return how many times each of the numbers is outside of what is usual, where they are in these units, not as
+    written."""
     L, M, T = np.divide(units.sizes, written.sizes)
     factors = (L / T, M / L**3, L / T)
     return [max(low / (value * factor), value * factor / high, 1.0) for value, factor, (low, high) in
@@ -217,7 +220,7 @@ def _beyond(numbers, units=SI, written=SI) -> list[float]:
 
 
 def _share_of_elements(model) -> float:
-    """The part of the mass that is no point mass, by the diagonal of M. Collective."""
+    """Return the part of the mass that is no point mass, by the diagonal of M. Collective."""
     masses = diagonal_of(model.M)
     mine = masses[(model.dofs.direction < 3) & (masses > 0)]
     medians = [value for value in model.comm.allgather(float(np.median(mine)) if mine.size else None) if value]
@@ -227,7 +230,7 @@ def _share_of_elements(model) -> float:
 
 
 def warnings_of_units(model, mass, first=None) -> list[str]:
-    """A sentence where mass, size, stiffness and perhaps the `first` frequency (Hz) are those of other units.
+    """Return a sentence where mass, size, stiffness and perhaps the `first` frequency (Hz) are those of other units.
 
     Of bodies that fill little of their box, such as frames of beams, the speed of waves alone. Collective.
     """
@@ -256,7 +259,7 @@ def warnings_of_units(model, mass, first=None) -> list[str]:
 
 
 def wave_speed(model) -> float | None:
-    """The speed of waves between neighbouring nodes, within an order of magnitude, or None. Collective.
+    """Return the speed of waves between neighbouring nodes, within an order of magnitude, or None. Collective.
 
     The mean distance of a node to the nearest one that K couples it with times the median of (K_ii / M_ii)^(1/2), of
     the stiffest direction, by 3: about what elements of first and second order have, also thin ones.
@@ -276,7 +279,8 @@ def wave_speed(model) -> float | None:
 
 
 def _distances(model):
-    """Sum and number of the distances of the first nodes of this rank to the nearest other one that K couples."""
+    """Return sum and number of the distances of the first nodes of this rank to the nearest other one that K couples.
+    """
     first = model.first_row
     most = min(model.local_rows, 30_000)
     indptr, indices, values = model.K.getValuesCSR()

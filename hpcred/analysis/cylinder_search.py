@@ -50,7 +50,7 @@ class Found:
 
 
 def find_cylinders(faces: Faces, points: np.ndarray, least_turn: float) -> list[Found]:
-    """The cylinders of at least so many degrees on a surface; `faces`: indices of points (v, 3) in m."""
+    """Return the cylinders of at least so many degrees on a surface; `faces`: indices of points (v, 3) in m."""
     search = _Search(faces, points)
     return [found for found in search.all() if found.turn >= least_turn]
 
@@ -71,7 +71,7 @@ class _Search:
         self.waiting = np.zeros(len(self.free), bool)  # pieces to begin from
 
     def all(self):
-        """Cylinders, one after the other."""
+        """Yield cylinders, one after the other."""
         owner = np.repeat(np.arange(len(self.free)), np.diff(self.first))
         bent = (self.cosine >= SMOOTH) & (self.cosine <= FLAT)
         self.waiting[owner[bent]] = True
@@ -87,20 +87,20 @@ class _Search:
             yield found
 
     def _from(self, seed):
-        """The cylinder that a piece belongs to, or None; its pieces are no longer free."""
+        """Return the cylinder that a piece belongs to, or None; its pieces are no longer free."""
         for guess in self._guesses(seed):
             if (grown := self._grown(seed, guess)) is not None:
                 return self._whole(*grown)
         return None
 
     def _cosine(self, pieces, seed):
-        """Between the normals of pieces (k,) and that of one, without sign for shells."""
+        """Return the cosines between the normals of pieces (k,) and that of one, without sign for shells."""
         cosine = self.normals[pieces] @ self.normals[seed]
         return np.where(self.shell[pieces] | self.shell[seed], np.abs(cosine), cosine)
 
     def _flood(self, seed, fits, most=np.inf):
-        """The free pieces (k,) that are reached from one over smooth edges, all of which `fits(pieces)`; at most about
-        `most`. Empty where the first does not fit."""
+        """Return the free pieces (k,) that are reached from one over smooth edges, all of which `fits(pieces)`; at most
+        about `most`. Empty where the first does not fit."""
         seen = ~self.free
         front, found = np.array([seed]), [np.zeros(0, int)]
         while len(front) and sum(map(len, found)) < most:
@@ -113,13 +113,13 @@ class _Search:
         return np.concatenate(found)
 
     def _edges(self, pieces):
-        """The places in `beside` of the neighbours of pieces (k,)."""
+        """Return the places in `beside` of the neighbours of pieces (k,)."""
         count = self.first[pieces + 1] - self.first[pieces]
         start = np.repeat(self.first[pieces] - np.cumsum(count) + count, count)
         return start + np.arange(len(start))
 
     def _guesses(self, seed):
-        """Cylinders through pieces around one, as far as they fit these."""
+        """Yield cylinders through pieces around one, as far as they fit these."""
         found = []
         for cosine in GUESSES:
             patch = self._flood(seed, lambda new, cosine=cosine: self._cosine(new, seed) >= cosine, PATCH)
@@ -139,8 +139,8 @@ class _Search:
                     yield cylinder
 
     def _grown(self, seed, cylinder):
-        """The cylinder that grows from a piece, with one to begin with, its pieces, and whether it is a hole; None
-        where it does not end, or does not fit."""
+        """Return the cylinder that grows from a piece, with one to begin with, its pieces, and whether it is a hole;
+        None where it does not end, or does not fit."""
         for share in TOLERANCES:
             before = None
             for _ in range(4):
@@ -181,13 +181,13 @@ class _Search:
         return self.points[np.unique(corners[corners >= 0])]
 
     def _region(self, seed, cylinder, tolerance, inwards):
-        """The pieces (k,) on a cylinder that hang together with one."""
+        """Return the pieces (k,) on a cylinder that hang together with one."""
         on = on_cylinder(self.pieces, self.points, self.normals, cylinder, tolerance, bool(inwards))
         return self._flood(seed, lambda new: on[new])
 
     def _whole(self, cylinder, region, inwards):
-        """The cylinder with all faces of the surface that lie on it between its ends, or None for a belt of a sphere;
-        their pieces are no longer free."""
+        """Return the cylinder with all faces of the surface that lie on it between its ends, or None for a belt of a
+        sphere; their pieces are no longer free."""
         self.free[region] = False
         if self._is_belt(region, cylinder):
             return None
@@ -216,13 +216,13 @@ class _Search:
                      self._turn(on, cylinder), on)  # fmt: skip
 
     def _extents(self, faces, cylinder):
-        """The lowest and the highest coordinates along the axis of faces (k,)."""
+        """Return the lowest and the highest coordinates along the axis of faces (k,)."""
         corners = self.faces.corners[faces]
         along = cylinder.along(self.points[np.where(corners < 0, corners[:, :1], corners)])
         return along.min(axis=1, initial=np.inf), along.max(axis=1, initial=-np.inf)
 
     def _is_belt(self, region, cylinder):
-        """Whether pieces are a single row between others that go on smoothly, as around a sphere."""
+        """Test whether pieces are a single row between others that go on smoothly, as around a sphere."""
         along = cylinder.along(self._corners(region))
         low, high = along.min(), along.max()
         if (np.minimum(along - low, high - along) > 0.05 * (high - low)).any():
@@ -232,7 +232,7 @@ class _Search:
         return bool(len(outside)) and (self.cosine[outside] >= SHARP).mean() > 0.5
 
     def _turn(self, faces, cylinder):
-        """Degrees around the axis that faces (k,) cover."""
+        """Return the degrees around the axis that faces (k,) cover."""
         corners = self.faces.corners[faces]
         arm = cylinder.outwards(self.points[np.where(corners < 0, corners[:, :1], corners)])
         first, second = _across(cylinder.axis)
@@ -248,7 +248,7 @@ class _Search:
 
 
 def _pieces(faces, points):
-    """Faces without middles, and which face (k,) each belongs to: curved ones are parted into triangles at their
+    """Return faces without middles, and which face (k,) each belongs to: curved ones are parted into triangles at their
     middles; middles on the chords say nothing."""
     ends = _ends(faces.corners)
     there = (faces.middles >= 0) & (ends >= 0)
@@ -266,7 +266,7 @@ def _pieces(faces, points):
 
 
 def _ends(corners):
-    """The ends (f, 4) of the edges that begin at corners (f, 4), -1 where there is none."""
+    """Return the ends (f, 4) of the edges that begin at corners (f, 4), -1 where there is none."""
     ends = np.roll(corners, -1, axis=1)
     three = corners[:, 3] < 0
     ends[three, 2:] = np.stack([corners[three, 0], corners[three, 3]], axis=1)
@@ -274,8 +274,8 @@ def _ends(corners):
 
 
 def _neighbours(corners, normals, shell):
-    """Neighbours over the edges of faces: where those of each begin (f + 1,), their numbers (e,), and the cosines (e,)
-    of the angles between the normals."""
+    """Return neighbours over the edges of faces: where those of each begin (f + 1,), their numbers (e,), and the
+    cosines (e,) of the angles between the normals."""
     ends = _ends(corners)
     there = (corners >= 0) & (ends >= 0) & (corners != ends)
     face = np.broadcast_to(np.arange(len(corners))[:, None], corners.shape)[there]
@@ -292,7 +292,7 @@ def _neighbours(corners, normals, shell):
 
 
 def _parts(corners):
-    """Lists of the numbers of faces (k, 4) that hang together by their corners."""
+    """Return lists of the numbers of faces (k, 4) that hang together by their corners."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -306,19 +306,19 @@ def _parts(corners):
 
 
 def _least_direction(normals):
-    """The unit vector to which unit vectors (k, 3) are most nearly at right angles."""
+    """Return the unit vector to which unit vectors (k, 3) are most nearly at right angles."""
     return np.linalg.eigh(normals.T @ normals)[1][:, 0]
 
 
 def _across(axis):
-    """Two unit vectors (2, 3) at right angles to a unit vector, and to each other."""
+    """Return two unit vectors (2, 3) at right angles to a unit vector, and to each other."""
     helper = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     first = helper / np.linalg.norm(helper)
     return np.stack([first, np.cross(axis, first)])
 
 
 def around(points, axis) -> Cylinder:
-    """The cylinder with a given axis that is nearest to points (k, 3), by its circle in the plane across."""
+    """Return the cylinder with a given axis that is nearest to points (k, 3), by its circle in the plane across."""
     centre = points.mean(axis=0)
     plane = _across(axis)
     x = (points - centre) @ plane.T
@@ -331,8 +331,8 @@ def around(points, axis) -> Cylinder:
 
 
 def fitted(points, cylinder: Cylinder, to: float = 1e-12) -> Cylinder | None:
-    """The cylinder nearest to points (k, 3) by Gauss and Newton from another on, or None where it runs away; `to`: the
-    relative size of the last step."""
+    """Return the cylinder nearest to points (k, 3) by Gauss and Newton from another on, or None where it runs away;
+    `to`: the relative size of the last step."""
     point, axis, radius = points.mean(axis=0), cylinder.axis, cylinder.radius
     point = point - cylinder.outwards(point[None])[0]
     for _ in range(10):
@@ -356,5 +356,5 @@ def fitted(points, cylinder: Cylinder, to: float = 1e-12) -> Cylinder | None:
 
 
 def _distances(points, cylinder):
-    """Of points (k, 3) from the cylinder, positive outside."""
+    """Return the distances of points (k, 3) from the cylinder, positive outside."""
     return np.linalg.norm(cylinder.outwards(points), axis=1) - cylinder.radius

@@ -86,8 +86,8 @@ class Errors:
 def errors_of(
     reduced: ReducedModel, frequencies, full, found, drive, measure: str | Measure | None = None, anew=False
 ) -> Errors:
-    """The errors of responses `found` (F, r, p) of a reduced model, of those of the full one, at frequencies (F,) in
-    Hz, ascending.
+    """Return the errors of responses `found` (F, r, p) of a reduced model, of those of the full one, at frequencies
+    (F,) in Hz, ascending.
 
     `drive` (F, p): drive-point responses of the full model. `measure`: by default that which the model was reduced
     with, else "directions", whose floors are those of `full` where the reduction states none; with `anew` always.
@@ -116,15 +116,16 @@ def errors_of(
 
 
 def _places(reduced):
-    """For each output the input at the same place, by name, and the ratio of the two (see measure.drive_points)."""
+    """Return for each output the input at the same place, by name, and the ratio of the two (see measure.drive_points).
+    """
     inputs = {name: i for i, name in enumerate(reduced.input_names)}
     which = np.array([inputs.get(name, NO_INPUT) for name in reduced.output_names], dtype=int)
     return which, np.ones(len(which))
 
 
 def as_compared(reduced: ReducedModel, band) -> tuple[ReducedModel, Damping, str]:
-    """A reduced model as it can be set beside the full one over a band (Hz), the damping of that, and words on it:
-    modal ratios, of which the full model has no response, are the loss factor of the smallest over the band."""
+    """Return a reduced model as it can be set beside the full one over a band (Hz), the damping of that, and words on
+    it: modal ratios, of which the full model has no response, are the loss factor of the smallest over the band."""
     damping = reduced.record.damping
     if not isinstance(damping, ModalDamping):
         return reduced, damping, ""

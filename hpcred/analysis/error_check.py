@@ -63,8 +63,8 @@ class Check:
 
 
 def fresh_frequencies(band, resonances, count: int, seed: int | None, comm) -> tuple[int, np.ndarray]:
-    """The seed, a new one unless given, and in Hz `count` frequencies of the band and up to SOME beside `resonances`,
-    which are frequencies (k,) with damping ratios, sharp ones more often; ascending. Collective."""
+    """Return the seed, a new one unless given, and in Hz `count` frequencies of the band and up to SOME beside
+    `resonances`, which are frequencies (k,) with damping ratios, sharp ones more often; ascending. Collective."""
     if declared("check", count, int) < 1:
         raise InputError(f"check: found {count}, expected at least 1 frequency")
     if (declared("seed", seed, int | None) or 0) < 0:
@@ -84,7 +84,8 @@ def fresh_frequencies(band, resonances, count: int, seed: int | None, comm) -> t
 
 
 def estimate_at(accuracy: Accuracy, frequencies) -> np.ndarray:
-    """The stored curve of an accuracy at frequencies (F,) of its band, by linear interpolation of its logarithm."""
+    """Return the stored curve of an accuracy at frequencies (F,) of its band, by linear interpolation of its logarithm.
+    """
     frequencies = np.asarray(frequencies, dtype=float)
     low, high = accuracy.band
     if frequencies.min() < low * (1 - 1e-12) or frequencies.max() > high * (1 + 1e-12):
@@ -95,7 +96,7 @@ def estimate_at(accuracy: Accuracy, frequencies) -> np.ndarray:
 
 
 def measuring_damping(accuracy: Accuracy, damping):
-    """The damping that an accuracy was measured with, for a full response."""
+    """Return the damping that an accuracy was measured with, for a full response."""
     if not accuracy.loss_factor:
         return damping
     return (GivenDamping if accuracy.beside_damping else Structural)(loss_factor=accuracy.loss_factor)
@@ -151,8 +152,8 @@ def check_reduced(
 
 
 def _resonances(reduced, accuracy):
-    """Where the response may peak as it is measured (k,), in Hz, and the damping ratios there: by the poles, which a
-    given D moves off the pseudo-frequencies."""
+    """Return the frequencies (k,) in Hz where the response may peak as it is measured, and the damping ratios there: by
+    the poles, which a given D moves off the pseudo-frequencies."""
     if accuracy.loss_factor and not accuracy.beside_damping:
         return reduced.frequencies, accuracy.loss_factor / 2
     f, ratios = at_poles(elastic_part(reduced).poles())
@@ -160,12 +161,12 @@ def _resonances(reduced, accuracy):
 
 
 def bound_of(accuracy: Accuracy) -> float:
-    """What the error is claimed to stay below: the tolerance, or what was reached instead."""
+    """Return the bound of the error: the tolerance, or the error that was reached instead."""
     return accuracy.tolerance if accuracy.reached else accuracy.largest + accuracy.noise
 
 
 def accuracy_of(reduced: ReducedModel, name="the reduced model") -> Accuracy:
-    """The accuracy of an automatic reduction. Raises InputError for other ones."""
+    """Return the accuracy of an automatic reduction. Raises InputError for other ones."""
     accuracy = reduced.record.accuracy if reduced.record is not None else None
     if accuracy is None:
         raise InputError(

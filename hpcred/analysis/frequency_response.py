@@ -106,8 +106,8 @@ def frequency_response(
 
 
 def response_and_drive(model, frequencies, frame=None, damping=None, **keywords) -> tuple[np.ndarray, np.ndarray]:
-    """H (F, r, p) of a SecondOrderModel, and the responses (F, p) of its inputs where they act; see frequency_response.
-    Collective."""
+    """Return H (F, r, p) of a SecondOrderModel, and the responses (F, p) of its inputs where they act; see
+    frequency_response. Collective."""
     if model.Ct is None:
         found = frequency_response(model, frequencies, frame, damping, **keywords)
         return found, np.einsum("fpp->fp", found)
@@ -119,7 +119,8 @@ def response_and_drive(model, frequencies, frame=None, damping=None, **keywords)
 
 
 def checked_frequencies(frequencies) -> np.ndarray:
-    """Frequencies (F,) in Hz, of a list or a single number. Raises InputError where one is negative or not finite."""
+    """Return frequencies (F,) in Hz, of a list or a single number. Raises InputError where one is negative or not
+    finite."""
     if isinstance(frequencies, (int, float)) or getattr(frequencies, "ndim", None) == 0:
         frequencies = [frequencies]
     values = np.array(declared("frequencies", frequencies, tuple[float, ...]))
@@ -128,13 +129,14 @@ def checked_frequencies(frequencies) -> np.ndarray:
 
 
 def resonances_of(reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (k,) in Hz where the response of a ReducedModel may peak, and their damping ratios (k,)."""
+    """Return frequencies (k,) in Hz where the response of a ReducedModel may peak, and their damping ratios (k,)."""
     frequencies, ratios = at_poles(reduced.poles())
     return frequencies, ratios + reduced.loss_factor / 2
 
 
 def frequencies_to_draw(band, resonances, tabulated=()) -> np.ndarray:
-    """Frequencies (F,) over a band (Hz) between which a curve is drawn without losing a peak, and the `tabulated` ones.
+    """Return frequencies (F,) over a band (Hz) between which a curve is drawn without losing a peak, and the
+    `tabulated` ones.
 
     `resonances`: frequencies (k,) and damping ratios (k,). Above 0 Hz, where free bodies have no response.
     """
@@ -147,7 +149,7 @@ def frequencies_to_draw(band, resonances, tabulated=()) -> np.ndarray:
 
 
 def _in_groups(framed, frequencies, factoring, progress, groups):
-    """Frequencies are dealt out to groups of ranks."""
+    """Solve with the frequencies shared among groups of ranks."""
     comm = framed.model.comm
     with Owned(comm) as owned:
         group = owned.owns(Group(framed, groups))
@@ -162,7 +164,7 @@ def _in_groups(framed, frequencies, factoring, progress, groups):
 
 
 def _reduced(reduced, frequencies, comm=MPI.COMM_WORLD):
-    """Frequencies are dealt out to the ranks."""
+    """Solve with the frequencies shared among the ranks."""
     mine = frequencies[comm.rank :: comm.size]
     mine = [reduced.transfer_function(2j * np.pi * mine[part]) for part in _parts(len(mine), reduced.size)]
     response = np.zeros((len(frequencies), len(reduced.C), reduced.B.shape[1]), dtype=complex)
@@ -173,7 +175,7 @@ def _reduced(reduced, frequencies, comm=MPI.COMM_WORLD):
 
 
 def _parts(count, size):
-    """Slices of so many frequencies, a part of which is solved in one call."""
+    """Return slices of so many frequencies, a part of which is solved in one call."""
     step = max(TOGETHER // (16 * size * size), 1)
     return [slice(first, first + step) for first in range(0, count, step)]
 
@@ -233,7 +235,7 @@ def _by_full_matrices(solvers, frequencies, response, step) -> np.ndarray:
 
 
 def _full_matrix(mat):
-    """A matrix that one rank has as a numpy array; model matrices are real in both builds."""
+    """Return a matrix that one rank has as a numpy array; model matrices are real in both builds."""
     full = mat.convert("dense", PETSc.Mat())
     values = full.getDenseArray().real.copy()
     full.destroy()
@@ -256,7 +258,7 @@ class _Solvers:
                 solver.close()
 
     def response(self, omega, loads, sensors):
-        """C A(i omega)^-1 B (r, p)."""
+        """Return C A(i omega)^-1 B (r, p)."""
         return self._undamped(omega, loads, sensors) if omega == 0 or not self.damped else self._damped(
             omega, loads, sensors)  # fmt: skip
 
@@ -290,7 +292,7 @@ class _Solvers:
 
 
 def solve_caughey(solver, s, terms, right, solution):
-    """solution = A(s)^-1 right with D = M sum_k a_k (M^-1 K)^k (39); pairs of columns.
+    """Set solution = A(s)^-1 right with D = M sum_k a_k (M^-1 K)^k (39); pairs of columns.
 
     A(s) = M p(M^-1 K) with p(z) = s^2 + z + s sum_k a_k z^k; with its roots z_i and leading coefficient c,
     A^-1 = 1/c (K - z_d M)^-1 M ... (K - z_2 M)^-1 M (K - z_1 M)^-1: sparse solves only.

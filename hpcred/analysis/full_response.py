@@ -68,7 +68,7 @@ class FullResponse:
     scale: float = 1.0
 
     def to_draw(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """`frequencies`, `response` and `eps` with more of them between, so that curves show all peaks."""
+        """Return `frequencies`, `response` and `eps` with more of them between, so that curves show all peaks."""
         ends = self.frequencies[0], self.frequencies[-1]
         fine = frequencies_to_draw(ends, self.models.resonances_of_response, self.frequencies)
         H, eps = self.models.at(fine)
@@ -177,7 +177,7 @@ def full_response(
 
 
 def _asked_accuracy(frequencies, tolerance, band, adaptive) -> Adaptive:
-    """What a search is to reach: `adaptive`, or a tolerance over the band, by default that of the frequencies."""
+    """Return the settings of a search: `adaptive`, or a tolerance over the band, by default that of the frequencies."""
     if adaptive is None:
         ends = (float(frequencies[0]), float(frequencies[-1]))
         if band is None and ends[0] == ends[1]:
@@ -190,7 +190,7 @@ def _asked_accuracy(frequencies, tolerance, band, adaptive) -> Adaptive:
 
 
 def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress) -> tuple[FullResponse, _Models]:
-    """The response from the basis of a search, and the models that say its error. Collective."""
+    """Return the response from the basis of a search, and the models that say its error. Collective."""
     damping_of_response = _damping_of_response(damping)
     check_model(model)
     require_room(model, max(len(frequencies), FREQUENCIES))
@@ -225,7 +225,7 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
 
 
 def _damping_of_response(damping) -> Proportional:
-    """The proportional part of the damping of the response."""
+    """Return the proportional part of the damping of the response."""
     if isinstance(damping, ModalDamping) or caughey_terms(damping) is not None:
         kind = "modal ratios belong" if isinstance(damping, ModalDamping) else "a Caughey series of more terms belongs"
         raise InputError(f"damping: {kind} to a reduced model; reduce to a tolerance and take its frequency response")
@@ -265,12 +265,12 @@ class _Models:
         return resonances(replace(self.pair.outer, damping=self.damping))
 
     def at(self, frequencies):
-        """The response (S, r, p) and its estimated error (S,), round-off included."""
+        """Return the response (S, r, p) and its estimated error (S,), round-off included."""
         values = replace(self.pair.outer, damping=self.damping).response(frequencies)
         return values, sum(self.curve(self.damping, frequencies))
 
     def curve(self, damping, frequencies):
-        """Estimated errors and their noise (S,), with a proportional damping."""
+        """Return estimated errors and their noise (S,), with a proportional damping."""
         if not self.known:
             nothing = np.full(len(frequencies), np.inf)
             return nothing, nothing
@@ -283,7 +283,7 @@ class _Models:
         return curve, noise
 
     def against(self, frequencies, solved):
-        """The estimated error at frequencies (S,), and that against responses (S, r, p) of full solves."""
+        """Return the estimated error at frequencies (S,), and that against responses (S, r, p) of full solves."""
         pair = self.pair
         H, drive = pair.outer.responses(frequencies)
         estimated = sum(self.curve(pair.outer.damping, frequencies))
@@ -291,7 +291,7 @@ class _Models:
 
 
 def _seen(search, outer):
-    """The model of a search that the error of `outer`, its whole basis, is seen from, or None."""
+    """Return the model of a search that the error of `outer`, its whole basis, is seen from, or None."""
     framed, held_back = search.run.framed, search.projections.first_held_back
     elastic = framed.model.size - framed.rigid_size
     complete = len(outer) >= elastic or not (held_back or search.reason)  # no column was left to be held back for
@@ -299,7 +299,7 @@ def _seen(search, outer):
 
 
 def _evaluate(search, frequencies, models):
-    """Response and estimated error at the frequencies, and the accuracy over the band."""
+    """Return response and estimated error at the frequencies, and the accuracy over the band."""
     outer = models.pair.outer
     if models.damping == UNDAMPED and outer.D is None:
         squared = outer.eigenvalues / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
@@ -311,7 +311,7 @@ def _evaluate(search, frequencies, models):
 
 
 def _accuracy(search, models) -> Accuracy:
-    """What is known of the whole basis of a search, which is not compressed."""
+    """Return the accuracy of the whole basis of a search, which is not compressed."""
     pair = models.pair
     S = grid([pair.outer], search.settings.band, step=FINE)
     if models.known:

@@ -140,7 +140,7 @@ def natural_modes(
 
 
 def _frame_of(model):
-    """Free where the nodes show a free body, else the matrices as they are."""
+    """Return the Buckens frame if the nodes show a free body, else none."""
     if model.dofs is None:
         return NoFrame()
     with closing(RigidBodyModes(model)) as rigid:
@@ -148,7 +148,7 @@ def _frame_of(model):
 
 
 def _participation(model, blocks):
-    """x^T M r_k (m, 6) of the columns x of the blocks, and r_k^T M r_k (6,); None without nodes."""
+    """Return x^T M r_k (m, 6) of the columns x of the blocks, and r_k^T M r_k (6,); None without nodes."""
     if model.dofs is None:
         return None, None
     with Owned(model.comm) as owned:

@@ -157,7 +157,8 @@ def _inertia_of(mass, factoring):
 
 
 def _count_below(solver, square) -> int:
-    """Eigenvalues of (K, M) below a square of rad/s: negative pivots of K - square M (Sylvester)."""
+    """Return the number of eigenvalues of (K, M) below a square of rad/s: negative pivots of K - square M (Sylvester).
+    """
     for nudge in (1.0, 1 + 2e-9, 1 - 2e-9):
         try:
             solver.factor(-square * nudge)

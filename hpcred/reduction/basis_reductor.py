@@ -71,7 +71,7 @@ class BasisReductor(Reductor):
         return reduced
 
     def _reduce(self, model) -> ReducedModel:
-        """reduce() of a model in usual units."""
+        """Reduce a model in usual units."""
         settings, progress = self.settings, self.progress
         progress.expect(model.size)
         warnings = self._check(model)
@@ -131,17 +131,17 @@ class BasisReductor(Reductor):
         require_room(model, 0)
 
     def _deflation(self, framed) -> float:
-        """The deflation tolerance."""
+        """Return the deflation tolerance."""
         return self.settings.deflation_tolerance
 
     def _expected_columns(self, framed) -> int:
-        """How many columns the basis is expected to have. Raises InputError where it cannot fit."""
+        """Return how many columns the basis is expected to have. Raises InputError where it cannot fit."""
         if not self.basis:
             raise InputError("basis: the list of components is empty, and no tolerance is asked for")
         return max(self._component_columns(framed), 1)
 
     def _component_columns(self, framed) -> int:
-        """How many vectors the components are asked for, at most. Raises InputError where they cannot fit."""
+        """Return how many vectors the components are asked for, at most. Raises InputError where they cannot fit."""
         model, rigid = framed.model, framed.rigid_size
         for item in self.basis:
             item.check(model.size, rigid)
@@ -158,11 +158,11 @@ class BasisReductor(Reductor):
         return columns
 
     def _more_runs(self, run) -> tuple[Run, ...]:
-        """Runs of other subspaces."""
+        """Return the runs of other subspaces."""
         return ()
 
     def _points(self, model) -> int:
-        """How many points may be factored at the same time."""
+        """Return how many points may be factored at the same time."""
         return sum(isinstance(item, PointComponent) for item in self.basis)
 
     def _fill(self, bases, runs, groups):
@@ -170,11 +170,11 @@ class BasisReductor(Reductor):
         extend_by_all(self.basis, bases, runs, groups)
 
     def _accuracy(self, search, reduced, framed) -> Accuracy | None:
-        """What is known of the error of the reduced model, None without a tolerance."""
+        """Return the accuracy of the reduced model, None without a tolerance."""
         return None
 
     def _project(self, model, framed, bases, run) -> tuple[ReducedModel, float]:
-        """The reduced model with its basis in all dofs, and the orthonormality defect."""
+        """Return the reduced model with its basis in all dofs, and the orthonormality defect."""
         (vectors,), full, drop_above = bases, framed.model, self.settings.drop_above
         eigenvalues = diagonalise(vectors, project(full.K, vectors.columns))
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
@@ -235,14 +235,14 @@ def extend_by_all(basis, bases, runs, groups, last=True):
 
 
 def _highest(basis, run) -> float:
-    """The highest point or mode (Hz) that a basis was made for."""
+    """Return the highest point or mode (Hz) that a basis was made for."""
     points = [abs(getattr(item, "point", 0.0)) for item in basis if isinstance(item, PointComponent)]
     modes = [max(item.frequencies_hz) for item in run.notes.components if item.frequencies_hz]
     return max([*(point / 2 / np.pi for point in points if np.isfinite(point)), *modes], default=0.0) or np.inf
 
 
 def reduced_model(model, framed, small, inputs, outputs, frequencies):
-    """The same arrays on all ranks, to the last digit."""
+    """Return the same arrays on all ranks, to the last digit."""
     small, inputs, outputs, frequencies = model.comm.bcast((small, inputs, outputs, frequencies))
     loss = loss_factor_of(framed.damping)
     return ReducedModel(

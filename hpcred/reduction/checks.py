@@ -52,7 +52,7 @@ def warnings_of(model, frame) -> tuple[str, ...]:
 
 
 def warnings_of_band(model, band) -> tuple[str, ...]:
-    """A band that ends far above all that the mesh follows, as one in other units does. Collective."""
+    """Return a band that ends far above all that the mesh follows, as one in other units does. Collective."""
     stiffness, mass = diagonal_of(model.K), diagonal_of(model.M)
     ratios = stiffness[mass > 0] / mass[mass > 0]
     highest = np.sqrt(max(model.comm.allreduce(ratios.max(initial=0.0), op=MPI.MAX), 0.0)) / 2 / np.pi

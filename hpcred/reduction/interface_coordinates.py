@@ -64,7 +64,8 @@ def check_interface_coordinates(model, frame):
 
 
 def to_interface_coordinates(framed, given: Projected) -> Projected:
-    """The same span, and the rigid-body modes of the frame, in interface coordinates. Collective. Raises InputError."""
+    """Return the same span, and the rigid-body modes of the frame, in interface coordinates. Collective. Raises
+    InputError."""
     with Owned(framed.model.comm) as owned:
         whole = given if framed.rigid is None else _with_rigid(framed, given)
         forces = owned.owns(interface_forces(framed.model))
@@ -87,7 +88,7 @@ def to_interface_coordinates(framed, given: Projected) -> Projected:
 
 
 def _with_rigid(framed, given):
-    """[R, V] in place of V: M^ = I and K^ = 0 for the rigid-body motion, to the last digit.
+    """Return the projection on [R, V] in place of V: M^ = I and K^ = 0 for the rigid-body motion, to the last digit.
 
     A given damping matrix acts on it; other damping is that of the deformation and does not.
     """
@@ -110,7 +111,7 @@ def _with_rigid(framed, given):
 
 
 def transformation(motion, M, K, interfaces):
-    """[Psi, Phi] (m, m) from G V (6k, m) and V^T M V, V^T K V. Raises InputError for a rank-deficient G V."""
+    """Return [Psi, Phi] (m, m) from G V (6k, m) and V^T M V, V^T K V. Raises InputError for a rank-deficient G V."""
     count, size = motion.shape
     sizes = np.linalg.norm(motion, axis=1)
     scaled = motion / np.maximum(sizes, 1e-300)[:, None]
@@ -138,7 +139,7 @@ def transformation(motion, M, K, interfaces):
 
 
 def elastic_part(reduced: ReducedModel, count: int | None = None) -> ReducedModel:
-    """The model without the rigid-body motion that interface coordinates brought, in pseudo-modal coordinates.
+    """Return the model without the rigid-body motion that interface coordinates brought, in pseudo-modal coordinates.
 
     Its transfer function is the one in the Buckens frame, which estimates and checks speak of. Other models stay as
     they are. `count`: how many coordinates that motion has, where the model has no record yet.

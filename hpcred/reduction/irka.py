@@ -110,7 +110,7 @@ class IRKA(Reductor):
         return reduced
 
     def _first(self, model):
-        """Points over the band with a damping ratio of 2 %, and one input and output after the other."""
+        """Return points over the band with a damping ratio of 2 %, and one input and output after the other."""
         count = self.size // 2
         omega = 2 * np.pi * np.linspace(self.band[0], self.band[1], count + 2)[1:-1]
         turn = np.arange(count)
@@ -119,8 +119,8 @@ class IRKA(Reductor):
 
 
 def mirrored(reduced: ReducedModel, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """-conj(pole) of the `count` most dominant poles with Im >= 0, by frequency, and the directions (count, p) and
-    (count, r) of their residues. Raises InputError where one has no damping."""
+    """Return -conj(pole) of the `count` most dominant poles with Im >= 0, by frequency, and the directions (count, p)
+    and (count, r) of their residues. Raises InputError where one has no damping."""
     m, inverse = reduced.size, np.linalg.inv(reduced.M)
     poles, right = np.linalg.eig(reduced.state_matrix())
     left = np.linalg.inv(right)
@@ -140,7 +140,7 @@ def mirrored(reduced: ReducedModel, count: int) -> tuple[np.ndarray, np.ndarray,
 
 
 def pairs(values) -> tuple:
-    """Complex numbers as pairs of real and imaginary part, in nested tuples."""
+    """Return complex numbers as pairs of real and imaginary part, in nested tuples."""
     if np.ndim(values):
         return tuple(map(pairs, values))
     return float(np.real(values)), float(np.imag(values))

@@ -22,12 +22,13 @@ class UnknownKind:
 
 
 def table_of(item) -> dict[str, Any]:
-    """The kind and the settings of a member of a family as plain data."""
+    """Return the kind and the settings of a member of a family as plain data."""
     return item.settings | {"kind": item.kind} if isinstance(item, UnknownKind) else asdict(item)
 
 
 def from_table(family: type, unknown: type, table) -> Any:
-    """The member of a family that `table_of` made a table of; of the class `unknown` where its own is not defined."""
+    """Return the member of a family that `table_of` made a table of; of the class `unknown` where its own is not
+    defined."""
     if isinstance(table, family):
         return table
     if not (isinstance(table, dict) and isinstance(table.get("kind"), str)):

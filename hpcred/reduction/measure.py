@@ -42,18 +42,18 @@ class Measure(ABC):
 
     @abstractmethod
     def scales(self, H: np.ndarray, drive: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """h (S, r) and g (S, p), of the responses H (S, r, p) and the drive-point responses `drive` (S, p)."""
+        """Return h (S, r) and g (S, p), of the responses H (S, r, p) and the drive-point responses `drive` (S, p)."""
 
     def over(self, frequencies, H, drive, drive_of, silent=()) -> Measure:
-        """The measure with what it takes from responses over a band (see directions); by default nothing."""
+        """Return the measure with what it takes from responses over a band (see directions); by default nothing."""
         return self
 
     def total(self, each: np.ndarray) -> np.ndarray:
-        """eps (S,) of the errors of all responses (S, r, p); by default the largest."""
+        """Return eps (S,) of the errors of all responses (S, r, p); by default the largest."""
         return each.max(axis=(1, 2), initial=0.0)
 
     def times(self, inputs: float, outputs: float) -> Measure:
-        """The measure of responses whose inputs and outputs are multiplied by factors."""
+        """Return the measure of responses whose inputs and outputs are multiplied by factors."""
         return self
 
     @property
@@ -67,12 +67,12 @@ class Measure(ABC):
         return ()
 
     def each(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:
-        """The error of every response (S, r, p), for errors E of the responses H."""
+        """Return the error of every response (S, r, p), for errors E of the responses H."""
         h, g = self.scales(H, drive)
         return _divided(_divided(np.abs(E), h[:, :, None]), g[:, None, :])
 
     def eps(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:
-        """eps (S,); 0 where E and H vanish."""
+        """Return eps (S,); 0 where E and H vanish."""
         return self.total(self.each(E, H, drive))
 
 
@@ -154,7 +154,7 @@ AnyMeasure = Annotated[  # in records
 
 
 def measure_called(word: str | Measure) -> Measure:
-    """The measure that a word of a job file stands for, or the one given. Raises InputError."""
+    """Return the measure that a word of a job file stands for, or the one given. Raises InputError."""
     if isinstance(word, Measure):
         return word
     if word not in MEASURES:
@@ -163,7 +163,7 @@ def measure_called(word: str | Measure) -> Measure:
 
 
 def directions(frequencies, H, drive, drive_of, silent=()) -> Directions:
-    """The measure by directions, with floors from responses at frequencies (U,) in Hz, ascending, over a band.
+    """Return the measure by directions, with floors from responses at frequencies (U,) in Hz, ascending, over a band.
 
     H (U, r, p), drive (U, p); `drive_of` (r,): the input at each output and the ratio of the two (see drive_points);
     `silent`: outputs that feel no input.
@@ -181,8 +181,8 @@ def directions(frequencies, H, drive, drive_of, silent=()) -> Directions:
 
 
 def silent_outputs(C: np.ndarray, states) -> list[int]:
-    """The outputs (from 0) that feel no input: |c x| is round-off of |c| |x|, for C (r, m) and all arrays of `states`
-    x (S, m, p)."""
+    """Return the outputs (from 0) that feel no input: |c x| is round-off of |c| |x|, for C (r, m) and all arrays of
+    `states` x (S, m, p)."""
     feels, size = np.zeros(len(C), dtype=bool), np.linalg.norm(C, axis=1)[:, None]
     for x in states:
         bound = size * np.linalg.norm(x, axis=1)[:, None, :]
@@ -191,7 +191,7 @@ def silent_outputs(C: np.ndarray, states) -> list[int]:
 
 
 def drive_points(B: np.ndarray, Ct: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each output, a column of Ct (k, r), the input, a column of B (k, p), that acts where it measures, or
+    """Return for each output, a column of Ct (k, r), the input, a column of B (k, p), that acts where it measures, or
     NO_INPUT, and the ratio |c_j| / |b_i| (r,)."""
     if Ct is B or (Ct.shape == B.shape and (Ct == B).all()):
         return np.arange(B.shape[1]), np.ones(B.shape[1])
@@ -212,8 +212,7 @@ def _largest(matrix):
 
 
 def _floors(frequencies, size):
-    """Of responses (U, k) over the band: their medians, or their values at 0 Hz where these are smaller and no zeros.
-    """
+    """Return the medians of responses (U, k) over the band, or the values at 0 Hz if smaller and not zero."""
     finite = np.where(np.isfinite(size), size, np.nan)
     found = np.nan_to_num(np.nanmedian(finite, axis=0))
     if frequencies[0] == 0:
@@ -223,6 +222,6 @@ def _floors(frequencies, size):
 
 
 def _divided(values, by):
-    """values / by, 0 for 0 / 0."""
+    """Return values / by, 0 for 0 / 0."""
     values, by = np.broadcast_arrays(values, by)
     return np.divide(values, by, out=np.where(values != 0, np.inf, 0.0).astype(values.dtype), where=by != 0)

@@ -1,4 +1,4 @@
-"""Keep what a reduction records of its parts: columns, factors, and sentences for the user."""
+"""Collect the records of a reduction: columns, factors, and sentences for the user."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ class Notes:
     massless: bool = False
 
     def needs(self, mass: str, damping: str, again=False):
-        """Note what a part of the basis comes from, whether it had to be factored or not; `again`: although the last
-        part came from the same, whose factor is gone."""
+        """Note the factor that a part of the basis comes from, also if the store had the part; `again`: count it
+        although the last part came from the same factor, which is gone."""
         if again or self.needed[-1:] != [(mass, damping)]:
             self.needed.append((mass, damping))
 
     def add(self, other: Notes, components: bool):
-        """Take over other notes, with what they say of `components` of the basis or without."""
+        """Add other notes, with or without their `components` of the basis."""
         if components:
             self.components += other.components
         self.remarks += other.remarks

@@ -7,7 +7,7 @@ from ..parallel.ranges import FREQUENCY, RATE, within
 
 
 def laplace(kind, frequency, decay, s=None) -> complex:
-    """s = decay + i 2 pi frequency (Hz, 1/s), or given as (real, imaginary). Raises InputError."""
+    """Return s = decay + i 2 pi frequency (Hz, 1/s), or given as (real, imaginary). Raises InputError."""
     if s is not None:
         if frequency is not None or decay is not None:
             raise InputError(f"{kind}: expected s, or frequency and decay, not both")

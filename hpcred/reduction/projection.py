@@ -9,7 +9,7 @@ WIDTH = 64  # columns projected at a time, which bounds the memory
 
 
 def project(mat, columns, left=None, width=WIDTH) -> np.ndarray:
-    """V^T A V (m, m), or W^T A V with W = left, for the active columns. Collective."""
+    """Return V^T A V (m, m), or W^T A V with W = left, for the active columns. Collective."""
     left = columns if left is None else left
     columns, left = view_of(columns), view_of(left)
     count = columns.stop - columns.first
@@ -25,7 +25,7 @@ def project(mat, columns, left=None, width=WIDTH) -> np.ndarray:
 
 
 def project_columns(columns, mat) -> np.ndarray:
-    """V^T B (m, p) for a dense B. Collective."""
+    """Return V^T B (m, p) for a dense B. Collective."""
     block = from_dense(mat)
     result = inner(columns, block)
     block.destroy()
@@ -33,14 +33,15 @@ def project_columns(columns, mat) -> np.ndarray:
 
 
 def diagonalise(basis, stiffness: np.ndarray):
-    """V <- V X with the eigenvectors X of V^T K V (53, 54), which diagonalise it; returns omega^2 (m,). Collective."""
+    """Replace V by V X with the eigenvectors X of V^T K V (53, 54), which diagonalise it; returns omega^2 (m,).
+    Collective."""
     eigenvalues, vectors = symmetric_eigenpairs(stiffness, basis.comm)
     basis.multiply(vectors)
     return eigenvalues
 
 
 def everywhere(model, framed, columns):
-    """A basis of the framed model in all dofs of `model`, as a new block. Collective."""
+    """Return a basis of the framed model in all dofs of `model`, as a new block. Collective."""
     if framed.restore is None:
         return copy_of(columns, model.K)
     first, last = columns.getActiveColumns()

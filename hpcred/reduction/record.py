@@ -1,4 +1,4 @@
-"""Record what made a reduced model as one typed value of plain numbers and texts."""
+"""Record the origin of a reduced model as one typed value of plain numbers and texts."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class Record:
 
 
 def versions() -> dict[str, str]:
-    """Versions of everything that can change a number. Collective where PETSc has not been started."""
+    """Return versions of everything that can change a number. Collective where PETSc has not been started."""
     found = {
         "python": platform.python_version(),
         "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
@@ -132,7 +132,8 @@ def version_of(package: str) -> str:
 
 
 def signature_of(model) -> dict[str, tuple[float, ...]]:
-    """z^T A z of M, K and D, and z^T B, z^T C^T, for a fixed random z (n,): the same model has the same. Collective."""
+    """Return z^T A z of M, K and D, and z^T B, z^T C^T, for a fixed random z (n,): the same model has the same.
+    Collective."""
     found = {}
     with Owned(model.comm) as owned:
         z = owned.owns(random_block(model.K, 1, seed=1))
@@ -147,7 +148,8 @@ def signature_of(model) -> dict[str, tuple[float, ...]]:
 
 
 def difference_of(signature, record) -> str | None:
-    """The first of M, K, D, B, C in which a signature differs from that of a record; D counts where it was used."""
+    """Return the first of M, K, D, B, C in which a signature differs from that of a record; D counts where it was used.
+    """
     for key, expected in record.signature.items():
         if key == "D" and record.damping.kind != "given":
             continue
@@ -159,7 +161,7 @@ def difference_of(signature, record) -> str | None:
 
 
 def make_record(model, framed, runs, progress, **known) -> Record:
-    """The Record of a reduction; `known`: what the caller has at hand. Collective."""
+    """Return the Record of a reduction; `known`: what the caller has at hand. Collective."""
     notes = [run.recorded for run in runs if run.owns_solvers]
     record = Record(
         date=datetime.now(timezone.utc).isoformat(timespec="seconds"),

@@ -137,7 +137,7 @@ def reduce(
 
 
 def _asked_accuracy(adaptive, tolerance, band, **more) -> Adaptive | None:
-    """What a search is to reach: `adaptive`, or a tolerance, its band and what `more` says; None for neither."""
+    """Return the settings of a search: `adaptive`, or those of a tolerance, its band and `more`; None for neither."""
     more = {key: value for key, value in more.items() if value is not None}
     if tolerance is None and band is None and not more:
         return adaptive

@@ -6,7 +6,7 @@ from ..model.damping import ModalDamping, caughey_terms
 
 
 def reduced_damping(damping, stiffness: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-    """D (m, m) of a reduced model with V^T M V = I and V^T K V = `stiffness` (m, m); zero without damping.
+    """Return D (m, m) of a reduced model with V^T M V = I and V^T K V = `stiffness` (m, m); zero without damping.
 
     A series holds in the reduced coordinates: D = sum_k a_k (V^T K V)^k. This is how rational Krylov subspaces
     approximate A(s)^-1 = p_s(M^-1 K)^-1 M^-1, and it needs no mode that the basis has not; V^T M (M^-1 K)^k V would

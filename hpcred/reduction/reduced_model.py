@@ -1,4 +1,4 @@
-"""Define the reduced model: small NumPy arrays, the same on all ranks, and what they came from."""
+"""Define the reduced model: small NumPy arrays, the same on all ranks, with the record of their reduction."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class ReducedModel:
         return f"{self.size} coordinates" + (f" ({rigid} rigid-body, {self.size - rigid} elastic)" if rigid else "")
 
     def __str__(self):
-        """What the model is in a few lines, and how accurate where it was reduced to a tolerance."""
+        """Describe the model in a few lines, with its accuracy if it was reduced to a tolerance."""
         record = self.record
         origin = f" for the {record.size} dofs of {record.model}" if record is not None else ""
         frame = f", frame {record.frame.kind}, damping {record.damping.kind}" if record is not None else ""
@@ -84,7 +84,7 @@ class ReducedModel:
         )
 
     def _known(self):
-        """What the record knows of the accuracy, and its warnings."""
+        """Yield the accuracy and the warnings of the record as text."""
         if self.record is not None and (accuracy := self.record.accuracy) is not None:
             yield f"{accuracy.sentence}; {accuracy.measured}"
         yield from (f"warning: {text}" for text in (self.record.warnings if self.record is not None else ()))
@@ -92,18 +92,18 @@ class ReducedModel:
     __repr__ = __str__
 
     def transfer_function(self, s: complex | np.ndarray) -> np.ndarray:
-        """H(s) = C (s^2 M + s D + (1 + i eta) K)^-1 B (r, p), (25, 41); (..., r, p) for an array (...) of s."""
+        """Return H(s) = C (s^2 M + s D + (1 + i eta) K)^-1 B (r, p), (25, 41); (..., r, p) for an array (...) of s."""
         return self.C @ self.states(s)
 
     def states(self, s: complex | np.ndarray) -> np.ndarray:
-        """(s^2 M + s D + (1 + i eta) K)^-1 B (m, p); (..., m, p) for an array (...) of s."""
+        """Return (s^2 M + s D + (1 + i eta) K)^-1 B (m, p); (..., m, p) for an array (...) of s."""
         s = np.asarray(s)[..., None, None]
         dynamic = s * s * self.M + s * self.D + (1 + 1j * self.loss_factor) * self.K
         loads = np.broadcast_to(self.B.astype(complex), (*dynamic.shape[:-2], *self.B.shape))
         return np.linalg.solve(dynamic, loads)
 
     def frequency_response(self, frequencies: ArrayLike) -> np.ndarray:
-        """H(i omega) at `frequencies` in Hz, (F, r, p)."""
+        """Return H(i omega) at `frequencies` in Hz, (F, r, p)."""
         import hpcred  # the public functions, which stand above
 
         return hpcred.frequency_response(self, frequencies)
@@ -115,7 +115,8 @@ class ReducedModel:
         hpcred.write_result(path, self, self.model, **more)
 
     def export(self, path: str | PathLike[str], format: str | None = None, **more) -> dict[str, Any]:
-        """Write a file for another program, by default for the one that its name ends for: see export_result.
+        """Write a file for another program, by default the one that the ending of its name stands for: see
+        export_result.
 
         Collective.
 
@@ -191,17 +192,18 @@ class ReducedModel:
         return hpcred.plot_response(self, pairs, band=band)
 
     def state_matrix(self) -> np.ndarray:
-        """A (2m, 2m) of (x, x')' = A (x, x')."""
+        """Return A (2m, 2m) of (x, x')' = A (x, x')."""
         size, inverse = self.size, np.linalg.inv(self.M)
         return np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ self.K, -inverse @ self.D]])
 
     def poles(self) -> np.ndarray:
-        """The 2m roots of det(s^2 M + s D + K) in rad/s, by imaginary part."""
+        """Return the 2m roots of det(s^2 M + s D + K) in rad/s, by imaginary part."""
         roots = np.linalg.eigvals(self.state_matrix())
         return roots[np.argsort(roots.imag)]
 
     def unstable_poles(self) -> np.ndarray:
-        """Poles in the right half-plane, beyond round-off; none where M, D and K are symmetric and semidefinite."""
+        """Return the poles in the right half-plane, beyond round-off; none where M, D and K are symmetric and
+        semidefinite."""
         if all(_semidefinite(matrix) for matrix in (self.M, self.D, self.K)):
             return np.zeros(0, dtype=complex)
         roots = self.poles()
@@ -228,7 +230,7 @@ class ReducedModel:
 
 
 def as_measured(reduced: ReducedModel, accuracy: Accuracy) -> ReducedModel:
-    """The reduced model with the damping that its accuracy was measured with; without its basis."""
+    """Return the reduced model with the damping that its accuracy was measured with; without its basis."""
     if not accuracy.loss_factor:
         return replace(reduced, columns=None, left_columns=None, model=None)
     D = reduced.D if accuracy.beside_damping else np.zeros_like(reduced.K)
@@ -236,7 +238,7 @@ def as_measured(reduced: ReducedModel, accuracy: Accuracy) -> ReducedModel:
 
 
 def _semidefinite(matrix):
-    """Whether a matrix is symmetric without negative eigenvalues, up to round-off."""
+    """Test whether a matrix is symmetric without negative eigenvalues, up to round-off."""
     size = np.abs(matrix).max(initial=0.0)
     return np.abs(matrix - matrix.T).max(initial=0.0) <= ROUND_OFF * size and np.linalg.eigvalsh(matrix).min(
         initial=0.0

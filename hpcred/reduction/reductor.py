@@ -1,4 +1,4 @@
-"""Define what every way to reduce a model has in common."""
+"""Define the base class of all methods of reduction."""
 
 from abc import ABC, abstractmethod
 

@@ -1,4 +1,4 @@
-"""Hold what the components of one reduction share: the model in its frame, solvers, loads, store and notes."""
+"""Share one context among the components of a reduction: the model in its frame, solvers, loads, store and notes."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Run:
         return self.columns * rows * np.dtype(PETSc.ScalarType).itemsize / MB
 
     def _reserved_mb(self):
-        """Memory for the columns of the basis and those of a point."""
+        """Return the memory for the columns of the basis and those of a point."""
         return (4 if self.keeps_mass_images else 2) * self._columns_mb()
 
     def check_free_motions(self, lowest: float, among: float):
@@ -133,7 +133,7 @@ class Run:
         return self._mass
 
     def times_mass(self, block):
-        """M block as a new block."""
+        """Return M block as a new block."""
         first, last = block.getActiveColumns()
         product = create_block(self.mass, last - first)
         apply(self.mass, block, product)
@@ -154,16 +154,16 @@ class Run:
         self.progress.say(f"{where}: {found} new vectors{dropped}")
 
     def remark(self, sentence):
-        """A warning that the result keeps; local."""
+        """Keep a warning in the result; local."""
         self.notes.remarks.append(sentence)
         self.progress.say(sentence)
 
     def identity_of(self, *keys) -> dict:
-        """The part of the identity that a key of the store takes, with what stands for all columns."""
+        """Return the part of the identity that a key of the store takes, with what stands for all columns."""
         return {key: self.identity.get(key) for key in ("frame", "nodes", "symmetric", *keys)}
 
     def stored(self, key, most=None):
-        """The Entry that a store has under a key, None without one."""
+        """Return the Entry that a store has under a key, None without one."""
         if self.store is None:
             return None
         with self.progress.stage("store"):
@@ -176,7 +176,7 @@ class Run:
                 self.store.save(self.model, key, entry, self.remark)
 
     def on_group(self, framed) -> Run:
-        """A run for a copy of the framed model on a group of ranks."""
+        """Return a run for a copy of the framed model on a group of ranks."""
         return Run(framed, self.progress, self.tolerance, self.factoring, self.columns, self.inertia,
                    store=self.store, identity=self.identity)  # fmt: skip
 
@@ -188,7 +188,7 @@ class Run:
                 self.notes.add(notes, components and number == 0)
 
     def dual(self) -> Run:
-        """The run of the output Krylov subspaces (33): C^T in place of B, transposed matrices.
+        """Return the run of the output Krylov subspaces (33): C^T in place of B, transposed matrices.
 
         Symmetric matrices share the solvers, and so the factors of a point that was used right before, and the notes.
         """
@@ -212,7 +212,7 @@ class Run:
 
 
 def identity_of_model(model, framed, **known) -> dict:
-    """What the keys of a store are made of: digests of the model as its files have it, the frame, and what else is
+    """Return the parts of the keys of a store: digests of the model as its files have it, the frame, and what else is
     `known`. Collective.
 
     Digests of the framed model would not do: where nodes are turned its last digits depend on the number of ranks.

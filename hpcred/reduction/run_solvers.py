@@ -52,7 +52,7 @@ class RunSolvers:
         return {"factoring": self._factoring, "reserved_mb": self._reserved_mb()}
 
     def factored(self, mass: float, name: str, damping: float = 0.0, may_give_up: bool = True) -> Solver:
-        """The solver with the factor of K + damping D + mass M, or of M (mass = inf), made unless it is there.
+        """Return the solver with the factor of K + damping D + mass M, or of M (mass = inf), made unless it is there.
 
         Raises SingularMatrix. Where the factor does not fit, solver.kind is "auto" and the matrix is positive definite,
         the run goes on by multigrid, if it `may_give_up` factors; else DoesNotFit is raised.
@@ -68,7 +68,7 @@ class RunSolvers:
         return self.real
 
     def give_up_factors(self, error: DoesNotFit) -> bool:
-        """Go on by multigrid, where that may be; whether it is so. Collective."""
+        """Continue with multigrid if the settings allow it; return whether they do. Collective."""
         model = self.model
         if self._factoring.solver.kind != "auto" or model.dofs is None or not model.symmetric:
             return False

@@ -1,4 +1,4 @@
-"""Choose how a basis becomes a reduced model, by one frozen set of keywords."""
+"""Define the settings by which a basis becomes a reduced model."""
 
 from __future__ import annotations
 

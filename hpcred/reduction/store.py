@@ -1,4 +1,4 @@
-"""Define where columns are kept from one reduction to the next, and what is kept."""
+"""Define stores, which keep columns from one reduction to the next, and their entries."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Store(Protocol):
     """
 
     def load(self, model, key: dict, say, most: int | None = None) -> Entry | None:
-        """What was kept under the key, with its first `most` widths; None where there is nothing sound."""
+        """Return the entry of a key, with its first `most` widths; None if there is no valid one."""
 
     def save(self, model, key: dict, entry: Entry, say):
         """Keep an entry, in place of what is there."""

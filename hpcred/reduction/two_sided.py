@@ -36,7 +36,8 @@ class TwoSidedReductor(BasisReductor):
         return (run.dual(),)
 
     def _project(self, model, framed, bases, run):
-        """The reduced model of a two-sided projection (20), its poles checked, and the biorthonormality defect."""
+        """Return the reduced model of a two-sided projection (20), its poles checked, and the biorthonormality defect.
+        """
         (right, left), full = bases, framed.model
         eigenvalues = diagonalise(right, project(full.K, right.columns))
         run.notes.remarks += warnings_of_digits(model, full.K, eigenvalues, right.columns)

@@ -99,7 +99,7 @@ def write_script(path, kind: str, *, store=None, submit: bool = False, comm=None
 
 
 def script_of(sweep, kind, store=None) -> str:
-    """The text of an array script of a Sweep."""
+    """Return the text of an array script of a Sweep."""
     launch = sweep.launch
     shares = min(launch.shares or len(sweep.runs), len(sweep.runs))
     directive = "#SBATCH" if kind == "slurm" else "#PBS"
@@ -133,5 +133,5 @@ def script_of(sweep, kind, store=None) -> str:
 
 
 def _quoted(name) -> str:
-    """A name as it stands in the head of a script, where # begins a comment and blanks and ' end or join words."""
+    """Quote a name for the head of a script, where # begins a comment and blanks separate arguments."""
     return str(name) if re.fullmatch(r"[\w./%+@:=,-]+", str(name)) else f'"{name}"'

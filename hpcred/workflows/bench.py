@@ -1,4 +1,4 @@
-"""`hpcred bench`: what this machine does with the steps that cost, on a block of hexahedra."""
+"""Measure the expensive steps of a reduction on this machine, on a block of hexahedra."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ WORTH = 0.9  # of the time, below which another width is worth a hint
 
 @workflow
 def bench(cells=(40, 16, 16), *, folder=None, comm=None, progress: Progress | None = None) -> dict:
-    """Rates of factorisation, solves, products, orthogonalisation, writing and reading, on a block of hexahedra.
+    """Measure rates of factorisation, solves, products, orthogonalisation, writing and reading, on a block of
+    hexahedra.
 
     `folder`: where to try writing and reading, by default that of temporary files. Collective. Raises InputError.
     """
@@ -81,7 +82,7 @@ def _measure(cells, folder, comm, progress):
 
 
 def _solve_seconds(solver, load, solution, width):
-    """The better of two solves with so many columns at a time."""
+    """Return the better of two solves with so many columns at a time."""
     solver.factors.set_solve_width(width)
     record, found = solver.records[-1], []
     for _ in range(2):
@@ -92,7 +93,7 @@ def _solve_seconds(solver, load, solution, width):
 
 
 def _hints(report) -> list[str]:
-    """What would make this machine faster."""
+    """Return advice that would make this machine faster."""
     found = []
     if report["ordering"] not in NESTED:
         found.append(
@@ -116,7 +117,7 @@ def _hints(report) -> list[str]:
 
 
 def _products(model, comm, progress):
-    """Sparse times block, and the orthonormalisation of columns that are close to dependent."""
+    """Measure sparse times block, and the orthonormalisation of columns that are close to dependent."""
     block, product = random_block(model.K, COLUMNS), create_block(model.K, COLUMNS)
     with progress.stage("multiply"):
         apply(model.K, block, product)

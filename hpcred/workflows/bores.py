@@ -16,7 +16,7 @@ from .workflow import workflow
 def bores_of_file(
     model, *, turn: float = TURN, figure=None, comm=None, progress: Progress | None = None
 ) -> dict:  # fmt: skip
-    """The holes and pins of a model file, see find_bores. Collective. Raises InputError.
+    """Return the holes and pins of a model file, see find_bores. Collective. Raises InputError.
 
     `figure`: a .png, .svg or .pdf of the model with them in colours. Returns plain numbers for a table or JSON:
     `bores`, a list of name, kind, centre, axis, start, end, radius and length in m, turn in degrees and nodes (how
@@ -40,7 +40,7 @@ def bores_of_file(
 
 
 def lines_of_job(bore: Bore) -> str:
-    """The table [[interface]] of a bore, in TOML."""
+    """Return the table [[interface]] of a bore, in TOML."""
     interface = bore.interface()
     key = "pin" if interface.nodes.pin is not None else "bore"
     start, end, radius = interface.nodes.surface

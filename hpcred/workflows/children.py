@@ -128,7 +128,7 @@ def run_all(children, at_once: int = 1, environment=None, wanted=None, again=Non
 
 @contextmanager
 def _noted():
-    """The signals that came meanwhile."""
+    """Collect the signals that come meanwhile."""
     noted = set()
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
     with heard_by(lambda number, _: noted.add(number), numbers):

@@ -30,7 +30,7 @@ SELF = MPI.COMM_SELF
 @spelled
 @locks_given_back()
 def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> dict:
-    """One row a run: name, status, the keys that vary, size, Q (57), the largest eps against the full model, the
+    """Return one row a run: name, status, the keys that vary, size, Q (57), the largest eps against the full model, the
     estimate of an automatic reduction, the direction that is known worst, seconds, factorisations made and saved, and
     memory of all ranks in MB.
 
@@ -71,7 +71,7 @@ def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> 
 
 
 def _row(run, state, full, keys):
-    """A row of the table, and the frequencies and errors of its curve or None."""
+    """Return a row of the table, and the frequencies and errors of its curve or None."""
     row = {"run": run.name, "status": state.word}
     row |= {key: _plain(run.values.get(key), run.labels.get(key)) for key in keys}
     row |= dict.fromkeys(
@@ -100,8 +100,8 @@ def _row(run, state, full, keys):
 
 
 def errors_against(reduced, path):
-    """Frequencies (F,) in Hz and the Errors of a ReducedModel against the full response of a file. Raises InputError.
-    """
+    """Return frequencies (F,) in Hz and the Errors of a ReducedModel against the full response of a file. Raises
+    InputError."""
     responses = read_responses(path)
     if responses.full is None or responses.drive is None:
         raise InputError(
@@ -116,7 +116,7 @@ def errors_against(reduced, path):
 
 
 def _plain(value, label):
-    """A number or text as it is; of a table or a list what stands for it in names."""
+    """Return a number or text as it is, and the label of a table or list."""
     return value if value is None or isinstance(value, (int, float, str)) else label
 
 
@@ -159,6 +159,6 @@ def _is_number(value):
 
 
 def _said(key, value):
-    """A key and its value in a legend, with the last words of the key."""
+    """Return a key and its value in a legend, with the last words of the key."""
     short = key if re.search(r"\.\d+\.", key) else key.rpartition(".")[2]
     return f"{short} {value:.6g}" if isinstance(value, float) else f"{short} {value}"

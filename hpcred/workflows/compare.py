@@ -31,7 +31,7 @@ def compare_results(
     measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
     progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Results of one model (names of files) against the model file `full`, which is solved once. Collective.
+    """Compare results of one model (names of files) against the model file `full`, which is solved once. Collective.
 
     They must have the same inputs, outputs, frame and damping. The other keywords are those of evaluate_result.
     `rows`: for each result its coordinates, their number, where some are rigid-body ones also that of the elastic
@@ -90,7 +90,7 @@ def compare_results(
 
 
 def _check_alike(results, reduced):
-    """Refuse results that do not answer the same question."""
+    """Refuse results with other inputs, outputs, frames or damping."""
     if len(set(results)) < len(results) or len(results) < 2:
         raise InputError(f"results: found {', '.join(results)}, expected two or more, each once")
     for path, item in zip(results, reduced, strict=True):
@@ -112,7 +112,7 @@ def _check_alike(results, reduced):
 
 
 def _modes(full_model, count, results, labels, whole, reduced, progress):
-    """Rows of the lowest modes of the FullModel and what each result has for them. Collective."""
+    """Return rows of the lowest modes of the FullModel and what each result has for them. Collective."""
     model = full_model.model
     count = min(count, model.size - full_model.record.rigid_body_modes)
     with full_model.lowest_modes(count, progress) as reference:
@@ -137,13 +137,13 @@ def _modes(full_model, count, results, labels, whole, reduced, progress):
 
 
 def _clusters(frequencies):
-    """The places of equal frequencies, whose modes may be mixed in any way."""
+    """Return the places of equal frequencies, whose modes may be mixed in any way."""
     new = np.flatnonzero(np.diff(frequencies) > SAME_MODE * frequencies[1:]) + 1
     return np.split(np.arange(len(frequencies)), new)
 
 
 def _nearest(frequencies, own, share):
-    """The pseudo-mode (of frequencies `own`) for each of the equal modes, and the MAC of all with these modes.
+    """Return the pseudo-mode (of frequencies `own`) for each of the equal modes, and the MAC of all with these modes.
 
     `share` (modes, pseudo-modes): MAC with each; without it the nearest frequencies count.
     """

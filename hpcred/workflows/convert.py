@@ -1,4 +1,4 @@
-"""Convert files of other programs into a model.h5, and say what to look at of it."""
+"""Convert files of other programs into a model.h5, and describe what it has."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def convert(
 
 
 def list_formats() -> list[dict]:
-    """The formats that `convert` reads, a row each: name, what it holds, what tells it, and the files beside it.
+    """Return the formats that `convert` reads, a row each: name, what it holds, what tells it, and the files beside it.
 
     Those of other installed packages name their package.
     """

@@ -1,4 +1,4 @@
-"""What `python -m hpcred` shows: the linkage in the chord frame, to a tolerance and as in the paper's Table 1."""
+"""Show `python -m hpcred`: the linkage in the chord frame, to a tolerance and as in the paper's Table 1."""
 
 from __future__ import annotations
 

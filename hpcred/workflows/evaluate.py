@@ -1,4 +1,4 @@
-"""A result file on a grid of frequencies, alone or against the full model it came from."""
+"""Evaluate a result file on a grid of frequencies, alone or against its full model."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def evaluate_result(
     measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None,
     preload: Preload | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Responses of result.h5, and eps(f) and Q (57) against the model file `full` if given. Collective.
+    """Return the responses of result.h5, and eps(f) and Q (57) against the model file `full` if given. Collective.
 
     `frequencies` (Hz), or else `points` of them over `band` (two numbers, default that of the job). The frame, the
     damping, the inputs and outputs of the full model are those of the reduction, and so is `factoring` unless it is
@@ -108,7 +108,7 @@ def evaluate_result(
 
 @workflow
 def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) -> dict:
-    """eps(f) of result.h5, a reduction to a tolerance: nothing is computed. Collective.
+    """Return eps(f) of result.h5, a reduction to a tolerance: nothing is computed. Collective.
 
     `rows`: the error at `frequencies` (Hz), or else where it is largest in each of `parts` equal parts of the band.
     Besides the whole curve, its maximum, Q (57), the proofs and the sentence. Raises InputError where the basis was
@@ -150,8 +150,8 @@ def check_result(
     result, full, count: int = 5, *, seed: int | None = None, groups: int | None = None,
     factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """The estimated error of result.h5 against full solves of the model file `full`, at `count` fresh frequencies of
-    the band and some right beside resonances. Collective.
+    """Return the estimated error of result.h5 against full solves of the model file `full`, at `count` fresh
+    frequencies of the band and some right beside resonances. Collective.
 
     `seed` draws the same frequencies again; the other keywords are those of evaluate_result. Returns rows of f,
     estimated and measured errors, whether it `passed`, and the sentence. Raises InputError where the basis was chosen
@@ -177,7 +177,7 @@ def check_result(
 
 
 def frequencies_over(frequencies, band, points) -> np.ndarray:
-    """The frequencies in ascending order, or else `points` over the band (Hz). Raises InputError."""
+    """Return the frequencies in ascending order, or else `points` over the band (Hz). Raises InputError."""
     frequencies = checked_frequencies(frequencies)
     if not len(frequencies) and declared("points", points, int) < 2:
         raise InputError(f"points: found {points}, expected at least 2 frequencies over the band")
@@ -187,8 +187,8 @@ def frequencies_over(frequencies, band, points) -> np.ndarray:
 
 
 def band_of(reduced, others=()) -> tuple[float, float]:
-    """The band (Hz) that the job or the accuracy of a reduced model states, or else the first that one of the others
-    does, or up to between the two highest pseudo-frequencies."""
+    """Return the band (Hz) that the job or the accuracy of a reduced model states, or else the first that one of the
+    others does, or up to between the two highest pseudo-frequencies."""
     for item in (reduced, *others):
         record = item.record
         stated = (record.job or {}).get("band") or (record.accuracy and record.accuracy.band)
@@ -198,6 +198,6 @@ def band_of(reduced, others=()) -> tuple[float, float]:
 
 
 def short_names(paths) -> list[str]:
-    """The names of files without folder and suffix, or as they are given where two would be the same."""
+    """Return the names of files without folder and suffix, or as they are given where two would be the same."""
     stems = [Path(path).stem for path in paths]
     return stems if len(set(stems)) == len(stems) else [str(path) for path in paths]

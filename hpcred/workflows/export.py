@@ -102,7 +102,7 @@ def export_result(
 
 
 def _chosen(kind, path, comm):
-    """The Writer that is asked for by its name, or by the ending of a path. Collective.
+    """Return the Writer that is asked for by its name, or by the ending of a path. Collective.
 
     Raises InputError where the two differ.
     """

@@ -31,15 +31,16 @@ class FullModel:
     factoring: Factoring
 
     def response(self, frequencies, groups=None, progress=None) -> tuple[np.ndarray, np.ndarray]:
-        """H (F, r, p) and drive-point responses (F, p) at frequencies (F,) in Hz, in the frame of the record; see
-        response_and_drive. Collective."""
+        """Return H (F, r, p) and drive-point responses (F, p) at frequencies (F,) in Hz, in the frame of the record;
+        see response_and_drive. Collective."""
         return response_and_drive(
             self.model, frequencies, self.record.frame, self.damping, factoring=self.factoring, groups=groups,
             progress=progress,
         )  # fmt: skip
 
     def lowest_modes(self, count, progress=None):
-        """The ReducedModel of the `count` lowest undamped modes in the frame of the record. Collective; close it."""
+        """Return the ReducedModel of the `count` lowest undamped modes in the frame of the record. Collective; close
+        it."""
         return reduce(
             self.model, [Modes(count=count)], self.record.frame, factoring=self.factoring, progress=progress
         )
@@ -47,7 +48,7 @@ class FullModel:
 
 @contextmanager
 def full_of_record(path, record: Record, result, *, damping=None, factoring=None, comm):
-    """The FullModel of a model file `path` while the context is open; `result` names the file of the record.
+    """Yield the FullModel of a model file `path` while the context is open; `result` names the file of the record.
 
     `damping`: that of the responses, by default that of the record, which decides on the PETSc build where none is
     loaded; `factoring` likewise. Collective. Raises InputError where it is another model.
@@ -66,7 +67,7 @@ def start_for(dampings, factoring):
 
 
 def factoring_of(record) -> Factoring:
-    """How the reduction factored."""
+    """Return how the reduction factored."""
     job = record.job or {}
     package = job.get("solver", {}).get("package", LinearSolver.package)
     solver = LinearSolver(package=package if package in PACKAGES else LinearSolver.package)
@@ -74,7 +75,8 @@ def factoring_of(record) -> Factoring:
 
 
 def _model_of_record(path, record, result, comm):
-    """The model of a model file with the inputs and outputs of a reduction, checked to be the one that was reduced."""
+    """Return the model of a model file with the inputs and outputs of a reduction, checked to be the one that was
+    reduced."""
     model = read_model(path, comm)
     if model.size != record.size:  # before interfaces are looked for, which another model does not have
         with model:
@@ -93,7 +95,7 @@ def _model_of_record(path, record, result, comm):
 
 
 def _as_recorded(model, key, names, record, path):
-    """The model with the inputs or outputs of a reduction, from their names or from the file of the job."""
+    """Return the model with the inputs or outputs of a reduction, from their names or from the file of the job."""
     if key == "output" and names == record.inputs and "C" not in record.signature:
         with model:
             return model.with_output_columns(None, ())

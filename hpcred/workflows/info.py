@@ -1,4 +1,4 @@
-"""Say what any file is that hpcred reads or writes, and of a model what it needs to be reduced."""
+"""Describe any file that hpcred reads or writes, and what a model needs to be reduced."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ from .workflow import workflow
 def inspect_file(
     path, *, frequencies=(), band_top=None, modes: int | None = None, comm=None, progress: Progress | None = None
 ) -> dict:  # fmt: skip
-    """What analysis.summary.inspect says of a model file, and its `modes` lowest frequencies. Collective.
+    """Return the summary of a model file (see analysis.summary.inspect), with its `modes` lowest frequencies.
+    Collective.
 
     Raises InputError.
     """
@@ -67,7 +68,7 @@ def describe_file(
     path, *, frequencies=(), band_top=None, modes=None, variables=None, figure=None, sets=None, comm=None,
     progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """What a file is: of a model file what inspect_file says, of a job file its model and interfaces, of others their
+    """Describe a file: a model file as inspect_file does, a job file by its model and interfaces, others by their
     format and contents. Collective.
 
     `variables`: names of matrices by K, M, D in a file that holds several. `figure`: a .png, .svg or .pdf of the node
@@ -131,7 +132,7 @@ def describe_file(
 
 
 def _draw(figure, model, names):
-    """The picture of the node sets of a model, or of those of some names. Collective. Raises InputError."""
+    """Draw the node sets of a model, or of those of some names. Collective. Raises InputError."""
     known = model.set_sizes
     for name in names or ():
         if name not in known:
@@ -145,7 +146,7 @@ def _draw(figure, model, names):
 
 
 def _read_job(path):
-    """The job of a .toml file; raises InputError for a sweep or a simulation, which other commands read."""
+    """Return the job of a .toml file; raises InputError for a sweep or a simulation, which other commands read."""
     table = read_table(path)
     for key, what, how in (("job", "a sweep", "sweep"), ("body", "a simulation", "simulate")):
         if key in table:
@@ -154,7 +155,7 @@ def _read_job(path):
 
 
 def _job(path, job, figure, comm, progress):
-    """The model and the interfaces of a job, which are drawn. Collective. Raises InputError."""
+    """Return the model and the interfaces of a job, which are drawn. Collective. Raises InputError."""
     with progress.stage("read", str(path)):
         model = with_interfaces_of_job(job, comm)
     with model:
@@ -174,7 +175,7 @@ def _job(path, job, figure, comm, progress):
 
 
 def _on_one_rank(path, comm, describe, *arguments, **keywords):
-    """What a function says of a file, which a damaged one is refused by. Collective. Raises InputError."""
+    """Call a function on a file on one rank; refuse a damaged file. Collective. Raises InputError."""
     report = None
     with agreed(comm):
         if comm.rank == 0:
@@ -190,7 +191,7 @@ def _on_one_rank(path, comm, describe, *arguments, **keywords):
 
 
 def _kind_of(path) -> str | None:
-    """The format that an HDF5 file of hpcred names, or None."""
+    """Return the format that an HDF5 file of hpcred names, or None."""
     if not first_bytes(path).startswith(HDF5):
         return None
     require_whole(path)
@@ -248,7 +249,7 @@ def _matrix(path, single, comm):
 
 
 def _size(comm, item):
-    """Rows, columns and entries of a matrix in words."""
+    """Return rows, columns and entries of a matrix in words."""
     entries = comm.allreduce(len(item.values))
     largest = max(comm.allgather(float(np.abs(item.values).max(initial=0.0))))
     if isinstance(item, LabelledEntries):

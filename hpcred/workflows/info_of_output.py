@@ -20,7 +20,7 @@ from ..writers.registry import WRITERS
 
 
 def result(path, comm) -> dict:
-    """What result.h5 says. Collective. Raises InputError."""
+    """Describe a result. Collective. Raises InputError."""
     found = result_file.read_result(path, comm)
     reduced = found.reduced
     report = {
@@ -46,7 +46,7 @@ def result(path, comm) -> dict:
 
 
 def response(path, comm) -> dict:
-    """What a file of responses says. Raises InputError."""
+    """Describe a file of responses. Raises InputError."""
     found = response_file.read_responses(path)
     f = found.frequencies
     report = {
@@ -64,7 +64,7 @@ def response(path, comm) -> dict:
 
 
 def simulation(path, comm) -> dict:
-    """What a file of a simulation says. Raises InputError."""
+    """Describe a file of a simulation. Raises InputError."""
     with reading(path, motion_file.FORMAT, motion_file.VERSION, motion_file.SCHEMA) as file:
         record = json.loads(file["provenance"][()])
         report = {
@@ -82,7 +82,7 @@ def simulation(path, comm) -> dict:
 
 
 def recovery(path, comm) -> dict:
-    """What a file of recovered motion says. Raises InputError."""
+    """Describe a file of recovered motion. Raises InputError."""
     with reading(path, recovered_file.FORMAT, recovered_file.VERSION, recovered_file.SCHEMA) as file:
         record = json.loads(file["record"][()])
         report = {
@@ -104,28 +104,28 @@ OUTPUTS = {
 
 
 def table(path) -> dict:
-    """Columns and number of lines of a .csv."""
+    """Return columns and number of lines of a .csv."""
     with open(path, encoding="utf-8", newline="") as file:
         rows = csv.reader(file)
         return {"format": "table (.csv)", "columns": next(rows), "rows": sum(1 for _ in rows)}
 
 
 def data(path) -> dict:
-    """The keys of a JSON file."""
+    """Return the keys of a JSON file."""
     found = json.loads(Path(path).read_text(encoding="utf-8"))
     keys = list(found if isinstance(found, dict) else found[0] if found else [])
     return {"format": "JSON", "keys": keys, **({} if isinstance(found, dict) else {"rows": len(found)})}
 
 
 def page(path) -> dict:
-    """The title of a report."""
+    """Return the title of a report."""
     with open(path, encoding="utf-8") as file:
         title = re.search("<title>(.*?)</title>", file.read(4096), re.S)
     return {"format": "HTML report", "about": title[1] if title else "not known"}
 
 
 def by_writers(path, entries) -> dict | None:
-    """What the first writer says that takes a file for one of its format, or None. On one rank."""
+    """Return the description of the first writer that knows the format of a file, or None. On one rank."""
     with open(path, "rb") as file:
         start = file.read(4096)
     for entry in WRITERS.fitting(lambda writer: start and writer.begins(start), entries):
@@ -140,7 +140,7 @@ def by_writers(path, entries) -> dict | None:
 
 
 def described(path, tables=True) -> dict | None:
-    """What an export of hpcred, or a file for people, is, or None; `tables`: of words between commas, too.
+    """Describe an export of hpcred, a table or a picture; None for others. `tables`: also texts between commas.
 
     On one rank.
     """
@@ -157,7 +157,7 @@ def described(path, tables=True) -> dict | None:
 
 
 def read_whole(describe, path, comm) -> dict:
-    """What a file says by one of the functions of this module; a damaged one is refused. Collective."""
+    """Describe a file by one of the functions of this module; refuse a damaged one. Collective."""
     try:
         return describe(path, comm)
     except (KeyError, IndexError, TypeError, AttributeError, UnicodeDecodeError, json.JSONDecodeError) as error:
@@ -165,5 +165,5 @@ def read_whole(describe, path, comm) -> dict:
 
 
 def damaged(path, error) -> InputError:
-    """The refusal of a file that its reader does not understand."""
+    """Return the refusal of a file that its reader does not understand."""
     return InputError(f"{path}: damaged, or not whole ({type(error).__name__}: {error}); make it again")

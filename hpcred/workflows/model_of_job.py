@@ -14,7 +14,7 @@ from ..settings.job_file import Job
 
 
 def model_of_job(job: Job, comm):
-    """The model of a job with its inputs and outputs. Collective. Raises InputError."""
+    """Return the model of a job with its inputs and outputs. Collective. Raises InputError."""
     model = with_interfaces_of_job(job, comm)
     for key in ("input", "output"):
         model = with_targets(model, key, getattr(job, key + "s"))
@@ -34,7 +34,7 @@ def model_of_job(job: Job, comm):
 
 
 def with_interfaces_of_job(job: Job, comm):
-    """The model of a job with its interfaces. Collective. Raises InputError."""
+    """Return the model of a job with its interfaces. Collective. Raises InputError."""
     if isinstance(job.model, str):
         model = read_model(job.model, comm)
     else:
@@ -45,7 +45,8 @@ def with_interfaces_of_job(job: Job, comm):
 
 
 def with_interfaces(model, interfaces):
-    """The model with interface nodes, whose nodes may be in files; `model` is closed. Collective. Raises InputError."""
+    """Return the model with interface nodes, whose nodes may be in files; `model` is closed. Collective. Raises
+    InputError."""
     if not interfaces:
         return model
     with model:
@@ -64,8 +65,8 @@ def at_preload(model, preload, frame, factoring):
 
 
 def with_targets(model, key, targets):
-    """The model with other inputs or outputs (`key`: "input" or "output"), from a matrix file or as dofs; `model` is
-    closed. None leaves them as they are. Collective. Raises InputError."""
+    """Return the model with other inputs or outputs (`key`: "input" or "output"), from a matrix file or as dofs;
+    `model` is closed. None leaves them as they are. Collective. Raises InputError."""
     if targets is None:
         return model
     with model:

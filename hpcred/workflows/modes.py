@@ -33,7 +33,7 @@ def modes_of_file(
     model, count: int = 20, *, frame=None, figure=None, factoring: Factoring | None = None,
     preload: Preload | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """The `count` lowest undamped modes of a model file. Collective. Raises InputError or ComputationError.
+    """Return the `count` lowest undamped modes of a model file. Collective. Raises InputError or ComputationError.
 
     `frame`, `factoring`: see natural_modes. `preload`: a constant load on a body of solids, which the matrices or the
     frame hold. `figure`: a .png of the first six elastic modes. Returns plain
@@ -69,7 +69,8 @@ def _numbers(found: NaturalModes) -> dict:
 
 
 def tables_of_modes(report) -> tuple[list[dict], list[dict]]:
-    """Rows for tables of what modes_of_file returned: effective masses in % of the whole, and participation factors.
+    """Return rows for tables of what modes_of_file returned: effective masses in % of the whole, and participation
+    factors.
 
     Motions without mass or inertia have no column, such as those out of the plane of a plane body.
     """
@@ -84,7 +85,7 @@ def tables_of_modes(report) -> tuple[list[dict], list[dict]]:
 
 
 def mass_in_words(report) -> str:
-    """The masses and the moments of inertia of what modes_of_file returned, where there are any."""
+    """Return the masses and the moments of inertia of what modes_of_file returned, where there are any."""
     masses = np.array(report["masses"])
     there = _moving(masses)
     parts = []
@@ -96,7 +97,7 @@ def mass_in_words(report) -> str:
 
 
 def _moving(masses):
-    """Which motions (6,) have mass: a straight beam along x has no inertia about x, but round-off."""
+    """Return which motions (6,) have mass: a straight beam along x has no inertia about x, but round-off."""
     return masses > ROUND_OFF * np.repeat([masses[:3].max(), masses[3:].max()], 3)
 
 
@@ -117,8 +118,8 @@ def _draw(figure, model, found):
 
 @contextmanager
 def shapes_of_modes(store, model, found):
-    """The Shapes of the elastic modes on rank 0, None on the others, by way of the file `store`, which is read mode by
-    mode, as a result is, and removed. Collective. Raises InputError."""
+    """Yield the Shapes of the elastic modes on rank 0, None on the others, by way of the file `store`, which is read
+    mode by mode, as a result is, and removed. Collective. Raises InputError."""
     comm, elastic = model.comm, found.frequencies[found.rigid :]
     if model.dofs is None or found.shapes is None or not len(elastic):
         raise InputError("figure: no elastic mode with nodes to draw; ask for more modes, or convert --nodes")

@@ -49,8 +49,8 @@ def figures_of_pairs(path, outputs, inputs, responses, comm, pairs) -> list[str]
 
 
 def pairs_by_name(wanted, outputs, inputs, where) -> list[tuple[int, int]]:
-    """Output and input (from 0) of pairs named output/input, such as 20:z/1:x. Raises InputError for others; `where`
-    names the result."""
+    """Return output and input (from 0) of pairs named output/input, such as 20:z/1:x. Raises InputError for others;
+    `where` names the result."""
     known = {f"{output}/{given}": (i, j) for i, output in enumerate(outputs) for j, given in enumerate(inputs)}
     for name in wanted:
         if name not in known:
@@ -60,8 +60,8 @@ def pairs_by_name(wanted, outputs, inputs, where) -> list[tuple[int, int]]:
 
 
 def pairs_to_show(H, outputs, inputs, most=None) -> list[tuple[int, int]]:
-    """Output and input (from 0) of the `most` largest responses of H (F, r, p), or of all, in their order: without
-    those that are zero to round-off, and of a symmetric H with one of the two that are equal."""
+    """Return output and input (from 0) of the `most` largest responses of H (F, r, p), or of all, in their order:
+    without those that are zero to round-off, and of a symmetric H with one of the two that are equal."""
     size = np.abs(H).max(axis=0)
     reciprocal = tuple(inputs) == tuple(outputs) and np.allclose(
         H, H.transpose(0, 2, 1), rtol=1e-6, atol=1e-6 * size.max()
@@ -73,13 +73,13 @@ def pairs_to_show(H, outputs, inputs, most=None) -> list[tuple[int, int]]:
 
 
 def in_file_name(name: str) -> str:
-    """A name with only letters, digits, dots, hyphens and underscores."""
+    """Return a name with only letters, digits, dots, hyphens and underscores."""
     return "".join(letter if letter.isalnum() or letter in ".-_" else "_" if letter != ":" else "" for letter in name)
 
 
 def _errors(reduced, full=None):
-    """The relative error of curves (label, frequencies, values) at the frequencies of the full model, if there is one.
-    """
+    """Return the relative error of curves (label, frequencies, values) at the frequencies of the full model, if there
+    is one."""
     if full is None:
         return []
     _, frequencies, values = full

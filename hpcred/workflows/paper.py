@@ -1,4 +1,4 @@
-"""Section 5 in one command: Tables 1 and 2 beside the paper's figures, Figures 3 to 5, and the numbers as data."""
+"""Reproduce Section 5: Tables 1 and 2 beside the paper's figures, Figures 3 to 5, and the numbers as data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reduce a model as a job file says, and write result.h5."""
+"""Reduce a model by a job file, and write result.h5."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
 
 
 def _name_of(job, accuracy) -> str:
-    """Where the result goes: a model that is not what was asked for has a name that says so."""
+    """Return the name of the result, .not-reached.h5 if the tolerance was not reached."""
     if accuracy is None or accuracy.reached or job.unreached == "write":
         return job.output
     if job.unreached == "refuse":
@@ -127,7 +127,7 @@ def _not_reached(output) -> str:
 
 
 def _bytes(job, model) -> int:
-    """About what the basis takes in the file, as far as its columns are known beforehand."""
+    """Estimate the bytes of the basis in the file, as far as its columns are known beforehand."""
     columns = sum(item.columns(len(model.input_names), 0) for item in job.basis)
     if job.search is not None:
         columns += job.adaptive.size or SIZE

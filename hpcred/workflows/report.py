@@ -63,7 +63,7 @@ def report_file(
 
 
 def _take_body(sheet, modes, most):
-    """The shapes of a result that has nodes; on one rank."""
+    """Give a sheet the shapes of a result that has nodes; on one rank."""
     try:
         with sheet.result.shapes() as shapes:
             sheet.body, sheet.body_sentence = body_for_page(shapes, modes, most)
@@ -72,8 +72,8 @@ def _take_body(sheet, modes, most):
 
 
 def choose_pairs(sheet: Sheet, wanted=()) -> list[tuple[str, int, int]]:
-    """Name, output and input of the responses that are shown: the `wanted` ones, or else those of the directions, the
-    worst first, and of pairs_to_show.
+    """Return name, output and input of the responses that are shown: the `wanted` ones, or else those of the
+    directions, the worst first, and of pairs_to_show.
 
     Raises InputError."""
     outputs, inputs = sheet.reduced.output_names, sheet.reduced.input_names

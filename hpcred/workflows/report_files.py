@@ -1,4 +1,4 @@
-"""Write what a report shows for papers: figures (png, svg, pdf) and tables (csv) of its sheets in a folder."""
+"""Write the contents of a report for papers: figures (png, svg, pdf) and tables (csv) of its sheets in a folder."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def make_folder(folder, comm):
 
 
 def draw_files(folder, kind, sheets, chosen) -> list[str]:
-    """Responses of every pair, errors, and shapes of every result with nodes; on one rank. Returns the names."""
+    """Draw responses of every pair, errors, and shapes of every result with nodes, on one rank; return the names."""
     written = []
 
     def into(name, draw):
@@ -77,7 +77,7 @@ def _errors_of(sheets):
 
 
 def write_tables(folder, sheets) -> list[str]:
-    """Responses, errors, points and frequencies of every result as .csv; on one rank. Returns the names."""
+    """Write responses, errors, points and frequencies of every result as .csv, on one rank; return the names."""
     written = []
     for sheet in sheets:
         accuracy, reduced = sheet.record.accuracy, sheet.reduced

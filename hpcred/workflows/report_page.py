@@ -1,4 +1,4 @@
-"""Collect what the page of a report says and draws, as plain values for its template."""
+"""Collect the contents of the page of a report, as plain values for its template."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .report_sheets import kind_in_words
 
 
 def page_of(sheets, chosen, full) -> tuple[dict, dict]:
-    """What the template shows, and what is drawn."""
+    """Return the values that the template shows, and the data that its plots draw."""
     results, drawn = [], []
     for sheet, pairs in zip(sheets, chosen, strict=True):
         results.append(_shown(sheet))
@@ -81,7 +81,7 @@ def _unit(pair):
 
 
 def _finite(value):
-    """A number that JSON can hold, or None."""
+    """Return a number that JSON can hold, or None."""
     return value if value is not None and np.isfinite(value) else None
 
 
@@ -132,7 +132,7 @@ def _is_of_paper(sheet):
 
 
 def directions_of(sheet) -> list[dict]:
-    """The directions of a sheet for a table."""
+    """Return the directions of a sheet for a table."""
     band = sheet.full.frequencies if sheet.full is not None else sheet.band
     if sheet.full is None and sheet.record.accuracy is not None:
         band = sheet.record.accuracy.band
@@ -140,7 +140,8 @@ def directions_of(sheet) -> list[dict]:
 
 
 def frequency_rows(sheet) -> list[dict]:
-    """Pseudo-frequencies; with the full model's modes each beside the nearest one, and their relative distance."""
+    """Return rows of pseudo-frequencies; with the full model's modes each beside the nearest one, and their relative
+    distance."""
     pseudo = sheet.reduced.frequencies
     if sheet.full is None:
         return [{"number": k + 1, "pseudo-frequency (Hz)": f} for k, f in enumerate(pseudo.tolist())]
@@ -192,6 +193,6 @@ def _facts(sheet):
 
 
 def _clean(values):
-    """Without round-off where there is nothing."""
+    """Set round-off of zeros to zero."""
     size = np.abs(values)
     return np.where(size <= 1e-12 * size.max(initial=0.0, where=np.isfinite(size)), 0.0, values)

@@ -1,4 +1,4 @@
-"""Collect what a report says of each result, as a Sheet with its responses."""
+"""Collect the contents of a report for each result, as a Sheet with its responses."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Sheet:
 def sheets_of(
     results, full=None, *, band=None, solves: int = 21, groups=None, factoring=None, comm=None, progress=None
 ) -> list[Sheet]:  # fmt: skip
-    """A Sheet for every result, with the full model's response where `full` names its file. Collective."""
+    """Return a Sheet for every result, with the full model's response where `full` names its file. Collective."""
     progress = progress or Progress(comm, show=False)
     if not results:
         raise InputError("report: no result; give the name of at least one result.h5")
@@ -101,7 +101,7 @@ def sheets_of(
 
 
 def _sheet(name, result, read, band):
-    """The Sheet of one of the results, without the full model."""
+    """Return the Sheet of one of the results, without the full model."""
     reduced, accuracy = elastic_part(result.reduced), _measuring(result, read)
     damping = reduced.record.damping
     words = f"measured with the damping of the job: {kind_in_words(damping)}"
@@ -117,8 +117,8 @@ def _sheet(name, result, read, band):
 
 
 def _measuring(result, read):
-    """The accuracy that says with which damping a result is drawn: its own, or else, so that curves beside each other
-    have one damping, that of another result with the same damping model. None where there is none."""
+    """Return the accuracy whose damping a result is drawn with: its own, or else that of another result with the same
+    damping model, so that all curves have one damping. None where there is none."""
     own = result.reduced.record
     known = [record.accuracy for record in (other.reduced.record for other in read)
              if record.damping == own.damping and record.accuracy is not None]  # fmt: skip
@@ -126,7 +126,7 @@ def _measuring(result, read):
 
 
 def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
-    """The response of the full model at some frequencies, its modes, and the error. Collective."""
+    """Add to a sheet the response of the full model at some frequencies, its modes, and the error. Collective."""
     same = next((item for item in before if item.full is not None and _same_question(item, sheet)), None)
     if same is not None:
         sheet.full, sheet.full_as_before = same.full, True
@@ -143,7 +143,8 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
 
 
 def _solved(full_model, sheet, count, groups, progress):
-    """`count` frequencies of the band, and beside pseudo-frequencies, and the modes of the band. Collective."""
+    """Solve at `count` frequencies of the band and beside pseudo-frequencies, and find the modes of the band.
+    Collective."""
     low, high = sheet.band
     beside = BESIDE * sheet.reduced.frequencies
     beside = beside[(beside > low) & (beside < high)][:BESIDE_AT_MOST]
@@ -160,7 +161,7 @@ def _solved(full_model, sheet, count, groups, progress):
 
 
 def _same_question(one, other):
-    """Whether the full model has one response for two sheets."""
+    """Test whether the full model has one response for two sheets."""
     keys = ("frame", "interfaces", "inputs", "outputs")
     same = all(getattr(one.record, key) == getattr(other.record, key) for key in keys)
     same &= (one.damping, one.band) == (other.damping, other.band)
@@ -168,7 +169,7 @@ def _same_question(one, other):
 
 
 def kind_in_words(value) -> str:
-    """A frame, a damping model or a component in words."""
+    """Return a frame, a damping model or a component in words."""
     given = {key: list(item) if isinstance(item, tuple) else item for key, item in table_of(value).items()
              if key != "kind" and item is not None}  # fmt: skip
     return value.kind.replace("_", " ") + (f" ({in_words(given)})" if given else "")

@@ -33,7 +33,7 @@ def response_file(
     factoring: Factoring | None = None, output=None, polar: bool = False, figure=None,
     preload: Preload | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """The frequency response of a model file to a tolerance: see full_response. Collective.
+    """Return the frequency response of a model file to a tolerance: see full_response. Collective.
 
     `frequencies` (Hz), or else `points` of them over `band`. `inputs`, `outputs`: dofs or a matrix file, as in a job;
     by default those of the model. `preload`: a constant load, as for modes_of_file. `output`: a .csv (`polar`:
@@ -89,7 +89,7 @@ def _arrays(found: FullResponse) -> dict:
 
 
 def _curves(found: FullResponse, response) -> list:
-    """Output, input and values of every pair of a response (F, r, p) that is worth drawing."""
+    """Return output, input and values of every pair of a response (F, r, p) that is worth drawing."""
     outputs, inputs = found.output_names, found.input_names
     return [(outputs[i], inputs[j], response[:, i, j]) for i, j in pairs_to_show(response, outputs, inputs)]
 

@@ -42,7 +42,7 @@ def draw_sets_of(figure, model, sets: dict, marks=()):
 
 
 def _cells(surface, lines) -> dict:
-    """Faces as shells, and lines, as indices of the points of a surface."""
+    """Return faces as shells, and lines, as indices of the points of a surface."""
     faces, cells = surface.faces, {}
     three, curved = faces.corners[:, 3] < 0, faces.middles[:, 0] >= 0
     for kind, chosen in (("triangle", three & ~curved), ("triangle6", three & curved), ("quad", ~three & ~curved),

@@ -1,4 +1,4 @@
-"""Simulate as sim.toml says, and write simulation.h5, a .csv and a picture."""
+"""Simulate a body by a file such as sim.toml, and write simulation.h5, a .csv and a picture."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
 
 
 def _write_paraview(target, body, motion, comm):
-    """A .pvd, and one .vtu a time in a folder beside it, made new. Collective."""
+    """Write a .pvd, and one .vtu a time in a new folder beside it. Collective."""
     coordinates = coordinates_of(motion)
     points, origin = read_points(body, comm), read_result(body, comm).floating_frame.origin
     start = start_places(points.position - origin, coordinates)

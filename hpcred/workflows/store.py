@@ -13,7 +13,7 @@ UNFINISHED = 3600.0  # seconds after which a file that nobody finished counts as
 
 @workflow
 def list_store(folder, *, check: bool = False, comm=None) -> list[dict]:
-    """The entries of a store, as rows of a table. `check`: all checksums. Collective.
+    """Return the entries of a store, as rows of a table. `check`: all checksums. Collective.
 
     Raises InputError where there is no such folder.
     """

@@ -48,14 +48,14 @@ class State:
 
 
 def states_of(sweep: Sweep) -> dict[str, State]:
-    """What there is of each run, by name. A result counts as that of a run if its record says the same job and the
+    """Return the State of each run, by name. A result counts as that of a run if its record says the same job and the
     files that it was made from have the same contents; times of files do not matter."""
     content = _contents()
     return {run.name: _state(run, content) for run in sweep.runs}
 
 
 def _contents():
-    """What files have when first asked for, by name; None of those that are not there."""
+    """Return a function that tells the contents of files by name, read once; None if missing."""
     return cache(lambda name: content_of(name, SELF) if os.path.isfile(name) else None)
 
 
@@ -117,7 +117,7 @@ def run_sweep(
     runs, content = {run.name: run for run in left}, _contents()
 
     def done(child):
-        """Whether another sweep in this folder has done it meanwhile."""
+        """Test whether another sweep in this folder has done it meanwhile."""
         if _state(runs[child.name], content).done:
             skipped.add(child.name)
         return child.name in skipped
@@ -140,7 +140,8 @@ def refuse_ranks(comm, command):
 
 
 def share(sweep, index, of) -> list[SweepRun]:
-    """The runs of a task of an array: every `of`-th from the `index`-th on, which counts from 1. Raises InputError."""
+    """Return the runs of a task of an array: every `of`-th from the `index`-th on, which counts from 1. Raises
+    InputError."""
     if index is None and of is None:
         return list(sweep.runs)
     if index is None or of is None:
@@ -160,7 +161,7 @@ def make_folder(sweep):
 
 
 def _launcher(sweep) -> list[str]:
-    """The words of the launcher. Raises InputError where there is no such command."""
+    """Return the words of the launcher. Raises InputError where there is no such command."""
     text = sweep.launch.launcher.replace("{ranks}", str(sweep.launch.ranks))
     try:
         words = shlex.split(text)
@@ -172,13 +173,13 @@ def _launcher(sweep) -> list[str]:
 
 
 def _child(sweep, name, *arguments, log):
-    """A command of hpcred on the ranks of the sweep."""
+    """Return a command of hpcred on the ranks of the sweep."""
     return Child(name, [*_launcher(sweep), sys.executable, "-m", "hpcred", *arguments], log)
 
 
 def _beside_others(progress, done, output):
-    """What keeps this sweep from what another one computes at the same moment: that is waited for, behind what is left,
-    and begun here where the other has not brought it to an end. `done(child)`, `output(child)`: its result."""
+    """Keep this sweep from computing a run of another sweep at the same time: such runs come last, and are begun if the
+    other sweep has not finished them. `done(child)`, `output(child)`: its result."""
     asked = {}
 
     def wanted(child):
@@ -206,7 +207,7 @@ def _met_full_disk(child) -> bool:
 
 
 def _told(progress, total):
-    """What is said when a run has ended, and once a minute while they run."""
+    """Return functions that report the progress: when a run has ended, and once a minute."""
     begun = said = time.monotonic()
     count = 0
 
@@ -275,7 +276,7 @@ def _report(sweep, chosen, states, skipped, ended):
 
 
 def response_of(sweep, run, content) -> Path:
-    """The file of the full response that a run is compared with; its name stands for all that it depends on."""
+    """Return the file of the full response that a run is compared with; its name stands for all that it depends on."""
     job, asked = plain(run.job), sweep.evaluate
     full = os.path.abspath(asked.full or run.job.model)
     asked = [job[key] for key in ("inputs", "outputs", "interface", "frame", "damping")]
@@ -286,7 +287,7 @@ def response_of(sweep, run, content) -> Path:
 
 
 def responses_of(sweep) -> dict[str, Path]:
-    """The file of the full response by name of the run; empty where nothing is compared."""
+    """Return the file of the full response by name of the run; empty where nothing is compared."""
     if sweep.evaluate is None:
         return {}
     content = cache(lambda name: content_of(name, SELF))

@@ -1,4 +1,4 @@
-"""Prepare the public functions of this folder: what each of them does before its own work."""
+"""Give the public functions of this folder common keywords: communicator and progress."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..parallel.progress import Progress
 
 
 def workflow(function: Function) -> Function:
-    """Have a function take `comm`, by default that of the job, and `progress`, by default a silent one.
+    """Make a function take `comm`, by default that of the job, and `progress`, by default a silent one.
 
     Keywords that it does not have are refused, and outputs that it does not write in the end are given free.
     """

@@ -28,13 +28,14 @@ class Component(ABC):
 
     @abstractmethod
     def columns(self, inputs: int, rigid: int) -> int:
-        """Number of vectors before deflation, as far as it is known beforehand, for `inputs` columns of B."""
+        """Return the number of vectors before deflation, as far as it is known beforehand, for `inputs` columns of B.
+        """
 
     def check(self, size: int, rigid: int) -> None:  # noqa: B027  (most have nothing to refuse)
         """Raise InputError for what a model with `size` free dofs and `rigid` rigid-body modes cannot have."""
 
     def complex_shift(self, damped: bool) -> bool:
-        """Whether it needs a complex A(s), given whether the model has a damping matrix."""
+        """Test whether it needs a complex A(s), given whether the model has a damping matrix."""
         return False
 
     @abstractmethod
@@ -63,7 +64,7 @@ class PointComponent(Component):
 
     @abstractmethod
     def blocks(self, run: Run) -> PointBlocks:
-        """The blocks of the point, orthonormal among themselves. Collective."""
+        """Return the blocks of the point, orthonormal among themselves. Collective."""
 
     def extend(self, basis, run) -> None:
         self.blocks(run).join(basis, run)

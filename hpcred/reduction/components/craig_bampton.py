@@ -168,7 +168,7 @@ class InterfaceSolver:
         self.flexible.destroy()
 
     def _factored(self):
-        """The solver of the run with the factor of K."""
+        """Return the solver of the run with the factor of K."""
         try:
             return self._run.solvers.factored(0.0, "0 Hz")
         except SingularMatrix as error:
@@ -178,7 +178,7 @@ class InterfaceSolver:
             ) from error
 
     def _take_flexible(self) -> bool:
-        """X from the store, or else by solves, and whether it is from the store."""
+        """Take X from the store, or else compute it; return whether it is from the store."""
         run = self._run
         key = {"kind": "attachment modes", **run.identity_of("M", "K")}  # of the interfaces among the nodes
         entry = run.stored(key)
@@ -194,13 +194,13 @@ class InterfaceSolver:
         return False
 
     def constraint_modes(self):
-        """x (n, 6k) with f = 0 and g = I, as a new block."""
+        """Return x (n, 6k) with f = 0 and g = I, as a new block."""
         shapes = create_block(self._run.model.K, self.size)
         self._complete(shapes, np.eye(self.size), None, beta=0.0)
         return shapes
 
     def solve(self, load, solution, steps=0):
-        """solution = x with g = 0 for the columns of a load."""
+        """Set solution = x with g = 0 for the columns of a load."""
         self._factored().solve(load, solution, steps)
         # twice, against what round-off leaves of the motion of the interfaces
         for f in (load, None):
@@ -221,8 +221,8 @@ class InterfaceSolver:
 
 
 def _interface_system(flexibility, rigid, interfaces):
-    """The matrix of lambda and c, [G K^+ G^T, G R; (G R)^T, 0], scaled to a unit diagonal, and the scale; refused where
-    a direction of the interfaces depends on others."""
+    """Return the matrix of lambda and c, [G K^+ G^T, G R; (G R)^T, 0], scaled to a unit diagonal, and the scale;
+    refused where a direction of the interfaces depends on others."""
     count = rigid.shape[1]
     scale = 1 / np.sqrt(np.maximum(np.diag(flexibility), 1e-300))
     other = 1 / np.maximum(np.linalg.norm(scale[:, None] * rigid, axis=0), 1e-300)
@@ -250,7 +250,7 @@ def check_directions(model):
 
 
 def interface_forces(model):
-    """G^T as a new block (n, 6k). Collective."""
+    """Return G^T as a new block (n, 6k). Collective."""
     dense = model.Gt.copy().convert("dense")
     block = from_dense(dense)
     dense.destroy()

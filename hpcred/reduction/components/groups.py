@@ -83,7 +83,7 @@ def _copy(model, group, number, groups):
 
 
 def number_of_groups(wanted, run, points: int) -> int:
-    """How many groups of ranks make so many points; `wanted`: see Reduction. Collective. Raises InputError."""
+    """Return how many groups of ranks make so many points; `wanted`: see Reduction. Collective. Raises InputError."""
     ranks = run.model.comm.size
     if wanted != "auto":
         if wanted > ranks:
@@ -113,7 +113,7 @@ class _Arrived:
     width: int
 
     def between(self, start, stop):
-        """A view of the vectors start .. stop - 1."""
+        """Return a view of the vectors start .. stop - 1."""
         return View(self.block, self.width * start, self.width * stop)
 
     def join(self, basis, run):
@@ -125,7 +125,7 @@ class _Arrived:
 
 
 def blocks_in_groups(basis, runs, groups) -> dict:
-    """The blocks of the points of a basis, {(component, run): blocks}, each made by a group of ranks.
+    """Return the blocks of the points of a basis, {(component, run): blocks}, each made by a group of ranks.
 
     Numbers are places in the lists. `runs` get the records of all factorisations. Collective.
     """
@@ -156,7 +156,7 @@ def blocks_in_groups(basis, runs, groups) -> dict:
 
 
 def bring(model, group, blocks):
-    """Blocks of a group with the rows of the world; the ranks of other groups give nothing. Collective."""
+    """Return blocks of a group with the rows of the world; the ranks of other groups give nothing. Collective."""
     comm = model.comm
     mine = (blocks.parts, blocks.vectors.width) if blocks is not None else None
     parts, width = next(item for item in comm.allgather(mine) if item is not None)

@@ -108,14 +108,14 @@ class Krylov(PointComponent):
         return bool(self.point.real and self.point.imag)
 
     def columns(self, inputs: int, rigid: int) -> int:
-        """Number of vectors before deflation."""
+        """Return the number of vectors before deflation."""
         return (2 if self._is_complex() else 1) * inputs * (self.order + 1)
 
     def complex_shift(self, damped: bool) -> bool:
         return self._is_complex()
 
     def blocks(self, run) -> PointBlocks:
-        """The blocks of the point. Collective. Raises InputError where the point is an eigenfrequency.
+        """Return the blocks of the point. Collective. Raises InputError where the point is an eigenfrequency.
 
         Block Arnoldi: the vectors of the point are kept orthonormal by themselves, because (K + s^2 M)^-1 M has to act
         on the whole block and not only on what the basis did not have yet.

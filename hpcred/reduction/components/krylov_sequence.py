@@ -41,30 +41,30 @@ class KrylovSequence:
     # what a subclass has
 
     def _load_columns(self) -> int:
-        """Columns of the loads."""
+        """Return the number of columns of the loads."""
         raise NotImplementedError
 
     def _factor(self):
-        """The solver of the point, with its factor. Raises SingularMatrix."""
+        """Return the solver of the point, with its factor. Raises SingularMatrix."""
         raise NotImplementedError
 
     def _next_load(self):
-        """The loads of the next block, as a block that the caller destroys."""
+        """Return the loads of the next block, as a block that the caller destroys."""
         raise NotImplementedError
 
     def _took(self, load, block):
-        """Note what later loads need of a block that was solved for; sets `complete` where none can follow."""
+        """Keep what later loads need of a new block; set `complete` if no block can follow."""
 
     def _offers(self, columns: int) -> int:
-        """How many columns of a basis a block of so many real columns can bring."""
+        """Return how many columns of a basis a block of so many real columns can bring."""
         return columns
 
     def _state(self) -> dict[str, np.ndarray]:
-        """What is needed beside the vectors to make more blocks."""
+        """Return the arrays that further blocks need beside the vectors."""
         return {}
 
     def _go_on_from(self, state):
-        """Take over what _state() gave."""
+        """Restore the arrays of _state()."""
 
     # the sequence
 
@@ -74,7 +74,7 @@ class KrylovSequence:
             self._solver = self._factor()
 
     def advance(self) -> tuple[int, int]:
-        """The next block, made if it is not there: its first vector and its end, the same where no load is left.
+        """Return the next block, made if it is not there: its first vector and its end, the same where no load is left.
 
         Raises SingularMatrix.
         """
@@ -109,7 +109,7 @@ class KrylovSequence:
         self._residual = max(self._residual, self._solver.records[-1].residual)
 
     def blocks(self, count: int, name: str) -> PointBlocks:
-        """The first `count` blocks, fewer where the loads are exhausted, for a basis. Raises SingularMatrix."""
+        """Return the first `count` blocks, fewer where the loads are exhausted, for a basis. Raises SingularMatrix."""
         parts = []
         while self._place < count and not (self.complete and self._place == len(self.ends)):
             self.run.progress.step("blocks", self._place, count)

@@ -58,7 +58,7 @@ class Modes(Component):
             within(f"modes.{key}", getattr(self, key), COUNT)
 
     def columns(self, inputs: int, rigid: int) -> int:
-        """Number of vectors known beforehand (0 for a band)."""
+        """Return the number of vectors known beforehand (0 for a band)."""
         known = self.count or len(set(self.index or ()))
         return min(known, self.dominant) if self.dominant else known
 
@@ -73,7 +73,7 @@ class Modes(Component):
             raise InputError(f"modes: {self._highest(rigid)} elastic modes asked for, the model has {size - rigid}")
 
     def _highest(self, rigid):
-        """How many of the lowest elastic modes have to be known."""
+        """Return how many of the lowest elastic modes have to be known."""
         return self.count or (max(self.index) - rigid if self.index else 0)
 
     def extend(self, basis, run) -> None:
@@ -123,7 +123,7 @@ class Modes(Component):
 
 
 def _slices(run):
-    """Whether the factors that SLEPc makes of its own fit; refused where nothing else would do."""
+    """Test whether the factors that SLEPc makes of its own fit; refused where nothing else would do."""
     if not run.solvers.multigrid:
         try:
             run.solvers.real.estimate()
@@ -136,8 +136,9 @@ def _slices(run):
 
 
 def kept_modes(run, rule, count, find):
-    """The first `count` modes, or all, from the store or by `find`, and whether they are from the store; the store then
-    has what was found, in place of fewer. `rule`: what tells them from others, with their "band" (None: the lowest)."""
+    """Return the first `count` modes, or all, from the store or by `find`, and whether they are from the store; the
+    store then has what was found, in place of fewer. `rule`: what tells them from others, with their "band" (None: the
+    lowest)."""
     key = {"kind": "modes", **rule, **run.identity_of("M", "K")}
     entry = run.stored(key)
     if rule["band"] is None:
@@ -154,8 +155,8 @@ def kept_modes(run, rule, count, find):
 
 
 def all_between(run, low, high, most, find):
-    """All eigenvalues from `low` to `high` (omega^2) and their modes as a block, or None, by `find(count)` of ever more
-    of the lowest, of which there are `most`, until one lies above. Collective."""
+    """Return all eigenvalues from `low` to `high` (omega^2) and their modes as a block, or None, by `find(count)` of
+    ever more of the lowest, of which there are `most`, until one lies above. Collective."""
     count = AT_FIRST
     while True:
         values, block = find(min(count, most))
@@ -180,7 +181,8 @@ def _lowest(run, count):
 
 
 def lowest(run, count, shift=0.0):
-    """The `count` lowest elastic eigenvalues (count,) of (K, M), and the M-orthonormal modes as a block. Collective.
+    """Return the `count` lowest elastic eigenvalues (count,) of (K, M), and the M-orthonormal modes as a block.
+    Collective.
 
     Found by solves with K + shift M. Raises SingularMatrix.
     """
@@ -189,7 +191,7 @@ def lowest(run, count, shift=0.0):
 
 
 def lowest_modes_by(run, count, most, solve):
-    """The `count` lowest modes, omega^2 (count,) and a block, on the space of dimension `most` in which
+    """Return the `count` lowest modes, omega^2 (count,) and a block, on the space of dimension `most` in which
     `solve(load, solution, steps)` inverts K.
 
     Collective. Raises ComputationError.
@@ -215,7 +217,7 @@ def lowest_modes_by(run, count, most, solve):
 
 
 def _polish(run, block, count, solve):
-    """One step of inverse iteration of all modes at once, refined, and the Rayleigh-Ritz values and vectors.
+    """Improve modes by a refined step of inverse iteration; return Rayleigh-Ritz values and vectors.
 
     What follows modes in a basis is the small rest that they leave, and shares their round-off. The columns of the
     block span the modes; there may be more of them, dependent ones.
@@ -232,7 +234,7 @@ def _polish(run, block, count, solve):
 
 
 def _dominant(run, values, block, count):
-    """The `count` modes with the largest contribution, in the order of frequency, and what they contribute."""
+    """Return the `count` modes with the largest contribution, in the order of frequency, and what they contribute."""
     model = run.model
     size = np.maximum(np.sqrt(np.diag(project(model.M, block))), 1e-300)
     loads = np.linalg.norm(project_columns(block, model.B), axis=1) / size
@@ -249,14 +251,14 @@ def _dominant(run, values, block, count):
 
 
 def choose(run, block, columns):
-    """The chosen columns as a new block, None for none; the block is destroyed."""
+    """Return the chosen columns as a new block, None for none; the block is destroyed."""
     chosen = _chosen(run, block, columns)
     block.destroy()
     return chosen
 
 
 def _chosen(run, block, columns):
-    """The same of a block that stays."""
+    """Return the same of a block that stays."""
     if not len(columns):
         return None
     chosen = create_block(run.model.K, len(columns))
@@ -266,7 +268,7 @@ def _chosen(run, block, columns):
 
 
 def _without_rigid(run, values, block):
-    """What is M-orthogonal to the rigid-body motions in the span of the modes, with Rayleigh quotients for values.
+    """Return the modes without the rigid-body motions in their span, with Rayleigh quotients for values.
 
     Other motions without force share their eigenvalue, zero, with those: single modes are any mixture of both.
     """
@@ -293,7 +295,7 @@ def _without_rigid(run, values, block):
 
 
 def residuals(run, values, block) -> np.ndarray:
-    """||K x - lambda M x|| / (lambda ||M x||) of the modes. Collective."""
+    """Return ||K x - lambda M x|| / (lambda ||M x||) of the modes. Collective."""
     if block is None:
         return np.zeros(0)
     product, force = run.times_mass(block), create_block(run.model.K, len(values))

@@ -57,14 +57,14 @@ class SecondOrderKrylov(PointComponent):
         return laplace(self.kind, self.frequency, self.decay, self.s)
 
     def columns(self, inputs: int, rigid: int) -> int:
-        """Number of vectors before deflation."""
+        """Return the number of vectors before deflation."""
         return (2 if self.point.imag else 1) * inputs * (self.order + 1)
 
     def complex_shift(self, damped: bool) -> bool:
         return bool(self.point.imag) and (damped or bool(self.point.real))
 
     def blocks(self, run) -> PointBlocks:
-        """The blocks of the point. Collective. Raises InputError where the point is a pole."""
+        """Return the blocks of the point. Collective. Raises InputError where the point is a pole."""
         s, model = self.point, run.model
         if caughey_terms(run.framed.damping) is not None:
             raise InputError(
@@ -114,7 +114,7 @@ class SecondOrderSequence(KrylovSequence):
             return run.solvers.complex
 
     def _next_load(self):
-        """-((2 s M + D) Q upper + M Q lower) as pairs."""
+        """Return -((2 s M + D) Q upper + M Q lower) as pairs."""
         model = self.run.model
         if not self.ends:
             return as_pairs(self.run.loads, model.K)
@@ -151,7 +151,7 @@ class SecondOrderSequence(KrylovSequence):
 
 
 def _rayleigh_frequency(load, block, mass):
-    """sqrt(x^T K x / x^T M x) in rad/s of the static deflections x = K^-1 load."""
+    """Return sqrt(x^T K x / x^T M x) in rad/s of the static deflections x = K^-1 load."""
     product = create_block(mass, block.getActiveColumns()[1])
     apply(mass, block, product)
     square = np.trace(inner(load, block)) / np.trace(inner(block, product))
@@ -160,7 +160,7 @@ def _rayleigh_frequency(load, block, mass):
 
 
 def _next_state(new, upper, states):
-    """Orthonormal coefficients of the next pairs (R_l, R_(l-1)), and all of them so far.
+    """Return orthonormal coefficients of the next pairs (R_l, R_(l-1)), and all of them so far.
 
     `new` (size, b): the new block in terms of Q; `upper`: what it came from. Returns the upper and lower half of
     the new states (size, b'), and all states (2 size, total).

@@ -153,13 +153,13 @@ class Accuracy:
     directions: tuple[Direction, ...] = ()
 
     def with_noise(self, noise: float) -> Accuracy:
-        """The same with so much round-off, which may be more than the claim bears."""
+        """Return the same with so much round-off, which may be more than the claim bears."""
         if self.reached and not self.largest + noise <= self.tolerance:
             return replace(self, noise=noise, reached=False, stopped=ROUND_OFF)
         return replace(self, noise=noise)
 
     def times(self, inputs: float, outputs: float) -> Accuracy:
-        """The same of a model whose inputs and outputs are multiplied by factors."""
+        """Return the same of a model whose inputs and outputs are multiplied by factors."""
         directions = tuple(replace(item, static=item.static * inputs * outputs) for item in self.directions)
         return replace(self, measure=self.measure.times(inputs, outputs), directions=directions)
 
@@ -210,8 +210,8 @@ class Accuracy:
 
 
 def measured_damping(damping, zeta0: float, band) -> tuple[Proportional, bool, str]:
-    """With which damping the response of a model is measured: its proportional part, whether a given D comes on top,
-    and that in words."""
+    """Return the damping with which responses are measured: its proportional part, whether a given D is added, and a
+    sentence."""
     if isinstance(damping, GivenDamping):
         loss = damping.loss_factor
         words = "measured with the damping matrix of the model"
@@ -228,12 +228,12 @@ def measured_damping(damping, zeta0: float, band) -> tuple[Proportional, bool, s
 
 
 def proportional(coefficients) -> Proportional:
-    """The damping of a Caughey series (39), of which Rayleigh damping is the first two terms."""
+    """Return the damping of a Caughey series (39), of which Rayleigh damping is the first two terms."""
     alpha, beta, *higher = (*coefficients, 0.0)[: max(len(coefficients), 2)]
     return Proportional(alpha, beta, 0.0, tuple(higher) if any(higher) else ())
 
 
 def smallest_ratio(coefficients, band) -> float:
-    """The smallest damping ratio of a series over a band (Hz), without its sign."""
+    """Return the smallest damping ratio of a series over a band (Hz), without its sign."""
     omega = 2 * np.pi * np.linspace(max(band[0], 1e-3 * band[1]), band[1], UNIFORM)
     return float(np.abs(sum(a * omega ** (2 * k - 1) for k, a in enumerate(coefficients)) / 2).min())

@@ -19,8 +19,8 @@ TIE = 0.01  # by how much the first input or output counts less than the last, s
 
 
 def snapshots(model: PseudoModal, frequencies, measure: Measure) -> np.ndarray:
-    """States A^-1 L Lb / g and A^-T L Lc / h with the scales of a measure, (S, m, p + r); with C = B^T and symmetric A
-    only the first."""
+    """Return states A^-1 L Lb / g and A^-T L Lc / h with the scales of a measure, (S, m, p + r); with C = B^T and
+    symmetric A only the first."""
     right = model.solve(frequencies, model.B)
     h, g = measure.scales(*model.responses(frequencies))
     right *= _inverse(g)[:, None, :]
@@ -33,14 +33,14 @@ def snapshots(model: PseudoModal, frequencies, measure: Measure) -> np.ndarray:
 
 
 def _inverse(scales):
-    """1 / scales, and for those that are 0 as of the largest of their column."""
+    """Return 1 / scales; a scale of 0 counts as the largest of its column."""
     scales = np.where(scales > 0, scales, np.where((top := scales.max(axis=0)) > 0, top, 1.0))
     return 1 / scales
 
 
 def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8, most=None) -> np.ndarray:
-    """Orthonormal columns U (m, k) of the coordinates of `pair.outer`, as few as `goal` allows for the largest error
-    over the frequencies (S,).
+    """Return orthonormal columns U (m, k) of the coordinates of `pair.outer`, as few as `goal` allows for the largest
+    error over the frequencies (S,).
 
     Leading left singular vectors of the snapshots, beside the orthonormal columns `fixed` (m, c), which are in the span
     of U. First k is found by bisection; then one column less is tried again and again, with the snapshots weighted anew
@@ -60,7 +60,7 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
         return np.linalg.eigh(flat @ flat.T)[1][:, ::-1]
 
     def errors(U):
-        """Of every response (S, r, p)."""
+        """Return the error of every response (S, r, p)."""
         inside = inner_of(pair, joined(fixed, U))
         return np.minimum(measure.each(inside.difference(frequencies), *known), LARGE)
 
@@ -94,13 +94,13 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
 
 
 def inner_of(pair: Comparison, U) -> Comparison:
-    """The comparison of a model on orthonormal columns U (m, k) of the coordinates of `pair.outer` with that."""
+    """Return the comparison of a model on orthonormal columns U (m, k) of the coordinates of `pair.outer` with that."""
     inner, embedding = pair.outer.restricted(U)
     return replace(pair, inner=inner, embedding=embedding)
 
 
 def joined(first, others) -> np.ndarray:
-    """Orthonormal columns that span two blocks of them, orthogonal to each other but for round-off."""
+    """Return orthonormal columns that span two blocks of them, orthogonal to each other but for round-off."""
     return np.linalg.qr(np.hstack([first, others]))[0] if first.shape[1] else others
 
 
@@ -118,7 +118,7 @@ class Compressed(NamedTuple):
 
 
 def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarray, beside: int) -> Compressed:
-    """The few combinations of a basis that the tolerance asks for, after a search; local.
+    """Return the few combinations of a basis that the tolerance asks for, after a search; local.
 
     `reason`: why the search ended before the tolerance was reached, or "". The columns `kept` (m, c), in terms of
     those of the basis, stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the
@@ -140,9 +140,9 @@ def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarr
 
 
 def _reach(judge, whole: Comparison, goal, fixed, beside):
-    """The smallest model whose error stays below the goal between the frequencies as well, in the uncompressed one; a
-    grid and its error on it; and why the size that was asked for does not let it, or ""; `fixed`: see compressed(),
-    `beside`: see compress()."""
+    """Return the smallest model whose error stays below the goal between the frequencies as well, in the uncompressed
+    one; a grid and its error on it; and why the size that was asked for does not let it, or ""; `fixed`: see
+    compressed(), `beside`: see compress()."""
     settings, outer = judge.settings, whole.outer
     S, limited, most = grid([outer], settings.band), "", settings.size
     if most is not None:

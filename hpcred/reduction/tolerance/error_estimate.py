@@ -34,15 +34,16 @@ class Comparison:
     measure: Measure
 
     def difference(self, frequencies) -> np.ndarray:
-        """H_outer - H_inner (S, r, p)."""
+        """Return H_outer - H_inner (S, r, p)."""
         return difference(self.inner, self.outer, self.embedding, frequencies)
 
     def curve(self, frequencies) -> np.ndarray:
-        """The error eps (S,) of the inner model."""
+        """Return the error eps (S,) of the inner model."""
         return self.measure.total(self.each(frequencies))
 
     def curve_and_dips(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
-        """curve(), and what it may grow to beside a frequency (S,), 0 where no scale has a minimum."""
+        """Return curve(), and the largest error that may be beside each frequency (S,), 0 unless a scale has a minimum
+        there."""
         E, known = self.difference(frequencies), self.outer.responses(frequencies)
         each = self.measure.each(E, *known)
         curve = self.measure.total(each)
@@ -56,24 +57,24 @@ class Comparison:
         return curve, most
 
     def each(self, frequencies) -> np.ndarray:
-        """The error of every response (S, r, p)."""
+        """Return the error of every response (S, r, p)."""
         return self.measure.each(self.difference(frequencies), *self.outer.responses(frequencies))
 
     def noise(self, frequencies) -> np.ndarray:
-        """The noise (S,) of the two models: what plain subtraction of their responses differs by. A Caughey series of
-        more than two terms has no other difference to compare with."""
+        """Return the noise (S,) of the two models: what plain subtraction of their responses differs by. A Caughey
+        series of more than two terms has no other difference to compare with."""
         H, drive = self.outer.responses(frequencies)
         inner = self.inner.response(frequencies)
         return self.measure.eps(H - inner - self.difference(frequencies), H, drive)
 
     def with_damping(self, damping: Proportional) -> Comparison:
-        """The same with another proportional damping."""
+        """Return the same with another proportional damping."""
         inner, outer = (replace(model, damping=damping) for model in (self.inner, self.outer))
         return replace(self, inner=inner, outer=outer)
 
 
 def measure_over(measure: Measure, band, model: PseudoModal) -> Measure:
-    """A measure with what it takes from the responses of a model over a band (Hz), such as floors."""
+    """Return a measure with what it takes from the responses of a model over a band (Hz), such as floors."""
     if isinstance(measure, Paper):
         return measure
     frequencies = np.linspace(*band, UNIFORM)
@@ -87,7 +88,7 @@ def _silent(model, frequencies) -> list[int]:
 
 
 def upper_poles(model: PseudoModal) -> np.ndarray:
-    """The poles (k,) of a model that are not below the real axis, in rad/s."""
+    """Return the poles (k,) of a model that are not below the real axis, in rad/s."""
     if model.poles is not None:
         poles = model.poles.values
     else:
@@ -99,20 +100,21 @@ def upper_poles(model: PseudoModal) -> np.ndarray:
 
 
 def resonances(model: PseudoModal) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (k,) in Hz, ascending, where the response may peak, and their damping ratios (k,)."""
+    """Return frequencies (k,) in Hz, ascending, where the response may peak, and their damping ratios (k,)."""
     return at_poles(upper_poles(model))
 
 
 def at_poles(poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (k,) in Hz, ascending, and damping ratios (k,) of the poles (m,) above the real axis, in rad/s."""
+    """Return frequencies (k,) in Hz, ascending, and damping ratios (k,) of the poles (m,) above the real axis, in
+    rad/s."""
     poles = poles[poles.imag > 0]
     poles = poles[np.argsort(poles.imag)]
     return poles.imag / (2 * np.pi), np.abs(poles.real) / np.abs(poles)
 
 
 def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray:
-    """S: `uniform` points over the band (Hz), and around every pole of the models as many as let the distance of two
-    frequencies be `step` times that to the nearest pole; without a step the places of the poles alone."""
+    """Return S: `uniform` points over the band (Hz), and around every pole of the models as many as let the distance of
+    two frequencies be `step` times that to the nearest pole; without a step the places of the poles alone."""
     low, high = band
     points = [np.linspace(low, high, uniform)]
     for model in models:
@@ -140,7 +142,7 @@ def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray
 
 
 def beside(frequencies: np.ndarray, places, parts=4) -> np.ndarray:
-    """New frequencies in the two intervals beside the frequencies at `places`."""
+    """Return new frequencies in the two intervals beside the frequencies at `places`."""
     intervals = np.unique(np.concatenate([places - 1, places]))
     intervals = intervals[(intervals >= 0) & (intervals < len(frequencies) - 1)]
     steps = np.arange(1, parts) / parts
@@ -148,15 +150,15 @@ def beside(frequencies: np.ndarray, places, parts=4) -> np.ndarray:
 
 
 def maxima(values: np.ndarray) -> np.ndarray:
-    """Whether each of the values (S, ...) is a maximum along the first axis."""
+    """Return for each of the values (S, ...) whether it is a maximum along the first axis."""
     end = np.full((1, *values.shape[1:]), -np.inf)
     padded = np.concatenate([end, values, end])
     return (values >= padded[:-2]) & (values >= padded[2:])
 
 
 def largest(pair: Comparison, frequencies, rounds=4):
-    """Grid and error of a model on it, refined `rounds` times around the highest maxima, and where a scale of the
-    measure dips, as at zeros of a response, if the error may grow to be one of them there."""
+    """Return grid and error of a model on it, refined `rounds` times around the highest maxima, and where a scale of
+    the measure dips, as at zeros of a response, if the error may grow to be one of them there."""
     curve, dips = pair.curve_and_dips(frequencies)
     for _ in range(rounds):
         high = curve.max() / 3
@@ -170,8 +172,8 @@ def largest(pair: Comparison, frequencies, rounds=4):
 
 
 def resolved(pair: Comparison, frequencies, curve, above: float, step=1.5, rounds=5):
-    """The curve (S,) with more frequencies, so that it can be interpolated: intervals are halved, at most `rounds`
-    times, where it changes by more than the factor `step`, and beside its extrema; all where it is `above`."""
+    """Return the curve (S,) with more frequencies, so that it can be interpolated: intervals are halved, at most
+    `rounds` times, where it changes by more than the factor `step`, and beside its extrema; all where it is `above`."""
     for _ in range(rounds):
         height = np.log(np.maximum(curve, max(above, 1e-300)))
         change = np.diff(height)
@@ -189,13 +191,13 @@ def resolved(pair: Comparison, frequencies, curve, above: float, step=1.5, round
 
 
 def apart(frequencies, taken, band) -> np.ndarray:
-    """Which of the frequencies (S,) are APART of the band from all points that are taken."""
+    """Return which of the frequencies (S,) are APART of the band from all points that are taken."""
     return (np.abs(np.subtract.outer(frequencies, taken)) >= APART * (band[1] - band[0])).all(axis=1)
 
 
 def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | None:
-    """The frequency of the largest estimate, APART of the band from other points and off pseudo-frequencies. Estimates
-    below ROUNDOFF tell nothing: there it is the one farthest from other points and the ends of the band."""
+    """Return the frequency of the largest estimate, APART of the band from other points and off pseudo-frequencies.
+    Estimates below ROUNDOFF tell nothing: there it is the one farthest from other points and the ends of the band."""
     free = np.flatnonzero(apart(frequencies, taken, band))
     distance = np.abs(np.subtract.outer(frequencies[free], [*taken, *band])).min(axis=1) / (band[1] - band[0])
     height = np.where(curve[free] > ROUNDOFF, curve[free], 0.0)
@@ -206,7 +208,8 @@ def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | N
 
 
 def off_poles(f: float, model: PseudoModal, band) -> float | None:
-    """f, or the nearest frequency of the band that is GAP f away from all pseudo-frequencies, less in narrow bands."""
+    """Return f, or the nearest frequency of the band that is GAP f away from all pseudo-frequencies, less in narrow
+    bands."""
     gap = min(GAP, NARROW * (band[1] - band[0]) / band[1])
     poles = model.frequencies
     tries = f * (1 + gap * np.array([0, 1, -1, 2, -2, 3, -3, 5, -5, 8, -8]))
@@ -217,21 +220,22 @@ def off_poles(f: float, model: PseudoModal, band) -> float | None:
 
 
 def rounded(f: float, band) -> float:
-    """A frequency that a search chose, to six digits, of the band (Hz) if that is narrow: the same on any number of
-    ranks, whose last digits differ."""
+    """Return a frequency that a search chose, to six digits, of the band (Hz) if that is narrow: the same on any number
+    of ranks, whose last digits differ."""
     low, high = band
     digits = 6 + max(0, int(np.ceil(-np.log10((high - low) / high))))
     return float(np.clip(float(f"{f:.{digits}g}"), low, high))
 
 
 def missing(model: PseudoModal, counts) -> int:
-    """Modes below the points that inertia counts and the model has not; `counts`: (f, number of modes below f)."""
+    """Return the number of modes that inertia counts below points and the model misses; `counts`: (f, number of modes
+    below f)."""
     poles = model.frequencies
     return max((count - int((poles < f).sum()) for f, count in counts), default=0)
 
 
 def is_free(model: PseudoModal, frequencies, zero: float) -> bool:
-    """Whether the response at the first of the frequencies, 0 Hz, is infinite but for round-off.
+    """Test whether the response at the first of the frequencies, 0 Hz, is infinite but for round-off.
 
     `zero`: eigenvalues below it, relative to the largest, count as round-off.
     """
@@ -242,12 +246,12 @@ def is_free(model: PseudoModal, frequencies, zero: float) -> bool:
 
 
 def is_silent(model: PseudoModal, frequencies) -> bool:
-    """Whether the outputs do not feel the inputs."""
+    """Test whether the outputs do not feel the inputs."""
     return len(_silent(model, frequencies)) == model.io.outputs.shape[1]
 
 
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:
-    """Up to `most` pseudo-modes (indices) below `top` Hz whose frequency was not there before, to `still`.
+    """Return up to `most` pseudo-modes (indices) below `top` Hz whose frequency was not there before, to `still`.
 
     Largest change first; rigid-body modes and others far below the top are judged by their absolute change.
     """

@@ -63,7 +63,7 @@ class Expansion:
         return [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
 
     def missing_modes(self) -> int:
-        """How many modes that points have counted the basis misses."""
+        """Return how many modes that points have counted the basis misses."""
         return decided(self.run.model.comm, lambda: missing(self.projections.model(), self.counted))
 
     def at(self, f, proving=False, nearby: float | None = None) -> Judgement:
@@ -167,7 +167,7 @@ class Expansion:
         return self.solver.extend_by_loads()
 
     def _judged(self, blocks) -> Judgement:
-        """What the basis is worth after a block of a point."""
+        """Judge the basis after a block of a point."""
         try:
             return decided(self.run.model.comm, self.judge.judge, blocks)
         except InputError:  # a response without what moves no mass may be nothing
@@ -176,7 +176,7 @@ class Expansion:
             raise
 
     def _smooth(self, judged) -> bool:
-        """Smooth a basis that round-off on dofs without mass keeps from the tolerance; whether loads are to follow."""
+        """Smooth a basis that round-off on dofs without mass keeps from the tolerance; return whether that was done."""
         noisy = judged.noise > self.settings.tolerance / 2 and is_singular(self.run) and not self.solver.is_smooth
         if not (noisy and self.solver.smooth()):
             return False
@@ -197,7 +197,7 @@ class Expansion:
 
 
 def expanded(run: Run, settings: Adaptive, f) -> tuple[PointBlocks, Point]:
-    """The blocks of one point (Hz) on a basis of its own, and what is known of the point. Collective."""
+    """Return the blocks of one point (Hz) on a basis of its own, and what is known of the point. Collective."""
     vectors = Basis(run.mass, run.framed.rigid_columns, run.tolerance, room=COLUMNS, keeps=run.keeps_mass_images)
     expansion = Expansion(vectors, run, replace(settings, points=(f,)))
     expansion.at(f)

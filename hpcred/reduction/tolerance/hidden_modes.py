@@ -48,14 +48,16 @@ def _extend_by_modes(solver, factor):
 
 
 def _moving(projections, before, counted):
-    """The pseudo-modes that were not there with the first `before` columns, or None, and how many modes are missing."""
+    """Return the pseudo-modes that were not there with the first `before` columns, or None, and how many modes are
+    missing."""
     model, old = projections.model(), projections.model(np.arange(before))
     which = unsettled(model, old, max(f for f, _ in counted))
     return model.vectors[:, which] if len(which) else None, missing(model, counted)
 
 
 def _change(judge, before, counted):
-    """How many modes are missing, and what the columns from `before` on have changed of the response over the band."""
+    """Return how many modes are missing, and what the columns from `before` on have changed of the response over the
+    band."""
     model, old = judge.projections.model(), judge.projections.model(np.arange(before))
     S = grid([model], judge.settings.band)
     return missing(model, counted), float(judge.compare(old, model, nested(old, model)).curve(S).max())

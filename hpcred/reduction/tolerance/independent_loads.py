@@ -15,8 +15,8 @@ DEPENDENT = 1e-13  # of the squared norm of a load: what others leave of it, bel
 
 
 def independent_loads(run):
-    """L, the independent columns of [B, C^T] as a block that the caller destroys, and the inputs and outputs in terms
-    of them. Collective. Raises InputError where inputs or outputs have no part in the elastic motion."""
+    """Return L, the independent columns of [B, C^T] as a block that the caller destroys, and the inputs and outputs in
+    terms of them. Collective. Raises InputError where inputs or outputs have no part in the elastic motion."""
     model = run.model
     with Owned(model.comm) as owned:
         both = [owned.owns(from_dense(mat)) for mat in (model.B, model.Ct) if mat is not None]
@@ -57,7 +57,7 @@ def independent_loads(run):
 
 
 def _independent_columns(gram, before):
-    """Which columns are independent, by Cholesky with pivoting, and all columns in terms of them.
+    """Return which columns are independent, by Cholesky with pivoting, and all columns in terms of them.
 
     `before`: their norms before the rigid-body part was taken out, against which what is left may be round-off. Columns
     may have any units.

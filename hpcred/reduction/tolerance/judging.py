@@ -1,4 +1,4 @@
-"""Judge what a basis is worth: estimate the error over the band, prove it at new points, and choose the next points.
+"""Judge the basis of a search: estimate the error over the band, prove it at new points, and choose the next points.
 
 The error of a model is seen from the basis with its newest columns, without which the model is. A new point first
 checks the model that was before it, whose error it knows exactly there.
@@ -100,7 +100,7 @@ class Judge:
         self.lost = max(self.lost, error)
 
     def note_noise(self, noise: float):
-        """Keep round-off that the judgements do not see."""
+        """Keep round-off that estimates do not show."""
         self.noise = max(self.noise, noise)
 
     def demand_more(self):
@@ -113,16 +113,16 @@ class Judge:
         return max(self.goal, self.noise)
 
     def is_fine(self, value) -> bool:
-        """Whether an error is about as small as can be asked for."""
+        """Test whether an error is about as small as can be asked for."""
         return bool(value <= 3 * self.floor)
 
     def compare(self, inner, outer, embedding, measure: Measure | None = None) -> Comparison:
-        """A model and one that contains it, by a measure, by default that of the search."""
+        """Return a model and one that contains it, by a measure, by default that of the search."""
         asked = self.settings
         return Comparison(inner, outer, embedding, measure or measure_over(asked.error_measure, asked.band, outer))
 
     def _compared(self, columns, among=None) -> Comparison:
-        """The model of some columns beside that of `among`, by default all of the basis."""
+        """Return the model of some columns beside that of `among`, by default all of the basis."""
         inner, outer = self.projections.model(columns), self.projections.model(among)
         which = columns if among is None else np.searchsorted(among, columns)
         return self.compare(inner, outer, nested(inner, outer, which))
@@ -130,7 +130,7 @@ class Judge:
     # one point
 
     def judge(self, blocks: Blocks) -> Judgement:
-        """What the basis is worth after a block, and whether the point is done. Raises InputError."""
+        """Judge the basis after a block, and decide whether the point is done. Raises InputError."""
         columns = np.arange(self.projections.first_held_back)
         found = Judgement(noise=self.noise, columns=columns)
         if not columns.size and blocks.new:
@@ -150,22 +150,22 @@ class Judge:
         return replace(found, done=self._is_done(blocks, found))
 
     def _goal_at(self, blocks):
-        """What the blocks of a point are to reach, if round-off lets them."""
+        """Return the error that the blocks of a point have to reach, unless round-off is larger."""
         return self.goal if blocks.frequency else max(self.goal, self.enough)
 
     def _limit(self):
-        """Columns of a point at most."""
+        """Return columns of a point at most."""
         if self.projections.run.solvers.multigrid:
             return self.settings.columns
         return COLUMNS + 2 * self.projections.loads.getActiveColumns()[1]
 
     def _has_room(self, blocks):
-        """Whether another block may follow that is as large as the last one."""
+        """Test whether another block may follow that is as large as the last one."""
         new, size = blocks.new, self.projections.basis.size
         return blocks.added + new <= self._limit() and new and size < self.settings.columns
 
     def _is_done(self, blocks, found):
-        """Whether a point needs no more blocks, or may have none."""
+        """Test whether a point needs no more blocks, or may have none."""
         new = blocks.new
         if blocks.order < 1 and new and not (blocks.proving and new >= HELD_BACK):
             return False
@@ -180,8 +180,8 @@ class Judge:
         return bool(not new or good or full)
 
     def _proof(self, f, pair) -> Proof:
-        """What was estimated at a new point (Hz) of the candidate, and its error as measured from `pair.outer`; the
-        uncertainty of that is the error of `pair.inner`."""
+        """Return the estimated error at a new point (Hz) of the candidate, and its error as measured from `pair.outer`;
+        the uncertainty of that is the error of `pair.inner`."""
         at, columns, among = np.array([f]), *self.candidate
         old, seen_from = (self.projections.model(places) for places in self.candidate)
 
@@ -196,16 +196,16 @@ class Judge:
     # the band
 
     def _over_band(self, pair, band=None):
-        """Frequencies of the band (S,), and the error of the inner model estimated at them."""
+        """Return frequencies of the band (S,), and the error of the inner model estimated at them."""
         return largest(pair, grid([pair.outer, pair.inner], band or self.settings.band), rounds=2)
 
     def _roughly(self, pair) -> float:
-        """The largest estimate at a few frequencies."""
+        """Return the largest estimate at a few frequencies."""
         S = grid([pair.outer], self.settings.band, UNIFORM // 4, None)
         return float(pair.curve(S).max())
 
     def next_points(self, taken, count, band=None) -> list[float]:
-        """Up to `count` points (Hz) in the band, by default the whole one, where the estimate is largest."""
+        """Return up to `count` points (Hz) in the band, by default the whole one, where the estimate is largest."""
         band = band or self.settings.band
         pair = self._compared(self.candidate.columns)
         S, curve = self._over_band(pair, band)
@@ -218,12 +218,12 @@ class Judge:
     # several points at once
 
     def estimate_of_candidate(self) -> float:
-        """The largest estimate over the band of the candidate, from what it is seen from."""
+        """Return the largest estimate over the band of the candidate, from what it is seen from."""
         return float(self._over_band(self._compared(*self.candidate))[1].max())
 
     def judge_round(self, points, columns) -> Judgement:
-        """What the basis is worth after a round of points, by the model with the `columns`, without those that are held
-        back; `points` (Hz) check the candidate, where there is one: a first round of one point proves nothing."""
+        """Judge the basis after a round of points, by the model with the `columns`, without those that are held back;
+        `points` (Hz) check the candidate, where there is one: a first round of one point proves nothing."""
         pair = self._compared(columns)
         S, curve = self._over_band(pair)
         proofs = tuple(self._proof(f, pair) for f in points) if self.candidate is not None else ()
@@ -232,7 +232,7 @@ class Judge:
 
 
 def _columns_ahead(history, goal, width):
-    """Columns until the estimate is below the goal at the rate of the last block."""
+    """Return columns until the estimate is below the goal at the rate of the last block."""
     if len(history) < 2 or history[-1] >= history[-2] or history[-1] <= 0:
         return np.inf
     return width * max(0.0, np.log(history[-1] / goal) / np.log(history[-2] / history[-1]))

@@ -22,7 +22,8 @@ TOGETHER = 2**22  # errors of single responses that are held at a time
 
 
 def compressed_basis(search: Search, drop_above=None, kept=range(0), beside=0) -> tuple[np.ndarray, Accuracy]:
-    """The columns U (m, k) of the basis that the tolerance asks for, and what is known of their model. Collective.
+    """Return the columns U (m, k) of the basis that the tolerance asks for, and what is known of their model.
+    Collective.
 
     The columns `kept` of the basis stay in the span of U. Pseudo-modes above `drop_above` (Hz) are left out, and what
     that does to the error counts. `beside`: coordinates of rigid-body motion that come later.
@@ -63,7 +64,7 @@ def _project_again(search, kept) -> np.ndarray:
 
 
 def _changed(judge, before) -> float:
-    """How far responses of the model of all columns are from those of one projected before; local."""
+    """Return how far responses of the model of all columns are from those of one projected before; local."""
     pair = judge.compare(before, judge.projections.model(), np.eye(len(before)))
     S = grid([before, pair.outer], judge.settings.band)
     H, drive = pair.outer.responses(S)
@@ -71,7 +72,8 @@ def _changed(judge, before) -> float:
 
 
 def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, noise) -> Accuracy:
-    """What is known of the model that a search ends with, for a `reason` where the tolerance is not reached; local.
+    """Return the accuracy of the model that a search ends with, for a `reason` where the tolerance is not reached;
+    local.
 
     `pair`: it and what its error is seen from; `curve` (S,): its error at frequencies (S,) in Hz, with the `largest` to
     be claimed.

@@ -73,9 +73,9 @@ class PointSolver:
         return self._mass != self.factored
 
     def open(self, f, nearby: float | None = None) -> tuple[float, int | None]:
-        """Begin a point, off the poles; its place and the modes below it. It is factored here unless the store knows
-        that it can be and how many those are, else when a solve needs it, or with the factor of the point `nearby`.
-        Raises InputError, NoRegularPoint."""
+        """Begin a point off the poles; return its place and the number of modes below it. It is factored here unless
+        the store knows that it can be and how many those are, else when a solve needs it, or with the factor of the
+        point `nearby`. Raises InputError, NoRegularPoint."""
         run = self.run
         if not self.multigrid:
             self.nearby = nearby
@@ -113,7 +113,7 @@ class PointSolver:
             self.nearby = None
 
     def _pivots(self):
-        """The negative pivots at the point, None where there are none; from the store where that has them."""
+        """Return the negative pivots at the point, None where there are none; from the store where that has them."""
         run = self.run
         key = {"kind": "count", "square": self._mass, **run.identity_of("M", "K")}
         known = run.stored(key)
@@ -125,18 +125,18 @@ class PointSolver:
         return pivots
 
     def _factor(self):
-        """The solver with the factor of K - omega^2 M at the point, or at the one near it."""
+        """Return the solver with the factor of K - omega^2 M at the point, or at the one near it."""
         mass = self.factored
         # another search begins by multigrid where a factor does not fit
         return self.run.solvers.factored(mass, f"{(-mass) ** 0.5 / (2 * np.pi):.6g} Hz", may_give_up=self.multigrid)
 
     def sequence(self, f) -> SearchSequence:
-        """The Krylov sequence of blocks of the point, for the caller to close."""
+        """Return the Krylov sequence of blocks of the point, for the caller to close."""
         loads = self.projections.loads
         return SearchSequence(self.run, self._mass, f"{f:.6g} Hz", None, loads, ("inputs", "outputs"))
 
     def goes_on_without(self, error: NotSolved) -> bool:
-        """Whether a search goes on where a solve nearby failed: by a factor of its own, or with blocks at 0 Hz."""
+        """Test whether a search goes on where a solve nearby failed: by a factor of its own, or with blocks at 0 Hz."""
         return not self.multigrid or isinstance(error, NegativeCurvature)
 
     def extend_by(self, rule: dict, make_load) -> int:
@@ -222,5 +222,5 @@ class PointSolver:
 
 
 def _mass_at(f):
-    """-omega^2 of a point (Hz), without a negative zero."""
+    """Return -omega^2 of a point (Hz), without a negative zero."""
     return 0.0 - (2 * np.pi * f) ** 2

@@ -93,7 +93,7 @@ class Projections:
         return project(self.run.model.D, self.basis.columns_between(0, start), new)
 
     def model(self, columns=None) -> PseudoModal:
-        """The model of `columns` (places) of the basis, by default of all; local."""
+        """Return the model of `columns` (places) of the basis, by default of all; local."""
         k = np.arange(self.basis.size) if columns is None else columns
         D = None if self.D is None else self.D[np.ix_(k, k)]
         return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self.damping, self.io)

@@ -30,7 +30,8 @@ class Proportional(NamedTuple):
     higher: tuple[float, ...] = ()
 
     def at(self, eigenvalues: np.ndarray) -> np.ndarray:
-        """The viscous damping (m,) of modes with omega^2 = eigenvalues: alpha + beta omega^2 + a_2 omega^4 + ..."""
+        """Return the viscous damping (m,) of modes with omega^2 = eigenvalues: alpha + beta omega^2 + a_2 omega^4 + ...
+        """
         return sum(a * eigenvalues**k for k, a in enumerate((self.alpha, self.beta, *self.higher)))
 
     def coefficients(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -106,11 +107,12 @@ class PseudoModal:
         )
 
     def without_D(self) -> PseudoModal:
-        """The same without any damping."""
+        """Return the same without any damping."""
         return replace(self, D=None, poles=None, damping=UNDAMPED)
 
     def restricted(self, U: np.ndarray) -> tuple[PseudoModal, np.ndarray]:
-        """The model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated."""
+        """Return the model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated.
+        """
         K = U.T @ (self.eigenvalues[:, None] * U)
         D = None if self.D is None else U.T @ self.D @ U
         inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io)
@@ -172,11 +174,11 @@ class PseudoModal:
         return np.array_split(frequencies, max(1, -(-len(frequencies) * m * width // NUMBERS_AT_A_TIME)))
 
     def response(self, frequencies: np.ndarray) -> np.ndarray:
-        """H (S, r, p)."""
+        """Return H (S, r, p)."""
         return self.responses(frequencies)[0]
 
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """H (S, r, p), and the drive-point responses b_i^T A^-1 b_i (S, p) of the inputs."""
+        """Return H (S, r, p), and the drive-point responses b_i^T A^-1 b_i (S, p) of the inputs."""
         left, right = self.Ct.T, self.B
         H, drive = [], []
         for part in self.parts_of(frequencies):
@@ -191,8 +193,8 @@ def diagonalised(
     K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, damping: Proportional = UNDAMPED,
     io: InputsOutputs | None = None,
 ) -> PseudoModal:  # fmt: skip
-    """The model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) in pseudo-modal coordinates (53, 54); by default the
-    columns L are its inputs and outputs."""
+    """Return the model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) in pseudo-modal coordinates (53, 54); by
+    default the columns L are its inputs and outputs."""
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
     eigenvalues, vectors = np.linalg.eigh((K + K.T) / 2)
     if D is None:
@@ -205,7 +207,7 @@ def diagonalised(
 
 
 def poles_of(model: PseudoModal) -> Poles:
-    """The poles of a model with a D, and the eigenvectors of its first-order form with the state (y, s y)."""
+    """Return the poles of a model with a D, and the eigenvectors of its first-order form with the state (y, s y)."""
     m, damping = len(model), model.damping
     D = model.D + np.diag(damping.alpha + damping.beta * model.eigenvalues)
     below = np.diag(-(1 + 1j * damping.eta) * model.eigenvalues) if damping.eta else np.diag(-model.eigenvalues)
@@ -215,7 +217,8 @@ def poles_of(model: PseudoModal) -> Poles:
 
 
 def nested(inner: PseudoModal, outer: PseudoModal, columns=None) -> np.ndarray:
-    """The embedding (m, k) of a model whose basis is k columns of the basis of `outer`, by default the first ones."""
+    """Return the embedding (m, k) of a model whose basis is k columns of the basis of `outer`, by default the first
+    ones."""
     columns = slice(len(inner.vectors)) if columns is None else columns
     return outer.vectors[columns].T @ inner.vectors
 
@@ -254,13 +257,13 @@ def times(matrix, states):
 
 
 def columns(states: np.ndarray) -> np.ndarray:
-    """Real and imaginary parts of states (S, m, l) side by side: (m, 2 S l), or (m, S l) of real ones."""
+    """Return real and imaginary parts of states (S, m, l) side by side: (m, 2 S l), or (m, S l) of real ones."""
     flat = states.transpose(1, 0, 2).reshape(states.shape[1], states.shape[0] * states.shape[2])
     return np.hstack([flat.real, flat.imag]) if np.iscomplexobj(flat) else flat
 
 
 def _column_norms(blocks):
-    """Norms (S, l) of the columns of blocks (S, m, l), each of which may have units of its own."""
+    """Return norms (S, l) of the columns of blocks (S, m, l), each of which may have units of its own."""
     return np.linalg.norm(blocks, axis=1)
 
 

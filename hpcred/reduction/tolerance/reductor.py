@@ -51,7 +51,7 @@ class ToleranceReductor(BasisReductor):
         return model.comm.size
 
     def _fill(self, bases, runs, groups) -> tuple:
-        """The accuracy and the projections of the search."""
+        """Return the accuracy and the projections of the search."""
         (vectors,), (run,), kept = bases, runs, range(0)
         if self.settings.coordinates == "interface" or self.goal.static == "exact":
             kept = self._kept_columns(vectors, run)
@@ -68,8 +68,8 @@ class ToleranceReductor(BasisReductor):
         return accuracy, search.projections
 
     def _kept_columns(self, vectors, run) -> range:
-        """The columns, first in the basis, that stay in its span: by which interfaces move in interface coordinates, as
-        the responses may not need it, and the deflections at 0 Hz where these are to be exact."""
+        """Return the columns, first in the basis, that stay in its span: by which interfaces move in interface
+        coordinates, as the responses may not need it, and the deflections at 0 Hz where these are to be exact."""
         goal, settings = self.goal, self.settings
         if settings.coordinates == "interface":
             ConstraintModes().extend(vectors, run)
@@ -92,8 +92,8 @@ class ToleranceReductor(BasisReductor):
         return run.framed.rigid_size if self.settings.coordinates == "interface" else 0
 
     def _search(self, vectors, run, groups, kept):
-        """The search, the factor that compresses its basis, and what is known of it; the columns `kept` stay in its
-        span."""
+        """Return the search, the factor that compresses its basis, and what is known of it; the columns `kept` stay in
+        its span."""
         search = Search(vectors, run, self.goal, groups)
         search.run_to_end()
         return search, *compressed_basis(search, self.settings.drop_above, kept, self._rigid_beside(run))

@@ -21,9 +21,9 @@ WEAKEST = 1e-14  # of the largest eigenvalue of a Gram matrix: below it is round
 
 
 def residual_block(projections, settings, f, width):
-    """The `width` leading directions of the residuals over the band and at f (Hz), each over the scale of its input or
-    output (see the module measure), as a block (n, width) that the caller destroys: randomised, with one power step.
-    Collective.
+    """Return the `width` leading directions of the residuals over the band and at f (Hz), each over the scale of its
+    input or output (see the module measure), as a block (n, width) that the caller destroys: randomised, with one power
+    step. Collective.
 
     `projections`: of the basis that leaves the residuals; `settings` of the search, with its band and measure.
     """
@@ -32,7 +32,7 @@ def residual_block(projections, settings, f, width):
     samples, S = _Samples(), np.unique([*np.linspace(*settings.band, RESIDUALS), f])
 
     def combine(factors):
-        """Orthonormal directions of the rows of the residuals times a factor, scaled."""
+        """Return orthonormal directions of the rows of the residuals times a factor, scaled."""
         block = _combined(projections, matrices, factors, scale)
         _orthonormalise(block, comm)
         return block
@@ -53,7 +53,7 @@ def residual_block(projections, settings, f, width):
 
 
 def largest_residual(projections, frequencies, damped=True) -> float:
-    """The largest ||R(s)|| / ||L|| of an input or output at frequencies (Hz), rows scaled by diag(K)^(-1/2).
+    """Return the largest ||R(s)|| / ||L|| of an input or output at frequencies (Hz), rows scaled by diag(K)^(-1/2).
     Collective."""
     model = projections.run.model
     matrices, scale = _matrices(projections)[: None if damped else 2], _row_scale(model)
@@ -70,17 +70,17 @@ class _Samples:
     """Residuals R as the coefficients c of L c_L - M V c_M - K V c_K - ..., which the rank that decides has alone."""
 
     def take(self, projections, settings, S, count):
-        """Coefficients of `count` random combinations of the residuals at S (Hz)."""
+        """Return coefficients of `count` random combinations of the residuals at S (Hz)."""
         self._factors = _residual_coefficients(projections, settings, S)
         random = np.random.default_rng(projections.basis.size)
         return self._times(random.standard_normal((self._factors[0].shape[1], count)))
 
     def power(self, products):
-        """Coefficients of R R^T Y from L^T Y and V^T A^T Y."""
+        """Return coefficients of R R^T Y from L^T Y and V^T A^T Y."""
         return self._times(self._transposed_times(products))
 
     def directions(self, products, width):
-        """The leading left singular vectors of Y^T R."""
+        """Return the leading left singular vectors of Y^T R."""
         left = np.linalg.svd(self._transposed_times(products).T, full_matrices=False)[0]
         return left[:, :width]
 
@@ -88,7 +88,7 @@ class _Samples:
         return [part @ factor for part in self._factors]
 
     def _transposed_times(self, products):
-        """R^T Y (N, k)."""
+        """Return R^T Y (N, k)."""
         found = self._factors[0].T @ products[0]
         for part, product in zip(self._factors[1:], products[1:], strict=True):
             found = found - part.T @ product
@@ -137,7 +137,7 @@ def _combined(projections, matrices, factors, scale):
 
 
 def _residual_coefficients(projections, settings, S, damped=True):
-    """Coefficients of R = L P w - M V c_M - K V c_K - D V c_D at S (Hz), Re beside Im: P w (l, N), c_M.. (m, N).
+    """Return coefficients of R = L P w - M V c_M - K V c_K - D V c_D at S (Hz), Re beside Im: P w (l, N), c_M.. (m, N).
 
     P: inputs and outputs in terms of L, w: one over their scales, 1 without settings.
     """

@@ -23,8 +23,8 @@ CHUNK = 2**20  # numbers of matrices that are solved with at a time
 
 
 def projected_again(projections: Projections) -> Iterator[PseudoModal]:
-    """Models of the columns that the basis has now, which changes their lengths, from SAMPLES projections. Collective.
-    """
+    """Yield models of the columns that the basis has now, which changes their lengths, from SAMPLES projections.
+    Collective."""
     basis, damping, damped = projections.basis, projections.damping, projections.D is not None
     lengths, random = np.ones(basis.size), np.random.default_rng(0)
     for _ in range(SAMPLES):
@@ -37,9 +37,9 @@ def projected_again(projections: Projections) -> Iterator[PseudoModal]:
 
 
 def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Projections) -> Accuracy:
-    """The accuracy of a reduced model, of its `elastic` part, by the projections of its search on the basis that the
-    model has, which changes its lengths; its noise is at least the difference from models that were projected again.
-    Collective."""
+    """Return the accuracy of a reduced model, of its `elastic` part, by the projections of its search on the basis that
+    the model has, which changes its lengths; its noise is at least the difference from models that were projected
+    again. Collective."""
     measured = as_measured(elastic, accuracy)
     comm, noise = projections.run.model.comm, accuracy.noise
     mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]

@@ -40,7 +40,8 @@ def take_round(expansion: Expansion, groups: int, frequencies) -> tuple[Judgemen
 
 
 def _made_in_groups(run, settings, groups, frequencies):
-    """The blocks of each point (Hz), with the rows of the world, and the Points; `run` gets all records. Collective."""
+    """Return the blocks of each point (Hz), with the rows of the world, and the Points; `run` gets all records.
+    Collective."""
     low, high = settings.band
     width = (high - low) / len(frequencies)
     comm, arrived = run.model.comm, []

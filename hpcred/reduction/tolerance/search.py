@@ -44,7 +44,7 @@ PROOF = 1 / 8  # of the band: where models are proven first, whatever damping an
 
 
 def deflation_of_search(model) -> float:
-    """The deflation tolerance of a search on a model. Collective."""
+    """Return the deflation tolerance of a search on a model. Collective."""
     return KEPT_WITHOUT_MASS if massless(model) else KEPT
 
 
@@ -177,7 +177,7 @@ class Search:
         return True
 
     def _limit_met(self) -> str:
-        """The limit that ends the search, in words, or ""."""
+        """Return the limit that ends the search, in words, or ""."""
         settings, size = self.settings, self.projections.basis.size
         own = sum(self._solver.multigrid or point.factor_of is None for point in self._points)
         if own >= settings.factorisations:
@@ -216,12 +216,13 @@ class Search:
         check_motions(self.projections, self._points[-1].frequency or self.settings.band[1])
 
     def _may_prove_nearby(self):
-        """Whether the factor of the last point may serve the next one: where it is known that no mode is missing."""
+        """Test whether the factor of the last point may serve the next one: where it is known that no mode is missing.
+        """
         solver = self._solver
         return solver.counts and self.expansion.by_mass and self._groups == 1 and not solver.failed_nearby
 
     def _point_of_factor(self, f) -> float | None:
-        """The point whose factor serves a point f that is to prove the candidate, where it may, else None."""
+        """Return the point whose factor serves a point f that is to prove the candidate, where it may, else None."""
         known = self.state is State.PROVING and self._may_prove_nearby() and self.missing_modes <= 0
         if not known or f >= max(point.frequency for point in self._points):
             return None
@@ -231,8 +232,8 @@ class Search:
     # modes that no load moves, or no mass
 
     def _seeks_hidden(self, fine, proven):
-        """Whether modes are missing and it is time to look for them: where the model is good else, or before the first
-        proof, which then takes no factor."""
+        """Test whether modes are missing and it is time to look for them: where the model is good else, or before the
+        first proof, which then takes no factor."""
         at_end = max(point.frequency for point in self._points) >= AT_END * self.settings.band[1]
         before_proof = fine and at_end and self.state is State.SEEKING and self._may_prove_nearby()
         return self.missing_modes > 0 and (proven or before_proof)

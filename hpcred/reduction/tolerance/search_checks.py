@@ -1,4 +1,4 @@
-"""Refuse what a search cannot serve: free motions, silent outputs, and bases that have lost part of the response.
+"""Refuse what a search cannot reduce: free motions, silent outputs, and bases that have lost part of the response.
 
 All functions but check_response are collective.
 """
@@ -109,15 +109,15 @@ def check_massless(projections, points) -> float:
 
 
 def _error_lost(projections, residual) -> float:
-    """The error by what a basis leaves as a residual: r^T A^-1 r, second order in that. Refused where all may be lost.
-    """
+    """Return the error by what a basis leaves as a residual: r^T A^-1 r, second order in that. Refused where all may be
+    lost."""
     if residual > LOST:
         raise _lost(projections)
     return residual**2
 
 
 def is_singular(run) -> bool:
-    """Whether M is known to be singular."""
+    """Test whether M is known to be singular."""
     return bool(run.notes.massless or massless(run.model))
 
 
