@@ -56,7 +56,9 @@ from .model.loads import GivenLoad as GivenLoad
 from .model.loads import Gravity as Gravity
 from .model.loads import LineLoad as LineLoad
 from .model.loads import LoadColumn as LoadColumn
+from .model.loads import MovingLoad as MovingLoad
 from .model.loads import Pressure as Pressure
+from .model.loads import Temperature as Temperature
 from .model.loads import Traction as Traction
 from .model.materials import ElementProperties as ElementProperties
 from .model.materials import Material as Material

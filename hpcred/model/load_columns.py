@@ -16,9 +16,10 @@ from .dofs import DIRECTIONS, OWN, SCALAR, require_dofs, target_of
 from .face_loads import NodalForces, edges_of, forces_on_edges, forces_on_faces
 from .interface_motion import numbers_of_set, on_surface
 from .interfaces import Nodes, find_interface
-from .loads import AnyLoad, LoadColumn
+from .loads import AnyLoad, LoadColumn, input_names
 from .rigid_body_modes import rigid_motions
 from .surface_faces import Faces, places_of, surface_faces
+from .thermal_loads import thermal_forces
 
 ROUND_OFF = 1e-13  # of the largest force, or of a sum of sizes: what is left in directions without a load
 STRIDE = 8  # of keys of node and direction
@@ -27,13 +28,15 @@ STRIDE = 8  # of keys of node and direction
 def with_loads(model, loads, given=None):
     """Return the model with loads as further inputs, see SecondOrderModel.with_loads. Collective."""
     loads, given = declared("loads", loads, tuple[AnyLoad, ...]), dict(given or {})
-    names = [*model.input_names, *(item.name for item in loads), *given]
+    names = [*model.input_names, *(name for item in loads for name in input_names(item)), *given]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"load '{twice[0]}': found two inputs of this name, expected each once; give it another name")
     if not loads and not given:
         return model.shared()
-    made = [_column(model, item) for item in loads]
+    made = []
+    for item in loads:
+        made += _moving(model, item) if item.kind == "moving" else [_column(model, item)]
     for name, column in given.items():
         local, _ = named_columns(model.comm, model.local_rows, np.reshape(column, (-1, 1)), [name], f"load '{name}'")
         made.append((local[:, 0], sums_of_column(model, local[:, 0], name, "given")))
@@ -52,14 +55,16 @@ def with_loads(model, loads, given=None):
 def _column(model, load):
     """Return the rows (rows,) of this rank of the column of a load, and its LoadColumn. Collective."""
     where = f"load '{load.name}'"
-    if load.kind in ("given", "deck"):
+    if load.kind in ("given", "deck") or (load.kind == "temperature" and load.file):
         import hpcred  # the public functions, which stand above
 
         return hpcred.read_load(model, load)
     require_dofs(model, where)
     if load.kind == "gravity":
         return weight(model, load.name, np.broadcast_to(load.value, model.dofs.position.shape), load.kind)
-    if load.kind == "line":
+    if load.kind == "temperature":
+        forces = thermal_forces(model, where, lambda nodes: np.full(len(nodes), load.value))
+    elif load.kind == "line":
         forces = forces_on_edges(model, _edges(model, load.on, where), where, load.value)
     else:
         faces = faces_on(model, load.on, where)
@@ -68,6 +73,49 @@ def _column(model, load):
         spread = np.broadcast_to(value, (count, *np.shape(value)))
         forces = forces_on_faces(model, faces, where, **{key: spread})
     return column_of(model, forces, load.name, load.kind)
+
+
+def _moving(model, load):
+    """Return columns and LoadColumns of the points of a moving load. Collective. Raises InputError."""
+    where = f"load '{load.name}'"
+    require_dofs(model, where)
+    nodes, points = _path(model, load, where)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    if load.points > len(nodes) or length[-1] == 0:
+        raise InputError(
+            f"{where}: points: found {load.points} points on a path of {len(nodes)} nodes and {length[-1]:g} m, "
+            "expected at most as many points as nodes"
+        )
+    found = []
+    for name, at in zip(load.input_names, np.linspace(0.0, length[-1], load.points), strict=True):
+        k = min(int(np.searchsorted(length, at, side="right")) - 1, len(nodes) - 2)
+        share = (at - length[k]) / (length[k + 1] - length[k])
+        value = np.zeros((2, 6))
+        value[:, :3] = np.outer([1 - share, share], load.value)
+        mine = slice(None) if model.comm.rank == 0 else slice(0)  # a force is there once
+        forces = NodalForces(nodes[k : k + 2][mine], value[mine], points[k : k + 2][mine])
+        found.append(column_of(model, forces, name, load.kind))
+    return found
+
+
+def _path(model, load, where):
+    """Return the nodes (k,) of a path in their order and their points (k, 3), the same on all ranks. Collective."""
+    if isinstance(load.on, tuple):
+        nodes = np.array(load.on)
+    else:
+        parts = [part for part in (model.dofs, model.held) if part is not None]
+        mine = np.unique(np.concatenate([part.node[part.direction != SCALAR] for part in parts]).astype(np.int64))
+        nodes = np.unique(np.concatenate(model.comm.allgather(mine[_inside(model, load.on, mine, where)])))
+    there, points = places_of(model, nodes)
+    if not there.all():
+        raise InputError(f"{where}: on: node {nodes[~there][0]} has no row in {model.name}, or does not exist")
+    if len(nodes) < 2:
+        raise InputError(f"{where}: on: found {len(nodes)} nodes, expected at least two along a path")
+    order = np.arange(len(nodes)) if load.along is None else np.argsort(points @ np.array(load.along), kind="stable")
+    nodes, points = nodes[order], points[order]
+    if not np.linalg.norm(np.diff(points, axis=0), axis=1).all():
+        raise InputError(f"{where}: on: found two nodes of the path at one place, expected a line of nodes")
+    return nodes, points
 
 
 def weight(model, name, acceleration, kind):

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 from ..parallel.declared import as_declared
@@ -219,7 +220,109 @@ class DeckLoad:
         within(f"load '{self.name}': sid", self.sid, LABEL)
 
 
-AnyLoad = Annotated[Pressure | Traction | LineLoad | Gravity | GivenLoad | DeckLoad, Field(discriminator="kind")]
+@dataclass(frozen=True, kw_only=True)
+class Temperature:
+    """The load of a rise in temperature on solids of isotropic materials: what would hold their expansion back.
+
+    Parameters
+    ----------
+    name : str
+        Name of the input.
+    value : float, default 1.0
+        Rise of the temperature in K; with a file, the factor of its temperatures.
+    file : str, optional
+        Lines of node, rise of temperature in K, for all nodes of the solids; by default the rise is the same
+        everywhere. Within an element temperatures are interpolated as displacements are.
+
+    Raises
+    ------
+    InputError
+        For a value of zero, and names that are no words.
+    """
+
+    name: str
+    value: float = 1.0
+    file: str | None = None
+    kind: Literal["temperature"] = field(default="temperature", repr=False)
+
+    def __post_init__(self):
+        _checked(self, "value")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovingLoad:
+    """A force that moves along a path of nodes: several inputs, which are forces at points of the path.
+
+    Parameters
+    ----------
+    name : str
+        The inputs are NAME.1, NAME.2, and so on.
+    on : sequence of int, str or Nodes
+        The nodes of the path: numbers in their order along it; or as for Pressure, and then `along`.
+    value : tuple of three floats
+        The force in N.
+    points : int, default 5
+        Number of points, evenly spread over the length of the path; between two nodes, the force is shared by them.
+    along : tuple of three floats, optional
+        Direction in which nodes follow each other that are not given by number.
+
+    Raises
+    ------
+    InputError
+        For a force of zero, fewer than two points, nodes without an order, and names that are no words.
+    """
+
+    name: str
+    on: Place
+    value: Vector
+    points: int = 5
+    along: Vector | None = None
+    kind: Literal["moving"] = field(default="moving", repr=False)
+
+    def __post_init__(self):
+        _checked(self, "value")
+        where = f"load '{self.name}'"
+        within(f"{where}: points", self.points, (2, 1000, ""))
+        if self.along is None and not isinstance(self.on, tuple):
+            raise InputError(f"{where}: along: missing; expected the direction in which its nodes follow each other")
+        if self.along is not None:
+            within(f"{where}: along", self.along, ANYTHING)
+            if not any(self.along):
+                raise InputError(f"{where}: along: found {self.along}, which has no direction")
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        return tuple(f"{self.name}.{k + 1}" for k in range(self.points))
+
+    def factors(self, places: ArrayLike) -> np.ndarray:
+        """Return the factors of the inputs for a force at places on the path.
+
+        Parameters
+        ----------
+        places : array_like, shape (n,)
+            From 0 at the first node of the path to 1 at the last; elsewhere the force is not on the body.
+
+        Returns
+        -------
+        ndarray, shape (n, points)
+            By a natural cubic spline over the points: sums and first moments along the path are exact.
+        """
+        from scipy.interpolate import CubicSpline  # which few models need
+
+        places = np.asarray(places, dtype=float)
+        spline = CubicSpline(np.linspace(0.0, 1.0, self.points), np.eye(self.points), bc_type="natural")
+        return np.where(((places >= 0) & (places <= 1))[..., None], spline(places), 0.0)
+
+
+AnyLoad = Annotated[
+    Pressure | Traction | LineLoad | Gravity | Temperature | MovingLoad | GivenLoad | DeckLoad,
+    Field(discriminator="kind"),
+]
+
+
+def input_names(load) -> tuple[str, ...]:
+    """Return the names of the inputs of a load."""
+    return load.input_names if isinstance(load, MovingLoad) else (load.name,)
 
 
 @dataclass(frozen=True, kw_only=True)

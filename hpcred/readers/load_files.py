@@ -6,15 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..files.text import first_bytes
+from ..files.text import LARGEST_LABEL, first_bytes, numbers, pieces, whole
 from ..model.dofs import SCALAR, require_dofs
 from ..model.face_loads import NodalForces, forces_on_faces
 from ..model.load_columns import added, column_of, sums_of_column, weight
-from ..model.loads import DeckLoad, GivenLoad, LoadColumn
+from ..model.loads import DeckLoad, GivenLoad, LoadColumn, Temperature
 from ..model.surface_faces import places_of
+from ..model.thermal_loads import thermal_forces
 from ..model.units import SI, Units, units_of
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
+from ..parallel.lookup import look_up, repeated_key
 from .abaqus import input_file as abaqus_input
 from .abaqus import loads as abaqus_loads
 from .assembly import read_columns
@@ -24,8 +26,8 @@ from .nastran import loads as nastran_loads
 from .unread import refuse_unread
 
 
-def read_load(model, load: GivenLoad | DeckLoad) -> tuple[np.ndarray, LoadColumn]:
-    """Return the load vector of a file, and its sums.
+def read_load(model, load: GivenLoad | DeckLoad | Temperature) -> tuple[np.ndarray, LoadColumn]:
+    """Return the load vector of a file, or of temperatures in a file, and its sums.
 
     Collective.
 
@@ -33,7 +35,7 @@ def read_load(model, load: GivenLoad | DeckLoad) -> tuple[np.ndarray, LoadColumn
     ----------
     model : SecondOrderModel
         The model that it acts on.
-    load : GivenLoad or DeckLoad
+    load : GivenLoad, DeckLoad or Temperature
         The file, and which load of it.
 
     Returns
@@ -46,15 +48,41 @@ def read_load(model, load: GivenLoad | DeckLoad) -> tuple[np.ndarray, LoadColumn
     InputError
         For files that cannot be read or do not fit the model, loads that are not there, and those that are not read.
     """
-    load, where = declared("load", load, GivenLoad | DeckLoad), f"load '{load.name}'"
+    load, where = declared("load", load, GivenLoad | DeckLoad | Temperature), f"load '{load.name}'"
     if isinstance(load, DeckLoad):
         require_dofs(model, where)
         return _placed(model, load, _deck(load, model.comm), units_of(model.converted_from or SI.name))
+    if isinstance(load, Temperature):
+        forces = thermal_forces(model, where, _temperatures(model.comm, load))
+        return column_of(model, forces, load.name, load.kind)
     local = read_columns(model.comm, model.row_starts, model.size, load.file)
     if load.column > local.shape[1]:
         raise InputError(f"{where}: column: found {load.column}, but {load.file} has {local.shape[1]}")
     column = local[:, load.column - 1]
     return column, sums_of_column(model, column, load.name, load.kind)
+
+
+def _temperatures(comm, load):
+    """Return a function of nodes (k,) that gives the temperatures (k,) of a file. Collective, as the function is."""
+    with agreed(comm):
+        parts = [(np.zeros(0, np.int64), np.zeros(0))]
+        for piece in pieces(load.file, comm):
+            values, lines = numbers(piece, 2)
+            parts.append((whole(piece, values[:, 0], lines, "the node number", 1, LARGEST_LABEL), values[:, 1]))
+            piece.require(np.isfinite(values[:, 1]), lines, "a finite temperature in K")
+        node, rise = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if (twice := repeated_key(comm, node)) is not None:
+        raise InputError(f"{load.file}: found the node {twice} twice, expected one temperature for each node")
+
+    def at(nodes):
+        there, (found,) = look_up(comm, node, [rise], nodes)
+        with agreed(comm):
+            if not there.all():
+                raise InputError(f"{load.file}: found no temperature of the node {nodes[~there][0]}, expected one for "
+                                 "each node of the solids")  # fmt: skip
+        return load.value * found
+
+    return at
 
 
 def _deck(load, comm) -> DeckLoads:

@@ -6,7 +6,19 @@ import scipy.sparse
 from helpers import block_with_ends, columns_of, dense_model, gather
 
 import hpcred
-from hpcred import Dofs, Gravity, InputError, LineLoad, Nodes, Pressure, SecondOrderModel, Traction
+from hpcred import (
+    Dofs,
+    Gravity,
+    InputError,
+    LineLoad,
+    Material,
+    MovingLoad,
+    Nodes,
+    Pressure,
+    SecondOrderModel,
+    Temperature,
+    Traction,
+)
 from hpcred.model.elements import FACES
 from hpcred.model.rigid_body_modes import rigid_motions
 
@@ -205,6 +217,115 @@ def test_a_load_on_a_rigid_set_is_transferred_to_its_reference_node(comm):
         wrench[3:] = np.subtract(sums.moment, np.cross(found.interfaces[0].position, sums.force))
         at = [names.index(f"right:{d}") for d in ("x", "y", "z", "rx", "ry", "rz")]
         assert H[-1, -1] == pytest.approx(wrench @ H[np.ix_(at, at)] @ wrench, rel=1e-8)
+
+
+STEEL = Material(name="steel", young=2.1e11, poisson=0.3, density=7850.0, expansion=1.2e-5)
+
+
+def test_a_free_body_expands_under_a_temperature(comm, folder):
+    """K alpha T x is the load, and its sums are zero; of a field in a file, linear in space, against another body."""
+    with hpcred.solid((3, 2, 2), clamped=False, comm=comm) as model:
+        hot = model.with_material(STEEL)
+        K, _, _ = dense_model(model)
+        x = np.concatenate(comm.allgather(model.dofs.position))
+        direction = np.concatenate(comm.allgather(model.dofs.direction))
+        with hot.with_loads([Temperature(name="hot", value=40.0)]) as found:
+            b, (sums,) = columns_of(found.B)[:, -1], found.loads
+        expanded = 1.2e-5 * 40.0 * x[np.arange(len(x)), direction]
+        assert np.abs(K @ expanded - b).max() < 1e-9 * np.abs(b).max()
+        assert not any(sums.force) and not any(sums.moment)
+        # T = T0 + g x: u of the bent and stretched body without stress, of constant gradient in y
+        T = 5.0 + 3000.0 * x[::3, 1]
+        node = np.concatenate(comm.allgather(model.dofs.node))[::3]
+        if comm.rank == 0:
+            np.savetxt(folder / "T.txt", np.column_stack([node, T]), fmt="%d %.17g")
+        comm.Barrier()
+        field = Temperature(name="field", file=str(folder / "T.txt"), value=2.0)
+        with hot.with_loads([field]) as found:
+            b = columns_of(found.B)[:, -1]
+        # energy of the expansion against the load: b . u = integral of (E alpha T / (1 - 2 nu)) div u
+        u = x[np.arange(len(x)), direction]
+        volume = 0.03 * 0.02 * 0.02
+        mean = 2.0 * (5.0 + 3000.0 * 0.01)
+        assert b @ u == pytest.approx(3 * 2.1e11 * 1.2e-5 / 0.4 * mean * volume, rel=1e-10)
+
+
+@pytest.mark.mpi(build="real")
+def test_refused_temperatures(comm, folder):
+    hot = Temperature(name="hot")
+    with hpcred.solid((2, 1, 1), comm=comm) as model:
+        cold = model.with_material(Material(name="lead", young=1e10, poisson=0.4))
+        with pytest.raises(InputError, match="load 'hot': found the material 'lead' without a coefficient of thermal"):
+            cold.with_loads([hot])
+        with model.with_fields(properties=None) as bare, pytest.raises(InputError, match="types and materials of the"):
+            bare.with_loads([hot])
+        warm = model.with_material(STEEL)
+        if comm.rank == 0:
+            (folder / "T.txt").write_text("1 20.0\n2 30.0\n")
+            (folder / "twice.txt").write_text("1 20.0\n1 30.0\n")
+            (folder / "words.txt").write_text("1 warm\n")
+        comm.Barrier()
+        for name, words in (("T.txt", "found no temperature of the node 3, expected one for each node of the solids"),
+                            ("twice.txt", "found the node 1 twice, expected one temperature for each"),
+                            ("words.txt", r"line 1: found '1 warm', expected 2 numbers")):  # fmt: skip
+            with pytest.raises(InputError, match=words):
+                warm.with_loads([Temperature(name="hot", file=str(folder / name))])
+    with hpcred.linkage(comm) as model, pytest.raises(InputError, match="load 'hot': found .* expected solids only"):
+        model.with_loads([hot])
+
+
+def test_a_moving_load_is_a_force_anywhere_on_its_path(comm):
+    """Points on nodes and between them; sums and moments of any place; deflection against a force at each node."""
+    line = Nodes(box=((-1.0, 0.0, 0.02), (1.0, 0.0, 0.02)))
+    wheel = MovingLoad(name="wheel", on=line, along=(1.0, 0.0, 0.0), value=(0.0, 0.0, -100.0), points=6)
+    with hpcred.solid((12, 1, 2), clamped=True, comm=comm) as model, model.with_loads([wheel]) as loaded:
+        assert loaded.input_names[-6:] == tuple(f"wheel.{k}" for k in range(1, 7))
+        start, end = 0.01, 0.12
+        for k, item in enumerate(loaded.loads):
+            at = start + (end - start) * k / 5
+            assert item.force == pytest.approx((0.0, 0.0, -100.0))
+            assert item.moment == pytest.approx((0.0, 100.0 * at, 0.0), abs=1e-9)
+        places = np.linspace(0.0, 1.0, 12)
+        factors = wheel.factors(places)
+        assert factors.sum(axis=1) == pytest.approx(1.0)
+        assert factors @ np.linspace(0, 1, 6) == pytest.approx(places)
+        assert not wheel.factors([-0.1, 1.1]).any()
+        B = columns_of(loaded.B)[:, -6:] @ factors.T
+        node, direction = (np.concatenate(comm.allgather(getattr(model.dofs, key))) for key in ("node", "direction"))
+        x = np.concatenate(comm.allgather(model.dofs.position))
+        on = np.flatnonzero((direction == 2) & (np.abs(x[:, 1]) < 1e-9) & (np.abs(x[:, 2] - 0.02) < 1e-9))
+        on = on[np.argsort(x[on, 0])]
+        K, _, _ = dense_model(model)
+        exact = np.zeros((len(K), 12))
+        exact[on, np.arange(12)] = -100.0
+        tip = on[-1]
+        ours, theirs = np.linalg.solve(K, B)[tip], np.linalg.solve(K, exact)[tip]
+        assert np.abs(ours - theirs).max() < 1e-2 * np.abs(theirs).max()
+        ordered = MovingLoad(name="wheel", on=tuple(node[on].tolist()), value=(0.0, 0.0, -100.0), points=12)
+        with model.with_loads([ordered]) as each:
+            assert np.abs(columns_of(each.B)[:, -12:] - exact).max() < 1e-10
+
+
+@pytest.mark.mpi(build="real")
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: MovingLoad(name="w", on=END, value=(0, 0, 1)), "load 'w': along: missing; expected the direction in"),
+        (lambda: MovingLoad(name="w", on=(1, 2), value=(0, 0, 1), points=1), "'w': points: found 1, expected 2 to"),
+        (lambda: MovingLoad(name="w", on=(1, 2), value=(0, 0, 1), along=(0, 0, 0)), "along: found .* no direction"),
+        (lambda: MovingLoad(name="w", on=(1, 2, 3), value=(0, 0, 1)), "points: found 5 points on a path of 3 nodes"),
+        (lambda: MovingLoad(name="w", on=(1, 999), value=(0, 0, 1)), "on: node 999 has no row in solid, or does not"),
+        (lambda: MovingLoad(name="w", on=END, along=(1, 0, 0), value=(0, 0, 1), points=9), None),
+    ],
+)
+def test_refused_moving_loads(comm, make, words):
+    with hpcred.solid((3, 2, 2), comm=comm) as model:
+        if words is None:  # nodes of a face have an order as well
+            with model.with_loads([make()]) as loaded:
+                assert len(loaded.loads) == 9
+            return
+        with pytest.raises(InputError, match=words):
+            model.with_loads([make()])
 
 
 @pytest.mark.mpi(build="real")

@@ -55,7 +55,8 @@ def deck(kind, loads, step):
         lines += [", ".join(words[:11]) + ("," if len(words) > 11 else "")]
         lines += [", ".join(words[11:])] * (len(words) > 11)
     lines += ["*NSET, NSET=FIX", *map(str, fixed), "*MATERIAL, NAME=STEEL", "*ELASTIC", "2.1e5, 0.3", "*DENSITY",
-              "7.8e-3", "*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL", *step(loads)]  # fmt: skip
+              "7.8e-3", "*EXPANSION, ZERO=0.", "1.2e-5", "*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL"]  # fmt: skip
+    lines += step(loads)
     return "\n".join(lines) + "\n", fixed
 
 
@@ -95,6 +96,37 @@ def test_displacements_are_those_of_calculix(tmp_path, monkeypatch, kind):
         expected = np.array([theirs[n][d] for n, d in zip(node.tolist(), direction.tolist(), strict=True)])
         assert np.abs(expected).max() > 0
         assert np.abs(u - expected).max() < 2e-5 * np.abs(expected).max(), name
+
+
+@pytest.mark.parametrize(("kind", "field"), [("C3D10", "uniform"), ("C3D10", "rough"), ("C3D20", "uniform")])
+def test_thermal_displacements_are_those_of_calculix(tmp_path, monkeypatch, kind, field):
+    """A rise by 30 K everywhere, or other temperatures at each node, of a block that is held at one end.
+
+    CalculiX interpolates temperatures in C3D20 in a way of its own.
+    """
+    monkeypatch.chdir(tmp_path)
+    ccx("free", deck(kind, [], lambda _: ["*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE", "2", "*END STEP"])[0])
+    hpcred.convert("free.inp", "free.h5")
+    points = block(kind)[0]
+    uniform = field == "uniform"
+    rise = np.full(len(points), 30.0) if uniform else np.random.default_rng(1).uniform(0, 50, len(points))
+    lines = ["*TEMPERATURE", *(f"{k}, {value:.14g}" for k, value in enumerate(rise, 1))]
+    before = ["*INITIAL CONDITIONS, TYPE=TEMPERATURE", "NALL, 0.", "*STEP", "*STATIC", "*BOUNDARY", "FIX, 1, 3"]
+    text, fixed = deck(kind, lines, lambda loads: [*before, *loads, "*NODE FILE", "U", "*END STEP"])
+    ccx("hot", text)
+    Path("rise.txt").write_text("".join(f"{k} {value:.14g}\n" for k, value in enumerate(rise, 1)))
+    given = {"value": 30.0} if uniform else {"file": "rise.txt"}
+    load = hpcred.Temperature(name="hot", **given)
+    with hpcred.read_model("free.h5") as model, model.with_loads([load]) as loaded:
+        K, b = to_dense(loaded.K), columns_of(loaded.B)[:, -1]
+        node, direction = model.dofs.node, model.dofs.direction
+        assert np.abs(loaded.loads[0].force).max() < 1e-9 * np.abs(b).sum()
+    free = ~np.isin(node, fixed)
+    u = np.zeros(len(b))
+    u[free] = np.linalg.solve(K[np.ix_(free, free)], b[free])
+    theirs = displacements("hot.frd")
+    expected = np.array([theirs[n][d] for n, d in zip(node.tolist(), direction.tolist(), strict=True)])
+    assert np.abs(u - expected).max() < 2e-5 * np.abs(expected).max()
 
 
 def displacements(path) -> dict:
