@@ -163,7 +163,8 @@ class GivenLoad:
     name : str
         Name of the input.
     file : str
-        A matrix file with the rows of the model, SI units.
+        A matrix file with the rows of the model, SI units; of a Harwell-Boeing file with right-hand sides, as that of
+        HBMAT of ANSYS, these are the columns.
     column : int, default 1
         Number of the column.
 

@@ -13,6 +13,7 @@ from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
 from ..parallel.memory import MB, give_back, node_mb
 from ..parallel.shares import row_range
 from .entries import LARGEST_VALUE, Entries, LabelledEntries, node_and_direction, require_sane, sides
+from .matrices import harwell_boeing
 from .matrix_formats import read_entries
 from .parts import Parts, common_size, labels_in_order
 from .whole import Rows, refuse_cut
@@ -164,13 +165,15 @@ def _owned(comm, starts, entries):
     return exchange(comm, owner, [entries.rows, entries.columns, entries.values])
 
 
-def read_columns(comm, starts, size, path, transposed=False, variables=None):
+def read_columns(comm, starts, size, path, transposed=False, variables=None, right_hand_sides=False):
     """Return the rows of B (n, p) of this rank from a matrix file, or of C^T where the file has C (r, n). Collective.
 
-    `starts` (ranks,): first row of each rank; `variables`: see Source. Raises InputError where the file
-    does not fit n = size.
+    `starts` (ranks,): first row of each rank; `variables`: see Source; `right_hand_sides`: those of a Harwell-Boeing
+    file that has some are taken. Raises InputError where the file does not fit n = size.
     """
-    entries = read_entries(path, comm, "C" if transposed else "B", variables)
+    entries = harwell_boeing.read_right_hand_sides(path, comm) if right_hand_sides else None
+    if entries is None:
+        entries = read_entries(path, comm, "C" if transposed else "B", variables)
     if isinstance(entries, LabelledEntries):
         raise InputError(f"{path}: found lines of node, dof, node, dof, value, expected numbered rows and columns")
     if entries.shape[transposed] != size:

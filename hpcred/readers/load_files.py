@@ -55,7 +55,7 @@ def read_load(model, load: GivenLoad | DeckLoad | Temperature) -> tuple[np.ndarr
     if isinstance(load, Temperature):
         forces = thermal_forces(model, where, _temperatures(model.comm, load))
         return column_of(model, forces, load.name, load.kind)
-    local = read_columns(model.comm, model.row_starts, model.size, load.file)
+    local = read_columns(model.comm, model.row_starts, model.size, load.file, right_hand_sides=True)
     if load.column > local.shape[1]:
         raise InputError(f"{where}: column: found {load.column}, but {load.file} has {local.shape[1]}")
     column = local[:, load.column - 1]

@@ -6,10 +6,12 @@ import scipy.io
 import scipy.linalg
 import scipy.sparse
 from foreign import assembled, write
-from helpers import to_dense
+from helpers import columns_of, to_dense
 from shared_data import shared
 
+import hpcred
 from hpcred import InputError
+from hpcred.readers.matrices import harwell_boeing
 from hpcred.readers.matrix_formats import read_entries
 from hpcred.readers.model_source import load_source
 from hpcred.settings.source import Source
@@ -175,3 +177,20 @@ def test_cut_copies_are_refused(comm, folder):
         path = write(folder / "a.hb", GOOD[:cut], comm)
         with pytest.raises(InputError):
             assembled(path, comm)
+
+
+def test_right_hand_sides_are_load_vectors(comm, folder):
+    """Of a symmetric file with three of them, as HBMAT writes, on any number of ranks; none where there are none."""
+    path = write(folder / "a.hb", hb(SYMMETRIC, "RSA", right=3), comm)
+    size = len(SYMMETRIC)
+    expected = np.arange(3.0 * size).reshape(3, size).T
+    found = harwell_boeing.read_right_hand_sides(path, comm)
+    mine = np.zeros(found.shape)
+    np.add.at(mine, (found.rows, found.columns), found.values)
+    assert np.array_equal(comm.allreduce(mine), expected)
+    plain = write(folder / "b.hb", hb(SYMMETRIC, "RSA"), comm)
+    assert harwell_boeing.read_right_hand_sides(plain, comm) is None
+    with hpcred.SecondOrderModel.from_scipy(SYMMETRIC + 10 * np.eye(size), np.eye(size), comm=comm) as model:
+        load = hpcred.GivenLoad(name="rhs", file=str(path), column=2)
+        with model.with_loads([load]) as loaded:
+            assert np.array_equal(columns_of(loaded.B)[:, 0], expected[:, 1])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...files.text import Piece, open_unpacked, pieces
+from ...files.text import Piece, first_bytes, open_unpacked, pieces
 from ...files.text_numbers import ragged, whole
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, agreed
@@ -26,7 +26,8 @@ LINES_OF_HEADER = 5
 
 @dataclass(frozen=True)
 class Header:
-    """`symmetry`: u, s, z (skew) or r; `lines`: of the header; fields and numbers of the sections, and their lines."""
+    """`symmetry`: u, s, z (skew) or r; `lines`: of the header; fields and numbers of the sections, their lines, and the
+    number of right-hand sides."""
 
     symmetry: str
     shape: tuple[int, int]
@@ -35,6 +36,7 @@ class Header:
     fields: tuple[list[Field], ...]
     counts: tuple[int | None, ...]
     cards: tuple[int, ...]
+    sides: int
 
 
 def begins(start: bytes) -> bool:
@@ -59,6 +61,28 @@ def title(start: bytes) -> bytes:
 
 def read(path, comm) -> Entries:
     """Read a real assembled matrix; of symmetric files both triangles are given. Collective. Raises InputError."""
+    header, parts = _read(path, comm)
+    return _entries(path, comm, header, parts)
+
+
+def read_right_hand_sides(path, comm) -> Entries | None:
+    """Read the right-hand sides (n, k) of a file, None where it has none or is another. Collective. Raises InputError.
+    """
+    with agreed(comm):
+        if not begins(first_bytes(path)) or not _header(path).cards[3]:
+            return None
+    header, parts = _read(path, comm)
+    if header.counts[3] is None:
+        raise InputError(f"{path}: found sparse right-hand sides, expected full ones (F in line 5)")
+    place = np.concatenate([np.zeros(0, np.int64), *(begin + np.arange(len(v)) for begin, v in parts[3])])
+    values = np.concatenate([np.zeros(0), *(v for _, v in parts[3])])
+    rows = header.shape[0]
+    mine = place < rows * header.sides  # guesses and solutions may follow
+    return Entries((rows, header.sides), place[mine] % rows, place[mine] // rows, values[mine])
+
+
+def _read(path, comm):
+    """Return the header, and (number of the first, numbers) of this rank in each section."""
     with agreed(comm):
         header = _header(path)
         spans = [(piece.start, piece.text.count(b"\n") + (not piece.text.endswith(b"\n")))
@@ -68,20 +92,19 @@ def read(path, comm) -> Entries:
         first_line[start] = before
         before += lines
     with agreed(comm):
-        parts = [[], [], []]  # of each section: (number of the first, numbers)
+        parts = [[], [], [], []]
         read_of = np.zeros(4, np.int64)
         for piece in pieces(path, comm):
             for section, number, values in _sections(piece, first_line[piece.start], header):
                 read_of[section] += len(values)
-                if section < 3:
-                    parts[section].append((number, values))
+                parts[section].append((number, values))
     for section, (total, expected) in enumerate(zip(comm.allreduce(read_of), header.counts, strict=True)):
         if expected is not None and total != expected:
             raise InputError(
                 f"{path}: found {total} numbers among the {SECTIONS[section]}, the header says {expected}; the file is "
                 "damaged"
             )
-    return _entries(path, comm, header, parts)
+    return header, parts
 
 
 def _header(path):
@@ -111,13 +134,14 @@ def _header(path):
                              f"{'integers' if whole_numbers else 'floating-point numbers'}")  # fmt: skip
     numbers = [columns + 1, entries, entries, 0]
     total, *cards = cards + [0] * rutherford
-    right = cards[3]
+    right, sides = cards[3], 0
     if right:
         about = lines[4][:3].decode("latin-1").upper()
         words = lines[4][3:].split()
         if about[:1] == "F" and words and words[0].isdigit():
             vectors = 1 + (about[1:2] == "G") + (about[2:3] == "X")
-            numbers[3] = rows * int(words[0]) * vectors
+            sides = int(words[0])
+            numbers[3] = rows * sides * vectors
             fields.append(fields_of_format(formats[3] if formats[3].strip() else formats[2], f"{path}, line 4"))
         elif about[:1] == "M":
             numbers[3] = None  # sparse, in the formats of the matrix
@@ -137,7 +161,8 @@ def _header(path):
             f"{path}, line 2: found {total} lines in all, expected {sum(cards)}, those of the parts together; the file "
             "is damaged"
         )
-    return Header(kind[1], (rows, columns), entries, 4 + bool(right), tuple(fields), tuple(numbers), tuple(cards))
+    sections = tuple(fields), tuple(numbers), tuple(cards)
+    return Header(kind[1], (rows, columns), entries, 4 + bool(right), *sections, sides)
 
 
 def _sections(piece, line, header):
