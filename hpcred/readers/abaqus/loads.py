@@ -7,6 +7,7 @@ step of which it is not known that it is none, is refused by its line.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,8 @@ NO_LOADS = {  # keywords of a step
     "substructuregenerate", "substructurematrixoutput", "retainednodaldofs", "nset", "elset", "surface", "amplitude",
     "include", "heading", "boundary",
 }  # fmt: skip
+QUOTED = re.compile(r'("?)([^"]*)\1')
+BLANKS = " \t\r\v\f"
 WHOLE = ("GRAV", "CENTRIF")  # loads of the whole body
 WITHOUT_MASS = ("SPRING", "DASHPOT", "GAP", "CONN", "DCOUP", "ITS")  # elements of unknown kinds
 
@@ -99,6 +102,8 @@ def _check(section):
             f"found *{section.keyword.capitalize()} with the parameter {unknown[0]}, which is not read; expected a "
             "constant load that does not follow rotations"
         )
+    if (op := section.parameters.get("op", "mod").lower()) not in ("mod", "new"):
+        raise section.refusal(f"found op={op}, expected new or mod")
 
 
 def _check_boundary(section):
@@ -154,8 +159,8 @@ class _Reading:
                     raise section.refusal(f"found the surface '{name}', which no *Surface defines"
                                           f"{nearest(name, surfaces)}")  # fmt: skip
         lines = [(part, face, values) for name, _, values in named for part, face in surfaces[name.lower()]]
-        mine = [(int(part), *more) for part, *more in lines if part.isdigit()][self.comm.rank :: self.comm.size]
-        self._elements(section, mine, [line for line in lines if not line[0].isdigit()])
+        mine = [(int(part), *more) for part, *more in lines if part.isdecimal()][self.comm.rank :: self.comm.size]
+        self._elements(section, mine, [line for line in lines if not line[0].isdecimal()])
 
     def _lines(self, section, expected, width, labels=0):
         """Return target, label and values of the data lines: of this rank with a number as target, and all with names.
@@ -166,17 +171,18 @@ class _Reading:
         with agreed(self.comm):
             for piece in pieces(section.path, self.comm, section.start, section.stop):
                 for number, line in enumerate(without_comments(piece.text).decode("latin-1").split("\n")):
-                    fields = [field.strip() for field in line.split(",")]
+                    fields = [field.strip(BLANKS) for field in line.split(",")]
                     while fields and not fields[-1]:
                         fields.pop()
                     if not fields:
                         continue
-                    target, label = fields[0].strip('"'), fields[1].upper() if labels and len(fields) > 1 else ""
+                    quoted = QUOTED.fullmatch(fields[0])
+                    target, label = quoted[2] if quoted else "", (fields[1:2] or [""])[0].upper() if labels else ""
                     values = tuple(_number(text) for text in fields[1 + labels :])
-                    fits = width[0] <= len(fields) <= width[1] and None not in values and (target or label in WHOLE)
-                    if not fits or (target.isdigit() and not 1 <= int(target) <= LARGEST_LABEL):
+                    fits = width[0] <= len(fields) <= width[1] and None not in values and (target or (label in WHOLE and not fields[0]))
+                    if not fits or (target.isdecimal() and not 1 <= int(target) <= LARGEST_LABEL):
                         raise piece.refusal(number, expected)
-                    if target.isdigit():
+                    if target.isdecimal():
                         rows.append((int(target), label, values))
                     else:
                         named.append((target, label, values))
@@ -214,7 +220,7 @@ class _Reading:
             raise section.refusal("found loads on elements of several instances, expected an input file without parts")
         for label in sorted(set().union(*self.comm.allgather({label for _, label, _ in (*rows, *named)}))):
             mine = [row for row in rows if row[1] == label], [row for row in named if row[1] == label]
-            if label[:1] == "P" and label[1:].isdigit():
+            if label[:1] == "P" and label[1:].isdecimal():
                 with agreed(self.comm):
                     if any(len(values) != 1 for *_, values in (*mine[0], *mine[1])):
                         raise section.refusal(f"found several numbers behind {label}, expected a pressure")
