@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..files.text import LARGEST_LABEL, first_bytes, numbers, pieces, whole
+from ..files.text import first_bytes, pieces
+from ..files.text_numbers import labels, numbers
 from ..model.dofs import SCALAR, require_dofs
 from ..model.face_loads import NodalForces, forces_on_faces
 from ..model.load_columns import added, column_of, sums_of_column, weight
@@ -68,7 +69,7 @@ def _temperatures(comm, load):
         parts = [(np.zeros(0, np.int64), np.zeros(0))]
         for piece in pieces(load.file, comm):
             values, lines = numbers(piece, 2)
-            parts.append((whole(piece, values[:, 0], lines, "the node number", 1, LARGEST_LABEL), values[:, 1]))
+            parts.append((labels(piece, values[:, 0], lines), values[:, 1]))
             piece.require(np.isfinite(values[:, 1]), lines, "a finite temperature in K")
         node, rise = (np.concatenate(part) for part in zip(*parts, strict=True))
     if (twice := repeated_key(comm, node)) is not None:

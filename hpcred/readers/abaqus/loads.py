@@ -179,7 +179,8 @@ class _Reading:
                     quoted = QUOTED.fullmatch(fields[0])
                     target, label = quoted[2] if quoted else "", (fields[1:2] or [""])[0].upper() if labels else ""
                     values = tuple(_number(text) for text in fields[1 + labels :])
-                    fits = width[0] <= len(fields) <= width[1] and None not in values and (target or (label in WHOLE and not fields[0]))
+                    fits = width[0] <= len(fields) <= width[1] and None not in values
+                    fits = fits and (target or (label in WHOLE and not fields[0]))
                     if not fits or (target.isdecimal() and not 1 <= int(target) <= LARGEST_LABEL):
                         raise piece.refusal(number, expected)
                     if target.isdecimal():
