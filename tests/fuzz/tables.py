@@ -44,6 +44,7 @@ VALUES = list(dict.fromkeys([*NUMBER, *PAIR, *NOT_A_WORD, *LIST, *OTHERS]))
 CHORD = 'frame = {kind = "chord", nodes = [1, 7, 14], axes = "yxz"}\n'
 JOB = 'model = "model.h5"\nband = [0.0, 300.0]\ninputs = [[20, "z"]]\n'
 MODES = '[[basis]]\nkind = "modes"\ncount = 3\n'
+END = "on = {box = [[0.039, -1.0, -1.0], [0.041, 1.0, 1.0]]}\n"
 BLOCK = 'model = "block.h5"\n[[interface]]\nname = "end"\nnodes = {box = [[0.039, -1.0, -1.0], [0.041, 1.0, 1.0]]}\n'
 JOBS = [
     JOB + CHORD + MODES,
@@ -63,6 +64,11 @@ JOBS = [
         ("residual_attachment", ""))),
     BLOCK + '[[basis]]\nkind = "constraint_modes"\n[[basis]]\nkind = "fixed_interface_modes"\ncount = 3\n',
     'inputs = [1]\nmodel = {K = "K.mtx", M = "M.mtx", nodes = "nodes.txt"}\n' + MODES,
+    *('model = "block.h5"\n' + MODES + f'[[load]]\nname = "a"\nkind = "{kind}"\n' + more for kind, more in (
+        ("pressure", END), ("traction", END + "value = [1.0, 0.0, 0.0]\n"), ("gravity", "value = [0.0, 0.0, -9.81]\n"),
+        ("line", "on = [13, 14]\nvalue = [1.0, 0.0, 0.0]\n"), ("temperature", "value = 10.0\n"),
+        ("moving", "on = [1, 5, 9, 13]\nvalue = [0.0, 1.0, 0.0]\npoints = 3\n"),
+        ("given", 'file = "wind.mtx"\n'), ("deck", 'file = "loads.inp"\nstep = 1\n'))),
 ]  # fmt: skip
 MOTION = 'body = "result.h5"\nend = 0.01\nsteps = 4\n'
 HOLD = '[[constraint]]\nnode = 1\n[[constraint]]\nnode = 7\ndirections = ["x", "z"]\n[[constraint]]\nnode = 14\n' \
@@ -75,6 +81,8 @@ MOTIONS = [
       for key in ("force", "moment") for kind in ("constant", "sine", "table")),
     *(MOTION + f'[[drive]]\nnode = 1\nkind = "{kind}"\nalong = [1.0, 0.0, 0.0]\n' + CURVES[kind].format("0.0")
       for kind in CURVES),
+    *(MOTION + f'[[load]]\nname = "20:z"\nkind = "{kind}"\n' + CURVES[kind].format("1.0")
+      for kind in ("constant", "sine", "table")),
     MOTION + '[[spring]]\nnode = 20\nkind = "line"\nat = [0.0, 0.0, 9.0]\nstiffness = 10.0\n',
     MOTION + '[[spring]]\nnode = 20\nkind = "bushing"\nstiffness = [1.0, 1.0, 1.0]\n',
 ]
@@ -94,8 +102,11 @@ def good_files() -> dict[str, bytes]:
     with tempfile.TemporaryDirectory() as name, inside(name):
         with hpcred.linkage() as model:
             hpcred.write_model("model.h5", model)
+        steel = hpcred.Material(name="steel", young=2.1e11, poisson=0.3, density=7850.0, expansion=1.2e-5)
         with hpcred.solid((4, 1, 1)) as model:
-            hpcred.write_model("block.h5", model)
+            hpcred.write_model("block.h5", model.with_material(steel))
+            scipy.io.mmwrite("wind.mtx", scipy.sparse.coo_matrix(np.ones((model.size, 1))))
+        Path("loads.inp").write_text("*NODE\n16, 0.04, 0.01, 0.01\n*STEP\n*STATIC\n*CLOAD\n16, 2, 1.0\n*END STEP\n")
         chain = np.diag([2.0, 2, 2, 2, 2, 1]) - np.eye(6, k=1) - np.eye(6, k=-1)
         for key, matrix in (("K", chain), ("M", np.eye(6))):
             scipy.io.mmwrite(f"{key}.mtx", scipy.sparse.coo_matrix(matrix))
@@ -258,7 +269,7 @@ def outcome(settings, finite):
 
 # names of files, and what a run fills in by itself
 NAMES = ("output", "model", "inputs", "outputs", "out_of_core", "store", "K", "M", "D", "B", "C", "nodes", "dofs",
-         "body", "job", "kind", "interface", "at")  # fmt: skip
+         "body", "job", "kind", "interface", "at", "file")  # fmt: skip
 
 
 def of_result(folder):
