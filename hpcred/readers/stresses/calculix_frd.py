@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...files.system_errors import open_input
-from ...files.text import end_to_end, labels, numbers, pieces, whole
+from ...files.text import end_to_end, pieces
+from ...files.text_numbers import labels, numbers, whole
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ..fixed_width import fields_of_format, separated
