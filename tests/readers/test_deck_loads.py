@@ -75,7 +75,7 @@ def test_every_face_of_a_dload_is_that_of_the_manual(comm, folder, kind):
 
 
 def test_forces_on_nodes_and_sets_add_up(comm, folder):
-    lines = ["*CLOAD", "1, 1, 2.", "Ends, 3, -1.5", "*CLOAD", "1, 1, 3.", "12, 2, 1e-1"]
+    lines = ["*CLOAD", "1, 1, 2.", "Ends, 3, -1.5", "*CLOAD, AMPLITUDE=ramp", "1, 1, 3.", "12, 2, 1e-1"]
     name = write(comm, folder / "c.inp", deck(step(*lines)))
     with model_of(comm) as model:
         found, sums = column(model, DeckLoad(name="c", file=name, step=1))
@@ -83,6 +83,7 @@ def test_forces_on_nodes_and_sets_add_up(comm, folder):
     expected[0], expected[11] = (5.0, 0.0, -1.5), (0.0, 0.1, -1.5)
     assert np.abs(found - expected).max() < 1e-15
     assert sums.force == pytest.approx((5.0, 0.1, -3.0))
+    assert sums.notes == ["load 'c': it has the reference values of its loads; their *Amplitude is not applied"]
     assert sums.moment == pytest.approx(np.cross(GRID, expected).sum(axis=0))
 
 

@@ -58,6 +58,8 @@ def read_loads(path, step: int, comm) -> DeckLoads:
     for section in sections:
         getattr(reading, f"read_{section.keyword}")(section)
     reading.check_whole_body()
+    if any("amplitude" in section.parameters for section in sections):
+        reading.found.remarks.append("it has the reference values of its loads; their *Amplitude is not applied")
     return reading.found
 
 
