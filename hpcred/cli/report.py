@@ -20,6 +20,9 @@ def report(
     solves: Annotated[int, typer.Option(help="Frequencies at which the full model is solved.")] = 21,
     pairs: Pairs = None,
     modes: Annotated[int, typer.Option(help="Number of shapes to look at.")] = 10,
+    motion: Annotated[
+        str | None, typer.Option(metavar="FILE", help="simulation.h5, ...: a picture of its largest stress.")
+    ] = None,
     png: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
     svg: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
     csv: Annotated[str | None, typer.Option(metavar="DIR", help="The numbers as tables, too.")] = None,
@@ -32,7 +35,7 @@ def report(
     """Write a report on results beside each other, one HTML file to look at in a browser, without a network."""
     told = hpcred.report_file(
         results, full, output=output, band=values.band(band), solves=solves, pairs=pairs.split(",") if pairs else (),
-        modes=modes, png=png, svg=svg, csv=csv, groups=groups,
+        modes=modes, motion=motion, png=png, svg=svg, csv=csv, groups=groups,
         factoring=values.factoring(out_of_core, low_rank, package),
         progress=session.progress(),
     )  # fmt: skip

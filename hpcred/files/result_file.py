@@ -71,6 +71,10 @@ SCHEMA = NODES | {
     "record": Array("text", (), needed=True),
 }  # fmt: skip
 ROWS_AT_A_TIME = 2**22  # that are looked through
+NO_STRESS = (
+    "no stress modes; reduce with stress = true, or let the finite-element program compute the stresses "
+    "(`hpcred recover --deck`)"
+)
 LARGE = 100_000  # dofs of a body whose surface is no longer drawn without being asked for
 
 
@@ -199,10 +203,7 @@ class Result:
         """
         with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
             if "basis/stress" not in file:
-                raise InputError(
-                    f"{self.path}: no stress modes; reduce with stress = true, or let the finite-element program "
-                    "compute the stresses (`hpcred recover --deck`)"
-                )
+                raise InputError(f"{self.path}: {NO_STRESS}")
             known = file["basis/stress_node"][...]
             order = np.argsort(known)
             wanted = known[order] if nodes is None else np.unique(np.asarray(nodes, np.int64))
@@ -226,7 +227,8 @@ class Shapes:
     `nodes` (k,) their numbers, with those that are held, which do not move; `points` (k, 3) in m, `cells` by kind
     as indices of points, `names` and `frequencies` (m,) of the shapes: pseudo-modes, which the columns of the basis
     are (54), but in interface coordinates, or the basis vectors of a two-sided projection. `first`: the number of the
-    first shape. `mark_names` and `mark_points` (j, 3) in m: of the interface nodes, which need not be among the nodes.
+    first shape. `has_stress`: whether there are stress modes. `mark_names` and `mark_points` (j, 3) in m: of the
+    interface nodes, which need not be among the nodes.
     """
 
     def __init__(self, file, name):
@@ -243,7 +245,8 @@ class Shapes:
         self.nodes, first, place = np.unique(node, return_index=True, return_inverse=True)
         self.points = position[first]
         self._place = place[: len(self._direction)]
-        self._basis = file["basis/V"]
+        self._basis, self._name = file["basis/V"], name
+        self.has_stress, self._stress = "basis/stress" in file, file["basis"]
         kind = "basis vector" if "basis/W" in file else "pseudo-mode"
         self.frequencies = file["reduced/frequencies"][...]
         self._mixture = self._mixed = None
@@ -278,6 +281,28 @@ class Shapes:
     def mark_displacement(self, number) -> np.ndarray:
         """(j, 3); the displacements of the interface nodes of a shape."""
         return self._mark_phi[..., number] if self._mixture is None else self._mark_phi @ self._mixture[:, number]
+
+    def coordinates_of(self, number) -> np.ndarray:
+        """(m,); the coordinates whose displacements a shape is."""
+        return np.eye(len(self.frequencies))[number] if self._mixture is None else self._mixture[:, number]
+
+    def moved(self, q) -> tuple[np.ndarray, np.ndarray]:
+        """(k, 3) and (j, 3); displacements of the nodes and of the interface nodes at coordinates q (m,)."""
+        return self._placed(sum(part * self._basis[k] for k, part in enumerate(q))), self._mark_phi @ q
+
+    def stress(self, q) -> np.ndarray:
+        """(k, 6); stresses xx, yy, zz, xy, yz, zx in Pa at coordinates q (m,), NaN at nodes without stress modes.
+
+        Raises InputError where the file has none.
+        """
+        if not self.has_stress:
+            raise InputError(f"{self._name}: {NO_STRESS}")
+        node, modes = self._stress["stress_node"][...], self._stress["stress"]
+        place = np.searchsorted(self.nodes, node).clip(max=len(self.nodes) - 1)
+        there = self.nodes[place] == node
+        found = np.full((len(self.nodes), 6), np.nan)
+        found[place[there]] = sum(part * modes[k] for k, part in enumerate(q) if part)[there]
+        return found
 
     def column(self, number) -> np.ndarray:
         """(k, 3); the translational dofs of a column of the basis, which belongs to a coordinate."""

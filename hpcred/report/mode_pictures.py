@@ -1,4 +1,4 @@
-"""Draw pictures and animations of the shapes of a result.
+"""Draw pictures and animations of the shapes of a result, in colours of displacements or of stresses.
 
 The surface is drawn with a depth buffer, which removes hidden surfaces and draws 10^5 nodes in seconds; titles, colour
 bar, axes and scale bar are matplotlib's.
@@ -7,9 +7,11 @@ bar, axes and scale bar are matplotlib's.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
+from ..body.recovery import von_mises
 from ..files.outputs import PDF, PICTURES, SVG
 from ..parallel.failures import InputError
 from ..writers.base import Writer
@@ -34,17 +36,38 @@ OUTLINE, UNDEFORMED, EDGE = (0.13, 0.13, 0.13), (0.62, 0.62, 0.62), (0.25, 0.25,
 MARK = tuple(int(COLOURS[1][k : k + 2], 16) / 255 for k in (1, 3, 5))
 
 
+COLOUR_BARS = {"displacement": "displacement / its largest", "stress": "von Mises stress / its largest"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureOptions:
+    """`colour`: of the surface, by the size of the displacement, or by von Mises' stress ("stress")."""
+
+    colour: Literal["displacement", "stress"] = "displacement"
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A picture: displacements `field` (k, 3) of the nodes and `marks` (j, 3) of the interface nodes, and `values` (k,)
+    of the colour, not below 0, NaN where there are none."""
+
+    title: str
+    field: np.ndarray
+    marks: np.ndarray
+    values: np.ndarray
+
+
 class Picture(Writer):
     """Pictures of chosen shapes of the kind that is their name: png, svg, pdf, or moving ones: gif, webp."""
 
-    needs, picture = "shapes", True
+    needs, picture, options = "shapes", True, PictureOptions
     suffix = property(lambda self: f".{self.name}")
     kind = property(lambda self: PICTURES[self.suffix])
 
     def write(self, target, source):
         draw = animate_shapes if self.name in ("gif", "webp") else draw_shapes
         with source.shapes() as shapes:
-            return draw(target, shapes, source.modes, self.name)
+            return draw(target, shapes, source.modes, self.name, source.options.colour)
 
     def describe(self, path):
         if self.kind in (SVG, PDF):
@@ -57,39 +80,59 @@ class Picture(Writer):
             return {"format": f"{image.format} picture", "size": size, **({"frames": frames} if frames > 1 else {})}
 
 
-def draw_shapes(path, shapes, modes=None, kind="png") -> list[str]:
-    """Return a picture of shapes on the surface of the body; call it on one rank. Returns their names.
+def draw_shapes(path, shapes, modes=None, kind="png", colour="displacement") -> list[str]:
+    """Draw shapes on the surface of the body; call it on one rank. Returns their names.
 
-    `shapes`: see files.result_file.Shapes. `modes`: numbers from 1, by default the first six elastic ones. Colour is
-    the size of the displacement; the undeformed outline is grey. Raises InputError where there is no such shape.
+    `shapes`: see files.result_file.Shapes. `modes`: numbers from 1, by default the first six elastic ones. `colour`:
+    see PictureOptions; the undeformed outline is grey. Raises InputError where there is no such shape, or no stress.
     """
     pyplot()
     chosen = _chosen(shapes, modes, FIRST)
-    figure = _figure(shapes, chosen)
-    save_as(figure, path, kind, DOTS)
+    save_as(_figure(shapes, _panels(shapes, chosen, colour), colour), path, kind, DOTS)
     return [shapes.names[k] for k in chosen]
 
 
 def figure_of_shapes(shapes, modes=None):
     """Return the picture of draw_shapes as a matplotlib Figure. Raises InputError."""
-    return _figure(shapes, _chosen(shapes, modes, FIRST))
+    return _figure(shapes, _panels(shapes, _chosen(shapes, modes, FIRST), "displacement"), "displacement")
 
 
-def _figure(shapes, chosen):
-    stage = _Stage(shapes, chosen, DOTS)
+def draw_state(path, shapes, q, title: str, kind="png"):
+    """Draw the body at coordinates q (m,) in colours of von Mises' stress; call it on one rank. Raises InputError."""
+    pyplot()
+    field, marks = shapes.moved(q)
+    save_as(_figure(shapes, [Panel(title, field, marks, von_mises(shapes.stress(q)))], "stress"), path, kind, DOTS)
+
+
+def _panels(shapes, chosen, colour) -> list[Panel]:
+    """Return the pictures of shapes. Raises InputError where the result has no stress modes."""
+    panels, start = [], first_elastic(shapes.frequencies)
+    for k in chosen:
+        field = shapes.displacement(k)
+        values = np.linalg.norm(field, axis=1)
+        if colour == "stress":  # that of a rigid-body motion is round-off
+            values = von_mises(shapes.stress(shapes.coordinates_of(k))) * (k >= start)
+        title = f"{k + shapes.first}:  {in_hertz(shapes.frequencies[k])}"
+        panels.append(Panel(title, field, shapes.mark_displacement(k), values))
+    return panels
+
+
+def _figure(shapes, panels, colour):
+    stage = _Stage(shapes, panels, colour, DOTS)
     figure, images = stage.figure()
     for k, image in enumerate(images):
         image.set_data(stage.picture(k, 1.0))
     return figure
 
 
-def animate_shapes(path, shapes, modes=None, kind="gif") -> list[str]:
+def animate_shapes(path, shapes, modes=None, kind="gif", colour="displacement") -> list[str]:
     """Draw animations like draw_shapes: one period of each shape, repeated; by default of the first shape only."""
     pyplot()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
-    stage = _Stage(shapes, _chosen(shapes, modes, 1), MOVING_DOTS)
+    chosen = _chosen(shapes, modes, 1)
+    stage = _Stage(shapes, _panels(shapes, chosen, colour), colour, MOVING_DOTS)
     figure, images = stage.figure()
     canvas, frames = FigureCanvasAgg(figure), {}
     amplitudes = np.sin(2 * np.pi * np.arange(FRAMES) / FRAMES).round(12)
@@ -104,7 +147,7 @@ def animate_shapes(path, shapes, modes=None, kind="gif") -> list[str]:
         frames = {key: frame.quantize(palette=palette, dither=Image.Dither.NONE) for key, frame in frames.items()}
     frames = [frames[amplitude] for amplitude in amplitudes]
     frames[0].save(path, format=kind, save_all=True, append_images=frames[1:], duration=60, loop=0)
-    return [shapes.names[k] for k in stage.modes]
+    return [shapes.names[k] for k in chosen]
 
 
 def _chosen(shapes, modes, first):
@@ -158,25 +201,23 @@ def axes_of_view(points, behind=False) -> np.ndarray:
 class _Stage:
     """The body, the chosen shapes on its surface, and how they are laid out in one figure."""
 
-    def __init__(self, shapes, modes, dots):
-        self.shapes, self.modes, self.dots = shapes, modes, dots
+    def __init__(self, shapes, panels, colour, dots):
+        self.shapes, self.panels, self.colour, self.dots = shapes, panels, colour, dots
         self.surface = surface_of(shapes.points, shapes.cells)
         points = self.surface.points
         diagonal = max(np.linalg.norm(np.ptp(shapes.points, axis=0)), 1e-12)
-        self.fields, self.sizes, self.marks = [], [], []
-        for k in modes:
-            field = shapes.displacement(k)
-            size = np.linalg.norm(field, axis=1)
-            largest = max(size.max(initial=0.0), 1e-300)
-            self.fields.append(SWING * diagonal / largest * field)
-            self.sizes.append(size / largest)
-            self.marks.append(SWING * diagonal / largest * shapes.mark_displacement(k))
+        self.fields, self.values, self.marks = [], [], []
+        for panel in panels:
+            swing = SWING * diagonal / max(np.linalg.norm(panel.field, axis=1).max(initial=0.0), 1e-300)
+            self.fields.append(swing * panel.field)
+            self.marks.append(swing * panel.marks)
+            self.values.append(panel.values / max(np.nanmax(panel.values, initial=0.0), 1e-300))
         axes = axes_of_view(points)
         seen = [(points + sign * field[self.surface.nodes]) @ axes.T for field in self.fields for sign in (-1, 0, 1)]
         low, high = np.min([s.min(axis=0) for s in seen], axis=0), np.max([s.max(axis=0) for s in seen], axis=0)
         room = np.maximum((high - low)[:2], 1e-3 * diagonal) * 1.06
         self.columns = self._columns(room[0] / room[1])
-        self.rows = -(-len(modes) // self.columns)
+        self.rows = -(-len(panels) // self.columns)
         wide = (WIDTH - GAP * (self.columns + 1)) / self.columns
         self.panel = wide, min(wide * room[1] / room[0], TALLEST if self.columns > 1 else 1.6 * TALLEST)
         width, height = (int(dots * FINE * length) // FINE * FINE for length in self.panel)
@@ -184,9 +225,9 @@ class _Stage:
 
     def _columns(self, aspect):
         """Return the number of panels per row that makes the figure nearly square."""
-        if len(self.modes) == 1:
+        if len(self.panels) == 1:
             return 1
-        heights = {c: -(-len(self.modes) // c) * (TITLE + WIDTH / c / aspect) for c in (1, 2, 3)}
+        heights = {c: -(-len(self.panels) // c) * (TITLE + WIDTH / c / aspect) for c in (1, 2, 3)}
         fitting = [c for c in heights if heights[c] <= 0.95 * WIDTH]
         return min(fitting or [3])
 
@@ -196,7 +237,7 @@ class _Stage:
         tall = self.rows * (self.panel[1] + TITLE) + FOOT
         figure = new_figure(figsize=(WIDTH, tall), dpi=self.dots)
         images = []
-        for place, k in enumerate(self.modes):
+        for place, panel in enumerate(self.panels):
             row, column = divmod(place, self.columns)
             left = GAP + column * (self.panel[0] + GAP)
             bottom = FOOT + (self.rows - 1 - row) * (self.panel[1] + TITLE)
@@ -204,8 +245,7 @@ class _Stage:
             axes.set_axis_off()
             size = self.view.height // FINE, self.view.width // FINE
             images.append(axes.imshow(np.ones((*size, 3)), interpolation="nearest", aspect="auto"))
-            title = f"{k + self.shapes.first}:  {in_hertz(self.shapes.frequencies[k])}"
-            axes.set_title(title, fontsize=11, color=INK, pad=3)
+            axes.set_title(panel.title, fontsize=11, color=INK, pad=3)
         self._legend(figure, tall)
         return figure, images
 
@@ -231,13 +271,13 @@ class _Stage:
         bar.imshow(np.linspace(0, 1, 256)[None], cmap="viridis", aspect="auto", extent=(0, 1, 0, 1))
         bar.set(yticks=[], xticks=[0, 0.5, 1])
         bar.tick_params(labelsize=8, length=2, pad=2, color=INK, labelcolor=INK)
-        bar.set_title("displacement / its largest", fontsize=9, color=INK, pad=3)
+        bar.set_title(COLOUR_BARS[self.colour], fontsize=9, color=INK, pad=3)
         for spine in bar.spines.values():
             spine.set_linewidth(0.4)
 
     def picture(self, place, amplitude) -> np.ndarray:
         """Return pixels (h, w, 3) of a shape that is deflected by `amplitude` from -1 to 1."""
-        field, size = self.fields[place], self.sizes[place] * abs(amplitude)
+        field, size = self.fields[place], self.values[place] * abs(amplitude)
         moved = self.surface.points + amplitude * field[self.surface.nodes]
         marks = self.shapes.mark_points + amplitude * self.marks[place]
         return coarse(render(self.surface, moved, size[self.surface.nodes], self.view, marks))
@@ -251,11 +291,12 @@ def coarse(fine) -> np.ndarray:
 def render(surface: DrawnSurface, moved, values, view: View, marks=()) -> np.ndarray:
     """Return the pixels (h, w, 3), 0 to 1, of a surface whose points have moved to `moved` (v, 3).
 
-    `values` (v,), 0 to 1, are its colour; `marks` (k, 3): points that are marked, hidden or not.
+    `values` (v,), 0 to 1, are its colour, grey where they are NaN; `marks` (k, 3): points that are marked, hidden
+    or not.
     """
     from matplotlib import colormaps
 
-    colours = colormaps["viridis"]
+    colours = colormaps["viridis"].with_extremes(bad="0.8")
     canvas = Canvas(view.width, view.height)
     image = np.ones((view.height, view.width, 3))
     screen = view.screen(moved)

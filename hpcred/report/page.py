@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 from importlib.resources import files
 
 import numpy as np
@@ -36,6 +37,13 @@ def packed(array, dtype="f8") -> dict:
     """Return an array for the page: its type (f4, f8, u4), shape and base64 of its numbers."""
     array = np.ascontiguousarray(array, dtype=KINDS[dtype])
     return {"dtype": dtype, "shape": list(array.shape), "bdata": base64.b64encode(array.tobytes()).decode()}
+
+
+def drawn_for_page(draw) -> str:
+    """Return a PNG that `draw(file)` makes as an address for the page."""
+    file = io.BytesIO()
+    draw(file)
+    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
 
 
 def body_for_page(shapes, modes: int, most: int = MOST_POINTS) -> tuple[dict, str]:

@@ -9,11 +9,13 @@ from ..files.outputs import HTML, check_outputs
 from ..linalg.solvers.settings import Factoring
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
-from ..report.page import MOST_POINTS, body_for_page, render_page
+from ..report.figures import has_matplotlib
+from ..report.page import MOST_POINTS, body_for_page, drawn_for_page, render_page
 from .pair_figures import check_drawing, pairs_by_name, pairs_to_show
-from .report_files import draw_files, make_folder, write_tables
+from .report_files import draw_files, make_folder, stress_pictures, write_tables
 from .report_page import page_of
 from .report_sheets import Sheet, sheets_of
+from .stress_state import state_of_largest_stress
 from .workflow import workflow
 
 MOST_PAIRS = 36  # responses on a page, the largest
@@ -22,21 +24,22 @@ MOST_PAIRS = 36  # responses on a page, the largest
 @workflow
 def report_file(
     results, full=None, *, output="report.html", band=None, solves: int = 21, pairs=(), modes: int = 10,
-    png=None, svg=None, csv=None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
+    motion=None, png=None, svg=None, csv=None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
     progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Write a report on results, names of files, as one HTML file that needs no network. Collective.
 
     `full`: the model file that they were reduced from; its response is then computed at `solves` equally spaced
     frequencies and beside pseudo-frequencies, and its modes. `band` (Hz): default that of the job. `pairs`: names
-    "output/input" of responses, by default the largest. `modes`: number of shapes that can be looked at. `png`, `svg`,
-    `csv`: folders for figures and tables of the same. Returns the file, its size in MB, the names of figures and
+    "output/input" of responses, by default the largest. `modes`: number of shapes that can be looked at. `motion`: of a
+    single result with stress modes, as for recover, drawn where its stress is largest. `png`, `svg`, `csv`: folders for
+    figures and tables of the same. Returns the file, its size in MB, the names of figures and
     tables, and notes. Raises InputError.
     """
     if (ending := Path(output).suffix.lower()) not in (".html", ".htm") and Path(output).name:
         raise InputError(f"output {output}: found a name that ends in {ending or 'nothing'}, expected .html; figures "
                          "as files are written by --png and --svg")  # fmt: skip
-    check_outputs({output: HTML}, comm, [*results, full], progress=progress)
+    check_outputs({output: HTML}, comm, [*results, full, motion], progress=progress)
     for folder in (png, svg, csv):
         if folder is not None:
             make_folder(folder, comm)
@@ -46,6 +49,13 @@ def report_file(
         results, full, band=band, solves=solves, groups=groups, factoring=factoring, comm=comm, progress=progress
     )
     chosen = [choose_pairs(sheet, pairs) for sheet in sheets]
+    if motion is not None:
+        if len(sheets) > 1:
+            raise InputError(
+                f"--motion: found {len(sheets)} results, expected the one that moved so; report on it alone"
+            )
+        with progress.stage("motion", str(motion)):
+            sheets[0].state = state_of_largest_stress(sheets[0].result, motion, comm)
     report = None
     with atomic_output(output, comm) as temporary, agreed(comm):
         if comm.rank == 0:
@@ -67,6 +77,9 @@ def _take_body(sheet, modes, most):
     try:
         with sheet.result.shapes() as shapes:
             sheet.body, sheet.body_sentence = body_for_page(shapes, modes, most)
+            sheet.has_stress = shapes.has_stress
+            if sheet.has_stress and has_matplotlib():
+                sheet.pictures = [drawn_for_page(draw) for _, draw in stress_pictures(sheet, shapes, "png")]
     except InputError as error:
         sheet.body_sentence = str(error)
 

@@ -11,7 +11,7 @@ from ..files.response_file import Responses, write_responses
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..report.figures import errors_figure, pair_figure
-from ..report.mode_pictures import draw_shapes
+from ..report.mode_pictures import draw_shapes, draw_state
 from .pair_figures import in_file_name
 from .report_page import directions_of, frequency_rows
 
@@ -51,7 +51,17 @@ def draw_files(folder, kind, sheets, chosen) -> list[str]:
         if sheet.body is not None:
             with sheet.result.shapes() as shapes:
                 into(f"shapes_{sheet.name}", lambda path, s=shapes: draw_shapes(path, s, kind=kind))
+                for name, draw in stress_pictures(sheet, shapes, kind):
+                    into(f"{name}_{sheet.name}", draw)
     return written
+
+
+def stress_pictures(sheet, shapes, kind):
+    """Names, and functions of a path that draw pictures of stresses: of the pseudo-modes, and of a motion."""
+    if sheet.has_stress:
+        yield "stress", lambda path: draw_shapes(path, shapes, kind=kind, colour="stress")
+    if sheet.state is not None:
+        yield "stress_of_motion", lambda path: draw_state(path, shapes, *sheet.state, kind)
 
 
 def _curves_of(name, sheets, chosen):

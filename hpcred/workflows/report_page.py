@@ -35,6 +35,7 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
         "paper": [sheet.name for sheet in sheets if _is_of_paper(sheet)],
         "searched": any(result["points"] for result in results),
         "shaped": any(result["shape"] for result in results),
+        "stressed": any(result["pictures"] for result in results),
         "with_modes": any(sheet.full is not None for sheet in sheets),
     }  # fmt: skip
     several = sum(sheet.full is not None and not sheet.full_as_before for sheet in sheets) > 1
@@ -123,6 +124,7 @@ def _shown(sheet):
         ],
         "shape": None if sheet.body is None else {"count": len(sheet.body["names"]), "start": sheet.body["start"] + 1},
         "shape_note": sheet.body_sentence,
+        "pictures": sheet.pictures,
     }  # fmt: skip
 
 

@@ -43,7 +43,9 @@ class Sheet:
     model for that, with `words` on it; its response (F, r, p) at `frequencies` (F,) in Hz over the band.
 
     With a full model: `full`, which may be that of a sheet before (`full_as_before`), and the `errors` at its
-    frequencies. `body`: shapes for the page and a sentence, by body_for_page.
+    frequencies. `body`: shapes for the page and a sentence, by body_for_page. `has_stress`: whether the result has
+    stress modes. `state`: coordinates of a motion at its largest stress, and a title for their picture. `pictures`:
+    of stresses, for the page.
     """
 
     name: str
@@ -59,6 +61,9 @@ class Sheet:
     errors: Errors | None = None
     body: dict | None = None
     body_sentence: str = ""
+    has_stress: bool = False
+    state: tuple[np.ndarray, str] | None = None
+    pictures: list[str] = field(default_factory=list)
     notes: list = field(default_factory=list)
 
     @property

@@ -8,7 +8,16 @@ from PIL import Image
 
 from hpcred.parallel.failures import InputError
 from hpcred.report import mode_pictures
-from hpcred.report.mode_pictures import View, animate_shapes, axes_of_view, draw_shapes, in_metres, render, round_length
+from hpcred.report.mode_pictures import (
+    View,
+    animate_shapes,
+    axes_of_view,
+    draw_shapes,
+    draw_state,
+    in_metres,
+    render,
+    round_length,
+)
 from hpcred.report.surface import surface_of
 
 
@@ -93,3 +102,57 @@ def test_bodies_stand_upright():
         assert axes @ axes.T == pytest.approx(np.eye(3)) and np.linalg.det(axes) == pytest.approx(1)
         assert axes[0, 2] == 0 and axes[1, 2] < -0.5 or thin == 2  # z is up
         assert axes[2, 2] < 0 and (thin is None or abs(axes[2, thin]) == np.abs(axes[2]).max())
+
+
+class Stressed(Bending):
+    """Uniaxial stress that grows with x, and is not known at x = 0."""
+
+    def coordinates_of(self, k):
+        return np.eye(2)[k]
+
+    def stress(self, q):
+        found = np.zeros((len(self.points), 6))
+        found[:, 0] = 5e6 * q.sum() * self.points[:, 0]
+        found[self.points[:, 0] == 0] = np.nan
+        return found
+
+    def moved(self, q):
+        return self.displacement(0) * q[0], self.mark_displacement(0) * q[0]
+
+
+def colours_of(path):
+    """Shares of grey, and of the blue and the yellow end of the colours, among the pixels of the body."""
+    image = np.asarray(Image.open(path).convert("RGB")).astype(int)[20:-60]  # without title and legend
+    red, green, blue = np.moveaxis(image, -1, 0)
+    grey = (np.ptp(image, axis=2) < 4) & (red > 90) & (red < 215)
+    return grey.mean(), ((blue > red + 5) & (green < 90)).mean(), ((green > 105) & (red > blue + 60)).mean()
+
+
+def test_stresses_are_drawn_grey_where_they_are_not_known(tmp_path, monkeypatch):
+    """Displacements are known everywhere; stresses of twice the coordinates have the same picture."""
+    monkeypatch.setattr(mode_pictures, "DOTS", 60)
+    shapes = Stressed()
+    draw_shapes(tmp_path / "moved.png", shapes, [1])
+    draw_shapes(tmp_path / "stress.png", shapes, [1], colour="stress")
+    draw_state(tmp_path / "state.png", shapes, np.array([0.5, 0.0]), "a title")
+    names = ("moved", "stress", "state")
+    (grey, *plain), (more, *stressed), state = (colours_of(tmp_path / f"{name}.png") for name in names)
+    assert more > grey + 0.01 and min(*plain, *stressed) > 0.005
+    assert state == pytest.approx((more, *stressed), abs=0.01)
+
+
+def test_the_stress_of_a_rigid_shape_is_none(tmp_path, monkeypatch):
+    """Round-off is not drawn in the colours of its largest value."""
+    monkeypatch.setattr(mode_pictures, "DOTS", 60)
+    shapes = Stressed()
+    shapes.frequencies = np.array([1e-5, 2000.0])
+    draw_shapes(tmp_path / "rigid.png", shapes, [1], colour="stress")
+    _, low, high = colours_of(tmp_path / "rigid.png")
+    assert low > 0.05 and high < 1e-3  # but for the mark
+
+
+@pytest.mark.parametrize("kind", ["gif", "webp"])
+def test_stresses_move(tmp_path, kind, monkeypatch):
+    monkeypatch.setattr(mode_pictures, "MOVING_DOTS", 40)
+    animate_shapes(tmp_path / f"a.{kind}", Stressed(), None, kind, "stress")
+    assert Image.open(tmp_path / f"a.{kind}").n_frames == 24

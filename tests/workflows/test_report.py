@@ -38,7 +38,7 @@ class Page(HTMLParser):
     def handle_starttag(self, tag, attrs):
         self.addresses += [value for key, value in attrs if key in ("src", "href", "action", "data")]
         self.kind = dict(attrs).get("type")
-        if tag not in ("meta", "link", "input", "br"):
+        if tag not in ("meta", "link", "input", "br", "img"):
             self.open.append(tag)
 
     def handle_endtag(self, tag):

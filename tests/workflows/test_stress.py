@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 from foreign import gathered
+from helpers import refused
 
 import hpcred
+from hpcred.body.recovery import von_mises
+from hpcred.cli.main import run
 from hpcred.parallel.failures import InputError
+from hpcred.workflows import stress_state
 
 JOB = """model = "crank.h5"
 output = "r.h5"
@@ -83,3 +87,64 @@ def test_other_values_of_the_key_are_refused(tmp_path, lines, says):
     (tmp_path / "job.toml").write_text(JOB % lines)
     with pytest.raises(InputError, match=says):
         hpcred.read_job(tmp_path / "job.toml")
+
+
+def unlike_any(count):
+    """Coordinates over time whose largest stress is nowhere at an end."""
+    return np.sin(np.arange(1, 8)[:, None] * np.arange(1, count + 1))
+
+
+def test_pictures_of_stresses_of_shapes_and_of_a_motion(folder, comm, monkeypatch, capsys):
+    """Against all stresses at once; the page has both pictures, the folder of figures too."""
+    hpcred.reduce_job(job(folder, comm, "stress = true"), comm=comm)
+    monkeypatch.chdir(folder)
+    result = hpcred.read_result("r.h5", comm)
+    modes, q = result.stress_modes(), unlike_any(result.reduced.size)
+    head = ",".join(["t", *(f"q{k + 1}" for k in range(q.shape[1]))])
+    np.savetxt("motion.csv", np.column_stack([np.arange(len(q)) / 10, q]), delimiter=",", header=head, comments="")
+    whole = von_mises(np.einsum("tm,msc->tsc", q, modes.stress))
+    instant, place = np.unravel_index(whole.argmax(), whole.shape)
+    monkeypatch.setattr(stress_state, "AT_ONCE", 2 * modes.stress[0].size)
+    coordinates, title = stress_state.state_of_largest_stress(result, "motion.csv", comm)
+    assert np.allclose(coordinates, q[instant]) and 0 < instant < len(q) - 1
+    assert title == (f"t = {instant / 10:.4g} s: von Mises stress up to {whole.max() / 1e6:.4g} MPa, at node "
+                     f"{modes.node[place]}")  # fmt: skip
+    found = hpcred.report_file(["r.h5"], motion="motion.csv", output="page.html", png="figures", comm=comm)
+    assert {"figures/stress_r.png", "figures/stress_of_motion_r.png"} <= set(found["files"])
+    text = (folder / "page.html").read_text()
+    assert text.count('<img class="drawn" src="data:image/png;base64,') == 2 and '<section id="stress">' in text
+    assert run(["export", "r.h5", "--format", "png", "--set", "png.colour=stress", "-o", "a.png"]) == 0
+    assert (folder / "a.png").read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(InputError, match=r"^--motion: found 2 results, expected the one that moved so"):
+        hpcred.report_file(["r.h5", "r.h5"], motion="motion.csv", output="page.html", comm=comm)
+    hpcred.reduce_job(folder / "job.toml", overrides=["stress=false", "output='bare.h5'"], comm=comm)
+    with pytest.raises(InputError, match="no stress modes; reduce with stress = true"):
+        hpcred.report_file(["bare.h5"], motion="motion.csv", output="page.html", comm=comm)
+    assert "no stress modes" in refused(capsys, "export", "bare.h5", "--format", "png", "--set", "png.colour=stress")
+    hpcred.report_file(["bare.h5"], output="bare.html", comm=comm)
+    assert '<section id="stress">' not in (folder / "bare.html").read_text()
+
+
+@pytest.mark.parametrize("coordinates", ["modal", "interface"])
+def test_shapes_have_stresses_and_displacements_of_coordinates(folder, comm, coordinates):
+    """Of interface coordinates shapes are mixtures; nodes without stress modes have NaN."""
+    lines = 'stress = ["SMALL_EYE"]'
+    if coordinates == "interface":
+        lines += '\ncoordinates = "interface"\n[[interface]]\nname = "small"\nnodes = {set = "SMALL_EYE"}\n'
+    path = job(folder, comm, lines)
+    if coordinates == "interface":
+        text = path.read_text().replace('inputs = [[1, "x"], [7, "z"]]\n', "")
+        path.write_text(text.replace("count = 9", "index = [7, 8, 9]"))
+    hpcred.reduce_job(path, comm=comm)
+    result = hpcred.read_result(folder / "r.h5", comm)
+    modes = result.stress_modes()
+    with result.shapes() as shapes:
+        for k in (0, len(shapes.names) - 1):
+            q = shapes.coordinates_of(k)
+            wanted = shapes.displacement(k)
+            assert np.allclose(shapes.moved(q)[0], wanted, atol=1e-12 * np.abs(wanted).max())
+            assert np.allclose(shapes.moved(q)[1], shapes.mark_displacement(k))
+            found = shapes.stress(q)
+            known = np.isin(shapes.nodes, modes.node)
+            assert np.isnan(found[~known]).all() and known.any() and not known.all()
+            assert np.allclose(found[known], np.einsum("m,msc->sc", q, modes.stress), rtol=1e-9, atol=1e-6)
