@@ -63,6 +63,7 @@ from .model.loads import Traction as Traction
 from .model.materials import ElementProperties as ElementProperties
 from .model.materials import Material as Material
 from .model.second_order_model import SecondOrderModel as SecondOrderModel
+from .model.stress_outputs import StressOutput as StressOutput
 from .model.units import Units as Units
 from .model.units import in_si as in_si
 from .model.units import units_of as units_of

@@ -13,11 +13,11 @@ import numpy as np
 
 from ..linalg.blocks import apply, create_block, local_rows, view_of
 from ..model.element_rows import ValuesAtRows
+from ..model.solids import Solids
 from ..parallel.failures import Owned
 from ..parallel.lookup import number_over_ranks
 from ..parallel.petsc import PETSc
 from ..parallel.sums import summed
-from .solids import Solids
 
 WIDTH = 32  # columns at a time
 SAMPLES = 4  # columns whose strain energy is compared with that of K

@@ -23,6 +23,7 @@ from ..model.element_rows import ValuesAtRows
 from ..model.frames import Frame, NoFrame, apply_frame
 from ..model.rigid_body_modes import RigidBodyModes, rigid_motions
 from ..model.second_order_model import SecondOrderModel, require_model
+from ..model.solids import Solids
 from ..model.strain_matrices import strain_matrices
 from ..model.targets import unit_columns
 from ..parallel.failures import InputError, Owned
@@ -30,7 +31,6 @@ from ..parallel.sums import summed
 from ..reduction.projection import everywhere
 from .geometric_stiffness import OF_BODY, SIX, GeometricStiffness
 from .node_shapes import interface_nodes
-from .solids import Solids
 from .stress_stiffness import node_stiffness, projected
 
 NO_LOAD = 1e-10  # of a load that is left after it is equilibrated: round-off

@@ -26,6 +26,7 @@ from .interfaces import Interface, InterfaceNode
 from .load_columns import with_loads
 from .loads import AnyLoad, LoadColumn
 from .materials import ElementProperties, Material
+from .stress_outputs import StressOutput
 from .targets import interface_targets, unit_columns
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
     Matrix: TypeAlias = spmatrix | sparray | np.ndarray
     Targets: TypeAlias = Iterable[int | str | Sequence[int | str]]  # dofs, names of interfaces, (node, direction)
+    OutputTargets: TypeAlias = Iterable[int | str | Sequence[int | str] | StressOutput]
 
 SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
 
@@ -380,15 +382,15 @@ class SecondOrderModel:
         """
         return self.with_input_columns(*unit_columns(self, "inputs", targets))
 
-    def with_outputs(self, targets: Targets) -> SecondOrderModel:
-        """Return the model with displacements at dofs as outputs.
+    def with_outputs(self, targets: OutputTargets) -> SecondOrderModel:
+        """Return the model with displacements at dofs, or stresses, as outputs.
 
         Collective.
 
         Parameters
         ----------
-        targets : iterable of int, str or (int or str, str)
-            As for with_inputs.
+        targets : iterable of int, str, (int or str, str) or StressOutput
+            As for with_inputs; or stresses at nodes.
 
         Returns
         -------

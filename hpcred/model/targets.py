@@ -8,22 +8,31 @@ from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from .dofs import DIRECTIONS, row_of, rows_of_node, target_name
 from .interfaces import SIX, find_interface, node_number
+from .stress_outputs import StressOutput, stress_columns
 
 
 def unit_columns(model, key: str, targets) -> tuple[np.ndarray, list[str]]:
-    """Return the rows of this rank of unit columns, or of columns of G^T, and their names. Collective."""
-    targets = declared(key, targets, tuple[int | str | tuple[int | str, str], ...])
+    """Return the rows of this rank of unit columns, of columns of G^T, or of stresses, and their names. Collective."""
+    kinds = int | str | tuple[int | str, str]
+    if key == "outputs":
+        kinds |= StressOutput
+    targets = declared(key, targets, tuple[kinds, ...])
     if not targets:
         raise InputError(f"{key}: found an empty list, expected dof numbers, (node, direction) or interfaces")
     targets = [single for target in targets for single in _single_targets(model, target)]
     local = np.zeros((model.local_rows, len(targets)))
+    stresses = [j for j, target in enumerate(targets) if isinstance(target, StressOutput)]
+    if stresses:
+        local[:, stresses] = stress_columns(model, [targets[j] for j in stresses])
     for j, target in enumerate(targets):
+        if j in stresses:
+            continue
         column = _interface_column(model, target)
         if column is not None:
             local[:, j] = model.Gt.getColumnVector(column).getArray(readonly=True).real
         elif 0 <= (row := row_of(model, target) - model.first_row) < model.local_rows:
             local[row, j] = 1.0
-    return local, [target_name(target) for target in targets]
+    return local, [target.name if isinstance(target, StressOutput) else target_name(target) for target in targets]
 
 
 def interface_targets(interfaces) -> tuple[str, ...]:
@@ -36,7 +45,7 @@ def _single_targets(model, target) -> list:
 
     Interface nodes are named. Collective. Raises InputError.
     """
-    if isinstance(target, int):
+    if isinstance(target, int | StressOutput):
         return [target]
     node, direction = (target, "all") if isinstance(target, str) else target
     place = find_interface(model, node_number(model, node))

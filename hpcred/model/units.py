@@ -11,6 +11,7 @@ from ..linalg.blocks import dense_matrix
 from ..parallel.failures import InputError
 from .dofs import DIRECTIONS, OWN, SCALAR, Dofs, target_of
 from .second_order_model import SecondOrderModel
+from .stress_outputs import stress_output_of
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "inch": 0.0254, "in": 0.0254, "ft": 0.3048}
 POUND = 0.45359237  # kg
@@ -117,6 +118,9 @@ def unit_of_response(output: str, given: str) -> str:
 
     It is "" if one of them is neither a displacement nor a rotation.
     """
+    if stress_output_of(output) is not None:
+        load = unit_of_response("1:x", given)
+        return load and f"Pa{load.removeprefix('m')}"
     found = []
     for name in (output, given):
         target = target_of(name)
@@ -174,8 +178,8 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
             mats[key].diagonalScale(inverse, inverse)
             mats[key].scale(units.energy * units.time**power)
     inverse.destroy()
-    dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, moved, scale, units.length))
-             for mat in (model.B, model.Ct)]  # fmt: skip
+    dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, names, moved, scale, units))
+             for mat, names in ((model.B, model.input_names), (model.Ct, model.own_output_names))]  # fmt: skip
     properties = model.properties
     if properties is not None:
         stress, density = units.energy / units.length**3, units.mass / units.length**3
@@ -190,8 +194,10 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
     )  # fmt: skip
 
 
-def _columns(model, mat, moved, scale, length):
+def _columns(model, mat, names, moved, scale, units):
     """Return the rows of this rank of B, or of C^T, in SI."""
     local = mat.getDenseArray().real.copy()
     of_forces = np.array(model.comm.allgather((local[moved] != 0).any(axis=0))).any(axis=0)
-    return local / scale[:, None] * np.where(of_forces, length, 1.0)
+    factors = np.where(of_forces, units.length, 1.0)
+    factors[[stress_output_of(name) is not None for name in names]] = units.energy / units.length**3
+    return local / scale[:, None] * factors

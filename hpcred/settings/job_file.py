@@ -15,6 +15,7 @@ from ..model.dofs import direction_index, target_of
 from ..model.frames import Frame, NoFrame
 from ..model.interfaces import Interface
 from ..model.loads import AnyLoad
+from ..model.stress_outputs import StressOutput
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, LABEL, require_band, within
 from ..reduction.components.craig_bampton import (
@@ -34,6 +35,7 @@ from .toml_file import CONFIG, check_file_names, parse, read_table
 
 PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`
 Targets = str | tuple[int | str | tuple[int | str, str], ...]
+OutputTargets = str | tuple[int | str | tuple[int | str, str] | StressOutput, ...]
 
 
 AnyComponent = Annotated[
@@ -48,8 +50,9 @@ class Job:
     """One reduction: settings and files. Relative file names in a job file are relative to its folder.
 
     `model`: model.h5, or matrix files. `inputs` and `outputs`: a matrix file, or a list of dofs as numbers from 1 or
-    [node, direction], and of names of interfaces, for all of their directions; without them those of the model
-    are taken, or all directions of all interfaces. `interface`: see model.interfaces.Interface; its name stands for a
+    [node, direction], and of names of interfaces, for all of their directions, and among the outputs of stresses at
+    nodes, {node = 20, stress = "xx"}; without them those of the model are taken, or all directions of all
+    interfaces. `interface`: see model.interfaces.Interface; its name stands for a
     node in inputs, outputs and frames. `load`: further inputs, behind `inputs`.
     `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over
     the band, within the limits `adaptive` (see reduction.tolerance.accuracy.Limits); `measure`, `static`: see
@@ -76,7 +79,7 @@ class Job:
     adaptive: Limits = Limits()
     unreached: Literal["mark", "write", "refuse"] = "mark"
     inputs: Targets | None = None
-    outputs: Targets | None = None
+    outputs: OutputTargets | None = None
     interface: tuple[Interface, ...] = ()
     load: tuple[AnyLoad, ...] = ()
     frame: Frame = NoFrame()
@@ -178,6 +181,8 @@ def _check_targets(key, targets):
     if not targets:
         raise InputError(f"{key}: found an empty list, expected dof numbers or [node, direction]; or leave it out")
     for target in targets:
+        if isinstance(target, StressOutput):
+            continue
         within(key, target[0] if isinstance(target, tuple) else target, LABEL)  # a name of an interface passes
         if isinstance(target, tuple) and target[1] != "all":  # of a node, whose directions the model knows
             direction_index(target[1], key)

@@ -13,6 +13,7 @@ from ..linalg.solvers.settings import PACKAGES, Factoring, LinearSolver
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import target_of
 from ..model.second_order_model import SecondOrderModel
+from ..model.stress_outputs import stress_output_of
 from ..parallel import startup
 from ..parallel.failures import InputError
 from ..reduction.components.modes import Modes
@@ -101,7 +102,7 @@ def _as_recorded(model, key, names, record, path):
             return model.with_output_columns(None, ())
     if getattr(model, f"{key}_names") == names:
         return model
-    targets = [target_of(name) for name in names]
+    targets = [stress_output_of(name) or target_of(name) for name in names]
     file = (record.job or {}).get(key + "s")
     if None in targets and not isinstance(file, str):
         with model:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..body.solids import Solids
 from ..body.stress import stress_modes
 from ..body.unit_states import geometric_stiffness, require_stresses
 from ..files.checksums import content_of
@@ -13,6 +12,7 @@ from ..files.outputs import check_outputs, check_room, hdf5_kind
 from ..files.point_store import PointStore
 from ..files.result_file import FORMAT, write_result
 from ..files.room import rescued
+from ..model.solids import Solids
 from ..parallel import startup
 from ..parallel.failures import ComputationError, agreed
 from ..parallel.progress import Progress

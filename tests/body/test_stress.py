@@ -11,7 +11,8 @@ from solid_meshes import mesh, model_of, stiffness
 
 import hpcred
 from hpcred import ElementProperties, Material
-from hpcred.body import solids, stress
+from hpcred.body import stress
+from hpcred.model import solids
 from hpcred.model.element_rules import RULES, rule_of
 from hpcred.model.shape_functions import SOLIDS
 from hpcred.model.strain_matrices import elasticity, nodal_stress_matrices

@@ -12,14 +12,14 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..model.dofs import require_dofs
-from ..model.element_rows import node_rows
-from ..model.element_rules import Rule, rule_of
-from ..model.materials import MATERIAL, TYPE, Material
-from ..model.shape_functions import SOLIDS
-from ..model.strain_matrices import elasticity, nodal_stress_matrices, strain_matrices
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, number_over_ranks
+from .dofs import require_dofs
+from .element_rows import node_rows
+from .element_rules import Rule, rule_of
+from .materials import MATERIAL, TYPE, Material
+from .shape_functions import SOLIDS
+from .strain_matrices import elasticity, nodal_stress_matrices, strain_matrices
 
 AT_ONCE = 2**22  # numbers of the matrices of elements that are held at a time
 BY_PROGRAM = "let the finite-element program compute the stresses (`hpcred recover --deck`)"
