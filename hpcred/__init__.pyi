@@ -16,6 +16,7 @@ from .body.body import body_of as body_of
 from .body.floating_frame import FloatingFrame as FloatingFrame
 from .body.floating_frame import floating_frame as floating_frame
 from .body.geometric_stiffness import GeometricStiffness as GeometricStiffness
+from .body.loaded_states import LoadedState as LoadedState
 from .body.node_shapes import node_shapes as node_shapes
 from .body.preload import Preload as Preload
 from .body.preload import preloaded as preloaded

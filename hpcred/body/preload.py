@@ -180,7 +180,7 @@ def preloaded(
         K = model.K.copy()
         K.axpy(1.0, owned.owns(assembled(model, parts)))
         if any(preload.omega):
-            K.axpy(1.0, owned.owns(_spin_softening(model, preload.omega)))
+            K.axpy(1.0, owned.owns(spin_softening(model, preload.omega)))
         mats = {"K": K}
         for key, mat in model.matrices.items():
             if key != "K":  # all are on one pattern
@@ -190,7 +190,7 @@ def preloaded(
         return model.with_fields(**mats)
 
 
-def _spin_softening(model, omega) -> PETSc.Mat:
+def spin_softening(model, omega) -> PETSc.Mat:
     """Return M skew(omega)^2 (n, n), symmetric, for masses that are the same in all directions. Collective; the caller
     destroys it."""
     square = skew(np.array(omega)) @ skew(np.array(omega))

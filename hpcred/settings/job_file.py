@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from ..body.loaded_states import LoadedState
 from ..linalg.solvers.settings import Factoring, LinearSolver
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import direction_index, target_of
@@ -33,6 +34,7 @@ from ..reduction.tolerance.accuracy import Adaptive, Limits
 from .source import Source
 from .toml_file import CONFIG, check_file_names, parse, read_table
 
+FILES_OF_STATE = ("stresses", "file", "opposite")
 PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`
 Targets = str | tuple[int | str | tuple[int | str, str], ...]
 OutputTargets = str | tuple[int | str | tuple[int | str, str] | StressOutput, ...]
@@ -62,8 +64,8 @@ class Job:
     solid elements, or at a list of nodes and names of node sets; `report`: whether an HTML report is written beside
     it. `body_origin` (m): the origin of the body frame; `lumped_integrals`: whether the volume integrals of multibody
     programs are sums over the nodes, with lumped masses, instead of exact ones. `geometric_stiffness`: whether the
-    stiffness of unit states of load goes into the result, by the stresses of solid elements
-    (docs/geometric-stiffness.md).
+    stiffness of unit states of load goes into the result, by the stresses of solid elements; or tables of states that
+    the finite-element program has computed (docs/geometric-stiffness.md).
     deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
     out_of_core, low_rank, memory_mb, solver: see linalg.solvers.settings.Factoring. `store`: a folder that keeps
     expansion points for the next run.
@@ -91,7 +93,7 @@ class Job:
     report: bool = False
     body_origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lumped_integrals: bool = False
-    geometric_stiffness: bool = False
+    geometric_stiffness: bool | tuple[LoadedState, ...] = False
     projection: str = Reduction.projection
     allow_unstable: bool = False
     groups: int | str = 1
@@ -110,6 +112,8 @@ class Job:
             out_of_core=self.out_of_core, store=self.store,
             **{f"interface '{item.name}': nodes": item.nodes for item in self.interface},
             **{f"load '{item.name}': file": item.file for item in self.load if hasattr(item, "file")},
+            **{f"geometric_stiffness '{item.state}': {key}": getattr(item, key) for item in self.loaded_states
+               for key in FILES_OF_STATE},
         )  # fmt: skip
         for key in ("inputs", "outputs"):
             _check_targets(key, getattr(self, key))
@@ -150,6 +154,11 @@ class Job:
         )
 
     @property
+    def loaded_states(self) -> tuple[LoadedState, ...]:
+        """States of geometric stiffness that files give."""
+        return self.geometric_stiffness if isinstance(self.geometric_stiffness, tuple) else ()
+
+    @property
     def factoring(self) -> Factoring:
         """How to factor. Raises InputError where the folder for factors cannot be written."""
         return self._part(Factoring)
@@ -168,7 +177,8 @@ class Job:
         """All files that the run reads."""
         model = [self.model] if isinstance(self.model, str) else self.model.files
         named = (self.inputs, self.outputs, *(item.nodes for item in self.interface),
-                 *(getattr(item, "file", None) for item in self.load))  # fmt: skip
+                 *(getattr(item, "file", None) for item in self.load),
+                 *(getattr(item, key) for item in self.loaded_states for key in FILES_OF_STATE))  # fmt: skip
         return list(dict.fromkeys([*model, *(item for item in named if isinstance(item, str))]))
 
 
@@ -217,6 +227,10 @@ def _with_folder(job, folder):
     moved = {key: at(getattr(job, key)) for key in PLACES}
     interface = tuple(replace(item, nodes=at(item.nodes)) for item in job.interface)
     load = tuple(replace(item, file=at(item.file)) if hasattr(item, "file") else item for item in job.load)
+    if job.loaded_states:
+        moved["geometric_stiffness"] = tuple(
+            replace(item, **{key: at(getattr(item, key)) for key in FILES_OF_STATE}) for item in job.loaded_states
+        )
     return replace(job, model=model, interface=interface, load=load, **moved)
 
 
@@ -237,4 +251,7 @@ def plain(job: Job) -> dict:
     for item in table["load"]:
         if "file" in item:
             item["file"] = absolute(item["file"])
+    if job.loaded_states:
+        for item in table["geometric_stiffness"]:
+            item |= {key: absolute(item[key]) for key in FILES_OF_STATE}
     return table

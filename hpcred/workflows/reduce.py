@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..body.stress import stress_modes
-from ..body.unit_states import geometric_stiffness, require_stresses
 from ..files.checksums import content_of
 from ..files.outputs import check_outputs, check_room, hdf5_kind
 from ..files.point_store import PointStore
@@ -20,6 +19,7 @@ from ..parallel.stopping import listening
 from ..reduction.record import Record
 from ..reduction.reduce import reduce
 from ..settings.job_file import Job, plain, read_job
+from .geometric_stiffness import check_geometric_stiffness, geometric_stiffness_of_job
 from .model_of_job import model_of_job
 from .workflow import workflow
 
@@ -71,8 +71,7 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
             check_room(job.output, _bytes(job, model) if job.write_basis else 0)
         with progress.stage("read"):
             contents = {str(Path(name).absolute()): content_of(name, comm) for name in job.files}
-        if job.geometric_stiffness:
-            require_stresses(model)  # before what takes long
+        check_geometric_stiffness(job.geometric_stiffness, model)  # before what takes long
         with listening(store is not None):
             reduced = reduce(
                 model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings,
@@ -81,12 +80,8 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
         with reduced:
             output = _name_of(job, reduced.record.accuracy)
             reduced.record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
-            stiffness = None
-            if job.geometric_stiffness:
-                with progress.stage("geometric stiffness"):
-                    stiffness = geometric_stiffness(
-                        model, reduced.columns, job.frame, origin=job.body_origin, factoring=job.factoring
-                    )
+            with progress.stage("geometric stiffness"):
+                stiffness = geometric_stiffness_of_job(job, model, reduced)
             stress = None
             if job.stress:
                 with progress.stage("stress"):

@@ -7,7 +7,7 @@ from helpers import face, to_dense
 import hpcred
 from hpcred import Modes, Preload, Tangent, preloaded
 from hpcred.body.body import body_of
-from hpcred.body.preload import _spin_softening, reduced_at
+from hpcred.body.preload import reduced_at, spin_softening
 from hpcred.parallel.failures import InputError
 from hpcred.settings.preload_text import preload_of
 
@@ -37,10 +37,10 @@ def test_modes_of_the_whole_and_of_the_reduced_body_agree(comm, preload):
 
 
 @pytest.mark.mpi
-def test_spin_softening_is_that_of_all_nodes(comm):
+def testspin_softening_is_that_of_all_nodes(comm):
     w = np.array([5.0, -7.0, 9.0])
     with hpcred.solid((3, 2, 1), None, 3, False, comm) as model:
-        mat = _spin_softening(model, tuple(w))
+        mat = spin_softening(model, tuple(w))
         found, mass = to_dense(mat), to_dense(model.M)
         mat.destroy()
     square = np.outer(w, w) - w @ w * np.eye(3)  # w x (w x u)

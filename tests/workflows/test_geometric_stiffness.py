@@ -1,11 +1,14 @@
 """Geometric stiffness by job files."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
 import scipy.linalg
+from calculix_runs import input_lines, run_calculix
 from helpers import block_with_ends, refused
+from solid_meshes import mesh
 
 import hpcred
 from hpcred.cli.main import run
@@ -100,3 +103,69 @@ def test_preloads_that_a_command_does_not_take(folder, capsys):
     says = refused(capsys, "evaluate", result, "--preload", "{omega = [0, 0, 1]}")
     assert "preload: the result has no geometric stiffness; reduce with geometric_stiffness = true" in says
     assert "is a free body" in refused(capsys, "modes", model, "--preload", "{omega = [0, 0, 1]}")
+
+
+TABLES = """
+model = "m.h5"
+geometric_stiffness = [
+    {state = "wz^2", value = 9e4, stresses = "spin.dat"},
+    {state = "ax", value = -100.0, stresses = "pull.dat"},
+]
+[[basis]]
+kind = "modes"
+count = 6
+"""
+
+
+@pytest.mark.ccx
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="needs ccx")
+@pytest.mark.parametrize(("type_", "kind"), [("C3D20", "hexahedron20"), ("C3D8I", "hexahedron"), ("C3D10", "tetra10")])
+def test_files_of_calculix(folder, comm, type_, kind):
+    """Stresses that it prints, and its stiffness under the load: as by hpcred's own stresses."""
+    points, elements = mesh(kind, cells=(8, 1, 1), size=(0.8, 0.06, 0.02), distortion=0.0)
+    points += [0.1, -0.03, -0.01]
+    lines = [*input_lines(type_, points, elements), "*BOUNDARY"]
+    lines += [f"{n}, 1, 3" for n in np.flatnonzero(points[:, 0] < 0.1001) + 1]
+    run_calculix(folder, "m", [*lines, "*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE", "10"])
+    spin = ["*STEP", "*STATIC", "*DLOAD", "EALL, CENTRIF, 9e4, 0., 0., 0., 0., 0., 1."]
+    pull = ["*STEP", "*STATIC", "*DLOAD", "EALL, GRAV, 100., 1., 0., 0."]  # a body that is accelerated against x
+    printed = ["*EL PRINT, ELSET=EALL", "S"]
+    for name, load in (("spin", spin), ("pull", pull)):
+        run_calculix(folder, name, [*lines, *load, *printed])
+    stored = ["*END STEP", "*STEP, PERTURBATION", "*FREQUENCY, SOLVER=MATRIXSTORAGE", "10"]
+    run_calculix(folder, "loaded", [*lines, *spin, *stored])
+    hpcred.convert(folder / "m.inp", folder / "m.h5", inputs=[(int(points[:, 0].argmax()) + 1, "z")])
+    (folder / "job.toml").write_text(TABLES)
+    hpcred.reduce_job(folder / "job.toml")
+    printed = hpcred.read_result(folder / "result.h5").geometric_stiffness
+    change = 'geometric_stiffness=[{state = "wz^2", value = 9e4, file = "loaded.inp"}]'
+    hpcred.reduce_job(folder / "job.toml", overrides=[change, 'output="difference.h5"'])
+    difference = hpcred.read_result(folder / "difference.h5").geometric_stiffness
+    # of two bending modes; others stretch and twist, with the stiffness of the displacements of the load
+    assert difference.matrices[0, :2, :2] == pytest.approx(printed.matrices[0, :2, :2], rel=1e-2, abs=1e-3)
+    if type_ != "C3D8I":  # whose internal modes hpcred does not have
+        hpcred.reduce_job(folder / "job.toml", overrides=["geometric_stiffness=true", 'output="own.h5"'])
+        own = hpcred.read_result(folder / "own.h5").geometric_stiffness
+        for state in ("wz^2", "ax"):
+            wanted = own.of([state])[0]
+            # M of the free dofs has no part of the held ones, whose inertia CalculiX' loads contain
+            assert printed.of([state])[0] == pytest.approx(wanted, abs=6e-4 * np.abs(wanted).max())
+
+
+REFUSED = [
+    ('[{state = "wz^2", stresses = "no.dat"}]', "no.dat"),
+    ('[{state = "ay", file = "model.h5"}]', "geometric_stiffness: 'ay': a difference of matrices holds"),
+    ('[{state = "crank:x", stresses = "model.h5"}]', "'crank' is no interface of model.h5"),
+    ('[{state = "500:x", stresses = "model.h5"}]', "node 500 does not exist in model.h5"),
+    ('[{state = "wz^2"}]', "expected one of `stresses` and `file`"),
+    ('[{state = "wz^2", file = "model.h5", units = "mm,t,s"}]', "model.h5 is a model of hpcred, which is in SI"),
+]
+
+
+@pytest.mark.parametrize("value, says", REFUSED)
+def test_tables_of_states_that_do_not_fit(comm, folder, value, says):
+    with block_with_ends(comm) as model:
+        hpcred.write_model(folder / "model.h5", model)
+    (folder / "job.toml").write_text(JOB)
+    with pytest.raises(InputError, match=says):
+        hpcred.reduce_job(folder / "job.toml", overrides=[f"geometric_stiffness={value}"])

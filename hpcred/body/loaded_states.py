@@ -1,0 +1,212 @@
+"""Compute the geometric stiffness of single states of load that the finite-element program has computed.
+
+Stresses at integration points give K_sigma of solids by their shape functions, without a material. Differences of the
+stiffness under load and without give K_sigma beside the stiffness of the displacements of the load: these are small for
+axial and centrifugal loads, and for others a hundred times K_sigma, so that these are refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.dofs import position_of_node, row_of, target_of
+from ..model.element_rows import ValuesAtRows, element_rows
+from ..model.element_rules import FULL, REDUCED, UNIFORM
+from ..model.interfaces import find_interface, node_number
+from ..model.materials import NUMBER
+from ..model.rigid_body_modes import rigid_body_quantities
+from ..model.shape_functions import integration_points
+from ..model.units import units_of
+from ..parallel.declared import as_declared
+from ..parallel.failures import InputError, Owned
+from ..parallel.lookup import look_up, repeated_key
+from ..parallel.petsc import PETSc
+from ..parallel.ranges import ANYTHING, within
+from ..parallel.sums import summed
+from ..reduction.projection import project
+from .geometric_stiffness import ACCELERATIONS, SIX, check_state
+from .preload import spin_softening
+from .stress_stiffness import node_stiffness, projected
+
+MOST_POINTS = 64  # more than any element has
+AXIAL = 0.02  # sine of the angle, and offset in radii of gyration, up to which a load counts as axial
+SLENDER = 0.2  # of the other moments of inertia: the largest one about the axis of a slender body
+SAME_MASS = 1e-6  # ||M - M'|| / ||M|| that digits explain
+RULES = {"hexahedron": (FULL, UNIFORM), "hexahedron20": (FULL, REDUCED)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadedState:
+    """A state of load whose stress or stiffness the finite-element program has computed.
+
+    Parameters
+    ----------
+    state : str
+        Such as "wz^2", "ax" or "crank:x".
+    value : float, default 1.0
+        Of the state in that run, in SI: 1e4 for 100 rad/s of "wz^2".
+    stresses : str, optional
+        File of CalculiX with the stresses of all solids at their integration points: *EL PRINT with S.
+    file : str, optional
+        Model under the load, with K of the loaded state: an export or a model.h5; exactly one of `stresses` and `file`.
+    opposite : str, optional
+        The same under the opposite load, which takes the even part of the change of K out.
+    units : str, default "SI"
+        Units of these files, such as "mm,t,s".
+    spin_softening : bool, default True
+        Whether K of a centrifugal state contains spin softening, as that of CalculiX does.
+
+    Raises
+    ------
+    InputError
+        For unknown states, a value of 0, and both files or none.
+    """
+
+    state: str
+    value: float = 1.0
+    stresses: str | None = None
+    file: str | None = None
+    opposite: str | None = None
+    units: str = "SI"
+    spin_softening: bool = True
+
+    def __post_init__(self):
+        as_declared(self, "geometric_stiffness.")
+        check_state(self.state)
+        within("geometric_stiffness.value", self.value, ANYTHING)
+        units_of(self.units)
+        if not self.value:
+            raise InputError("geometric_stiffness.value: found 0, expected the value of the state in the loaded run")
+        if (self.stresses is None) == (self.file is None):
+            raise InputError("geometric_stiffness: expected one of `stresses` and `file`, found both or neither")
+        if self.opposite is not None and self.file is None:
+            raise InputError("geometric_stiffness.opposite: belongs to `file`; leave it out")
+
+
+def stiffness_of_stresses(model, columns, element, point, stress, name) -> np.ndarray:
+    """Return V^T K_sigma V (m, m) of printed stresses.
+
+    `element`, `point` (r,) from 1, and `stress` (r, 6) in Pa, xx, yy, zz, xy, yz, zx, of some integration points; those
+    of all ranks belong to all solids of the model. `name` of the file, for messages. Collective. Raises InputError for
+    stresses of another mesh.
+    """
+    if model.properties is None:
+        raise InputError(f"{name}: the elements of {model.name} have no numbers; convert it from its input file")
+    keys = element.astype(np.int64) * MOST_POINTS + point
+    if (again := repeated_key(model.comm, keys)) is not None:
+        raise InputError(
+            f"{name}: found element {again // MOST_POINTS}, point {again % MOST_POINTS} twice, expected the stresses "
+            "of one time, of each element once"
+        )
+    count = int(np.diff(columns.getActiveColumns())[0])
+    total, used = np.zeros((1, count, count)), 0
+    for kind, cells in element_rows(model).items():
+        number = model.properties.table[kind][:, NUMBER]
+        left = np.ones(len(number), bool)
+        with ValuesAtRows(model, cells.rows) as values:
+            shapes = values.of(columns)
+        for rule in RULES.get(kind, (FULL,)):
+            points = 1 if rule is UNIFORM else len(integration_points(kind, rule.scheme)[1])
+            wanted = number[:, None] * MOST_POINTS + np.arange(1, points + 2)  # and none more
+            found, parts = look_up(model.comm, keys, list(stress.T), wanted.ravel())
+            found = found.reshape(wanted.shape)
+            mine = left & found[:, :-1].all(axis=1) & ~found[:, -1] & cells.placed
+            left &= ~mine
+            sigma = np.stack(parts, axis=-1).reshape(*wanted.shape, 6)[mine, :-1]
+            matrices = node_stiffness(kind, rule, cells.position[mine], sigma[..., None])
+            total += projected(matrices, shapes[mine])
+            used += int(mine.sum()) * points
+        lost = [item for part in model.comm.allgather(number[left][:1].tolist()) for item in part]
+        if lost:
+            raise InputError(
+                f"{name}: found no stresses of element {lost[0]} ({kind}) of {model.name} at all its integration "
+                "points, expected those of every solid; print S of all elements, or take the file of this mesh"
+            )
+    given, used = model.comm.allreduce(len(keys)), model.comm.allreduce(used)
+    if given != used:
+        raise InputError(
+            f"{name}: found stresses at {given} integration points, expected {used} as the solids of {model.name} "
+            "have; the file is that of another mesh"
+        )
+    return _symmetric(model, summed(model.comm, total)[0])
+
+
+def stiffness_of_difference(model, columns, item: LoadedState, loaded, opposite=None) -> np.ndarray:
+    """Return V^T (K' - K) V (m, m) of K' under a load, or half the difference of those of opposite loads.
+
+    `loaded`, `opposite`: models under load, with the rows of `model`. Collective. Raises InputError for other rows or
+    masses, and for loads that are not axial or centrifugal.
+    """
+    require_axial(model, item.state)
+    for other, name in ((loaded, item.file), (opposite, item.opposite)):
+        if other is not None:
+            _require_same(model, other, name)
+    with Owned(model.comm) as owned:
+        change = owned.owns(loaded.K.copy())
+        change.axpy(-1.0, (opposite or model).K)
+        if opposite is not None:
+            change.scale(0.5)
+        axis = "xyz".find(item.state[1]) if item.state.endswith("^2") else -1
+        if axis >= 0 and item.spin_softening:
+            spin = np.zeros(3)
+            spin[axis] = np.sqrt(abs(item.value))
+            change.axpy(-1.0, owned.owns(spin_softening(model, spin)))
+        return _symmetric(model, project(change, columns))
+
+
+def require_state(model, state):
+    """Raise InputError for a force at a node or interface that the model does not have. Collective."""
+    target = target_of(state)
+    if isinstance(target, tuple) and find_interface(model, node_number(model, target[0])) is None:
+        row_of(model, target)
+
+
+def require_axial(model, state):
+    """Raise InputError for states whose difference of matrices is no geometric stiffness. Collective."""
+    if state.endswith("^2"):
+        return
+    why = (
+        f"geometric_stiffness: '{state}': a difference of matrices holds the stiffness of the displacements of the "
+        "load too, which couples stretching and bending and is a hundred times that of the stress unless the load is "
+        "axial or centrifugal; take the stresses of the finite-element program (`stresses`)"
+    )
+    target = target_of(state)
+    direction = state[1] if state in ACCELERATIONS else target[1] if isinstance(target, tuple) else ""
+    if direction not in SIX[:3] or (state not in ACCELERATIONS and not isinstance(target, tuple)):
+        raise InputError(why)
+    body = rigid_body_quantities(model)
+    values, axes = np.linalg.eigh(body.inertia)
+    along = np.eye(3)["xyz".index(direction)]
+    axial = values[0] < SLENDER * values[1] and np.linalg.norm(np.cross(along, axes[:, 0])) < AXIAL
+    if axial and state not in ACCELERATIONS:
+        known = {interface.name: np.array(interface.position) for interface in model.interfaces}
+        place = known[target[0]] if target[0] in known else position_of_node(model, int(target[0]))
+        radius = np.sqrt(values[2] / body.mass)
+        axial = np.linalg.norm(np.cross(place - body.centre, along)) < AXIAL * radius
+    if not axial:
+        raise InputError(why)
+
+
+def _require_same(model, other, name):
+    """Raise InputError unless a model has the rows and the mass of another. Collective."""
+    if other.size != model.size or other.digest_of("labels") != model.digest_of("labels"):
+        raise InputError(
+            f"{name}: found {other.size} rows, expected the {model.size} rows of {model.name} with the same nodes and "
+            "directions: it is the stiffness of another mesh, or of other supports"
+        )
+    with Owned(model.comm) as owned:
+        change = owned.owns(other.M.copy())
+        change.axpy(-1.0, model.M)
+        difference = change.norm(PETSc.NormType.FROBENIUS) / model.M.norm(PETSc.NormType.FROBENIUS)
+    if not difference <= SAME_MASS:
+        raise InputError(
+            f"{name}: found another mass matrix than that of {model.name} (by {difference:.1e}), expected the same: it "
+            "is of another mesh, or in other units"
+        )
+
+
+def _symmetric(model, matrix):
+    """Return the symmetric part, the same on all ranks."""
+    return model.comm.bcast((matrix + matrix.T) / 2)

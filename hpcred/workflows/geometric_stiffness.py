@@ -1,0 +1,78 @@
+"""Make the geometric stiffness that a job asks for: of hpcred's own stresses, or of files of the program."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..body.geometric_stiffness import GeometricStiffness
+from ..body.loaded_states import (
+    LoadedState,
+    require_axial,
+    require_state,
+    stiffness_of_difference,
+    stiffness_of_stresses,
+)
+from ..body.unit_states import geometric_stiffness, require_stresses
+from ..files.hdf5 import kind_of_file
+from ..files.model_file import FORMAT, read_model
+from ..files.text import require_file
+from ..model.units import in_si, units_of
+from ..parallel.failures import InputError, Owned, agreed
+
+
+def check_geometric_stiffness(asked, model):
+    """Refuse what a job asks for and the model does not have, before the reduction. Collective. Raises InputError."""
+    if asked is True:
+        require_stresses(model)
+    for item in asked or () if asked is not True else ():
+        require_state(model, item.state)
+        if item.file is not None:
+            require_axial(model, item.state)
+        with agreed(model.comm):
+            for name in (item.stresses, item.file, item.opposite):
+                if name is not None:
+                    require_file(name)
+
+
+def geometric_stiffness_of_job(job, model, reduced) -> GeometricStiffness | None:
+    """Return the geometric stiffness of a reduced model, None where the job does not ask for it. Collective. Raises
+    InputError."""
+    if job.geometric_stiffness is True:
+        return geometric_stiffness(
+            model, reduced.columns, job.frame, origin=job.body_origin, factoring=job.factoring
+        )
+    if not job.geometric_stiffness:
+        return None
+    matrices = [_matrix(item, model, reduced.columns) for item in job.geometric_stiffness]
+    states = tuple(item.state for item in job.geometric_stiffness)
+    return GeometricStiffness(states, np.array(matrices), np.array(job.body_origin))
+
+
+def _matrix(item: LoadedState, model, columns) -> np.ndarray:
+    """Return the stiffness of a unit of a state by its files. Collective."""
+    units = units_of(item.units)
+    if item.stresses is not None:
+        from ..readers.calculix.printed_stresses import read  # as other readers, loaded when it is used
+
+        element, point, stress = read(item.stresses, model.comm)
+        stress = stress * (units.mass / units.length / units.time**2)
+        return stiffness_of_stresses(model, columns, element, point, stress, item.stresses) / item.value
+    with Owned(model.comm) as owned:
+        others = [None if name is None else owned.owns(_loaded(name, units, model.comm))
+                  for name in (item.file, item.opposite)]  # fmt: skip
+        return stiffness_of_difference(model, columns, item, *others) / item.value
+
+
+def _loaded(name, units, comm):
+    """Return the model of a file in SI. Collective."""
+    kind = None
+    with agreed(comm):
+        kind = kind_of_file(name)
+    if kind == FORMAT:
+        if units != units_of("SI"):
+            raise InputError(f"geometric_stiffness.units: {name} is a model of hpcred, which is in SI; leave units out")
+        return read_model(name, comm)
+    from ..readers.model_source import load_export  # which loads the readers of all formats
+
+    with load_export(name, comm) as model:
+        return in_si(model, units)
