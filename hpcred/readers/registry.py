@@ -38,11 +38,7 @@ def readers_of(holds: str) -> list[Reader]:
 
 
 def reader_of(path, comm, holds: str, check: Callable[[Reader | None], None] | None = None) -> Reader | None:
-    """Return the first reader that accepts the first bytes of a file, as rank 0 finds it, or None. Collective.
-
-    Vague readers come after those of other packages. `check` may raise InputError, on rank 0, for no reader or a wrong
-    one.
-    """
+    """Return the first reader of a file, as rank 0 finds it, or None; `check` it on rank 0. Collective."""
     entry = None
     with agreed(comm):
         start = first_bytes(path)

@@ -35,10 +35,7 @@ class Rows:
 
 
 def refuse_cut(comm, parts, rows: dict[str, Rows], labels) -> list[str]:
-    """Raise InputError where a matrix of parts.open_ended lacks rows that it should have; returns warnings.
-
-    `rows`: of K and M; `labels`: of the rows of this rank, or None.
-    """
+    """Refuse open-ended matrices that lack rows; return warnings. `labels`: of rows here, or None. Collective."""
     for key in sorted(parts.open_ended & set(rows)):  # in one order on all ranks
         if bare := comm.allreduce(int((rows[key].touched & ~rows[key].on_diagonal).sum())):
             raise InputError(

@@ -125,10 +125,7 @@ def _matrices_beside(path):
 
 
 def files_beside(path) -> dict[str, str]:
-    """Return the matrix files K, M and perhaps D that Abaqus wrote beside an input file block.inp. Raises InputError.
-
-    Their names are block_STIF1.mtx or blockSTIF1.mtx, with the number of the step; also .mtx.gz.
-    """
+    """Return K, M and perhaps D of Abaqus beside block.inp: block_STIF1.mtx or blockSTIF1.mtx, also .gz."""
     path = Path(path)
     found = _matrices_beside(path)
     if len(found) > 1:

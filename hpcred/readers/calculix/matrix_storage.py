@@ -127,10 +127,7 @@ class Unnamed(Exception):
 
 
 def name_rows(comm, parts, files, label, row):
-    """Fill in nodes, elements, sets, row labels and held dofs. Raises Unnamed where the files do not tell them.
-
-    `files`: dofs, input or results, and those of the parts. Collective.
-    """
+    """Fill in the mesh, row labels and held dofs from `files`, or raise Unnamed where they do not tell. Collective."""
     mesh = _mesh_of(comm, parts, files, label)
     inside = _inside_elements(comm, label, mesh.counts.get(INCOMPATIBLE, 0))
     turning = _turning(comm, files, mesh, label[~inside])

@@ -291,13 +291,11 @@ def _form(table, numbers, damaged):
 
 
 def _numbered(comm, numbers, first, count_here, damaged):
-    """Return number, first dof and whether scalar of the points `first` and so on, by EQEXIN. Collective.
-
-    Its records have pairs: number and place in the order; number, and 10 times the dof plus the kind.
-    """
+    """Return number, first dof and whether scalar of the points `first` and so on, by EQEXIN. Collective."""
     with agreed(comm):
         count = numbers.length(0) // (2 * numbers.size)
         low, high = (count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
+        # number and place in the order; number, and 10 times the dof plus the kind
         pairs = numbers.integers(0, 2 * low, 2 * high).reshape(-1, 2)
         codes = numbers.integers(1, 2 * low, 2 * high).reshape(-1, 2)
         if (pairs[:, 0] != codes[:, 0]).any() or (pairs < 1).any() or (codes < 1).any():

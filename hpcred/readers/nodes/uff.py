@@ -51,10 +51,7 @@ def begins(start: bytes) -> bool:
 
 
 def read(path, comm) -> tuple[NodeTable, dict[str, np.ndarray]]:
-    """Return nodes in the order of the file, and elements (node numbers (elements of this rank, nodes) by kind).
-
-    Collective. Raises InputError.
-    """
+    """Return nodes in the order of the file, and node numbers of elements of this rank by kind. Collective."""
     with agreed(comm):
         refuse_packed(path)
         size = os.path.getsize(path)
@@ -207,9 +204,7 @@ def _elements(path, sets):
             raise piece.refusal(int(lines[bad]), "number, kind and number of nodes of an element, and its nodes")
         first = np.minimum(heads + skip[heads], len(at) - 1)
         given = np.append(at, len(values))[np.minimum(following[heads], len(at))] - at[first]
-        wrong = heads[given != nodes[heads]]
-        if wrong.size:
-            raise piece.refusal(int(lines[wrong[0]]), "as many nodes below as it says")
+        piece.require(given == nodes[heads], lines[heads], "as many nodes below as it says")
         for code, name in KINDS.items():
             mine = (kind[heads] == code) & (nodes[heads] == NODES[name])
             if mine.any():
