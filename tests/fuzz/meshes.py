@@ -61,7 +61,9 @@ def archive(where, rng):
         lines += [f"EBLOCK,19,SOLID,{1:8d},{1:8d}", f"(19i{width})"]
         item = (1, 1, 1, 1, 0, 0, 0, 0, 8, 0, 1, *(labels * 8)[:8])
         lines += ["".join(f"{k:{width}d}" for k in item), f"{-1:{width}d}"]
-    return text([*lines, "MPDATA,R5.0, 1,EX  ,       1, 1,  2.1E+11", "/GO", "FINISH"], rng)
+    lines.append("MPDATA,R5.0, 1,EX  ,       1, 1,  2.1E+11")
+    lines += chosen(rng, [], ["MPDATA,R5.0, 2,NUXY,       1, 1, 0.3, 0.31"], ["MP,PRXY,1,0.3", "TB,BISO,1,1,2,"])
+    return text([*lines, *chosen(rng, [], ["KEYOPT,1,2,1"]), "/GO", "FINISH"], rng)
 
 
 def bulk(where, rng):
@@ -85,7 +87,7 @@ def bulk(where, rng):
             fields = ("GRID", label, system, *(number(x, form="%.10E") for x in place), "", held)
             lines.append(",".join(map(str, fields)))
     lines += ["CTRIA3,1,1," + ",".join(map(str, list(where)[:3])), "PARAM,POST,-1"]
-    lines += chosen(rng, [], ["SPOINT,7001"])
+    lines += chosen(rng, [], ["SPOINT,7001"], ["PSOLID,1,2", "MAT1,2,2.1+11,,0.3,7850.", "MATS1,2,,PLASTIC"])
     return text([*remarked(lines, rng, "$ a remark, 1"), *["ENDDATA"] * ended], rng)
 
 
@@ -102,7 +104,7 @@ def assembly(where, rng):
     nodes = ["*Node", *(", ".join((str(label), *(f"{x:.6g}" for x in place))) for label, place in where.items()),
              "*Element, type=T3D2", *(f"{k + 1}, {labels[k]}, {labels[k + 1]}" for k in range(len(labels) - 1)),
              "*Nset, nset=END", f" {labels[0]}, {labels[-1]}", "*Elset, elset=ALL, generate",
-             f" 1, {len(labels) - 1}, 1"]  # fmt: skip
+             f" 1, {len(labels) - 1}, 1", *chosen(rng, [], ["*Solid Section, elset=ALL, material=Steel", "0.01"])]
     nodes[:0] = chosen(rng, [], [], ["*System"], ["*System", "1., 2., 3."], ["*System", "0., 1., 0., 3., 4., 9."],
                        ["*System", "1., 0., 2., 1., 0., 5.", "1., 2., 7."])  # fmt: skip
     move = chosen(rng, [], ["1., 2., -0.5"], ["0.5, 0., 0.", "0., 0., 0., 0., 0., 1., 90."])
@@ -110,7 +112,8 @@ def assembly(where, rng):
     sets = ["*Nset, nset=Some, instance=bar-1", f" {labels[1]},", "*Nset, nset=Both", " Some, bar-1.END"]
     lines = ["*Heading", "** a remark", "*Part, name=bar", *nodes * (not inside), "*End Part", "*Assembly, name=A",
              "*Instance, name=bar-1, part=bar", *move, *nodes * inside, "*End Instance", *sets, "*End Assembly",
-             "*Material, name=steel", "*Elastic", "2.1e11, 0.3"]  # fmt: skip
+             "*Material, name=steel", "*Elastic", "2.1e11, 0.3", *chosen(rng, [], ["1e11, 0.3, 500."]),
+             *chosen(rng, [], ["*Density", "7850.,"], ["*Plastic", "2e8, 0."])]  # fmt: skip
     return text(remarked(lines, rng), rng)
 
 
