@@ -275,6 +275,7 @@ def exported(writer, path, item):
     """Write a body, a reduced model or shapes by a Writer; its remarks or names of shapes."""
     source = ExportSource(SimpleNamespace(path=path, reduced=item, shapes=lambda: nullcontext(item)), Path(path).stem)
     source.body = item
+    source.options = writer.options and writer.options()
     return writer().write(path, source)
 
 

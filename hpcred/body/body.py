@@ -13,17 +13,20 @@ from ..reduction.reduced_model import ReducedModel, require_finite
 from .floating_frame import FloatingFrame, floating_frame
 from .geometric_stiffness import GeometricStiffness, StiffenedFrame, stiffened_node
 from .node_shapes import NodeShape, interface_nodes, node_shapes
+from .stress import StressModes
 
 NO_INERTIA = 1e-12  # of the largest inertia: round-off
 
 
 @dataclass
 class BodySurface:
-    """The drawn surface of a body: `points` (s, 3) in m, their displacements `phi` (s, 3, m), `triangles` (t, 3)."""
+    """The drawn surface of a body: `points` (s, 3) in m, their displacements `phi` (s, 3, m), `triangles` (t, 3), and
+    the numbers `nodes` (s,) of the points."""
 
     points: np.ndarray
     triangles: np.ndarray
     phi: np.ndarray
+    nodes: np.ndarray
 
 
 @dataclass
@@ -40,6 +43,8 @@ class Body:
         For pictures.
     geometric_stiffness : GeometricStiffness or None
         Stiffness by unit states of load, if it is known.
+    stress : StressModes or None
+        Stresses of the coordinates at nodes, if they are known.
     """
 
     reduced: ReducedModel
@@ -47,6 +52,7 @@ class Body:
     nodes: list[NodeShape]
     surface: BodySurface | None = None
     geometric_stiffness: GeometricStiffness | None = None
+    stress: StressModes | None = None
 
     def __post_init__(self):
         if self.geometric_stiffness is not None:

@@ -44,6 +44,7 @@ def in_units(body: Body, units: Units) -> Body:
         [replace(shape, position=shape.position / L, phi=shape.phi * g / L, psi=shape.psi * g) for shape in body.nodes],
         body.surface and replace(body.surface, points=body.surface.points / L, phi=body.surface.phi * g / L),
         body.geometric_stiffness and _stiffness_in(body.geometric_stiffness, both * units.time**2 / inertia, units),
+        body.stress and replace(body.stress, stress=body.stress.stress * g[:, None, None] * L**3 / units.energy),
     )  # fmt: skip
 
 

@@ -31,6 +31,7 @@ PNG, SVG, PDF = "PNG picture", "SVG picture", "PDF file"
 ZIP, MATLAB, SID, UFF, VTK = "zip archive", "MATLAB .mat file", "SID file", "universal file", "VTK file"
 SUPERELEMENT, MBDYN, OP4 = "superelement", ".fem file for MBDyn", "Nastran OP4 file"
 DENSE, MARKET = "Matrix Market file of a dense matrix", "Matrix Market file"  # one of hpcred's, one of a big model
+SURFACE = "surface of a body"
 OTHER = "file of another kind"
 GIF, WEBP, HTML = "GIF picture", "WebP picture", "HTML report"
 PICTURES = {".png": PNG, ".svg": SVG, ".pdf": PDF, ".gif": GIF, ".webp": WEBP}
@@ -38,6 +39,7 @@ BEGINNINGS = (
     (b"PK\x03\x04", ZIP), (b"MATLAB", MATLAB),
     (b"\x89PNG", PNG), (b"%PDF", PDF), (b"GIF8", GIF), (b"RIFF", WEBP), (b"<!DOCTYPE html>", HTML),
     (b"    -1\n", UFF), (b"%%MatrixMarket matrix array", DENSE), (b"%%MatrixMarket", MARKET),
+    (b"# surface of a body", SURFACE),
     (b"** superelement", SUPERELEMENT), (b"! superelement", SUPERELEMENT), (b"$ superelement", SUPERELEMENT),
     (b"$ external superelement", SUPERELEMENT), (b"** hpcred ", MBDYN),
     (b"<VTKFile", VTK), (b"f_hz,", CSV_OF_RESPONSES), (b"t,position_x,", CSV_OF_MOTION), (b"{\n", JSON), (b"[\n", JSON),

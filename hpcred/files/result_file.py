@@ -194,7 +194,8 @@ class Result:
             phi = [shapes.column(column)[nodes] for column in range(self.reduced.size)]
         if not len(nodes):
             return None
-        return BodySurface(shapes.points[nodes], places.reshape(triangles.shape), np.stack(phi, axis=-1))
+        triangles = places.reshape(triangles.shape)
+        return BodySurface(shapes.points[nodes], triangles, np.stack(phi, axis=-1), shapes.nodes[nodes])
 
     def stress_modes(self, nodes=None) -> StressModes:
         """The stress modes, of chosen nodes by number or of all, with their nodes in ascending order. On one rank.
@@ -213,6 +214,13 @@ class Result:
             rows, back = np.unique(place, return_inverse=True)
             stress = file["basis/stress"][:, rows][:, back]
             return StressModes(wanted, stress, file["basis/stress_source"][()].decode())
+
+    def stress_to_export(self) -> StressModes | None:
+        """The stress modes of all their nodes, or None: without any in the file, or above LARGE dofs. On one rank."""
+        with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
+            if "basis/stress" not in file or file["basis/V"].shape[1] > LARGE:
+                return None
+        return self.stress_modes()
 
     @contextmanager
     def shapes(self):

@@ -83,14 +83,16 @@ def export_result(
             if comm.rank == 0:
                 taken = read_result(result, MPI.COMM_SELF)
                 taken = taken if preload is None else taken.at_preload(preload)
-                source = ExportSource(taken, path.stem, nodes, system, modes, writer.surface, settings)
+                surface = writer.surface or getattr(settings, "surface", False)
+                source = ExportSource(taken, path.stem, nodes, system, modes, surface, writer.stress, settings)
                 report = _write(writer, source, temporary)
                 report.get("remarks", []).extend(WRITERS.broken)
                 beside = {path.with_name(path.stem + suffix): content for suffix, content in source.beside.items()}
         report, names = comm.bcast((report, beside and list(beside)))
         if names or writer.needs == "superelement":
             report["files"] = [str(name) for name in names]
-        kinds = {name: outputs.DENSE if name.suffix == ".mtx" else told or outputs.SUPERELEMENT for name in names or ()}
+        known = {".mtx": outputs.DENSE, ".obj": outputs.SURFACE}
+        kinds = {name: known.get(name.suffix, told or outputs.SUPERELEMENT) for name in names or ()}
         outputs.check_outputs(kinds, comm, [result], progress=progress)
         for name in kinds:  # before the file that takes them
             with atomic_output(name, comm, told) as other, agreed(comm):

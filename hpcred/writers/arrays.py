@@ -3,8 +3,9 @@
 M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, loss_factor (eta of structural damping: K stands for
 (1 + i eta) K in frequency responses), input_names, output_names; resultants (p, 6), force and moment of each input
 about the origin of the body frame, which move it; the quantities of FloatingFrame by their names there;
-nodes (k), positions (k, 3) in the body frame, phi and psi (k, 3, m). SI units. Nothing that affects numbers is missing.
-Lists of names are cell arrays in a .mat.
+nodes (k), positions (k, 3) in the body frame, phi and psi (k, 3, m); where the result has stress modes, stress
+(m, s, 6) of xx, yy, zz, xy, yz, zx by coordinate, and stress_nodes (s). SI units. Nothing that affects numbers is
+missing. Lists of names are cell arrays in a .mat.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ def arrays_of(body: Body) -> dict:
     if reduced.resultants is not None:
         arrays["resultants"] = resultants_of(body)
     arrays |= body.floating_frame.arrays()
+    if body.stress is not None:
+        arrays |= {"stress": body.stress.stress, "stress_nodes": body.stress.node.astype(float)}
     return arrays | {
         "nodes": np.array([shape.node for shape in body.nodes], dtype=float),
         "positions": np.array([s.position - body.floating_frame.origin for s in body.nodes]).reshape(-1, 3),
@@ -60,7 +63,7 @@ def save_mat(path, arrays: dict):
 class BodyNpz(Writer):
     """Arrays of a body for NumPy."""
 
-    suffix, needs, kind = ".npz", "body", ZIP
+    suffix, needs, kind, stress = ".npz", "body", ZIP, True
 
     def write(self, target, source):
         save_npz(target, arrays_of(source.body))
@@ -86,7 +89,7 @@ class BodyNpz(Writer):
 class BodyMat(Writer):
     """Arrays of a body for MATLAB."""
 
-    suffix, needs, kind = ".mat", "body", MATLAB
+    suffix, needs, kind, stress = ".mat", "body", MATLAB, True
 
     def write(self, target, source):
         save_mat(target, arrays_of(source.body))

@@ -25,8 +25,8 @@ class ExportSource:
 
     `name`: of the result, without suffix; `stem`: of the file that is written. `units`: those of the file, in which
     `body` and `superelement` are; everything else is in SI. `modes`: numbers from 1 of the chosen shapes, or None.
-    `options`: those of the Writer, an instance of its class `options`, or None.
-    `beside`: contents (str or bytes) of further files to write, by what follows `stem` in their names.
+    `surface`, `stress`: whether the body has them. `options`: those of the Writer, an instance of its class `options`,
+    or None. `beside`: contents (str or bytes) of further files to write, by what follows `stem` in their names.
     """
 
     result: Result
@@ -35,6 +35,7 @@ class ExportSource:
     units: Units = SI
     modes: list[int] | None = None
     surface: bool = False
+    stress: bool = False
     options: Any = None
     beside: dict[str, str | bytes] = field(default_factory=dict)
 
@@ -49,9 +50,10 @@ class ExportSource:
 
     @cached_property
     def body(self) -> Body:
-        """The body with its interface nodes, and its surface where the writer wants it. Raises InputError."""
+        """The body with its interface nodes, and its surface and stresses where they are wanted. Raises InputError."""
         body = self.result.body(self.nodes)
         body.surface = self.result.surface() if self.surface and body.nodes else None
+        body.stress = self.result.stress_to_export() if self.stress else None
         return body if self.units == SI else in_units(body, self.units)
 
     @cached_property
@@ -83,6 +85,8 @@ class Writer(ABC):
         Whether the program that reads a body or a superelement wants SI. By default False.
     surface : bool
         Whether the body has the surface that is drawn. By default False.
+    stress : bool
+        Whether the body has its stress modes, where the result has some. By default False.
     picture : bool
         Whether it shows chosen shapes (--modes). By default False.
     options : type or None
@@ -97,7 +101,7 @@ class Writer(ABC):
     """
 
     name = suffix = needs = kind = ""
-    si = surface = picture = False
+    si = surface = stress = picture = False
     options: type | None = None
     package = ""  # that brings it
 

@@ -1,7 +1,8 @@
 """Write a Body as the .npz that ObjectFFRFreducedOrderInterface.LoadFromFile of Exudyn reads, with keys of our own.
 
 Its mesh nodes are displacements only: first the interface nodes; then four points around each of them that rotates, the
-corners of a small tetrahedron fixed to it, whose mean motion is that of the node; then the surface that is drawn. The
+corners of a small tetrahedron fixed to it, whose mean motion is that of the node; then the surface that is drawn. Its
+stresses, where the result has stress modes, are postProcessingModes. The
 keys of our own are `names`, names or numbers of the interface nodes, `markerNodes`, the four mesh nodes of each for a
 MarkerSuperElementRigid, -1 where it does not rotate, `dampingMatrixReduced`, the matrix D, and of all inputs
 `inputNames`, `inputMatrixReduced` (m, p) and `inputResultants` (p, 6), force and moment about the origin of the body
@@ -18,6 +19,7 @@ from .arrays import save_npz
 from .base import Writer
 
 CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+COMPONENTS = [0, 1, 2, 4, 5, 3]  # xx, yy, zz, yz, zx, xy of the stresses, as Exudyn has them
 RADIUS = 0.01  # of the tetrahedra, in radii of gyration of the body; what they measure does not depend on it
 
 
@@ -41,6 +43,21 @@ def _mesh(body):
     return np.concatenate(points), np.concatenate(phi), triangles, markers
 
 
+def _post_processing(body, count) -> dict:
+    """The stresses (count, 6 m) of the mesh nodes, six for each mode; zero at nodes without stress modes."""
+    if body.stress is None:
+        return {}
+    numbers = np.full(count, -1)  # no node has this number
+    numbers[: len(body.nodes)] = [shape.node for shape in body.nodes]
+    if body.surface is not None:
+        numbers[count - len(body.surface.nodes) :] = body.surface.nodes
+    place = np.searchsorted(body.stress.node, numbers).clip(max=len(body.stress.node) - 1)
+    there = body.stress.node[place] == numbers
+    matrix = np.zeros((count, body.reduced.size, 6))
+    matrix[there] = body.stress.stress[:, place[there]][..., COMPONENTS].transpose(1, 0, 2)
+    return {"matrix": matrix.reshape(count, -1), "outputVariableType": "OutputVariableType.StressLocal"}
+
+
 def _notes(body):
     """What Exudyn learns by a line of script, and what it cannot learn from the file."""
     notes = []
@@ -54,13 +71,15 @@ def _notes(body):
         )
     if body.surface is None:
         notes.append("no surface is drawn: the result has no faces, no basis, or too many dofs")
-    return [*notes, "modal stresses are left out"]
+    if body.stress is None:
+        notes.append("no stresses: the result has no stress modes, or too many dofs")
+    return notes
 
 
 class Exudyn(Writer):
     """Bodies of Exudyn."""
 
-    suffix, needs, kind, surface = "_exudyn.npz", "body", ZIP, True
+    suffix, needs, kind, surface, stress = "_exudyn.npz", "body", ZIP, True, True
 
     def write(self, target, source):
         body = source.body
@@ -80,7 +99,7 @@ class Exudyn(Writer):
             "fileVersion": 1,
             "modeBasis": phi.reshape(-1, count),
             "trigList": triangles,
-            "postProcessingModes": np.array({}, dtype=object),
+            "postProcessingModes": np.array(_post_processing(body, len(points)), dtype=object),
             "massMatrixReduced": reduced.M,
             "stiffnessMatrixReduced": reduced.K,
             "infoList": np.array([count, len(points), 3, 4, 7, 7 + count]),

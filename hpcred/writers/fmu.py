@@ -16,6 +16,7 @@ import subprocess
 import tempfile
 import uuid
 import zipfile
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -40,6 +41,8 @@ UNITS = {
     "W": {"kg": 1, "m": 2, "s": -3},
     "m": {"m": 1},
     "m/s": {"m": 1, "s": -1},
+    "Pa": {"kg": 1, "m": -1, "s": -2},
+    "Pa/s": {"kg": 1, "m": -1, "s": -3},
     "rad": {"rad": 1},
     "rad/s": {"rad": 1, "s": -1},
 }
@@ -47,7 +50,9 @@ UNITS = {
 TRANSLATION = (("force", "N"), ("displacement", "m"), ("velocity", "m/s"))
 ROTATION = (("moment", "N.m"), ("rotation", "rad"), ("angular_velocity", "rad/s"))
 LOAD = (("load", None), ("work", "J"), ("power", "W"))
+STRESS = ((None, None), ("stress", "Pa"), ("stress_rate", "Pa/s"))
 UNKNOWN = (("input", None), ("output", None), ("output_rate", None))
+COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "zx")  # of stresses, in their order
 
 
 def write_fmu(path, reduced: ReducedModel, name: str | None = None) -> list[str]:
@@ -63,11 +68,12 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None) -> list[str]
         raise InputError("an FMU needs inputs and outputs; reduce with `inputs` in the job, or convert with --inputs")
     compiler, (folder, suffix) = _compiler(), _platform()
     data = _data(reduced)
-    guid = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, data)}}}"  # of the numbers, so that the same result gives the same file
-    data = f'#define GUID "{guid}"\n{data}'
     if name is None:
         name = Path(reduced.record.model).stem if reduced.record is not None else "body"
     name = printable(name).strip() or "body"  # XML has no control characters
+    # of name and numbers, so that the same result gives the same file, and two bodies are told apart
+    guid = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, name + data)}}}"
+    data = f'#define GUID "{guid}"\n{data}'
     identifier = _identifier(name)
     with tempfile.TemporaryDirectory() as build:
         binary = Path(build) / f"{identifier}{suffix}"
@@ -230,6 +236,8 @@ def _kind(name, reduced):
     if reduced.record is not None and name in [item.name for item in reduced.record.loads if item.kind != "given"]:
         return LOAD
     target = target_of(name)
+    if target is None and name.rpartition(":")[2] in COMPONENTS:
+        return STRESS
     index = DIRECTIONS.index(target[1]) if isinstance(target, tuple) else SCALAR
     return TRANSLATION if index < 3 else ROTATION if index < SCALAR else UNKNOWN
 
@@ -245,13 +253,45 @@ def _variable(word, name) -> str:
     return re.sub(r"\W", "_", f"{word}_{name}", flags=re.ASCII)
 
 
-class Fmu(Writer):
-    """FMUs, which have the name of the result."""
+def with_stresses(reduced: ReducedModel, result, wanted) -> ReducedModel:
+    """Return the model with stresses of a Result as further outputs, see FmuOptions. Raises InputError where the result
+    has no such stress."""
+    places = []
+    for text in wanted.split(",") if isinstance(wanted, str) else np.atleast_1d(wanted).tolist():
+        node, colon, component = str(text).strip().partition(":")
+        if not (node.isascii() and node.isdecimal()) or (colon and component not in COMPONENTS):
+            raise InputError(
+                f"--set: fmu.stress: found '{text}', expected a node, such as 20, or one of its components, such as "
+                f"20:xx ({', '.join(COMPONENTS)})"
+            )
+        places += [(int(node), item) for item in ((component,) if colon else COMPONENTS)]
+    places = list(dict.fromkeys(places))
+    modes = result.stress_modes([node for node, _ in places])
+    rows = [modes.stress[:, np.searchsorted(modes.node, node), COMPONENTS.index(item)] for node, item in places]
+    names = tuple(f"{node}:{item}" for node, item in places)
+    return replace(reduced, C=np.vstack([reduced.C, *rows]), output_names=(*reduced.output_names, *names))
 
-    suffix, needs, kind = ".fmu", "reduced", ZIP
+
+@dataclass(frozen=True, kw_only=True)
+class FmuOptions:
+    """`name`: of the model and of its binary, by default that of the result. `stress`: outputs of stresses, such as
+    "20:xx,20:yy", or "20" for all six components, at nodes with stress modes.
+    """
+
+    name: str = ""
+    stress: tuple[int | str, ...] | int | str = ()
+
+
+class Fmu(Writer):
+    """FMUs, which have the name of the result unless they are named."""
+
+    suffix, needs, kind, options = ".fmu", "reduced", ZIP, FmuOptions
 
     def write(self, target, source):
-        return write_fmu(target, source.reduced, source.name)
+        reduced, wanted = source.reduced, source.options.stress
+        if wanted not in ("", ()):
+            reduced = with_stresses(reduced, source.result, wanted)
+        return write_fmu(target, reduced, source.options.name or source.name)
 
     def describe(self, path):
         if not zipfile.is_zipfile(path):

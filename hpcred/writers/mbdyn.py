@@ -9,6 +9,7 @@ them by lumped masses at all nodes, is not there. Coordinates count from the ori
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from textwrap import wrap
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..body.body import check_moving, inputs_without_node, maker, remarks
 from ..files.outputs import MBDYN
 from .base import Writer
 from .round_off import without_round_off
+from .surface_file import surface_as_obj
 
 A_LINE = 6  # numbers; older versions of MBDyn skip groups that they do not know, if the lines are short
 REMARK = 100  # characters a line: MBDyn takes a line that is longer than its buffer for the end of the file
@@ -58,13 +60,22 @@ def _numbers(values) -> list[str]:
     return [" ".join(words[low : low + A_LINE]) for low in range(0, len(words), A_LINE)]
 
 
+@dataclass(frozen=True, kw_only=True)
+class MbdynOptions:
+    """`surface`: whether the surface is written beside the file, see surface_file."""
+
+    surface: bool = False
+
+
 class MbdynFile(Writer):
     """Modal joints of MBDyn."""
 
-    suffix, needs, kind = ".fem", "body", MBDYN
+    suffix, needs, kind, options = ".fem", "body", MBDYN, MbdynOptions
 
     def write(self, target, source):
         body = source.body
+        if source.options.surface:
+            source.beside[".obj"] = surface_as_obj(body)
         check_moving(body, "a .fem file for MBDyn")
         reduced, count = body.reduced, body.reduced.size
         lines = [

@@ -23,6 +23,7 @@ from ..model.dofs import DIRECTIONS
 from ..parallel.failures import InputError
 from .base import Writer
 from .round_off import without_round_off
+from .surface_file import surface_as_obj
 
 OBJECTS = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "ksigma", "Ke", "De")
 OF_NODE = ("origin", "phi", "psi", "AP")
@@ -305,9 +306,11 @@ def _object(matrix, count, slopes=None):
 class SidOptions:
     """`ge_order`: the order of the 3 n columns of Ge: component c of coordinate k is in column (c - 1) n + k
     ("component"), as in the files of PY_SID, or in column 3 (k - 1) + c ("coordinate"), as EMBSlib and FEMBeam read it.
+    `surface`: whether the surface is written beside the file, see surface_file.
     """
 
     ge_order: Literal["component", "coordinate"] = "component"
+    surface: bool = False
 
 
 class SidFile(Writer):
@@ -316,6 +319,8 @@ class SidFile(Writer):
     suffix, needs, kind, options = ".SID_FEM", "body", SID, SidOptions
 
     def write(self, target, source):
+        if source.options.surface:
+            source.beside[".obj"] = surface_as_obj(source.body)
         return write_sid(target, source.body, ge_order=source.options.ge_order)
 
     def describe(self, path):

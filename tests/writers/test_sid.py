@@ -138,8 +138,8 @@ def test_settings_that_a_format_does_not_have(tmp_path, given, says):
         rom.save(tmp_path / "bar.h5")
     with pytest.raises(InputError, match=says):
         hpcred.export_result(tmp_path / "bar.h5", "sid", nodes=[1], options=given)
-    with pytest.raises(InputError, match="'mbdyn' has no settings of its own"):
-        hpcred.export_result(tmp_path / "bar.h5", "mbdyn", nodes=[1], options={"ge_order": "component"})
+    with pytest.raises(InputError, match="'uff' has no settings of its own"):
+        hpcred.export_result(tmp_path / "bar.h5", "uff", options={"ge_order": "component"})
 
 
 def test_what_a_sid_file_cannot_hold(tmp_path):
