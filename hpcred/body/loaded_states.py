@@ -53,6 +53,8 @@ class LoadedState:
         Model under the load, with K of the loaded state: an export or a model.h5; exactly one of `stresses` and `file`.
     opposite : str, optional
         The same under the opposite load, which takes the even part of the change of K out.
+    matrix : str, optional
+        Name of a matrix of `file` that is the stiffness of the stress itself, as Nastran's KDGG.
     units : str, default "SI"
         Units of these files, such as "mm,t,s".
     spin_softening : bool, default True
@@ -69,6 +71,7 @@ class LoadedState:
     stresses: str | None = None
     file: str | None = None
     opposite: str | None = None
+    matrix: str | None = None
     units: str = "SI"
     spin_softening: bool = True
 
@@ -81,8 +84,11 @@ class LoadedState:
             raise InputError("geometric_stiffness.value: found 0, expected the value of the state in the loaded run")
         if (self.stresses is None) == (self.file is None):
             raise InputError("geometric_stiffness: expected one of `stresses` and `file`, found both or neither")
-        if self.opposite is not None and self.file is None:
-            raise InputError("geometric_stiffness.opposite: belongs to `file`; leave it out")
+        for key in ("opposite", "matrix"):
+            if getattr(self, key) is not None and self.file is None:
+                raise InputError(f"geometric_stiffness.{key}: belongs to `file`; leave it out")
+        if self.matrix is not None and self.opposite is not None:
+            raise InputError("geometric_stiffness.opposite: the stiffness of the stress needs none; leave it out")
 
 
 def stiffness_of_stresses(model, columns, element, point, stress, name) -> np.ndarray:
@@ -136,13 +142,17 @@ def stiffness_of_stresses(model, columns, element, point, stress, name) -> np.nd
 def stiffness_of_difference(model, columns, item: LoadedState, loaded, opposite=None) -> np.ndarray:
     """Return V^T (K' - K) V (m, m) of K' under a load, or half the difference of those of opposite loads.
 
-    `loaded`, `opposite`: models under load, with the rows of `model`. Collective. Raises InputError for other rows or
-    masses, and for loads that are not axial or centrifugal.
+    `loaded`, `opposite`: models under load, with the rows of `model`; with item.matrix K' is the stiffness of the
+    stress itself. Collective. Raises InputError for other rows or masses, and for loads that are not axial or
+    centrifugal.
     """
-    require_axial(model, item.state)
+    if item.matrix is None:
+        require_axial(model, item.state)
     for other, name in ((loaded, item.file), (opposite, item.opposite)):
         if other is not None:
             _require_same(model, other, name)
+    if item.matrix is not None:
+        return _symmetric(model, project(loaded.K, columns))
     with Owned(model.comm) as owned:
         change = owned.owns(loaded.K.copy())
         change.axpy(-1.0, (opposite or model).K)

@@ -26,7 +26,7 @@ def check_geometric_stiffness(asked, model):
         require_stresses(model)
     for item in asked or () if asked is not True else ():
         require_state(model, item.state)
-        if item.file is not None:
+        if item.file is not None and item.matrix is None:
             require_axial(model, item.state)
         with agreed(model.comm):
             for name in (item.stresses, item.file, item.opposite):
@@ -58,21 +58,23 @@ def _matrix(item: LoadedState, model, columns) -> np.ndarray:
         stress = stress * (units.mass / units.length / units.time**2)
         return stiffness_of_stresses(model, columns, element, point, stress, item.stresses) / item.value
     with Owned(model.comm) as owned:
-        others = [None if name is None else owned.owns(_loaded(name, units, model.comm))
+        others = [None if name is None else owned.owns(_loaded(name, units, item.matrix, model.comm))
                   for name in (item.file, item.opposite)]  # fmt: skip
         return stiffness_of_difference(model, columns, item, *others) / item.value
 
 
-def _loaded(name, units, comm):
-    """Return the model of a file in SI. Collective."""
+def _loaded(name, units, matrix, comm):
+    """Return the model of a file in SI, with K of this name, or its own. Collective."""
     kind = None
     with agreed(comm):
         kind = kind_of_file(name)
     if kind == FORMAT:
+        if matrix:
+            raise InputError(f"geometric_stiffness.matrix: {name} is a model of hpcred, whose K has no other name")
         if units != units_of("SI"):
             raise InputError(f"geometric_stiffness.units: {name} is a model of hpcred, which is in SI; leave units out")
         return read_model(name, comm)
     from ..readers.model_source import load_export  # which loads the readers of all formats
 
-    with load_export(name, comm) as model:
+    with load_export(name, comm, variables={"K": matrix} if matrix else None) as model:
         return in_si(model, units)

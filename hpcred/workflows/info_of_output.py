@@ -32,6 +32,8 @@ def result(path, comm) -> dict:
         "outputs": list(reduced.output_names),
         "interface_nodes": [shape.node for shape in found.nodes],
     }
+    if found.geometric_stiffness is not None:
+        report["geometric_stiffness"] = list(found.geometric_stiffness.states)
     record = reduced.record
     if record is None:
         return report | {"warnings": []}

@@ -5,9 +5,10 @@ import shutil
 
 import numpy as np
 import pytest
+import scipy.io
 import scipy.linalg
 from calculix_runs import input_lines, run_calculix
-from helpers import block_with_ends, refused
+from helpers import block_with_ends, refused, to_dense
 from solid_meshes import mesh
 
 import hpcred
@@ -43,6 +44,7 @@ def test_a_job_makes_what_python_does(comm, folder):
     comm.Barrier()
     hpcred.reduce_job(folder / "job.toml", comm=comm)
     found = hpcred.read_result(folder / "result.h5", comm).geometric_stiffness
+    assert hpcred.describe_file(folder / "result.h5", comm=comm)["geometric_stiffness"] == list(wanted.states)
     assert found.states == wanted.states and found.origin.tolist() == [0.01, 0.0, 0.0]
     sizes = np.abs(wanted.matrices).max(axis=(1, 2), keepdims=True)
     assert (np.abs(np.abs(found.matrices) - np.abs(wanted.matrices)) < 1e-6 * sizes).all()
@@ -152,11 +154,37 @@ def test_files_of_calculix(folder, comm, type_, kind):
             assert printed.of([state])[0] == pytest.approx(wanted, abs=6e-4 * np.abs(wanted).max())
 
 
+@pytest.mark.mpi
+def test_a_matrix_that_is_the_stiffness_of_the_stress(comm, folder):
+    """By its name in a file with K and M, for a transverse load too; here of a .mat file."""
+    preload = hpcred.Preload(forces={"36:y": 1e3, "33:x": 2e3})
+    with hpcred.solid((8, 1, 1), (0.8, 0.02, 0.03), 3, False, comm) as model:
+        hpcred.write_model(folder / "model.h5", model)
+        frame = hpcred.Chord((1, 33, 3))
+        basis = hpcred.Modes(count=4)
+        with hpcred.preloaded(model, preload, frame) as loaded, hpcred.reduce(model, basis, frame) as rom:
+            matrices = {"M": to_dense(model.M), "K": to_dense(model.K), "KDGG": to_dense(loaded.K) - to_dense(model.K)}
+            wanted = hpcred.geometric_stiffness(model, rom.columns, frame, nodes=[36, 33]).sum(preload.forces)
+        nodes = np.concatenate(comm.allgather(np.hstack([model.dofs.node[:, None], model.dofs.position])))[::3]
+    if comm.rank == 0:
+        scipy.io.savemat(folder / "d.mat", {**matrices, "nodes": nodes})
+        table = 'geometric_stiffness = [{state = "36:y", value = 1.0, file = "d.mat", matrix = "KDGG"}]'
+        job = JOB.replace("geometric_stiffness = true", table).replace("body_origin = [0.01, 0.0, 0.0]", "")
+        job = job.replace("0.059999", "0.799999").replace("0.060001", "0.800001")
+        (folder / "job.toml").write_text(job.replace('"buckens"', '"chord"\nnodes = [1, 33, 3]'))
+    comm.Barrier()
+    hpcred.reduce_job(folder / "job.toml", comm=comm)
+    found = hpcred.read_result(folder / "result.h5", comm).geometric_stiffness.matrices[0]
+    assert np.abs(found) == pytest.approx(np.abs(wanted), abs=1e-6 * np.abs(wanted).max())
+
+
 REFUSED = [
     ('[{state = "wz^2", stresses = "no.dat"}]', "no.dat"),
     ('[{state = "ay", file = "model.h5"}]', "geometric_stiffness: 'ay': a difference of matrices holds"),
     ('[{state = "crank:x", stresses = "model.h5"}]', "'crank' is no interface of model.h5"),
     ('[{state = "500:x", stresses = "model.h5"}]', "node 500 does not exist in model.h5"),
+    ('[{state = "ay", file = "model.h5", matrix = "KDGG"}]', "whose K has no other name"),
+    ('[{state = "ay", stresses = "model.h5", matrix = "KDGG"}]', "geometric_stiffness.matrix: belongs to `file`"),
     ('[{state = "wz^2"}]', "expected one of `stresses` and `file`"),
     ('[{state = "wz^2", file = "model.h5", units = "mm,t,s"}]', "model.h5 is a model of hpcred, which is in SI"),
 ]

@@ -41,8 +41,8 @@ def pairs(names: list[str]) -> list[Choice]:
 
 
 def _set_of(rest):
-    """Return how good a set is, and its letter; K2GG counts as KGG."""
-    rest = rest.lstrip("2")
+    """Return how good a set is, and its letter; K2GG counts as KGG, and so does KDGG, the differential stiffness."""
+    rest = rest.lstrip("2D")
     for rank, (start, letter) in enumerate(PREFERRED):
         if rest.startswith(start):
             return rank, letter
