@@ -13,6 +13,10 @@ from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.petsc import MPI
 
 pytestmark = pytest.mark.mpi
+PROPERTIES = {
+    "elements__line": [[1, 2]], "element_properties__line": [[1, 0, 0]], "element_types": [b"B31"],
+    "element_program": b"Abaqus", "materials": b"[]",
+}  # fmt: skip
 
 
 def test_model_file_keeps_everything(comm, folder):
@@ -106,6 +110,10 @@ def test_a_file_that_a_script_wrote(comm, folder):
         ({}, {"dofs__direction": np.zeros(6, int)}, "found two rows of node 1, x, expected one"),
         ({}, {"dofs__position": np.eye(6)[:, :3]}, "expected one place for all rows of a node"),
         ({}, {"elements__TET4": [[1, 2, 1, 2]]}, "found elements of the kind 'TET4'"),
+        ({}, PROPERTIES | {"materials": b'[{"name": "a", "young": '}, "/materials: Invalid JSON"),
+        ({}, PROPERTIES | {"materials": b'[{"name": "a", "young": -1}]'}, "'a': young: found -1, expected a positive"),
+        ({}, PROPERTIES | {"materials": None}, "/materials is missing"),
+        ({}, PROPERTIES, "element properties: found the material 0 of line, expected less than 0"),
     ],
 )  # fmt: skip
 def test_a_file_that_a_script_wrote_wrong_is_refused(comm, folder, attributes, changed, says):
