@@ -39,7 +39,7 @@ def strain_matrices(kind: str, rule: Rule, positions: np.ndarray) -> tuple[np.nd
         B[:, :, row, :, a], B[:, :, row, :, b] = gradients[..., b], gradients[..., a]
     if rule.strain == "mean volume":
         B[:, :, :3] += ((mean[:, None] - gradients) / 3)[:, :, None]
-    return B.reshape(*B.shape[:3], -1), volumes
+    return B.reshape(*B.shape[:3], 3 * B.shape[3]), volumes
 
 
 def stiffness_matrices(kind: str, rule: Rule, positions: np.ndarray, elastic: np.ndarray) -> np.ndarray:

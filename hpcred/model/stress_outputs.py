@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ..parallel.declared import as_declared
+from ..parallel.failures import InputError
 from ..parallel.ranges import LABEL, within
 from .solids import Solids
 from .strain_matrices import COMPONENTS, nodal_stress_matrices
@@ -63,6 +64,11 @@ def stress_columns(model, outputs) -> np.ndarray:
         rows, values, count = _parts(solids, np.flatnonzero(solids.number == item.node), COMPONENTS.index(item.stress))
         parts = model.comm.allgather((rows, values, count))  # as large as the elements at a node
         total = sum(count for *_, count in parts)
+        if not total:
+            raise InputError(
+                f"outputs: node {item.node} of {model.name} has no stress, since its elements have nodes without rows, "
+                "such as those that follow a rigid body; choose another node"
+            )
         for rows, values, _ in parts:
             mine = (rows >= model.first_row) & (rows < model.first_row + model.local_rows)
             np.add.at(local[:, column], rows[mine] - model.first_row, values[mine] / total)

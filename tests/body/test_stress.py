@@ -208,6 +208,10 @@ def test_elements_with_nodes_without_rows_are_left_out(comm):
             found = hpcred.stress_modes(model, block)
             nodes, values = whole(comm, found)
             block.destroy()
+            lonely, other = (hpcred.StressOutput(node=int(node) + 1, stress="xx")
+                             for node in (elements[0, 3], elements[2, 1]))  # fmt: skip
+            with pytest.raises(hpcred.InputError, match=r"outputs: node \d+ of .* has no stress, since its elements"):
+                model.with_outputs([other, lonely])
     there = sorted(set(elements[1:].ravel() + 1))
     assert nodes.tolist() == there and np.allclose(values[0], constant(), rtol=1e-10, atol=1e-3)
     assert any("stress: elements at 1 nodes that have no row" in remark for remark in found.remarks)
