@@ -116,7 +116,7 @@ def displacements_of_states(model, solids, frame, origin, nodes, factoring, valu
             rigid = owned.owns(RigidBodyModes(framed.model))
             rigid = rigid if rigid.count else None
         right = owned.owns(from_dense(framed.model.B))
-        kept = _with_load(right, rigid)
+        kept = model.comm.bcast(_with_load(right, rigid))
         states = tuple(state for state, there in zip(states, kept, strict=True) if there)
         solution = owned.owns(create_block(framed.model.K, max(len(states), 1)))
         if states:
@@ -236,7 +236,7 @@ def _check_energy(model, solids, field, moved, states):
         apply(model.K, moved, forces)
         with local_rows(forces) as f, local_rows(moved) as u:
             whole = (f.real * u.real).sum(axis=0)
-    own, whole = summed(model.comm, np.array([solids.energies(field), whole]))
+    own, whole = model.comm.bcast(summed(model.comm, np.array([solids.energies(field), whole])))
     share = np.divide(own, whole, out=np.ones(len(own)), where=whole > 0)
     worst = int(np.abs(share - 1).argmax())
     if abs(share[worst] - 1) > SAME_ENERGY:

@@ -20,11 +20,16 @@ from ..model.units import in_si, units_of
 from ..parallel.failures import InputError, Owned, agreed
 
 
-def check_geometric_stiffness(asked, model):
+def check_geometric_stiffness(job, model):
     """Refuse what a job asks for and the model does not have, before the reduction. Collective. Raises InputError."""
-    if asked is True:
+    if job.geometric_stiffness and job.projection == "two_sided" and model.Ct is not None:
+        raise InputError(
+            "geometric_stiffness: a two-sided projection has no displacements of second order; leave it out, or "
+            "reduce with projection = 'one_sided'"
+        )
+    if job.geometric_stiffness is True:
         require_stresses(model)
-    for item in asked or () if asked is not True else ():
+    for item in job.loaded_states:
         require_state(model, item.state)
         if item.file is not None and item.matrix is None:
             require_axial(model, item.state)
@@ -43,8 +48,8 @@ def geometric_stiffness_of_job(job, model, reduced) -> GeometricStiffness | None
         )
     if not job.geometric_stiffness:
         return None
-    matrices = [_matrix(item, model, reduced.columns) for item in job.geometric_stiffness]
-    states = tuple(item.state for item in job.geometric_stiffness)
+    matrices = [_matrix(item, model, reduced.columns) for item in job.loaded_states]
+    states = tuple(item.state for item in job.loaded_states)
     return GeometricStiffness(states, np.array(matrices), np.array(job.body_origin))
 
 

@@ -71,7 +71,7 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
             check_room(job.output, _bytes(job, model) if job.write_basis else 0)
         with progress.stage("read"):
             contents = {str(Path(name).absolute()): content_of(name, comm) for name in job.files}
-        check_geometric_stiffness(job.geometric_stiffness, model)  # before what takes long
+        check_geometric_stiffness(job, model)  # before what takes long
         with listening(store is not None):
             reduced = reduce(
                 model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings,

@@ -197,3 +197,11 @@ def test_tables_of_states_that_do_not_fit(comm, folder, value, says):
     (folder / "job.toml").write_text(JOB)
     with pytest.raises(InputError, match=says):
         hpcred.reduce_job(folder / "job.toml", overrides=[f"geometric_stiffness={value}"])
+
+
+def test_a_two_sided_projection_has_none(comm, folder):
+    with hpcred.solid((3, 2, 2), None, 3, False, comm) as model, model.with_outputs([(5, "x")]) as measured:
+        hpcred.write_model(folder / "model.h5", measured)
+    (folder / "job.toml").write_text(JOB)
+    with pytest.raises(InputError, match="geometric_stiffness: a two-sided projection has no displacements of second"):
+        hpcred.reduce_job(folder / "job.toml", overrides=['projection="two_sided"', "interface=[]"])
