@@ -15,7 +15,7 @@ from ..files.result_copy import copy_with_stress
 from ..files.result_file import FORMAT, ROWS_AT_A_TIME, SCHEMA, VERSION, Result
 from ..files.result_points import read_points
 from ..files.system_errors import open_input, writing_to
-from ..model.dofs import DIRECTIONS
+from ..model.dofs import SCALAR
 from ..model.units import units_of
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
@@ -140,7 +140,10 @@ def add_stresses(result, answers, output, *, units: str = "SI", comm=None, progr
 
 
 def _check_rows(source) -> int:
-    """Return the number of columns of a basis. Raises InputError where rows are no directions of nodes."""
+    """Return the number of columns of a basis. Raises InputError where rows are no directions of nodes.
+
+    Scalar rows, such as internal modes of elements, may be there: the program computes these at rest.
+    """
     with reading(source, FORMAT, VERSION, SCHEMA) as file:
         if "basis/V" not in file or "dofs" not in file:
             raise InputError(
@@ -148,10 +151,10 @@ def _check_rows(source) -> int:
             )
         rows = file["basis/V"].shape[1]
         for low in range(0, rows, ROWS_AT_A_TIME):
-            if (file["dofs/direction"][low : low + ROWS_AT_A_TIME] >= len(DIRECTIONS[:6])).any():
+            if (file["dofs/direction"][low : low + ROWS_AT_A_TIME] > SCALAR).any():
                 raise InputError(
                     f"{source}: found rows that are no displacements or rotations of nodes in the axes of the model "
-                    "(scalar, or of expanded shells and beams), which no input file can prescribe"
+                    "(of expanded shells and beams), which no input file can prescribe"
                 )
         return file["basis/V"].shape[0]
 
@@ -171,10 +174,11 @@ def _write_column(source, number, length, deck, path):
         names = dict(enumerate(deck.directions))
         for low in range(0, file["basis/V"].shape[1], ROWS_AT_A_TIME // 16):
             part = slice(low, low + ROWS_AT_A_TIME // 16)
-            node, direction = (file[f"dofs/{key}"][part].tolist() for key in ("node", "direction"))
-            word = [names[item] for item in direction]
-            values = file["basis/V"][number, part]
-            values[np.array(direction) < 3] /= length
+            node, direction = (file[f"dofs/{key}"][part] for key in ("node", "direction"))
+            values, placed = file["basis/V"][number, part], direction < SCALAR
+            node, direction, values = node[placed].tolist(), direction[placed], values[placed]
+            values[direction < 3] /= length
+            word = [names[item] for item in direction.tolist()]
             values = values.tolist()
             columns = (node, word, word, values) if deck.line.count("%") == 4 else (node, word, values)
             lines.write("".join(map(deck.line.__mod__, zip(*columns, strict=True))))

@@ -149,3 +149,16 @@ def test_calculix_computes_the_stresses_of_a_basis(tmp_path):
     hpcred.add_stresses(tmp_path / "result.h5", tmp_path / "job" / "stress.frd", tmp_path / "with.h5")
     found = hpcred.read_result(tmp_path / "with.h5").stress_modes(own.node)
     assert np.abs(found.stress - own.stress).max() < 1e-4 * np.abs(own.stress).max()
+
+
+def test_scalar_rows_are_left_to_the_program(tmp_path, monkeypatch):
+    """As internal modes of C3D8I are, which CalculiX numbers as nodes of its own."""
+    monkeypatch.chdir(tmp_path)
+    dofs = hpcred.Dofs(np.array([1, 1, 1, 9]), np.array([0, 1, 2, 6]), np.zeros((4, 3)))
+    model = hpcred.SecondOrderModel(np.eye(4), None, np.diag([1.0, 2, 3, 4]), dofs=dofs).with_inputs([(1, "x")])
+    hpcred.write_result("result.h5", hpcred.reduce(model, [Modes(count=4)]), model)
+    Path("deck.inp").write_text("*NODE\n1,0.,0.,0.\n")
+    hpcred.write_deck("result.h5", "calculix", "deck.inp", "new")
+    for number in range(1, 5):
+        lines = (Path("new") / f"column_{number:04d}.inc").read_text().splitlines()
+        assert [line.split(",")[:3] for line in lines] == [["1", str(d), str(d)] for d in (1, 2, 3)]
