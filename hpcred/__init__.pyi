@@ -132,10 +132,11 @@ from .workflows.evaluate import check_result as check_result
 from .workflows.evaluate import estimate_of_result as estimate_of_result
 from .workflows.evaluate import evaluate_result as evaluate_result
 from .workflows.example import write_example as write_example
+from .workflows.export import export_reduced as export_reduced
 from .workflows.export import export_result as export_result
-from .workflows.export_reduced import export_reduced as export_reduced
 from .workflows.info import describe_file as describe_file
 from .workflows.info import inspect_file as inspect_file
+from .workflows.info_of_output import verify_file as verify_file
 from .workflows.modes import mass_in_words as mass_in_words
 from .workflows.modes import modes_of_file as modes_of_file
 from .workflows.modes import tables_of_modes as tables_of_modes
@@ -152,7 +153,6 @@ from .workflows.store import prune_store as prune_store
 from .workflows.stress_decks import add_stresses as add_stresses
 from .workflows.stress_decks import write_deck as write_deck
 from .workflows.sweep import run_sweep as run_sweep
-from .workflows.verify import verify_file as verify_file
 from .writers.base import ExportSource as ExportSource
 from .writers.base import Writer as Writer
 from .writers.fmu import write_fmu as write_fmu

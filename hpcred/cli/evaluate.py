@@ -192,9 +192,7 @@ def response(
     made = counted(report["factorisations"], "factorisation")
     print(f"{len(report['frequencies_hz'])} frequencies from {made} and "
           f"{report['columns']} columns for {report['size']} dofs")  # fmt: skip
-    for name in (output, figure):
-        if name:
-            print(f"written to {name}")
+    session.written(output, figure)
     session.warn(report["warnings"])
     show_timing(progress.timing())
     session.write_json(json, report)

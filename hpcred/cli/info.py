@@ -47,8 +47,7 @@ def info(
     show_table(None, sets[:MOST_SETS])
     if len(sets) > MOST_SETS:
         print(f"and {len(sets) - MOST_SETS} more node sets; --json - lists all")
-    if figure:
-        print(f"written to {figure}")
+    session.written(figure)
     session.warn(report["warnings"])
     session.write_json(json, report)
 
@@ -71,8 +70,7 @@ def bores(
         print(f"Lines for the job; give them names of your own, and leave out what is no bearing\n\n{report['job']}")
     else:
         print(f"{model}: no cylinder of {turn:g} degrees or more on its surface; --turn takes less")
-    if figure:
-        print(f"written to {figure}")
+    session.written(figure)
     session.warn(report["warnings"])
     session.write_json(json, report)
 
@@ -106,7 +104,6 @@ def modes(
     else:
         show_table(model, [{"mode": i, "f (Hz)": value} for i, value in enumerate(f, 1)])
     print(f"{report['rigid_body_modes']} rigid-body modes; largest residual {report['residual']:.1e}")
-    if figure:
-        print(f"written to {figure}")
+    session.written(figure)
     session.warn(report["warnings"])
     session.write_json(json, report)

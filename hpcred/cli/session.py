@@ -133,6 +133,13 @@ def list_all(word, items):
         print(f"{word}: {item}")
 
 
+def written(*names):
+    """Print the names of files that were asked for and are written now; None was not."""
+    for name in names:
+        if name is not None:
+            print(f"written to {name}")
+
+
 def show_loads(rows):
     """Print the sums of loads, of very many the first ones."""
     tables.show_table("Loads, and their sums; moments about the origin", rows[:MOST_LOADS])

@@ -77,8 +77,7 @@ def collect(
     rows = [{short.get(key, key): "" if row[key] is None else row[key] for key in known} for row in rows]
     show_table(file, _named_shortly(rows))
     session.list_all("note", report["remarks"])
-    for name in (*([output] if output else []), *report["figures"]):
-        print(f"written to {name}")
+    session.written(output, *report["figures"])
     if missing := report["missing"]:
         few = ", ".join(missing[:8]) + ", ..." * (len(missing) > 8)
         session.verdict(f"{len(missing)} of {len(report['rows'])} runs have no result of their job: {few}", False)

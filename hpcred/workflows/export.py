@@ -12,13 +12,15 @@ from pathlib import Path, PurePath
 
 from ..files import outputs
 from ..files.hdf5 import atomic_output, require_name
-from ..files.result_file import Result, read_result
+from ..files.result_file import Result, read_result, write_result
+from ..files.temporary import folder_of_all
 from ..files.text import absent
 from ..model.units import SI, units_of
-from ..parallel.declared import as_declared, nearest, types_of
+from ..parallel.declared import as_declared, declared, nearest, spelled, types_of
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..parallel.plugins import blamed
+from ..reduction.reduced_model import ReducedModel
 from ..settings.toml_file import override
 from ..writers.base import ExportSource
 from ..writers.registry import WRITERS
@@ -101,6 +103,30 @@ def export_result(
     if existed and progress is not None:  # said at the end: what cannot be written replaces nothing
         progress.tell(f"{path} existed and was replaced")
     return {"output": str(path), "format": kind, **report}
+
+
+@spelled
+def export_reduced(
+    reduced, path, format=None, *, nodes=None, units: str = "SI", modes=None, options=None, progress=None
+) -> dict:
+    """Write a ReducedModel, with the model that it was made from, for another program: see export_result.
+
+    Collective. Raises InputError; one that was read from a file is exported by `export_result`.
+    """
+    declared("reduced", reduced, ReducedModel)
+    if reduced.model is None:
+        raise InputError("export: found a reduced model without its full model, as one that was read from a file or "
+                         "closed; export the file by hpcred.export_result")  # fmt: skip
+    with folder_of_all(reduced.model.comm) as folder:
+        result = folder / f"{Path(path).stem or 'result'}.h5"
+        write_result(result, reduced, reduced.model)
+        try:
+            return export_result(
+                result, format, path, nodes=nodes, units=units, modes=modes, options=options, comm=reduced.model.comm,
+                progress=progress,
+            )
+        except InputError as error:  # names a file that the caller has never seen
+            raise InputError(str(error).replace(str(result), reduced.model.name)) from error
 
 
 def _chosen(kind, path, comm):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..body.coordinates import Coordinates
 from ..body.recovery import QUANTITIES, require_frame, start_places
 from ..files.hdf5 import require_name
 from ..files.outputs import check_outputs
@@ -78,12 +79,7 @@ def recover(
     check_outputs({output: kind_of_recovery(output)}, comm, [source, motion], progress=progress)
     with progress.stage("read", str(source)):
         taken = read_result(source, comm)
-        digest = None
-        with agreed(comm):
-            if comm.rank == 0:
-                digest = taken.basis_digest()
-        reduced, digest = taken.reduced, comm.bcast(digest)
-        whole = read_coordinates(motion, reduced.size, digest, output_rows(reduced), comm, first)
+        whole = coordinates_of(taken, motion, comm, first)
         if inertial:
             require_frame(motion, whole)
         whole = whole.with_rates(motion, "velocity" in quantities or (inertial and "acceleration" in quantities),
@@ -99,6 +95,17 @@ def recover(
                                  dtype="<f4" if single else "<f8", progress=progress)  # fmt: skip
     return {"output": str(output), "instants": len(coordinates.t), "nodes": points.total, "axes": record["axes"],
             **report, "remarks": record["remarks"]}  # fmt: skip
+
+
+def coordinates_of(result: Result, motion, comm, first: int | None = None) -> Coordinates:
+    """Return the coordinates of a motion of the body of a result; `first`: see recover. Collective. Raises
+    InputError for that of another body."""
+    digest = None
+    with agreed(comm):
+        if comm.rank == 0:
+            digest = result.basis_digest()
+    reduced = result.reduced
+    return read_coordinates(motion, reduced.size, comm.bcast(digest), output_rows(reduced), comm, first)
 
 
 def _quantities(words) -> tuple[str, ...]:

@@ -7,8 +7,7 @@ import numpy as np
 from ..body.recovery import von_mises
 from ..files.result_file import Result
 from ..parallel.failures import agreed
-from ..readers.motions.source import read_coordinates
-from ..writers.fmu import output_rows
+from .recover import coordinates_of
 
 AT_ONCE = 2**24  # numbers of stresses that are held at a time
 
@@ -17,11 +16,7 @@ def state_of_largest_stress(result: Result, motion, comm) -> tuple[np.ndarray, s
     """The coordinates (m,) of the instant with the largest von Mises stress of a motion, and a title with its numbers;
     None on other ranks than the first. Collective. Raises InputError for another body, and without stress modes.
     """
-    digest = None
-    with agreed(comm):
-        if comm.rank == 0:
-            digest = result.basis_digest()
-    coordinates = read_coordinates(motion, result.reduced.size, comm.bcast(digest), output_rows(result.reduced), comm)
+    coordinates = coordinates_of(result, motion, comm)
     with agreed(comm):
         if comm.rank:
             return None

@@ -17,8 +17,7 @@ from hpcred.files.hdf5 import reading, writing
 from hpcred.files.response_file import read_responses
 from hpcred.parallel.failures import ComputationError, InputError
 from hpcred.parallel.shares import row_range
-from hpcred.workflows.info_of_output import OUTPUTS, read_whole
-from hpcred.workflows.verify import verify_file
+from hpcred.workflows.info_of_output import OUTPUTS, read_whole, verify_file
 
 ROOMS = {"model.h5": model_file, "result.h5": result_file, "e.h5": response_file, "simulation.h5": motion_file}
 SMALL_JOB = """
