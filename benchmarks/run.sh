@@ -11,5 +11,6 @@ for name in directions boundary interpolation modes reading checksums op4 ansys_
 done
 "$python" "$here/adaptive.py" linkage linkage-mimo solid free plate
 "$python" "$here/size.py" linkage
+"$python" "$here/recovery.py" 100000
 "$python" "$here/growth.py" multigrid
 "$python" "$here/tables.py" .
