@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import tempfile
 from pathlib import Path
 
@@ -20,11 +19,12 @@ from ..model.units import units_of
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
 from ..readers.stresses.source import read_answers
+from ..writers.decks.base import SET
 from ..writers.decks.registry import deck_called
 from .workflow import workflow
 
+AT_ONCE = 2**18  # rows of text
 DIGITS = 2e-5  # of the largest displacement of a column: two numbers of six digits
-INCLUDE = re.compile(r"(?im)^\*INCLUDE\s*,\s*INPUT\s*=\s*([^\n,]+?)\s*$\n?")
 
 
 @workflow
@@ -37,7 +37,7 @@ def write_deck(result, program: str, original, folder, *, units: str = "SI", com
     ----------
     result : Result or path
         result.h5, with its basis and nodes.
-    program : {"calculix"}
+    program : {"calculix", "ansys", "nastran"}
     original : path
         The input file that the matrices came from; its model is taken, and its steps are left out.
     folder : path
@@ -68,7 +68,7 @@ def write_deck(result, program: str, original, folder, *, units: str = "SI", com
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise InputError(f"output {folder}: it exists and is not an empty folder; choose another name")
         count = _check_rows(source)
-        text = _whole_text(Path(original)) if comm.rank == 0 else ""
+        text = _whole_text(Path(original), deck.include) if comm.rank == 0 else ""
     names = [deck.column % number for number in range(1, count + 1)]
     fresh = None
     with agreed(comm):
@@ -85,6 +85,8 @@ def write_deck(result, program: str, original, folder, *, units: str = "SI", com
     with agreed(comm), progress.stage("write", str(folder)), writing_to(folder, fresh):
         for number in range(comm.rank, count, comm.size):
             _write_column(source, number, length, deck, fresh / names[number])
+        if deck.supports and comm.rank == comm.size - 1:
+            _write_supports(source, deck, fresh / deck.supports)
     comm.Barrier()
     with agreed(comm), writing_to(folder, fresh):
         if comm.rank == 0:
@@ -104,7 +106,7 @@ def add_stresses(result, answers, output, *, units: str = "SI", comm=None, progr
     result : Result or path
         The result.h5 that write_deck was given.
     answers : path
-        The results of the program: .frd of CalculiX.
+        The results of the program: .frd of CalculiX, .rst of ANSYS, punch file of Nastran.
     output : path
         A new result.h5, with `basis/stress`.
     units : str, default "SI"
@@ -159,29 +161,52 @@ def _check_rows(source) -> int:
         return file["basis/V"].shape[0]
 
 
-def _whole_text(path, depth=0) -> str:
+def _whole_text(path, include, depth=0) -> str:
     """Return the text of an input file, with those that it includes. Raises InputError."""
     with open_input(path) as file:
         text = file.read().decode("latin-1").replace("\r\n", "\n")
     if depth > 20:
         raise InputError(f"{path}: files that include each other, more than 20 deep")
-    return INCLUDE.sub(lambda match: _whole_text(path.parent / match[1].strip("\"' "), depth + 1).rstrip() + "\n", text)
+    if include is None:
+        return text
+
+    def included(match):
+        return _whole_text(path.parent / match[1].strip("\"' "), include, depth + 1).rstrip() + "\n"
+
+    return include.sub(included, text)
 
 
 def _write_column(source, number, length, deck, path):
     """Write the lines of one column, displacements in a unit of length (m) and rotations."""
     with reading(source, FORMAT, VERSION, SCHEMA) as file, open(path, "w", encoding="ascii") as lines:
-        names = dict(enumerate(deck.directions))
-        for low in range(0, file["basis/V"].shape[1], ROWS_AT_A_TIME // 16):
-            part = slice(low, low + ROWS_AT_A_TIME // 16)
-            node, direction = (file[f"dofs/{key}"][part] for key in ("node", "direction"))
-            values, placed = file["basis/V"][number, part], direction < SCALAR
-            node, direction, values = node[placed].tolist(), direction[placed], values[placed]
+        for part, placed, node, direction in _rows(file, "dofs"):
+            values = file["basis/V"][number, part][placed]
             values[direction < 3] /= length
-            word = [names[item] for item in direction.tolist()]
-            values = values.tolist()
-            columns = (node, word, word, values) if deck.line.count("%") == 4 else (node, word, values)
-            lines.write("".join(map(deck.line.__mod__, zip(*columns, strict=True))))
+            words = [deck.directions[item] for item in direction.tolist()]
+            lines.writelines(
+                deck.line.format(node=label, direction=word, value=value, set=SET + number + 1)
+                for label, word, value in zip(node.tolist(), words, values.tolist(), strict=True)
+            )
+
+
+def _write_supports(source, deck, path):
+    """Write a line for each dof, also for those that are held."""
+    with reading(source, FORMAT, VERSION, SCHEMA) as file, open(path, "w", encoding="ascii") as lines:
+        for group in ("dofs", "held"):
+            for *_, node, direction in _rows(file, group) if group in file else ():
+                lines.writelines(
+                    deck.support.format(node=label, direction=deck.directions[item])
+                    for label, item in zip(node.tolist(), direction.tolist(), strict=True)
+                )
+
+
+def _rows(file, group):
+    """Yield some rows of a group at a time: their part of all, which have a place, and nodes and directions of these."""
+    for low in range(0, len(file[f"{group}/node"]), AT_ONCE):
+        part = slice(low, low + AT_ONCE)
+        node, direction = (file[f"{group}/{key}"][part] for key in ("node", "direction"))
+        placed = direction < SCALAR
+        yield part, placed, node[placed], direction[placed]
 
 
 def _check_displacements(answers, source, found, points, length, comm):

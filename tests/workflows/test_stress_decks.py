@@ -100,6 +100,38 @@ def test_the_input_of_calculix_prescribes_all_displacements(comm, folder):
             assert [float(row[3]) for row in rows] == pytest.approx((1e3 * column).tolist(), rel=1e-12)
 
 
+ARCHIVE = "/PREP7\nNBLOCK,6,SOLID\n(3i9,6e21.13e3)\n        1        0        0\nN,R5.3,LOC,       -1,\nFINISH\n"
+BULK = "SOL 103\nCEND\nMPC = 4\nMETHOD = 1\nBEGIN BULK\nGRID,1,,0.,0.,0.\nINCLUDE 'mesh.bdf'\nENDDATA\n"
+
+
+@pytest.mark.parametrize("program, text, job", [("ansys", ARCHIVE, "stress.inp"), ("nastran", BULK, "stress.bdf")])
+def test_the_input_of_ansys_and_nastran(tmp_path, program, text, job):
+    """The model of the original, a load step or subcase a column, and the displacements of all rows."""
+    result_of(tmp_path, MPI.COMM_SELF)
+    (tmp_path / "part").write_text(text)
+    (tmp_path / "mesh.bdf").write_text("GRID,2,,1.,0.,0.\n")
+    hpcred.write_deck(tmp_path / "result.h5", program, tmp_path / "part", tmp_path / "new")
+    main = (tmp_path / "new" / job).read_text()
+    with h5py.File(tmp_path / "result.h5") as file:
+        node, direction, V = (file[key][...] for key in ("dofs/node", "dofs/direction", "basis/V"))
+    column = (tmp_path / "new" / ("column_0002.inp" if program == "ansys" else "column_0002.bdf")).read_text()
+    if program == "ansys":
+        assert main.startswith(ARCHIVE.rstrip()) and main.count("SOLVE") == 3 and "/INPUT,column_0002,inp\n" in main
+        assert main.index("NROTAT,ALL") < main.index("ANTYPE,STATIC") < main.index("OUTRES,STRS") < main.index("SOLVE")
+        rows = [line.split(",") for line in column.splitlines()]
+        found = [(int(row[1]), ["UX", "UY", "UZ"].index(row[2]), float(row[3])) for row in rows]
+    else:
+        assert "METHOD" not in main and "MPC = 4\n" in main and main.endswith("ENDDATA\n")
+        assert main.count("GRID,") == 2 and main.count("SUBCASE") == 3 == main.count("  LOAD = 9000000")
+        supports = (tmp_path / "new" / "supports.bdf").read_text().splitlines()
+        assert supports == [f"SPC1,90000000,{d + 1},{n}" for n, d in zip(node, direction, strict=True)]
+        rows = column.splitlines()[::2]
+        assert {row[:24] for row in rows} == {f"SPCD*   {90000002:16d}"} and set(column.splitlines()[1::2]) == {"*"}
+        found = [(int(row[24:40]), int(row[40:56]) - 1, float(row[56:72])) for row in rows]
+    assert [item[:2] for item in found] == list(zip(node.tolist(), direction.tolist(), strict=True))
+    assert [item[2] for item in found] == pytest.approx(V[1].tolist(), rel=1e-9)
+
+
 @pytest.mark.parametrize("change, says", [
     (lambda n, u, s: frd_of(n, u[:2], s[:2]), "found 2 steps with stresses, expected 3"),
     (lambda n, u, s: frd_of(n, u[[0, 2, 1]], s), "displacements in step 2 that differ by .* from column 2"),
@@ -120,7 +152,9 @@ def test_answers_that_do_not_fit_are_refused(tmp_path, change, says):
 
 
 @pytest.mark.parametrize("program, deck, target, says", [
-    ("nastrn", DECK, "new", "deck: found 'nastrn', expected calculix"),
+    ("nastrn", DECK, "new", "deck: found 'nastrn', expected calculix or ansys or nastran"),
+    ("ansys", DECK, "new", "found no nodes .NBLOCK., expected an archive of ANSYS"),
+    ("nastran", DECK, "new", "found no GRID in the bulk data"),
     ("calculix", "GRID,1,,0.,0.,0.\n", "new", "deck.inp: found no keyword .NODE"),
     ("calculix", DECK, ".", "it exists and is not an empty folder"),
 ])  # fmt: skip

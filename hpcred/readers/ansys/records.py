@@ -79,6 +79,17 @@ class RecordFile:
             return np.array(self._few[position : position + count])
         return read_numbers(self.path, WORD, count, offset=4 * position)
 
+    def words_at(self, positions: np.ndarray, count: int) -> np.ndarray:
+        """Return so many words from each of some positions (k,), as integers (k, count)."""
+        if count < 0 or not ((positions >= 0) & (positions + count <= self.size)).all():
+            raise self.damaged(int(positions.max()), f"records beyond the end of the file ({self.size} words)")
+        return self._few[positions[:, None] + np.arange(count)]
+
+    @staticmethod
+    def is_plain(flags: int) -> bool:
+        """Test whether a record has all of its numbers one after the other."""
+        return not flags & (BITS | WINDOWS | ZIPPED)
+
     def frame(self, position: int) -> tuple[int, int]:
         """Return length and flags of a record, whose end is where it must be."""
         length, flags = (int(item) for item in self.words(position, 2))

@@ -25,10 +25,7 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         header, _ = file.integers(STANDARD + 3, file.frame(STANDARD + 3)[0], "the header")
         if len(header) <= GEOMETRY:
             raise file.damaged(STANDARD + 3, f"a header of {len(header)} words")
-        place = _wide(header, GEOMETRY, GEOMETRY_HIGH)
-        if not place:
-            raise InputError(f"{path}: found no geometry in the result file; write the nodes by CDWRITE,DB")
-        geometry, _ = file.integers(place, file.frame(place)[0], "the header of the geometry")
+        place, geometry = geometry_of(file, header)
         if len(geometry) <= NODES_HIGH or geometry[NODES] < 1:
             raise file.damaged(place, "a geometry without nodes")
         start = _wide(geometry, NODES_LOW, NODES_HIGH) or int(geometry[NODES_OLD])
@@ -37,6 +34,14 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if len(label) and not ((label == np.floor(label)) & (label >= 1) & (label <= LARGEST_LABEL)).all():
             raise file.damaged(start, "a node number that is no whole number")
     return label.astype(np.int64), table[:, 1:4], table[:, 4:]
+
+
+def geometry_of(file: RecordFile, header) -> tuple[int, np.ndarray]:
+    """Return the place and the header of the geometry. Raises InputError."""
+    place = _wide(header, GEOMETRY, GEOMETRY_HIGH)
+    if not place:
+        raise InputError(f"{file.path}: found no geometry in the result file; write the nodes by CDWRITE,DB")
+    return place, file.integers(place, file.frame(place)[0], "the header of the geometry")[0]
 
 
 def _wide(header, low, high):

@@ -8,8 +8,15 @@ import numpy as np
 
 from ...files.text import first_bytes
 from ...parallel.failures import InputError, agreed
+from ..ansys import rst
 from ..calculix import frd
-from . import calculix_frd
+from . import ansys_rst, calculix_frd, nastran_punch
+
+FORMATS = (
+    (frd.begins, calculix_frd.read, "CalculiX, means at nodes in .frd"),
+    (rst.begins, ansys_rst.read, "ANSYS, means at corner nodes in .rst"),
+    (nastran_punch.begins, nastran_punch.read, "Nastran, means at corner nodes in the punch file"),
+)
 
 
 @dataclass(frozen=True)
@@ -35,6 +42,10 @@ class Answers:
 def read_answers(path, comm) -> Answers:
     """Read the results of a program by its format. Collective. Raises InputError."""
     with agreed(comm):
-        if not frd.begins(first_bytes(path)):
-            raise InputError(f"{path}: found no results of a known program, expected a .frd file of CalculiX")
-    return Answers(*calculix_frd.read(path, comm), "CalculiX, means at nodes in .frd")
+        start = first_bytes(path)
+        known = [item for item in FORMATS if item[0](start)]
+        if not known:
+            raise InputError(f"{path}: found no results of a known program, expected a .frd file of CalculiX, a .rst "
+                             "file of ANSYS, or a punch file of Nastran")  # fmt: skip
+    _, read, source = known[0]
+    return Answers(*read(path, comm), source)

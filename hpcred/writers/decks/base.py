@@ -6,7 +6,10 @@ from the displacements of its nodes alone.
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
+
+SET = 90_000_000  # numbers of sets of loads and supports, above those of users
 
 
 class Deck(ABC):
@@ -17,14 +20,19 @@ class Deck(ABC):
     job, column : str
         Names of the main file, and of the file of a column with `%d` for its number from 1.
     line : str
-        Text of a line of the file of a column, with `%` for node, direction and displacement.
+        Text of a line of the file of a column, with {node}, {direction}, {value}, and {set}: SET and its number.
     directions : tuple
         What the program calls x, y, z, rx, ry, rz in such a line.
+    supports, support : str
+        Name of a file of all dofs, held ones too, and the text of its lines; "" for none.
+    include : re.Pattern or None
+        How a line includes another file, whose name is its first group.
     run : str
         What to run in the folder, and what it writes.
     """
 
-    job = column = line = run = ""
+    job = column = line = supports = support = run = ""
+    include: re.Pattern | None = None
     directions: tuple = ()
 
     @abstractmethod

@@ -12,7 +12,8 @@ NODE = re.compile(r"(?im)^\*NODE\b(?!\s+(?:PRINT|FILE|OUTPUT))|^\*INCLUDE\b")
 class CalculixDeck(Deck):
     """Steps behind the model of an input file of CalculiX; numbers have at most 20 characters, which it reads."""
 
-    job, column, line = "stress.inp", "column_%04d.inc", "%d,%d,%d,%.12e\n"
+    job, column, line = "stress.inp", "column_%04d.inc", "{node},{direction},{direction},{value:.12e}\n"
+    include = re.compile(r"(?im)^\*INCLUDE[ \t]*,[ \t]*INPUT[ \t]*=[ \t]*([^\n,]+?)[ \t]*$\n?")
     directions = tuple(range(1, 7))
     run = "ccx stress; the answers are in stress.frd"
 

@@ -1,10 +1,12 @@
 """List the programs that compute stresses, by the words for --deck."""
 
 from ...parallel.failures import InputError
+from .ansys import AnsysDeck
 from .base import Deck
 from .calculix import CalculixDeck
+from .nastran import NastranDeck
 
-DECKS = {"calculix": CalculixDeck}
+DECKS = {"calculix": CalculixDeck, "ansys": AnsysDeck, "nastran": NastranDeck}
 
 
 def deck_called(word: str) -> Deck:
