@@ -201,7 +201,7 @@ def _write_supports(source, deck, path):
 
 
 def _rows(file, group):
-    """Yield some rows of a group at a time: their part of all, which have a place, and nodes and directions of these."""
+    """Yield some rows of a group at a time: their part of all, which have places, their nodes and directions."""
     for low in range(0, len(file[f"{group}/node"]), AT_ONCE):
         part = slice(low, low + AT_ONCE)
         node, direction = (file[f"{group}/{key}"][part] for key in ("node", "direction"))
