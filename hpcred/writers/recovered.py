@@ -17,7 +17,7 @@ from ..files.result_points import Points
 from ..parallel.failures import InputError, agreed
 from .vtk_series import series, single
 
-AT_ONCE, FEWEST = 2**22, 8  # numbers of a field of a rank at a time, and instants: products of fewer are slow
+AT_ONCE, FEWEST = 2**22, 16  # numbers of a field of a rank at a time, and instants: products of fewer are slow
 ENDINGS = {".pvd": VTK, ".vtu": VTK, ".csv": CSV_OF_RECOVERY, ".h5": hdf5_kind(FORMAT), ".hdf5": hdf5_kind(FORMAT)}
 STRESSES = ("stress", "von_mises")
 UNITS = {"displacement": "largest_displacement_m", "velocity": "largest_velocity_m_s",
