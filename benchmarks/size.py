@@ -54,7 +54,6 @@ def reference(name):
         framed = apply_frame(model, frame or hpcred.NoFrame(), hpcred.NoDamping())
         if framed.rigid is None:
             hpcred.write_model("framed.h5", framed.model)
-        framed.close()
         if model.comm.rank == 0:
             np.savez("reference.npz", frequencies=f, response=full,
                      alpha=measured_with.alpha, beta=measured_with.beta, eta=measured_with.eta)  # fmt: skip

@@ -10,7 +10,6 @@ from typing import Literal
 import hpcred
 from hpcred import Component, InputError
 from hpcred.linalg.blocks import create_block, from_dense
-from hpcred.parallel.failures import Owned
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,16 +27,15 @@ class FurtherLoads(Component):
         return len(self.loads)
 
     def extend(self, basis, run):
-        with Owned(run.model.comm) as owned:
-            loaded = owned.owns(run.model.with_inputs(self.loads))
-            load = owned.owns(from_dense(loaded.B))
-            shapes = owned.owns(create_block(run.model.K, len(self.loads)))
-            solver = run.solvers.factored(0.0, "further loads")
-            with run.progress.stage("solve"):
-                solver.solve(load, shapes)
-            with run.progress.stage("orthogonalise"):
-                found = basis.extend(shapes)
-            run.note("further loads", len(self.loads), found)
+        loaded = run.model.with_inputs(self.loads)
+        load = from_dense(loaded.B)
+        shapes = create_block(run.model.K, len(self.loads))
+        solver = run.solvers.factored(0.0, "further loads")
+        with run.progress.stage("solve"):
+            solver.solve(load, shapes)
+        with run.progress.stage("orthogonalise"):
+            found = basis.extend(shapes)
+        run.note("further loads", len(self.loads), found)
 
 
 def main():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..linalg.blocks import apply, as_pairs, create_block, from_dense, inner, multiply, unfold
+from ..linalg.blocks import as_pairs, create_block, from_dense, inner, multiply, times, unfold
 from ..linalg.free_motions import check_free_motions
 from ..linalg.refinement import REFINE_ABOVE
 from ..linalg.solvers.base import SingularMatrix
@@ -95,8 +95,8 @@ def frequency_response(
     check_definite(model)
     require_inputs(model)
     require_room(model, len(frequencies))
-    with in_usual_units(model) as (usual, inputs, outputs), Owned(model.comm) as owned:
-        framed = owned.owns(apply_frame(usual, frame, damping))
+    with in_usual_units(model) as (usual, inputs, outputs):
+        framed = apply_frame(usual, frame, damping)
         check_free_motions(framed.model, framed.rigid, factoring)
         if groups == 1:
             found = _full(framed, frequencies, factoring, progress)
@@ -112,8 +112,8 @@ def response_and_drive(model, frequencies, frame=None, damping=None, **keywords)
         found = frequency_response(model, frequencies, frame, damping, **keywords)
         return found, np.einsum("fpp->fp", found)
     both = np.hstack([mat.getDenseArray().real for mat in (model.Ct, model.B)])
-    with model.with_output_columns(both, tuple(map(str, range(both.shape[1])))) as other:
-        found = frequency_response(other, frequencies, frame, damping, **keywords)
+    other = model.with_output_columns(both, tuple(map(str, range(both.shape[1]))))
+    found = frequency_response(other, frequencies, frame, damping, **keywords)
     outputs = len(model.output_names)
     return found[:, :outputs], np.einsum("fpp->fp", found[:, outputs:])
 
@@ -183,8 +183,8 @@ def _parts(count, size):
 def _full(framed, frequencies, factoring, progress):
     model = framed.model
     with Owned(model.comm) as owned:
-        loads = owned.owns(from_dense(model.B))
-        sensors = owned.owns(from_dense(model.B if model.Ct is None else model.Ct))
+        loads = from_dense(model.B)
+        sensors = from_dense(model.B if model.Ct is None else model.Ct)
         response = np.zeros((len(frequencies), sensors.getSizes()[1], loads.getSizes()[1]), dtype=complex)
         solvers = owned.owns(_Solvers(framed, factoring))
 
@@ -236,10 +236,8 @@ def _by_full_matrices(solvers, frequencies, response, step) -> np.ndarray:
 
 def _full_matrix(mat):
     """Return a matrix that one rank has as a numpy array; model matrices are real in both builds."""
-    full = mat.convert("dense", PETSc.Mat())
-    values = full.getDenseArray().real.copy()
-    full.destroy()
-    return values
+    full = mat.convert("dense", PETSc.Mat())  # whose memory the array shares
+    return full.getDenseArray().real.copy()
 
 
 class _Solvers:
@@ -268,27 +266,25 @@ class _Solvers:
         if self._shifted is None:
             self._shifted = ShiftedSolver(self.model, self.rigid, prefix="response_", factoring=self.factoring)
         self._shifted.factor(-(omega**2))
-        with Owned(self.model.comm) as owned:
-            solution = owned.owns(create_block(self.model.K, loads.getSizes()[1]))
-            self._shifted.solve(loads, solution)
-            return inner(sensors, solution) / (1 + 1j * self.loss)
+        solution = create_block(self.model.K, loads.getSizes()[1])
+        self._shifted.solve(loads, solution)
+        return inner(sensors, solution) / (1 + 1j * self.loss)
 
     def _damped(self, omega, loads, sensors):
         if self._shifted is not None:
             self._shifted.release()
         if self._complex is None:
             self._complex = ComplexSolver(self.model, self.rigid, prefix="response_", factoring=self.factoring)
-        with Owned(self.model.comm) as owned:
-            right = owned.owns(as_pairs(loads, self.model.K))
-            solution = owned.owns(create_block(self.model.K, right.getSizes()[1]))
-            if self.terms is None:
-                s = 1j * omega
-                self._complex.factor(s * s, s, 1 + 1j * self.loss)
-                self._complex.solve(right, solution)
-            else:
-                solve_caughey(self._complex, 1j * omega, self.terms, right, solution)
-            gram = inner(sensors, solution)
-            return gram[:, 0::2] + 1j * gram[:, 1::2]
+        right = as_pairs(loads, self.model.K)
+        solution = create_block(self.model.K, right.getSizes()[1])
+        if self.terms is None:
+            s = 1j * omega
+            self._complex.factor(s * s, s, 1 + 1j * self.loss)
+            self._complex.solve(right, solution)
+        else:
+            solve_caughey(self._complex, 1j * omega, self.terms, right, solution)
+        gram = inner(sensors, solution)
+        return gram[:, 0::2] + 1j * gram[:, 1::2]
 
 
 def solve_caughey(solver, s, terms, right, solution):
@@ -305,10 +301,7 @@ def solve_caughey(solver, s, terms, right, solution):
     for root in np.roots(polynomial[::-1]):
         solver.factor(-root)
         solver.solve(load, solution)
-        if load is not right:
-            load.destroy()
-        load = create_block(solver.model.M, solution.getSizes()[1])
-        apply(solver.model.M, solution, load)
-    load.destroy()
+        load = None  # its memory is for the next one
+        load = times(solver.model.M, solution)
     columns = solution.getSizes()[1] // 2
     multiply(solution, unfold(np.eye(columns) / polynomial[-1]))

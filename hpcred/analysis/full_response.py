@@ -8,7 +8,6 @@ error is estimated as in the search, from the model without the newest columns.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -198,11 +197,11 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
     _check_support(model, frame, frequencies)
     with Owned(model.comm) as owned:
         with progress.stage("frame"):
-            framed = owned.owns(apply_frame(model, frame, damping))
+            framed = apply_frame(model, frame, damping)
             warnings += inputs_without_effect(framed)
         room, deflation = min(ROOM, adaptive.columns), deflation_of_search(framed.model)
         run = owned.owns(Run(framed, progress, deflation, factoring, inertia=True, columns=room))
-        basis = owned.owns(Basis(run.mass, framed.rigid_columns, deflation, room, run.keeps_mass_images))
+        basis = Basis(run.mass, framed.rigid_columns, deflation, room, run.keeps_mass_images)
         search = Search(basis, run, adaptive)
         search.run_to_end()
         projections = search.projections
@@ -238,9 +237,7 @@ def _check_support(model, frame, frequencies):
     """Refuse the response at rest of a body that nothing holds, which is infinite. Collective."""
     if frequencies[0] > 0 or not isinstance(frame, NoFrame) or model.dofs is None:
         return
-    with closing(RigidBodyModes(model)) as rigid:
-        count = rigid.count
-    if count:
+    if RigidBodyModes(model).count:
         raise InputError(f"frequencies: found 0 Hz, where {model.name}, which is free, has none; begin above, "
                          "or take frame kind 'buckens' for the elastic part")  # fmt: skip
 

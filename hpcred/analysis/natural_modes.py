@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..linalg.blocks import apply, create_block, inner
+from ..linalg.blocks import inner, times
 from ..linalg.free_motions import ZERO
 from ..linalg.refinement import IllConditioned
 from ..linalg.solvers.base import SingularMatrix
@@ -101,7 +100,7 @@ def natural_modes(
         raise InputError(f"{signs[0]}, which have no natural frequency")
     progress = progress or Progress(model.comm, show=False)
     with Owned(model.comm) as owned:
-        framed = owned.owns(apply_frame(model, frame or _frame_of(model)))
+        framed = apply_frame(model, frame or _frame_of(model))
         run = owned.owns(Run(framed, progress, 1e-9, factoring or Factoring()))
         rigid = framed.rigid_size
         free = framed.model.size
@@ -121,7 +120,6 @@ def natural_modes(
                         f"{error}; where its files have few digits, hpcred modes {model.name} --frame none takes the "
                         "rigid-body modes as K has them"
                     ) from error
-            owned.owns(block)
         if unstable := growing(model, values):
             raise InputError(f"{unstable}, which have no natural frequency")
         still = values <= ZERO * framed.model.mean_eigenvalue
@@ -143,17 +141,14 @@ def _frame_of(model):
     """Return the Buckens frame if the nodes show a free body, else none."""
     if model.dofs is None:
         return NoFrame()
-    with closing(RigidBodyModes(model)) as rigid:
-        return Buckens() if rigid.count else NoFrame()
+    return Buckens() if RigidBodyModes(model).count else NoFrame()
 
 
 def _participation(model, blocks):
     """Return x^T M r_k (m, 6) of the columns x of the blocks, and r_k^T M r_k (6,); None without nodes."""
     if model.dofs is None:
         return None, None
-    with Owned(model.comm) as owned:
-        motions = owned.owns(rigid_motions(model, np.nan_to_num(rigid_body_quantities(model).centre)))
-        momentum = owned.owns(create_block(model.M, 6))
-        apply(model.M, motions, momentum)
-        parts = [inner(block, momentum) for block in blocks]
-        return np.concatenate([np.zeros((0, 6)), *parts]), np.diag(inner(motions, momentum)).copy()
+    motions = rigid_motions(model, np.nan_to_num(rigid_body_quantities(model).centre))
+    momentum = times(model.M, motions)
+    parts = [inner(block, momentum) for block in blocks]
+    return np.concatenate([np.zeros((0, 6)), *parts]), np.diag(inner(motions, momentum)).copy()

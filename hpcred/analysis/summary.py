@@ -80,25 +80,25 @@ def inspect(
         check_definite(model)
     first, rounded = None, ()
     if modes is not None:
-        with closing(natural_modes(model, min(modes, model.size), factoring=factoring, progress=progress)) as found:
-            report["lowest_frequencies_hz"] = found.frequencies.tolist()
-            rounded = found.warnings
-            first = next(iter(found.frequencies[found.rigid :].tolist()), None)
+        found = natural_modes(model, min(modes, model.size), factoring=factoring, progress=progress)
+        report["lowest_frequencies_hz"] = found.frequencies.tolist()
+        rounded = found.warnings
+        first = next(iter(found.frequencies[found.rigid :].tolist()), None)
     rigid_count, warnings = None, [*signs, *model.remarks]
     if model.dofs is not None:
         body = rigid_body_quantities(model)
-        with closing(RigidBodyModes(model)) as rigid:
-            rigid_count = rigid.count
-            report |= {
-                "mass_kg": body.mass,
-                "masses_in_x_y_z_kg": body.masses.tolist(),
-                "centre_of_mass_m": known(body.centre),
-                "inertia_kg_m2": known(body.inertia),
-                "rigid_body_modes": rigid.count,
-                "rigid_body_defect": rigid.defect,
-            }
-            if count := held_count(model):
-                report["held_dofs"] = count
+        rigid = RigidBodyModes(model)
+        rigid_count = rigid.count
+        report |= {
+            "mass_kg": body.mass,
+            "masses_in_x_y_z_kg": body.masses.tolist(),
+            "centre_of_mass_m": known(body.centre),
+            "inertia_kg_m2": known(body.inertia),
+            "rigid_body_modes": rigid.count,
+            "rigid_body_defect": rigid.defect,
+        }
+        if count := held_count(model):
+            report["held_dofs"] = count
         warnings = with_warnings(warnings, model, body, first)
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
     if model.symmetric and factoring.package.counts() and (limits or rigid_count is None):
@@ -131,18 +131,14 @@ def _definiteness(mass, factoring):
     if found != "indefinite":
         return found
     lifted, diagonal = mass.duplicate(copy=True), mass.getDiagonal()
-    try:
-        diagonal.abs()
-        values = diagonal.getArray()
-        smallest = mass.comm.tompi4py().allreduce(values[values > 0].min(initial=np.inf), op=MPI.MIN)
-        values[values == 0] = smallest if np.isfinite(smallest) else 1.0
-        diagonal.scale(NEGATIVE)
-        lifted.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        lifted.setDiagonal(diagonal, addv=PETSc.InsertMode.ADD_VALUES)
-        return "indefinite" if _inertia_of(lifted, factoring) == "indefinite" else "singular"
-    finally:
-        lifted.destroy()
-        diagonal.destroy()
+    diagonal.abs()
+    values = diagonal.getArray()
+    smallest = mass.comm.tompi4py().allreduce(values[values > 0].min(initial=np.inf), op=MPI.MIN)
+    values[values == 0] = smallest if np.isfinite(smallest) else 1.0
+    diagonal.scale(NEGATIVE)
+    lifted.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    lifted.setDiagonal(diagonal, addv=PETSc.InsertMode.ADD_VALUES)
+    return "indefinite" if _inertia_of(lifted, factoring) == "indefinite" else "singular"
 
 
 def _inertia_of(mass, factoring):

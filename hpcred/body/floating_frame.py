@@ -17,17 +17,15 @@ model.rigid_body_modes.RigidBody).
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from ..linalg.blocks import apply, create_block, inner, local_rows
+from ..linalg.blocks import create_block, inner, local_rows, times
 from ..model.dofs import OWN, SCALAR, require_dofs
 from ..model.rigid_body_modes import SAME_MASS, rigid_body_of, rigid_motions
 from ..parallel.exchange import exchange
-from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc
 from ..reduction.projection import WIDTH, project
 from .rotations import skew
@@ -203,25 +201,18 @@ def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False, Me=None
     """
     dofs = require_dofs(model, "a floating frame")
     origin = np.asarray(origin, dtype=float)
-    with ExitStack() as stack:
-        motions, momentum = rigid_motions(model, origin), create_block(model.M, 6)
-        stack.callback(motions.destroy)
-        stack.callback(momentum.destroy)
-        apply(model.M, motions, momentum)
-        gram, coupling = inner(motions, momentum), inner(momentum, columns)
+    motions = rigid_motions(model, origin)
+    momentum = times(model.M, motions)
+    gram, coupling = inner(motions, momentum), inner(momentum, columns)
     rigid = model.comm.bcast(rigid_body_of(gram))
     rotations = model.comm.allreduce(bool(((dofs.direction > 2) & (dofs.direction < SCALAR)).any()), op=MPI.LOR)
     every = np.flatnonzero(rigid.masses > 0)
     Me = project(model.M, columns) if Me is None else Me
-    with ExitStack() as stack:
-        mass = model.M
-        if lumped:
-            mass = _lumped(model)
-            stack.callback(mass.destroy)
-        N, S = _integrals(model, columns, origin, mass, every if rotations else _heaviest(rigid.masses))
-        exact = not rotations and model.comm.bcast(_adds_up(S, Me))
-        if not (exact or rotations or lumped):
-            N, S = _integrals(model, columns, origin, mass, every)
+    mass = _lumped(model) if lumped else model.M
+    N, S = _integrals(model, columns, origin, mass, every if rotations else _heaviest(rigid.masses))
+    exact = not rotations and model.comm.bcast(_adds_up(S, Me))
+    if not (exact or rotations or lumped):
+        N, S = _integrals(model, columns, origin, mass, every)
     kind = "lumped" if lumped else "consistent" if exact else "mean of directions"
     if turned := model.comm.allreduce(int((dofs.direction >= OWN).sum())):
         kind += f"; {turned} dofs in directions of their own (own1 to own6) have no part in mass, inertia and couplings"
@@ -252,44 +243,36 @@ def _integrals(model, columns, origin, mass, bases):
     for base in bases:
         mine = np.flatnonzero(model.dofs.direction == base)
         points = (model.dofs.position - origin)[mine]
-        with Owned(model.comm) as owned:
-            places = (model.first_row + mine).astype(PETSc.IntType)
-            chosen = owned.owns(PETSc.IS().createGeneral(places, model.K.comm))
-            scalar = owned.owns(mass.createSubMatrix(chosen, chosen))  # of one direction: a ninth of the matrix
-            fields = [_field(model, columns, scalar, d, base, mine) for d in range(3)]
-            for b in range(3):
-                for part in parts:
-                    load = _product(model.comm, scalar, fields[b][:, part])
-                    N[part, :, b] += load.T @ points / len(bases)
-                    for a in range(b + 1):
-                        S[a, b, :, part] += fields[a].T @ load / len(bases)
+        places = (model.first_row + mine).astype(PETSc.IntType)
+        chosen = PETSc.IS().createGeneral(places, model.K.comm)
+        scalar = mass.createSubMatrix(chosen, chosen)  # of one direction: a ninth of the matrix
+        fields = [_field(model, columns, d, base, mine) for d in range(3)]
+        for b in range(3):
+            for part in parts:
+                load = _product(scalar, fields[b][:, part])
+                N[part, :, b] += load.T @ points / len(bases)
+                for a in range(b + 1):
+                    S[a, b, :, part] += fields[a].T @ load / len(bases)
     N, S = model.comm.allreduce(N), model.comm.allreduce(S)
     for a, b in ((0, 1), (0, 2), (1, 2)):
         S[b, a] = S[a, b].T
     return N, S
 
 
-def _field(model, columns, scalar, direction, base, mine):
+def _field(model, columns, direction, base, mine):
     """Return the displacements of the columns in a direction, at the rows `mine` of the direction `base`.
     Collective."""
-    with Owned(model.comm) as owned:
-        transfer = owned.owns(_transfer(model, direction, base, mine))
-        first, last = columns.getActiveColumns()
-        field = owned.owns(create_block(scalar, last - first))
-        apply(transfer, columns, field)
-        with local_rows(field) as rows:
-            return rows.real.copy()
+    with local_rows(times(_transfer(model, direction, base, mine), columns)) as rows:
+        return rows.real.copy()
 
 
-def _product(comm, scalar, values):
+def _product(scalar, values):
     """Return the scalar mass matrix times columns (rows, k), the rows of this rank of both. Collective."""
-    with Owned(comm) as owned:
-        given, product = (owned.owns(create_block(scalar, values.shape[1])) for _ in range(2))
-        with local_rows(given) as rows:
-            rows[...] = values
-        apply(scalar, given, product)
-        with local_rows(product) as rows:
-            return rows.real.copy(order="F")
+    given = create_block(scalar, values.shape[1])
+    with local_rows(given) as rows:
+        rows[...] = values
+    with local_rows(times(scalar, given)) as rows:
+        return rows.real.copy(order="F")
 
 
 def _transfer(model, source, target, mine):
@@ -326,14 +309,9 @@ def _meeting_rank(node, ranks):
 
 def _lumped(model):
     """Return a diagonal matrix with the row sums of M for unit translations."""
-    with ExitStack() as stack:
-        motions, momentum = rigid_motions(model), create_block(model.M, 6)
-        stack.callback(motions.destroy)
-        stack.callback(momentum.destroy)
-        apply(model.M, motions, momentum)
-        values, moved = np.zeros(model.local_rows), model.dofs.direction < 3
-        with local_rows(momentum) as rows:
-            values[moved] = rows.real[moved, model.dofs.direction[moved]]
+    values, moved = np.zeros(model.local_rows), model.dofs.direction < 3
+    with local_rows(times(model.M, rigid_motions(model))) as rows:
+        values[moved] = rows.real[moved, model.dofs.direction[moved]]
     indptr = np.arange(model.local_rows + 1, dtype=PETSc.IntType)
     indices = np.arange(model.first_row, model.first_row + model.local_rows, dtype=PETSc.IntType)
     return PETSc.Mat().createAIJ(

@@ -20,7 +20,7 @@ from ..model.rigid_body_modes import rigid_body_quantities
 from ..model.shape_functions import integration_points
 from ..model.units import units_of
 from ..parallel.declared import as_declared
-from ..parallel.failures import InputError, Owned
+from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, repeated_key
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import ANYTHING, within
@@ -111,8 +111,7 @@ def stiffness_of_stresses(model, columns, element, point, stress, name) -> np.nd
     for kind, cells in element_rows(model).items():
         number = model.properties.table[kind][:, NUMBER]
         left = np.ones(len(number), bool)
-        with ValuesAtRows(model, cells.rows) as values:
-            shapes = values.of(columns)
+        shapes = ValuesAtRows(model, cells.rows).of(columns)
         for rule in RULES.get(kind, (FULL,)):
             points = 1 if rule is UNIFORM else len(integration_points(kind, rule.scheme)[1])
             wanted = number[:, None] * MOST_POINTS + np.arange(1, points + 2)  # and none more
@@ -153,17 +152,16 @@ def stiffness_of_difference(model, columns, item: LoadedState, loaded, opposite=
             _require_same(model, other, name)
     if item.matrix is not None:
         return _symmetric(model, project(loaded.K, columns))
-    with Owned(model.comm) as owned:
-        change = owned.owns(loaded.K.copy())
-        change.axpy(-1.0, (opposite or model).K)
-        if opposite is not None:
-            change.scale(0.5)
-        axis = "xyz".find(item.state[1]) if item.state.endswith("^2") else -1
-        if axis >= 0 and item.spin_softening:
-            spin = np.zeros(3)
-            spin[axis] = np.sqrt(abs(item.value))
-            change.axpy(-1.0, owned.owns(spin_softening(model, spin)))
-        return _symmetric(model, project(change, columns))
+    change = loaded.K.copy()
+    change.axpy(-1.0, (opposite or model).K)
+    if opposite is not None:
+        change.scale(0.5)
+    axis = "xyz".find(item.state[1]) if item.state.endswith("^2") else -1
+    if axis >= 0 and item.spin_softening:
+        spin = np.zeros(3)
+        spin[axis] = np.sqrt(abs(item.value))
+        change.axpy(-1.0, spin_softening(model, spin))
+    return _symmetric(model, project(change, columns))
 
 
 def require_state(model, state):
@@ -206,10 +204,9 @@ def _require_same(model, other, name):
             f"{name}: found {other.size} rows, expected the {model.size} rows of {model.name} with the same nodes and "
             "directions: it is the stiffness of another mesh, or of other supports"
         )
-    with Owned(model.comm) as owned:
-        change = owned.owns(other.M.copy())
-        change.axpy(-1.0, model.M)
-        difference = change.norm(PETSc.NormType.FROBENIUS) / model.M.norm(PETSc.NormType.FROBENIUS)
+    change = other.M.copy()
+    change.axpy(-1.0, model.M)
+    difference = change.norm(PETSc.NormType.FROBENIUS) / model.M.norm(PETSc.NormType.FROBENIUS)
     if not difference <= SAME_MASS:
         raise InputError(
             f"{name}: found another mass matrix than that of {model.name} (by {difference:.1e}), expected the same: it "

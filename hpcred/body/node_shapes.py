@@ -6,7 +6,7 @@ import numpy as np
 
 from ..linalg.blocks import local_rows
 from ..model.dofs import DIRECTIONS, SCALAR, node_of, require_dofs
-from ..parallel.failures import InputError, Owned
+from ..parallel.failures import InputError
 from ..reduction.projection import project_columns
 
 
@@ -97,8 +97,7 @@ def _with_references(model, columns, nodes, references):
     """Return the shapes of nodes, among them interface nodes, which move by G V."""
     others = [node for node in nodes if node not in {item.node for item in references}]
     known = {shape.node: shape for shape in (node_shapes(model, columns, others) if others else [])}
-    with Owned(model.comm) as owned:
-        motion = project_columns(columns, owned.owns(model.Gt.copy().convert("dense"))).T
+    motion = project_columns(columns, model.Gt.copy().convert("dense")).T
     for place, item in enumerate(model.interfaces):
         rows = motion[6 * place : 6 * place + 6]
         known[item.node] = NodeShape(item.node, np.array(item.position), rows[:3], rows[3:], True, item.name)

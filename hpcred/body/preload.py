@@ -16,7 +16,7 @@ from ..model.element_rows import node_rows
 from ..model.frames import Frame
 from ..model.second_order_model import SecondOrderModel
 from ..parallel.declared import as_declared, declared
-from ..parallel.failures import InputError, Owned
+from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import ANYTHING, within
 from ..reduction.reduced_model import ReducedModel
@@ -176,23 +176,21 @@ def preloaded(
         (node_stiffness(group.kind, group.rule, solids.position[members], stress).sum(axis=0), solids.rows[members])
         for group, members, stress in stresses(solids, found.field)
     ]
-    with Owned(model.comm) as owned:
-        K = model.K.copy()
-        K.axpy(1.0, owned.owns(assembled(model, parts)))
-        if any(preload.omega):
-            K.axpy(1.0, owned.owns(spin_softening(model, preload.omega)))
-        mats = {"K": K}
-        for key, mat in model.matrices.items():
-            if key != "K":  # all are on one pattern
-                mats[key] = K.copy()
-                mats[key].zeroEntries()
-                mats[key].axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        return model.with_fields(**mats)
+    K = model.K.copy()
+    K.axpy(1.0, assembled(model, parts))
+    if any(preload.omega):
+        K.axpy(1.0, spin_softening(model, preload.omega))
+    mats = {"K": K}
+    for key, mat in model.matrices.items():
+        if key != "K":  # all are on one pattern
+            mats[key] = K.copy()
+            mats[key].zeroEntries()
+            mats[key].axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+    return model.with_fields(**mats)
 
 
 def spin_softening(model, omega) -> PETSc.Mat:
-    """Return M skew(omega)^2 (n, n), symmetric, for masses that are the same in all directions. Collective; the caller
-    destroys it."""
+    """Return M skew(omega)^2 (n, n), symmetric, for masses that are the same in all directions. Collective."""
     square = skew(np.array(omega)) @ skew(np.array(omega))
     dofs = model.dofs
     moved = np.flatnonzero(dofs.direction < 3)
@@ -201,9 +199,8 @@ def spin_softening(model, omega) -> PETSc.Mat:
     values = square[dofs.direction[moved]]
     there = rows >= 0
     parts = [(np.repeat(moved, 3)[there.ravel()], rows[there], values[there])]
-    with Owned(model.comm) as owned:
-        turn = owned.owns(sparse_rows(model.K, parts, model.M.getSizes()[1]))
-        product = turn.matMult(model.M)
-        product.axpy(1.0, owned.owns(product.transpose(PETSc.Mat())))
-        product.scale(0.5)
-        return product
+    turn = sparse_rows(model.K, parts, model.M.getSizes()[1])
+    product = turn.matMult(model.M)
+    product.axpy(1.0, product.transpose(PETSc.Mat()))
+    product.scale(0.5)
+    return product

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linalg.blocks import apply, create_block, local_rows, view_of
+from ..linalg.blocks import local_rows, times, view_of
 from ..model.element_rows import ValuesAtRows
 from ..model.solids import Solids
-from ..parallel.failures import Owned
 from ..parallel.lookup import number_over_ranks
 from ..parallel.petsc import PETSc
 from ..parallel.sums import summed
@@ -82,16 +81,16 @@ def stress_modes(model, columns, nodes: Iterable[int | str] | None = None) -> St
     used = solids.used()
     node, place = number_over_ranks(model.comm, solids.number[used])
     stress = np.zeros((count, len(node), 6))
-    with Owned(model.comm) as owned, ValuesAtRows(model, solids.rows) as values:
-        adding = owned.owns(_adding(model, len(node), np.flatnonzero(used), place, len(solids.number)))
-        totals = _added(model.comm, adding, solids.counts().astype(float)[:, None])
-        share = _share_of_energy(solids, values, view)
-        for low in range(0, count, WIDTH):
-            part = view.between(low, min(low + WIDTH, count))
-            width = part.stop - part.first
-            sums = solids.sums(values.of(part)).reshape(len(solids.number), 6 * width)
-            mean = _added(model.comm, adding, sums) / totals
-            stress[low : low + width] = mean.reshape(len(node), 6, width).transpose(2, 0, 1)
+    values = ValuesAtRows(model, solids.rows)
+    adding = _adding(model, len(node), np.flatnonzero(used), place, len(solids.number))
+    totals = _added(adding, solids.counts().astype(float)[:, None])
+    share = _share_of_energy(solids, values, view)
+    for low in range(0, count, WIDTH):
+        part = view.between(low, min(low + WIDTH, count))
+        width = part.stop - part.first
+        sums = solids.sums(values.of(part)).reshape(len(solids.number), 6 * width)
+        mean = _added(adding, sums) / totals
+        stress[low : low + width] = mean.reshape(len(node), 6, width).transpose(2, 0, 1)
     view.bv.setActiveColumns(view.first, view.stop)  # which views of parts have moved
     remarks = list(solids.remarks)
     if nodes is None and share is not None and abs(share - 1) > SAME_ENERGY:
@@ -115,21 +114,17 @@ def _adding(model, own, used, place, size) -> PETSc.Mat:
     counts = np.zeros(size + 1, PETSc.IntType)
     counts[used + 1] = 1
     csr = (np.cumsum(counts, dtype=PETSc.IntType), place.astype(PETSc.IntType), np.ones(len(used)))
-    spread = PETSc.Mat().createAIJ(((size, None), (own, None)), csr=csr, comm=model.K.comm)
-    result = spread.transpose(PETSc.Mat())
-    spread.destroy()
-    return result
+    return PETSc.Mat().createAIJ(((size, None), (own, None)), csr=csr, comm=model.K.comm).transpose(PETSc.Mat())
 
 
-def _added(comm, adding, values) -> np.ndarray:
+def _added(adding, values) -> np.ndarray:
     """Return the sums (s, c) over the ranks of values (l, c). Collective."""
-    with Owned(comm) as owned:
-        given = owned.owns(PETSc.Mat().createDense(((len(values), None), (None, values.shape[1])), comm=adding.comm))
-        given.setUp()
-        given.getDenseArray()[...] = values
-        given.assemble()
-        found = owned.owns(adding.matMult(given))
-        return found.getDenseArray().real.copy()
+    given = PETSc.Mat().createDense(((len(values), None), (None, values.shape[1])), comm=adding.comm)
+    given.setUp()
+    given.getDenseArray()[...] = values
+    given.assemble()
+    found = adding.matMult(given)  # whose memory the array shares
+    return found.getDenseArray().real.copy()
 
 
 def _share_of_energy(solids, values, view) -> float | None:
@@ -139,13 +134,8 @@ def _share_of_energy(solids, values, view) -> float | None:
     for column in np.unique(np.linspace(0, count - 1, min(SAMPLES, count)).astype(int)).tolist():
         part = view.between(column, column + 1)
         total[0] += solids.energies(values.of(part))[0]
-        loads = create_block(model.K, 1)
-        apply(model.K, part, loads)
-        with local_rows(part) as moved:
-            moved = moved.real.copy()
-        with local_rows(loads) as forces:
-            total[1] += float((forces.real * moved).sum())
-        loads.destroy()
+        with local_rows(times(model.K, part)) as forces, local_rows(part) as moved:
+            total[1] += float((forces.real * moved.real).sum())
     own, whole = summed(model.comm, total)
     return float(own / whole) if whole > 0 else None
 

@@ -47,9 +47,7 @@ def projected(matrices: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 def assembled(model, parts) -> PETSc.Mat:
     """Return the sparse matrix (n, n) of elements, from pairs of their matrices (e, k, k) and rows (e, k, 3).
-
-    Collective; the caller destroys it.
-    """
+    Collective."""
     rows, columns, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     for matrices, places in parts:
         shape = (*matrices.shape, 3)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linalg.blocks import apply, column_norms, create_block, from_dense, local_rows
+from ..linalg.blocks import column_norms, create_block, from_dense, local_rows, times
 from ..linalg.solvers.base import SingularMatrix
 from ..linalg.solvers.settings import Factoring
 from ..linalg.solvers.shifted import ShiftedSolver
@@ -80,8 +80,7 @@ def geometric_stiffness(
     solids = require_stresses(model)
     origin = np.asarray(origin, dtype=float)
     found = displacements_of_states(model, solids, frame, origin, nodes, factoring)
-    with ValuesAtRows(model, solids.rows) as values:
-        shapes = values.of(columns)
+    shapes = ValuesAtRows(model, solids.rows).of(columns)
     total = summed(model.comm, sum_over_elements(solids, found.field, shapes))
     matrices = model.comm.bcast(total)
     return GeometricStiffness(found.states, (matrices + matrices.transpose(0, 2, 1)) / 2, origin)
@@ -108,24 +107,22 @@ def displacements_of_states(model, solids, frame, origin, nodes, factoring, valu
             raise InputError(f"preload: {model.name} has no direction {missing[0]}; its states are {', '.join(states)}")
         loads = loads @ np.array([[values.get(state, 0.0)] for state in states])
         states = ["the preload"]
-    with Owned(model.comm) as owned:
-        loaded = owned.owns(model.with_input_columns(loads, states))
-        framed = owned.owns(apply_frame(loaded, frame))
-        rigid = framed.rigid
-        if rigid is None and isinstance(frame, NoFrame | None):
-            rigid = owned.owns(RigidBodyModes(framed.model))
-            rigid = rigid if rigid.count else None
-        right = owned.owns(from_dense(framed.model.B))
-        kept = model.comm.bcast(_with_load(right, rigid))
-        states = tuple(state for state, there in zip(states, kept, strict=True) if there)
-        solution = owned.owns(create_block(framed.model.K, max(len(states), 1)))
-        if states:
-            chosen = owned.owns(_chosen(right, kept, framed.model.K))
-            _solve(framed.model, rigid, factoring, chosen, solution)
-        moved = owned.owns(everywhere(model, framed, solution))
-        with ValuesAtRows(model, solids.rows) as rows:
-            field = rows.of(moved)[..., : len(states)]
-        _check_energy(model, solids, field, moved, states)
+    loaded = model.with_input_columns(loads, states)
+    framed = apply_frame(loaded, frame)
+    rigid = framed.rigid
+    if rigid is None and isinstance(frame, NoFrame | None):
+        rigid = RigidBodyModes(framed.model)
+        rigid = rigid if rigid.count else None
+    right = from_dense(framed.model.B)
+    kept = model.comm.bcast(_with_load(right, rigid))
+    states = tuple(state for state, there in zip(states, kept, strict=True) if there)
+    solution = create_block(framed.model.K, max(len(states), 1))
+    if states:
+        chosen = _chosen(right, kept, framed.model.K)
+        _solve(framed.model, rigid, factoring, chosen, solution)
+    moved = everywhere(model, framed, solution)
+    field = ValuesAtRows(model, solids.rows).of(moved)[..., : len(states)]
+    _check_energy(model, solids, field, moved, states)
     return StaticStates(states, field, rigid is not None)
 
 
@@ -169,25 +166,22 @@ def stresses(solids, field):
 def _unit_loads(model, origin, nodes) -> tuple[np.ndarray, list[str]]:
     """Return the loads (rows of this rank, s) of all states, and their names. Collective."""
     dofs = model.dofs
-    with Owned(model.comm) as owned:
-        fields = owned.owns(create_block(model.M, len(OF_BODY)))
-        motions = owned.owns(rigid_motions(model, origin))
-        arm, moved = dofs.position - origin, dofs.direction < 3
-        with local_rows(fields) as rows, local_rows(motions) as rigid:
-            rows[:, :6] = rigid
-            for column, (a, b) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)), start=6):
-                # the coefficient of w_a w_b in w x (w x r)
-                field = np.zeros((len(arm), 3))
-                if a == b:
-                    field[:] = -arm
-                    field[:, a] = 0.0
-                else:
-                    field[:, a], field[:, b] = arm[:, b], arm[:, a]
-                rows[moved, column] = field[moved, dofs.direction[moved]]
-        momentum = owned.owns(create_block(model.M, len(OF_BODY)))
-        apply(model.M, fields, momentum)
-        with local_rows(momentum) as rows:
-            loads, names = -rows.real.copy(), list(OF_BODY)
+    fields = create_block(model.M, len(OF_BODY))
+    motions = rigid_motions(model, origin)
+    arm, moved = dofs.position - origin, dofs.direction < 3
+    with local_rows(fields) as rows, local_rows(motions) as rigid:
+        rows[:, :6] = rigid
+        for column, (a, b) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)), start=6):
+            # the coefficient of w_a w_b in w x (w x r)
+            field = np.zeros((len(arm), 3))
+            if a == b:
+                field[:] = -arm
+                field[:, a] = 0.0
+            else:
+                field[:, a], field[:, b] = arm[:, b], arm[:, a]
+            rows[moved, column] = field[moved, dofs.direction[moved]]
+    with local_rows(times(model.M, fields)) as rows:
+        loads, names = -rows.real.copy(), list(OF_BODY)
     chosen = interface_nodes(model) if nodes is None else list(nodes)
     if chosen:
         columns, targets = unit_columns(model, "nodes", tuple((node, "all") for node in chosen))
@@ -231,11 +225,8 @@ def _check_energy(model, solids, field, moved, states):
     """Refuse stresses that are not those of K: elements without stress, other materials. Collective."""
     if not states:
         return
-    with Owned(model.comm) as owned:
-        forces = owned.owns(create_block(model.K, len(states)))
-        apply(model.K, moved, forces)
-        with local_rows(forces) as f, local_rows(moved) as u:
-            whole = (f.real * u.real).sum(axis=0)
+    with local_rows(times(model.K, moved)) as f, local_rows(moved) as u:
+        whole = (f.real * u.real).sum(axis=0)
     own, whole = model.comm.bcast(summed(model.comm, np.array([solids.energies(field), whole])))
     share = np.divide(own, whole, out=np.ones(len(own)), where=whole > 0)
     worst = int(np.abs(share - 1).argmax())

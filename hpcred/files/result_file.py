@@ -433,7 +433,7 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
 def read_basis(path, model):
     """The basis V (n, m) as a block with the rows of the model, or None where the file has none.
 
-    Collective; the caller destroys it. Raises InputError.
+    Collective. Raises InputError.
     """
     with agreed(model.comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
         part = None

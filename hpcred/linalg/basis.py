@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..parallel.decisions import decided
-from ..parallel.failures import ComputationError, Owned
+from ..parallel.failures import ComputationError
 from ..parallel.petsc import MPI, PETSc
 from .blocks import (
     Block,
@@ -27,6 +27,7 @@ from .blocks import (
     inner,
     multiply,
     stacked_inner,
+    times,
     unfold,
 )
 from .csr import diagonal_of
@@ -58,7 +59,7 @@ class WithMassImages:
     """Columns X with their mass images M X, which linear combinations act on alike.
 
     `cancelled`: how much smaller a column may have become by subtraction since M was applied; its image has round-off
-    so many times larger. Owns both blocks: call close(). All methods are collective.
+    so many times larger. All methods are collective.
     """
 
     def __init__(self, mass: PETSc.Mat, block: Block, mass_images: Block | None = None, cancelled: float = 1.0):
@@ -71,10 +72,6 @@ class WithMassImages:
             self.mass_images = create_block(mass, max(count, 1))
             self.mass_images.setActiveColumns(0, count)
             self.renew()
-
-    def close(self):
-        self.block.destroy()
-        self.mass_images.destroy()
 
     def copy(self) -> WithMassImages:
         return WithMassImages(self._mass, self.block, self.mass_images, self.cancelled)
@@ -98,8 +95,8 @@ class Basis:
     """Columns with V^T M V = I, also M-orthogonal to the columns of `deflate` (for rigid-body modes; or None).
 
     `tolerance`: a direction whose weight (see Extension) is not larger is dropped. `room`: columns to expect. `keeps`:
-    whether M V is kept beside V, which takes as much memory as V and saves products with M. Owns PETSc objects: call
-    close(). All methods are collective, and what they decide is decided once for all ranks.
+    whether M V is kept beside V, which takes as much memory as V and saves products with M. All methods are
+    collective, and what they decide is decided once for all ranks.
     """
 
     width = 1  # real columns of a column
@@ -115,9 +112,8 @@ class Basis:
         self._block = create_block(mass, deflated + self.width * room)
         self._mass_images = create_block(mass, deflated + self.width * room) if keeps else None
         if deflate is not None:
-            with Owned(self.comm) as owned:
-                given = owned.owns(WithMassImages(mass, deflate))
-                self._append(given.block, given.mass_images)
+            given = WithMassImages(mass, deflate)
+            self._append(given.block, given.mass_images)
             self._leading, self.size = deflated, 0
 
     @staticmethod
@@ -129,10 +125,6 @@ class Basis:
     def _factor(factor: np.ndarray) -> np.ndarray:
         """Real form of a factor of the columns."""
         return factor
-
-    def close(self):
-        for block in self._blocks():
-            block.destroy()
 
     def _blocks(self):
         return [block for block in (self._block, self._mass_images) if block is not None]
@@ -154,8 +146,7 @@ class Basis:
         """V^H M block (size, columns): the columns of a block in terms of the basis."""
         if self._mass_images is not None:
             return self._gram(inner(self.mass_images_between(0, self.size), block))
-        with Owned(self.comm) as owned:
-            return self._gram(inner(self.columns, owned.owns(WithMassImages(self.mass, block)).mass_images))
+        return self._gram(inner(self.columns, WithMassImages(self.mass, block).mass_images))
 
     @property
     def _end(self):
@@ -177,25 +168,24 @@ class Basis:
         if mass_images is not None and decided(self.comm, _is_orthonormal, *self._products(block, mass_images)[:2]):
             self._append(block, mass_images)
             return Extension(self.size - start, smallest_kept=1.0)
-        with Owned(self.comm) as owned:
-            pending, taken = self._pending(owned, block, mass_images)
-            for _ in range(PASSES):
-                weight, gram, dropped, none = self._project_and_scale(pending, weight, taken)
-                largest, massless = max(largest, dropped), massless + none
-                if not weight.size:
-                    break
-                scaled, rest, weight, resolved, cancelled = decided(self.comm, _separate, gram, weight)
-                smallest = min(smallest, resolved)
-                with Owned(self.comm) as inner_owned:
-                    fresh = inner_owned.owns(pending.copy()) if weight.size else pending
-                    fresh.combine(self._factor(scaled), cancelled)
-                    self._polish(fresh)
-                    self._append(fresh.block, fresh.mass_images)
-                if not weight.size:
-                    break
-                pending.combine(self._factor(rest), np.inf)
-            else:
-                raise ComputationError("a block of basis vectors could not be orthonormalised: is M positive definite?")
+        pending, taken = self._pending(block, mass_images)
+        for _ in range(PASSES):
+            weight, gram, dropped, none = self._project_and_scale(pending, weight, taken)
+            largest, massless = max(largest, dropped), massless + none
+            if not weight.size:
+                break
+            scaled, rest, weight, resolved, cancelled = decided(self.comm, _separate, gram, weight)
+            smallest = min(smallest, resolved)
+            fresh = pending.copy() if weight.size else pending
+            fresh.combine(self._factor(scaled), cancelled)
+            self._polish(fresh)
+            self._append(fresh.block, fresh.mass_images)
+            del fresh  # its memory is for the next one
+            if not weight.size:
+                break
+            pending.combine(self._factor(rest), np.inf)
+        else:
+            raise ComputationError("a block of basis vectors could not be orthonormalised: is M positive definite?")
         return Extension(self.size - start, float(smallest), float(largest), massless)
 
     def renew_mass_images(self, start: int, stop: int):
@@ -222,10 +212,8 @@ class Basis:
 
     def gram(self) -> tuple[np.ndarray, float]:
         """V^H M V (size, size), and max |V^H M V - I| with the rigid-body modes included."""
-        with Owned(self.comm) as owned:  # by a product that is not the one that V was made with
-            product = owned.owns(create_block(self.mass, self._end))
-            apply(self.mass, self._all(), product)
-            gram = self._gram(inner(self._all(), product))
+        # by a product that is not the one that V was made with
+        gram = self._gram(inner(self._all(), times(self.mass, self._all())))
         first = self._leading // self.width
         return gram[first:, first:], float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
 
@@ -239,17 +227,17 @@ class Basis:
         """Drop all columns but those that are deflated."""
         self.size = 0
 
-    def _pending(self, owned, block, mass_images):
+    def _pending(self, block, mass_images):
         """Columns to add, and what was taken out of them at once: V^H M X, or None.
 
         The mass images of V serve for that, so that M is applied to columns that will not be cancelled much more.
         """
         if mass_images is not None or self._mass_images is None or not self._end:
-            return owned.owns(WithMassImages(self.mass, block, mass_images)), None
-        rest = owned.owns(copy_of(block, self.mass))
+            return WithMassImages(self.mass, block, mass_images), None
+        rest = copy_of(block, self.mass)
         taken = self._gram(inner(self._all(self._mass_images), rest))
         add_product(rest, self._all(), self._factor(taken), alpha=-1.0)
-        return owned.owns(WithMassImages(self.mass, rest)), taken
+        return WithMassImages(self.mass, rest), taken
 
     def _products(self, block, mass_images):
         """V^H M X, X^H M X and x^T diag(M) x of a block X with its mass images."""

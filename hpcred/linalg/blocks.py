@@ -3,6 +3,8 @@
 A block has the row layout of a matrix and `columns` columns; all functions are collective and act on the active
 columns of a BV, or the columns of a View. Small factors (Gram matrices, coefficients) are NumPy arrays, identical on
 all ranks.
+
+Nobody destroys a block: Python drops it, and the next one that is created takes its memory.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from mpi4py import MPI
 
-from ..parallel.petsc import PETSc, SLEPc
+from ..parallel.petsc import PETSc, SLEPc, make_room
 from ..parallel.sums import summed
 
 
@@ -56,7 +58,8 @@ def _active(block: Block) -> SLEPc.BV:
 
 
 def create_block(mat: PETSc.Mat, columns: int) -> SLEPc.BV:
-    """A zero block of `columns` columns that A x = b of `mat` can have as b and x. The caller destroys it."""
+    """A zero block of `columns` columns that A x = b of `mat` can have as b and x."""
+    _make_room(mat, columns)
     block = SLEPc.BV().create(comm=mat.comm)
     rows = mat.getLocalSize()[0]
     if hasattr(block, "setLeadingDimension"):  # SLEPc >= 3.20 pads columns: see `packed`
@@ -92,7 +95,6 @@ def packed(mat: PETSc.Mat):
     mat.copy(copy)
     yield copy
     copy.copy(mat)
-    copy.destroy()
 
 
 @contextmanager
@@ -117,8 +119,14 @@ def copy_of(block: Block, mat: PETSc.Mat) -> SLEPc.BV:
     return new
 
 
+def _make_room(like, columns):
+    size = like.getSize()[0] * columns * np.dtype(PETSc.ScalarType).itemsize
+    make_room(like.comm, size // like.comm.size)
+
+
 def create_dense(like: PETSc.Mat, columns: int) -> PETSc.Mat:
-    """A dense matrix of `columns` columns with the rows of another matrix. The caller destroys it."""
+    """A dense matrix of `columns` columns with the rows of another matrix."""
+    _make_room(like, columns)
     mat = PETSc.Mat().createDense(((like.getLocalSize()[0], like.getSize()[0]), (None, columns)), comm=like.comm)
     mat.setUp()
     mat.assemble()
@@ -147,12 +155,21 @@ def apply(mat: PETSc.Mat, block: Block, result: Block):
         mat.matMult(source, target)
 
 
+def times(mat: PETSc.Mat, block: Block) -> SLEPc.BV:
+    """mat block, a new block."""
+    first, last = block.getActiveColumns()
+    result = create_block(mat, last - first)
+    apply(mat, block, result)
+    return result
+
+
 def inner(left: Block, right: Block) -> np.ndarray:
     """left^T right (columns of left, columns of right), with left real."""
     (l0, l1), (r0, r1) = left.getActiveColumns(), right.getActiveColumns()
     if l0 == l1 or r0 == r1:
         return np.zeros((l1 - l0, r1 - r0))
-    values = _active(right).dot(_active(left)).getDenseArray()[l0:l1, r0:r1].copy()
+    product = _active(right).dot(_active(left))  # whose memory the array shares
+    values = product.getDenseArray()[l0:l1, r0:r1].copy()
     return values if np.iscomplexobj(values) and values.imag.any() else values.real.copy()
 
 

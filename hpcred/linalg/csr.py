@@ -42,7 +42,7 @@ def compress(entries: dict, first: int, last: int, columns: int, repeats: dict |
 
 def sparse_rows(like: PETSc.Mat, parts, width) -> PETSc.Mat:
     """A matrix with the rows of another one from (rows of this rank, columns, values), with columns that ascend from
-    part to part; `width`: how many columns this rank owns, and all. Collective. The caller destroys it."""
+    part to part; `width`: how many columns this rank owns, and all. Collective."""
     size, total = like.getSizes()[0]
     rows, columns, values = (np.concatenate(items) for items in zip(*parts, strict=True))
     order = np.argsort(rows, kind="stable")
@@ -68,7 +68,4 @@ def without_zeros(mat: PETSc.Mat) -> PETSc.Mat:
 
 def diagonal_of(mat) -> np.ndarray:
     """Return the real parts of the diagonal entries of this rank's rows."""
-    vector = mat.getDiagonal()
-    values = vector.getArray(readonly=True).real.copy()
-    vector.destroy()
-    return values
+    return mat.getDiagonal().getArray(readonly=True).real.copy()

@@ -47,7 +47,6 @@ def modes_in_interval(K, M, low, high, package, options):
     expected = int(max(inertias) - min(inertias)) if len(inertias) else eps.getConverged()
     found = eps.getConverged()
     if found != expected:
-        eps.destroy()
         raise ComputationError(f"spectrum slicing found {found} modes, the inertia counts {expected}")
     return _pairs(eps, K, found)
 
@@ -83,12 +82,9 @@ def lowest_modes(K, M, count, most, solve, monitor=None):
         _give_up(eps)
         raise _failed("SLEPc", error) from error
     if inverse.error is not None:
-        eps.destroy()
         raise inverse.error
     if eps.getConverged() < count:
-        found = eps.getConverged()
-        eps.destroy()
-        raise ComputationError(f"SLEPc found only {found} of the {count} modes asked for")
+        raise ComputationError(f"SLEPc found only {eps.getConverged()} of the {count} modes asked for")
     return _pairs(eps, K, count)
 
 
@@ -151,8 +147,6 @@ def _dense_eigenpairs(matrix):
     for i in range(size):
         eigenvalues[i] = eps.getEigenpair(i, vector).real
         vectors[:, i] = vector.getArray()
-    for item in (vector, eps, mat):
-        item.destroy()
     if np.abs(vectors.imag).max() > 1e-12:  # a complex build computes with the real numbers that it was given
         raise ComputationError("the eigenvectors of a real symmetric matrix are not real")
     return eigenvalues, vectors.real.copy()
@@ -189,6 +183,5 @@ def _pairs(eps, K, count):
             rows[:, column] = array.real
             if is_complex():
                 rows[:, count + column] = array.imag
-    vector.destroy()
-    eps.destroy()
+    eps.destroy()  # which has factors, or refers to a solver of ours
     return values[lowest], block

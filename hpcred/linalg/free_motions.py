@@ -47,21 +47,18 @@ def _count(model, rigid, solver) -> int | None:
         solver.factor(SHIFT * mean)
     except SingularMatrix:
         return None
-    with Owned(model.comm) as owned:
-        block = owned.owns(random_block(model.K, columns))
-        product = owned.owns(create_block(model.K, columns))
-        for _ in range(3):
-            basis = owned.owns(Basis(model.M, rigid.R, 1e-14, columns))
-            basis.extend(block)
-            vectors = basis.columns
-            product.setActiveColumns(0, basis.size)
-            block.setActiveColumns(0, basis.size)
-            apply(model.M, vectors, product)
-            solver.solve(product, block)
-        basis = owned.owns(Basis(model.M, rigid.R, 1e-14, columns))
+    block, product = random_block(model.K, columns), create_block(model.K, columns)
+    basis = Basis(model.M, rigid.R, 1e-14, columns)
+    for _ in range(3):
         basis.extend(block)
         product.setActiveColumns(0, basis.size)
-        apply(model.K, basis.columns, product)
-        gram = inner(basis.columns, product)
+        block.setActiveColumns(0, basis.size)
+        apply(model.M, basis.columns, product)
+        solver.solve(product, block)
+        basis.clear()
+    basis.extend(block)
+    product.setActiveColumns(0, basis.size)
+    apply(model.K, basis.columns, product)
+    gram = inner(basis.columns, product)
     values = model.comm.bcast(np.linalg.eigvalsh((gram + gram.conj().T) / 2))
     return int((values < ZERO * mean).sum()) or None

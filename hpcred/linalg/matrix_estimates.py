@@ -63,8 +63,6 @@ def extreme_quotients(matrix: PETSc.Mat) -> tuple[float, float]:
             break
         before, now, after = now, after, before
         now.scale(1 / beside[-1])
-    for item in (scale, first, before, now, after, product):
-        item.destroy()
     return decided(comm, _ends, diagonal, beside[1 : len(diagonal)])
 
 

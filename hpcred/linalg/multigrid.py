@@ -29,7 +29,7 @@ class Multigrid:
 
     `matrix` is kept; `near_null`: a block (n, k) of motions that meet almost no force; `threshold`: entries of the
     graph of nodes below this share of the diagonal ones are weak. `prefix`: of the PETSc options of GAMG. Collective.
-    Raises ComputationError. Owns PETSc objects: call close().
+    Raises ComputationError.
     """
 
     def __init__(self, matrix: PETSc.Mat, near_null, prefix: str, threshold: float, sweeps: int):
@@ -47,23 +47,13 @@ class Multigrid:
             # from fine to coarse, with the interpolation from the next coarser
             self._levels = [
                 _Level(matrix if k == count - 1 else pc.getMGSmoother(k).getOperators()[0],
-                       pc.getMGInterpolation(k) if k else None, owned=k < count - 1)
+                       pc.getMGInterpolation(k) if k else None)
                 for k in reversed(range(count))
             ]  # fmt: skip
         except PETSc.Error as error:
             lines = str(error).splitlines()
             raise ComputationError(f"multigrid: GAMG of PETSc could not make the levels: {lines[-1]}") from error
-        finally:
-            pc.destroy()
-        try:
-            self._coarsest = _coarsest(self._levels[-1].matrix)
-        except ComputationError:
-            self.close()  # a refusal of all ranks
-            raise
-
-    def close(self):
-        for level in self._levels:
-            level.close()
+        self._coarsest = _coarsest(self._levels[-1].matrix)
 
     @property
     def levels(self) -> int:
@@ -119,18 +109,9 @@ class _Level:
         if interpolation is not None:
             self.top = HIGH * self._largest_eigenvalue()
 
-    def close(self):
-        for mat in self._room:
-            mat.destroy()
-        for mat in (self.matrix if self._owned else None, self.interpolation):
-            if mat is not None:
-                mat.destroy()
-
     def make_room(self, columns):
-        for mat in self._room:
-            mat.destroy()
-        self._room = [create_dense(self.matrix, columns) for _ in range(5)]
-        self.x, self.b, self.r, self.d, self.product = self._room
+        self.x = self.b = self.r = self.d = self.product = None  # whose memory is for the next ones
+        self.x, self.b, self.r, self.d, self.product = (create_dense(self.matrix, columns) for _ in range(5))
 
     def subtract_product(self):
         """r -= A d."""
@@ -178,8 +159,6 @@ class _Level:
                 break
             betas.append(beta)
             before, q = q, new / beta
-        x.destroy()
-        y.destroy()
         beside = betas[: len(alphas) - 1]
         return float(np.linalg.eigvalsh(np.diag(alphas) + np.diag(beside, 1) + np.diag(beside, -1)).max())
 
@@ -198,10 +177,7 @@ def _set_near_null(matrix, near_null):
         for column in basis.T:
             vectors.append(matrix.createVecRight())
             vectors[-1].setArray(column)
-    space = PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
-    matrix.setNearNullSpace(space)
-    for item in (*vectors, space):
-        item.destroy()
+    matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm))
 
 
 def _coarsest(matrix):

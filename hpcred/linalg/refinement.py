@@ -4,7 +4,7 @@ from math import inf
 
 import numpy as np
 
-from ..parallel.failures import ComputationError, Owned
+from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc
 from .blocks import add_product, apply, column_norms, create_block, local_rows
 
@@ -26,22 +26,22 @@ def refine(matrix, back_substitute, load, solution, scale=None, steps=0, low_ran
     """
     scale = column_norms(load) if scale is None else scale
     most, before = STEPS if low_rank is None else LOW_RANK_STEPS, inf
-    first, last = load.getActiveColumns()
+    columns = np.diff(load.getActiveColumns())[0]
+    residual = create_block(matrix, columns)
     for step in range(most + 1):
-        with Owned(matrix.comm.tompi4py()) as owned:
-            residual = owned.owns(create_block(matrix, last - first))
-            apply(matrix, solution, residual)
-            with local_rows(load) as b, local_rows(residual) as rows:
-                np.subtract(b, rows, out=rows)
-            r, x = column_norms(residual, solution)
-            relative = _relative(r, x, scale)
-            small_or_stuck = relative <= REFINE_ABOVE or relative > before / 2
-            if step == most or not relative < inf or (step >= steps and small_or_stuck):
-                break
-            correction = owned.owns(create_block(matrix, last - first))
-            back_substitute(residual, correction)
-            add_product(solution, correction, np.eye(last - first))
-            before = relative
+        apply(matrix, solution, residual)
+        with local_rows(load) as b, local_rows(residual) as rows:
+            np.subtract(b, rows, out=rows)
+        r, x = column_norms(residual, solution)
+        relative = _relative(r, x, scale)
+        small_or_stuck = relative <= REFINE_ABOVE or relative > before / 2
+        if step == most or not relative < inf or (step >= steps and small_or_stuck):
+            break
+        correction = create_block(matrix, columns)
+        back_substitute(residual, correction)
+        add_product(solution, correction, np.eye(columns))
+        del correction  # its memory is for the next one
+        before = relative
     if relative <= REFINE_ABOVE or (low_rank is None and relative < 1e-6):
         return relative
     backward = inf

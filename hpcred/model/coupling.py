@@ -16,12 +16,11 @@ from .interfaces import SIX
 def couple(model):
     """Return the model in which the dofs of rigid sets follow their reference nodes, and T (n, n^) with q = T q^.
 
-    The dofs of the reference nodes come last. Without rigid sets the model itself, with references of its own, and
-    None. Collective.
+    The dofs of the reference nodes come last. Without rigid sets the model itself, and None. Collective.
     """
     rigid = [item for item in model.interfaces if item.definition.kind == "rigid"]
     if not rigid:
-        return model.shared(), None
+        return model, None
     T, dofs = _coupling(model, rigid)
     return model.in_coordinates({key: mat.ptap(T) for key, mat in model.matrices.items()}, T, dofs), T
 

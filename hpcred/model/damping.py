@@ -248,8 +248,6 @@ def is_proportional(model) -> bool:
         d.axpy(-alpha, m)
         d.axpy(-beta, k)
         proportional = proportional and d.norm() <= 1e-6 * size
-    for item in (*vectors.values(), x, random):
-        item.destroy()
     return bool(proportional)
 
 

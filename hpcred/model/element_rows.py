@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linalg.blocks import Block, apply, create_block, local_rows
+from ..linalg.blocks import Block, local_rows, times
 from ..parallel.lookup import look_up
 from ..parallel.petsc import PETSc
 from .dofs import require_dofs
@@ -80,7 +80,7 @@ def node_rows(model, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class ValuesAtRows:
-    """Values of distributed columns at chosen rows, on the rank that asks for them; for a `with` block. Collective.
+    """Values of distributed columns at chosen rows, on the rank that asks for them. Collective.
 
     Parameters
     ----------
@@ -98,22 +98,7 @@ class ValuesAtRows:
         sizes = ((len(wanted), None), (model.local_rows, model.size))
         self._matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=model.K.comm)
 
-    def __enter__(self) -> "ValuesAtRows":
-        return self
-
-    def __exit__(self, *_):
-        self.close()
-
-    def close(self):
-        """Free the matrix. Collective."""
-        self._matrix.destroy()
-
     def of(self, block: Block) -> np.ndarray:
         """Return the values of the active columns (*shape of rows, columns), real. Collective."""
-        first, last = block.getActiveColumns()
-        found = create_block(self._matrix, last - first)
-        apply(self._matrix, block, found)
-        with local_rows(found) as values:
-            result = values.real[self._back]
-        found.destroy()
-        return result
+        with local_rows(times(self._matrix, block)) as values:
+            return values.real[self._back]

@@ -15,7 +15,7 @@ from pydantic import Field
 from ..linalg.blocks import column_norms, from_dense, local_rows
 from ..linalg.csr import compress, sparse_rows
 from ..parallel.declared import as_declared, declared
-from ..parallel.failures import InputError, Owned
+from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import LABEL, within
 from .coupling import couple
@@ -106,7 +106,7 @@ class Buckens:
 
 @dataclass(frozen=True, eq=False)
 class FramedModel:
-    """A model with its damping, in its reference frame. Call close(); collective.
+    """A model with its damping, in its reference frame.
 
     Attributes
     ----------
@@ -135,13 +135,6 @@ class FramedModel:
         """The rigid-body modes that are deflated, as a block, or None."""
         return None if self.rigid is None else self.rigid.R
 
-    def close(self):
-        self.model.close()
-        if self.restore is not None:
-            self.restore.destroy()
-        if self.rigid is not None:
-            self.rigid.close()
-
 
 def apply_frame(model: SecondOrderModel, frame=None, damping=None) -> FramedModel:
     """Return the model with the damping, in the frame; `model` is not changed. Collective.
@@ -149,24 +142,17 @@ def apply_frame(model: SecondOrderModel, frame=None, damping=None) -> FramedMode
     Raises InputError if the frame does not fit the body, or the damping is not possible.
     """
     frame = declared("frame", frame, Frame | None)
-    with Owned(model.comm) as owned:
-        damped = owned.owns(with_damping(model, damping))
-        coupled, coupling = couple(damped)
-        owned.owns(coupled)
-        restore = rigid = None
-        if isinstance(frame, Buckens):
-            free, rigid = coupled.shared(), _free_body(coupled, frame)
-        elif isinstance(frame, Tangent):
-            free, restore = _remove(coupled, _rows_of_tangent(coupled, frame), None)
-        elif isinstance(frame, Chord):
-            free, restore = _remove(coupled, *_rows_of_chord(coupled, frame))
-        else:
-            free = coupled.shared()
-        if coupling is not None and restore is not None:
-            owned.owns(coupling)
-            owned.owns(restore)
-            restore = coupling.matMult(restore)
-        return FramedModel(free, restore or coupling, rigid, damping)
+    free, coupling = couple(with_damping(model, damping))
+    restore = rigid = None
+    if isinstance(frame, Buckens):
+        rigid = _free_body(free, frame)
+    elif isinstance(frame, Tangent):
+        free, restore = _remove(free, _rows_of_tangent(free, frame), None)
+    elif isinstance(frame, Chord):
+        free, restore = _remove(free, *_rows_of_chord(free, frame))
+    if coupling is not None and restore is not None:
+        restore = coupling.matMult(restore)
+    return FramedModel(free, restore or coupling, rigid, damping)
 
 
 def inputs_without_effect(framed) -> tuple[str, ...]:
@@ -177,11 +163,10 @@ def inputs_without_effect(framed) -> tuple[str, ...]:
     model = framed.model
     if framed.rigid is None or model.B is None:
         return ()
-    with Owned(model.comm) as owned:
-        load = owned.owns(from_dense(model.B))
-        before = column_norms(load)
-        framed.rigid.equilibrate(load)
-        vanish = column_norms(load) <= ONLY_RIGID * before
+    load = from_dense(model.B)
+    before = column_norms(load)
+    framed.rigid.equilibrate(load)
+    vanish = column_norms(load) <= ONLY_RIGID * before
     names = [name for name, nothing in zip(model.input_names, vanish, strict=True) if nothing]
     if not names:
         return ()
@@ -203,18 +188,8 @@ def _rows_of_tangent(model, frame):
 
 
 def _free_body(model, frame):
-    """Return the rigid-body modes of a body in the Buckens frame."""
+    """Return the rigid-body modes of a body in the Buckens frame, with the supports that the user chose."""
     rigid = RigidBodyModes(model)
-    try:
-        _hold(model, rigid, frame)
-    except InputError:
-        rigid.close()  # a refusal of all ranks
-        raise
-    return rigid
-
-
-def _hold(model, rigid, frame):
-    """Refuse a supported body, and apply the supports that the user chose."""
     if rigid.count == 0:
         raise InputError(
             f"frame: the Buckens frame needs a free body, but {model.name} is supported "
@@ -228,6 +203,7 @@ def _hold(model, rigid, frame):
                 f"found {[tuple(pair) for pair in frame.supports]}"
             )
         rigid.hold(rows)
+    return rigid
 
 
 def _holds(model, rigid, rows):
@@ -289,20 +265,11 @@ def _remove(model, held, rotated):
     total = comm.allreduce(len(free))
     rotation = _rotation(model, rotated) if rotated else None
     keep = PETSc.IS().createGeneral(free, comm=model.K.comm)
-    mats = {}
-    for key, mat in model.matrices.items():
-        turned = mat.ptap(rotation) if rotation is not None else mat
-        mats[key] = turned.createSubMatrix(keep, keep)
-        if rotation is not None:
-            turned.destroy()
-    keep.destroy()
+    mats = {key: (mat if rotation is None else mat.ptap(rotation)).createSubMatrix(keep, keep)
+            for key, mat in model.matrices.items()}  # fmt: skip
     columns = (comm.exscan(len(free)) or 0) + np.arange(len(free))
     selection = sparse_rows(model.K, [(free - first, columns, np.ones(len(free)))], (len(free), total))
-    restore = selection
-    if rotation is not None:
-        restore = rotation.matMult(selection)
-        selection.destroy()
-        rotation.destroy()
+    restore = selection if rotation is None else rotation.matMult(selection)
     dofs = None if model.dofs is None else model.dofs.take(free - first)
     return model.in_coordinates(mats, restore, dofs), restore
 

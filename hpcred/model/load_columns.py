@@ -9,7 +9,7 @@ import numpy as np
 from ..linalg.blocks import from_dense, inner
 from ..parallel.declared import declared, nearest
 from ..parallel.exchange import exchange
-from ..parallel.failures import InputError, Owned, agreed
+from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
 from .checked_arrays import named_columns
 from .dofs import DIRECTIONS, OWN, SCALAR, require_dofs, target_of
@@ -127,11 +127,10 @@ def weight(model, name, acceleration, kind):
     moved = np.flatnonzero(dofs.direction < 3)
     values = np.zeros(model.local_rows)
     values[moved] = acceleration[moved, dofs.direction[moved]]
-    with Owned(model.comm) as owned:
-        field, product = owned.owns(model.M.createVecRight()), owned.owns(model.M.createVecLeft())
-        field.setArray(values)
-        model.M.mult(field, product)
-        column = product.getArray(readonly=True).real.copy()
+    field, product = model.M.createVecRight(), model.M.createVecLeft()
+    field.setArray(values)
+    model.M.mult(field, product)
+    column = product.getArray(readonly=True).real.copy()
     held = model.comm.allreduce(0 if model.held is None else int((model.held.direction < 3).sum()))
     remark = ""
     if held:
@@ -180,8 +179,7 @@ def resultants(model) -> np.ndarray | None:
     act on held dofs; None without inputs or nodes. Collective."""
     if model.B is None or model.dofs is None:
         return None
-    with Owned(model.comm) as owned:
-        found = inner(owned.owns(rigid_motions(model)), owned.owns(from_dense(model.B))).T
+    found = inner(rigid_motions(model), from_dense(model.B)).T
     for item in model.loads:
         found[model.input_names.index(item.name)] += [*item.held_force, *item.held_moment]
     return model.comm.bcast(found)

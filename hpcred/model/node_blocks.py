@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..linalg.blocks import apply, copy_of, create_block
-from ..parallel.failures import InputError, Owned
+from ..linalg.blocks import times
+from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, sort_over_ranks
 from ..parallel.petsc import PETSc
 from .rigid_body_modes import free_motions, rigid_motions
@@ -17,7 +17,7 @@ class NodeBlocks:
 
     `expansion`: a matrix (n', n) of unit entries that puts the rows of the model, which has n, into whole blocks of
     nodes, each on one rank; None where they are so already. Rows that are missing, of nodes that are held in some
-    directions, are those that no entry leads to. Collective. Raises InputError without nodes. Call close().
+    directions, are those that no entry leads to. Collective. Raises InputError without nodes.
     """
 
     def __init__(self, model):
@@ -29,22 +29,13 @@ class NodeBlocks:
         direction = model.dofs.direction
         turning = model.comm.allreduce(int(np.isin(direction, (3, 4, 5)).sum()))
         self.size = 6 if 3 * turning >= model.size else 3
-        self._comm = model.comm
-        with Owned(model.comm) as owned:
-            motions = owned.owns(rigid_motions(model))
-            self.free = free_motions(model, motions)
-            self.expansion = self._expansion(model)
-            self.motions = copy_of(motions, model.K) if self.expansion is None else create_block(self.expansion, 6)
-            if self.expansion is not None:
-                apply(self.expansion, motions, self.motions)
+        self.motions = rigid_motions(model)
+        self.free = free_motions(model, self.motions)
+        self.expansion = self._expansion(model)
         self.contraction = None
         if self.expansion is not None:
+            self.motions = times(self.expansion, self.motions)
             self.contraction = self.expansion.transpose(PETSc.Mat())
-
-    def close(self):
-        for item in (self.motions, self.expansion, self.contraction):
-            if item is not None:
-                item.destroy()
 
     def expanded(self, matrix: PETSc.Mat, diagonal: float) -> PETSc.Mat:
         """Return a matrix in whole blocks, with `diagonal` in the rows that are missing; `matrix` itself where it has
@@ -59,11 +50,8 @@ class NodeBlocks:
         self.expansion.mult(here, missing)
         missing.scale(-diagonal)
         missing.shift(diagonal)
-        with Owned(self._comm) as owned:
-            owned.owns(missing)
-            owned.owns(here)
-            fill = owned.owns(_diagonal_matrix(result, missing))
-            result.axpy(1.0, fill, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        fill = _diagonal_matrix(result, missing)
+        result.axpy(1.0, fill, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         result.setBlockSize(self.size)
         return result
 
@@ -95,10 +83,7 @@ class NodeBlocks:
         columns = (self.size * number + place).astype(PETSc.IntType)
         sizes = ((model.local_rows, model.size), (rows, size))
         csr = (indptr, columns, np.ones(len(block)))
-        contraction = PETSc.Mat().createAIJ(sizes, csr=csr, comm=model.K.comm)
-        expansion = contraction.transpose(PETSc.Mat())
-        contraction.destroy()
-        return expansion
+        return PETSc.Mat().createAIJ(sizes, csr=csr, comm=model.K.comm).transpose(PETSc.Mat())
 
 
 def _diagonal_matrix(like, diagonal):

@@ -11,9 +11,9 @@ from hashlib import blake2b
 import numpy as np
 
 from ..parallel.exchange import exchange
-from ..parallel.failures import InputError, Owned, agreed, watched
+from ..parallel.failures import InputError, agreed, watched
 from ..parallel.lookup import repeated_key
-from ..parallel.petsc import MPI, PETSc
+from ..parallel.petsc import MPI, PETSc, free_dropped
 from .dofs import Dofs, check_labels
 
 ROWS_OF_A_NODE = (1, 2, 3, 6)
@@ -33,23 +33,22 @@ def taken(given: dict[str, PETSc.Mat], held, name: str) -> tuple[dict[str, PETSc
     watched(comm)
     with agreed(comm):
         _check_layout(given, name)
-    with Owned(comm) as owned:
-        mats = {}
-        for key, mat in given.items():
-            mats[key] = owned.owns(_as_aij(mat, f"{name}: {key}"))
-        rows, size = mats["K"].getLocalSize()[0], mats["K"].getSize()[0]
-        free = np.setdiff1d(np.arange(rows), _held_rows(comm, mats["K"], held, name))
-        remaining = comm.allreduce(len(free))
-        if remaining < comm.size:
-            raise InputError(
-                f"{name}: {size} rows of which {size - remaining} are held cannot be distributed over {comm.size} "
-                f"ranks; start at most {remaining} ranks"
-            )
-        if remaining < size:
-            first = mats["K"].getOwnershipRange()[0]
-            keep = owned.owns(PETSc.IS().createGeneral((first + free).astype(PETSc.IntType), comm=mats["K"].comm))
-            mats = {key: owned.owns(mat.createSubMatrix(keep, keep)) for key, mat in mats.items()}
-        return _on_one_pattern(mats, owned), free
+    mats = {key: _as_aij(mat, f"{name}: {key}") for key, mat in given.items()}
+    rows, size = mats["K"].getLocalSize()[0], mats["K"].getSize()[0]
+    free = np.setdiff1d(np.arange(rows), _held_rows(comm, mats["K"], held, name))
+    remaining = comm.allreduce(len(free))
+    if remaining < comm.size:
+        raise InputError(
+            f"{name}: {size} rows of which {size - remaining} are held cannot be distributed over {comm.size} "
+            f"ranks; start at most {remaining} ranks"
+        )
+    if remaining < size:
+        first = mats["K"].getOwnershipRange()[0]
+        keep = PETSc.IS().createGeneral((first + free).astype(PETSc.IntType), comm=mats["K"].comm)
+        mats = {key: mat.createSubMatrix(keep, keep) for key, mat in mats.items()}
+    mats = _on_one_pattern(mats)
+    free_dropped(comm)
+    return mats, free
 
 
 def _check_layout(given, name):
@@ -100,9 +99,8 @@ def _held_rows(comm, mat, held, name):
     return np.unique(exchange(comm, owner, [rows])[0]) - ranges[comm.rank]
 
 
-def _on_one_pattern(mats, owned):
-    """Return references to the matrices where they have one pattern that serves, else copies on the union of all.
-    Collective.
+def _on_one_pattern(mats):
+    """Return the matrices where they have one pattern that serves, else copies on the union of all. Collective.
 
     An unsymmetric D brings the pattern of its transpose.
     """
@@ -110,17 +108,16 @@ def _on_one_pattern(mats, owned):
     comm = K.comm.tompi4py()
     patterns = dict(mats)
     if "D" in mats:
-        patterns["transposed D"] = owned.owns(mats["D"].transpose(PETSc.Mat()))
+        patterns["transposed D"] = mats["D"].transpose(PETSc.Mat())
     signs = [_signature(mat) for mat in patterns.values()]
     full = all(diagonal for _, diagonal in signs)
     if all(comm.allgather(full and len({sign for sign, _ in signs}) == 1)):
-        return {key: copy(mat) for key, mat in mats.items()}
-    union = owned.owns(_diagonal_of_zeros(K))
+        return mats
+    union = _diagonal_of_zeros(K)
     for mat in patterns.values():
         zeros = mat.duplicate(copy=False)  # axpy leaves at once where the factor is zero
         zeros.zeroEntries()
         union.axpy(1.0, zeros, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        zeros.destroy()
     result = {}
     for key, mat in mats.items():
         result[key] = union.duplicate(copy=True)

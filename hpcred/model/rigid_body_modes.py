@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..linalg.basis import Basis
-from ..linalg.blocks import add_product, apply, column_norms, copy_of, create_block, inner, local_rows, multiply
+from ..linalg.blocks import (
+    add_product,
+    column_norms,
+    copy_of,
+    create_block,
+    inner,
+    local_rows,
+    multiply,
+    times,
+)
 from ..linalg.csr import diagonal_of
 from ..parallel.decisions import decided
-from ..parallel.failures import InputError, Owned
+from ..parallel.failures import InputError
 from ..parallel.petsc import MPI, PETSc, SLEPc
 from .digits import digits_of
 from .dofs import SCALAR, require_dofs
@@ -29,7 +37,7 @@ MOST_ROWS = 0.6  # share of rows in which supports are not believed
 
 
 def rigid_motions(model, centre=(0.0, 0.0, 0.0)) -> SLEPc.BV:
-    """Return unit translations and unit rotations about `centre` as a block (n, 6). Collective; the caller destroys it.
+    """Return unit translations and unit rotations about `centre` as a block (n, 6). Collective.
 
     Translational dofs move by e x (r - centre), rotational dofs by e, others not at all. Raises InputError without
     nodes.
@@ -114,13 +122,8 @@ def rigid_body_quantities(model) -> RigidBody:
 
 def _rigid_gram(model, centre):
     """Return R^T M R (6, 6) of the rigid motions about `centre`. Collective."""
-    with ExitStack() as stack:
-        motions = rigid_motions(model, centre)
-        stack.callback(motions.destroy)
-        momentum = create_block(model.M, 6)
-        stack.callback(momentum.destroy)
-        apply(model.M, motions, momentum)
-        return inner(motions, momentum)
+    motions = rigid_motions(model, centre)
+    return inner(motions, times(model.M, motions))
 
 
 class RigidBodyModes:
@@ -128,37 +131,29 @@ class RigidBodyModes:
 
     `R` (n, count) and `MR` = M R as blocks. `count`: 0 for a supported body to 6 for a free one. `supports`: global
     rows of this rank, `count` over all ranks, that leave no rigid motion when held. `defect`: largest
-    ||K R|| / (||K|| ||R||) of the six motions. Owns PETSc objects: call close(). Collective throughout.
+    ||K R|| / (||K|| ||R||) of the six motions. Collective throughout.
     """
 
     def __init__(self, model):
         self._first, self._k = model.first_row, model.K
         self.R = self.MR = None
-        with Owned(model.comm) as owned:
-            # where the centre is not known along an axis, any point of the axis will do
-            motions = owned.owns(rigid_motions(model, np.nan_to_num(rigid_body_quantities(model).centre)))
-            self.defect, free = decided(model.comm, _force_free, *_forces(model, motions))
-            multiply(motions, free)
-            self.count = free.shape[1]
-            motions.setActiveColumns(0, self.count)
-            basis = owned.owns(Basis(model.M, room=6))
-            basis.extend(motions)
-            if basis.size != self.count:
-                raise InputError(
-                    f"{model.name}: the mass matrix is singular for rigid-body motions "
-                    f"({basis.size} independent ones of {self.count}); a free body needs mass and inertia"
-                )
-            if self.count:
-                self.R = copy_of(basis.columns, model.M)
-                self.MR = create_block(model.M, self.count)
-                apply(model.M, self.R, self.MR)
-                self.supports = self._determinate_supports(model)
-
-    def close(self):
-        for block in (self.R, self.MR):
-            if block is not None:
-                block.destroy()
-        self.R = self.MR = None
+        # where the centre is not known along an axis, any point of the axis will do
+        motions = rigid_motions(model, np.nan_to_num(rigid_body_quantities(model).centre))
+        self.defect, free = decided(model.comm, _force_free, *_forces(model, motions))
+        multiply(motions, free)
+        self.count = free.shape[1]
+        motions.setActiveColumns(0, self.count)
+        basis = Basis(model.M, room=6)
+        basis.extend(motions)
+        if basis.size != self.count:
+            raise InputError(
+                f"{model.name}: the mass matrix is singular for rigid-body motions "
+                f"({basis.size} independent ones of {self.count}); a free body needs mass and inertia"
+            )
+        if self.count:
+            self.R = copy_of(basis.columns, model.M)
+            self.MR = times(model.M, self.R)
+            self.supports = self._determinate_supports(model)
 
     def equilibrate(self, load: SLEPc.BV):
         """Replace a load by (I - M R R^T) load, the part that does not accelerate the body as a whole."""
@@ -198,16 +193,14 @@ def _forces(model, motions):
 
     The norm of a rotation that moves no node is infinite: it is no motion.
     """
-    with Owned(model.comm) as owned:
-        product = owned.owns(create_block(model.K, 6))
-        apply(model.K, motions, product)
-        sizes = column_norms(motions)
-        far = model.comm.allreduce(float(np.abs(model.dofs.position).max(initial=0.0)), op=MPI.MAX)
-        nothing = ROUND_OFF * sizes[:3].max()
-        sizes[sizes <= nothing * np.array([1, 1, 1, far, far, far])] = np.inf
-        scale = np.outer(sizes, sizes)
-        norm = model.K.norm(PETSc.NormType.INFINITY)
-        return inner(product, product) / scale / norm**2, inner(motions, motions) / scale, sizes
+    product = times(model.K, motions)
+    sizes = column_norms(motions)
+    far = model.comm.allreduce(float(np.abs(model.dofs.position).max(initial=0.0)), op=MPI.MAX)
+    nothing = ROUND_OFF * sizes[:3].max()
+    sizes[sizes <= nothing * np.array([1, 1, 1, far, far, far])] = np.inf
+    scale = np.outer(sizes, sizes)
+    norm = model.K.norm(PETSc.NormType.INFINITY)
+    return inner(product, product) / scale / norm**2, inner(motions, motions) / scale, sizes
 
 
 def free_motions(model, motions) -> int:
@@ -224,15 +217,12 @@ def soft_supports(model) -> np.ndarray:
     """
     if digits_of(model.K) is not None or _single(model):
         return np.zeros(1)
-    with Owned(model.comm) as owned:
-        motions = owned.owns(rigid_motions(model))
-        motions.setActiveColumns(0, 3)
-        product = owned.owns(create_block(model.K, 3))
-        apply(model.K, motions, product)
-        with local_rows(product) as rows, local_rows(motions) as moved:
-            size = np.abs(diagonal_of(model.K))[:, None]
-            met = (np.abs(rows[:, :3]) / np.where(size > 0, size, np.inf)).max(axis=0, initial=0.0)
-            moves = (moved[:, :3] != 0).any(axis=0)
+    motions = rigid_motions(model)
+    motions.setActiveColumns(0, 3)
+    size = np.abs(diagonal_of(model.K))[:, None]
+    with local_rows(times(model.K, motions)) as rows, local_rows(motions) as moved:
+        met = (np.abs(rows) / np.where(size > 0, size, np.inf)).max(axis=0, initial=0.0)
+        moves = (moved != 0).any(axis=0)
     met = np.max(model.comm.allgather(met), axis=0)[np.any(model.comm.allgather(moves), axis=0)]
     return np.where(met > SOFTLY, met, 0.0)
 
@@ -253,19 +243,17 @@ def pushed_motions(model, loads) -> np.ndarray:
     `loads`: a block (n, loads). Parts that are round-off of a load are zero. Without nodes the motions are guessed to
     be translations of rows that go node by node.
     """
-    with Owned(model.comm) as owned:
-        if model.dofs is None:
-            motions = owned.owns(_translations_of_rows(model))
-            free = _exactly_free(model, motions)
-        else:
-            motions = owned.owns(rigid_motions(model, _middle(model)))
-            free = decided(model.comm, _force_free, *_forces(model, motions))[1]
-        if not free.shape[1]:
-            return np.zeros((0, loads.getActiveColumns()[1]))
-        product = owned.owns(create_block(model.K, motions.getActiveColumns()[1]))
-        apply(model.M, motions, product)
-        mass, parts = free.T @ inner(motions, product) @ free, free.T @ inner(motions, loads)
-        size = np.sqrt(np.diag(free.T @ inner(motions, motions) @ free))[:, None] * column_norms(loads)
+    if model.dofs is None:
+        motions = _translations_of_rows(model)
+        free = _exactly_free(model, motions)
+    else:
+        motions = rigid_motions(model, _middle(model))
+        free = decided(model.comm, _force_free, *_forces(model, motions))[1]
+    if not free.shape[1]:
+        return np.zeros((0, loads.getActiveColumns()[1]))
+    mass = free.T @ inner(motions, times(model.M, motions)) @ free
+    parts = free.T @ inner(motions, loads)
+    size = np.sqrt(np.diag(free.T @ inner(motions, motions) @ free))[:, None] * column_norms(loads)
     parts[np.abs(parts) <= ROUND_OFF * size] = 0.0
     values, vectors = np.linalg.eigh(mass)
     moving = values > NO_MASS * values[-1]
@@ -286,13 +274,10 @@ def _translations_of_rows(model) -> SLEPc.BV:
 def _exactly_free(model, motions):
     """Return a selection (columns, count) of the columns that meet no force in any row, but for its round-off.
     Collective."""
-    with Owned(model.comm) as owned:
-        product = owned.owns(create_block(model.K, motions.getActiveColumns()[1]))
-        apply(model.K, motions, product)
-        with local_rows(product) as rows, local_rows(motions) as moved:
-            forced = (np.abs(rows) > EXACTLY_FREE * _sizes_of_rows(model.K)[:, None]).any(axis=0)
-            moves = (moved != 0).any(axis=0)
-        forced, moves = (model.comm.allreduce(part, op=MPI.BOR) for part in (forced, moves))
+    with local_rows(times(model.K, motions)) as rows, local_rows(motions) as moved:
+        forced = (np.abs(rows) > EXACTLY_FREE * _sizes_of_rows(model.K)[:, None]).any(axis=0)
+        moves = (moved != 0).any(axis=0)
+    forced, moves = (model.comm.allreduce(part, op=MPI.BOR) for part in (forced, moves))
     return np.eye(len(forced))[:, moves & ~forced]
 
 
@@ -318,10 +303,8 @@ def rigid_body_residuals(model) -> tuple[np.ndarray, int]:
     Rotations are about the middle of the nodes; a turn about a support is a combination. NaN stands for motions that
     move no dof. Collective.
     """
-    with Owned(model.comm) as owned:
-        motions = owned.owns(rigid_motions(model, _middle(model)))
-        forces, overlaps, sizes = _forces(model, motions)
-        free = decided(model.comm, _force_free, forces, overlaps, sizes)[1]
+    forces, overlaps, sizes = _forces(model, rigid_motions(model, _middle(model)))
+    free = decided(model.comm, _force_free, forces, overlaps, sizes)[1]
     return np.where(np.isinf(sizes), np.nan, np.sqrt(np.abs(np.diag(forces)))), free.shape[1]
 
 
@@ -352,21 +335,18 @@ def exchange_of_matrices(model) -> str | None:
     A translation loads a stiffness at supports only, and a mass matrix in all rows of its direction: where it loads K
     in nearly all and M in few they have been exchanged.
     """
-    with Owned(model.comm) as owned:
-        motions = owned.owns(rigid_motions(model, _middle(model)))
-        with local_rows(motions) as rows:
-            moved = rows.real[:, :3] > 0
-        if _weighs(model, motions, moved):
-            return None
-        silent = []
-        for mat in (model.K, model.M):
-            product = owned.owns(create_block(mat, 6))
-            apply(mat, motions, product)
-            sizes = _sizes_of_rows(mat)
-            with local_rows(product) as rows:
-                none = np.abs(rows.real[:, :3]) <= SILENT * sizes[:, None]
-                silent.append(int((moved & none & (sizes > 0)[:, None]).sum()))
-        of_k, of_m, total = (model.comm.allreduce(count) for count in (*silent, int(moved.sum())))
+    motions = rigid_motions(model, _middle(model))
+    with local_rows(motions) as rows:
+        moved = rows.real[:, :3] > 0
+    if _weighs(model, motions, moved):
+        return None
+    silent = []
+    for mat in (model.K, model.M):
+        sizes = _sizes_of_rows(mat)
+        with local_rows(times(mat, motions)) as rows:
+            none = np.abs(rows.real[:, :3]) <= SILENT * sizes[:, None]
+            silent.append(int((moved & none & (sizes > 0)[:, None]).sum()))
+    of_k, of_m, total = (model.comm.allreduce(count) for count in (*silent, int(moved.sum())))
     if of_k > FEW * total or of_m <= (1 - MOST_ROWS) * total:
         return None
     return (
@@ -377,12 +357,9 @@ def exchange_of_matrices(model) -> str | None:
 
 def _weighs(model, motions, moved) -> bool:
     """Test whether M gives translations about the mass that is on its diagonal, which is quick to see. Collective."""
-    with Owned(model.comm) as owned:
-        product = owned.owns(create_block(model.M, 6))
-        apply(model.M, motions, product)
-        with local_rows(product) as rows:
-            masses = (rows.real[:, :3] * moved).sum(axis=0)
-        masses, sizes = model.comm.allreduce(np.array([masses, np.abs(diagonal_of(model.M)) @ moved]))
+    with local_rows(times(model.M, motions)) as rows:
+        masses = (rows.real[:, :3] * moved).sum(axis=0)
+    masses, sizes = model.comm.allreduce(np.array([masses, np.abs(diagonal_of(model.M)) @ moved]))
     return model.comm.bcast(bool((masses >= ON_DIAGONAL * sizes).all()))
 
 
@@ -397,16 +374,13 @@ def misfit_of_nodes(model) -> str | None:
     A rigid motion of the nodes meets no force but at supports. Where K resists rotations and no translation, or resists
     in most rows, the coordinates or the directions are those of other rows, or of other units than K.
     """
-    with Owned(model.comm) as owned:
-        motions = owned.owns(rigid_motions(model, _middle(model)))
-        product = owned.owns(create_block(model.K, 6))
-        apply(model.K, motions, product)
-        force = np.sqrt(np.abs(np.diag(_forces(model, motions)[0])))
-        with local_rows(motions) as moved, local_rows(product) as forces:
-            reach = np.max(model.comm.allgather(np.abs(moved.real).max(axis=0, initial=0.0)), axis=0)
-            norm = model.K.norm(PETSc.NormType.INFINITY)
-            resisted = (np.abs(forces.real) > FORCE_FREE * norm * np.maximum(reach, 1e-300)).any(axis=1)
-        share = model.comm.allreduce(int(resisted.sum())) / model.size
+    motions = rigid_motions(model, _middle(model))
+    force = np.sqrt(np.abs(np.diag(_forces(model, motions)[0])))
+    with local_rows(times(model.K, motions)) as forces, local_rows(motions) as moved:
+        reach = np.max(model.comm.allgather(np.abs(moved.real).max(axis=0, initial=0.0)), axis=0)
+        norm = model.K.norm(PETSc.NormType.INFINITY)
+        resisted = (np.abs(forces.real) > FORCE_FREE * norm * np.maximum(reach, 1e-300)).any(axis=1)
+    share = model.comm.allreduce(int(resisted.sum())) / model.size
     translation, rotation = force[:3].max(), force[3:].max()
     found = f"||K R|| / (||K|| ||R||) = {max(translation, rotation):.1e} for rigid-body motions R of the nodes"
     if translation < FORCE_FREE <= rotation:

@@ -22,16 +22,10 @@ def in_usual_units(model) -> Iterator[tuple]:
     if (inputs, outputs) == (1.0, 1.0):
         yield model, 1.0, 1.0
         return
-    with _scaled(model, inputs, outputs) as usual:
-        yield usual, inputs, outputs
-
-
-def _scaled(model, inputs: float, outputs: float):
-    other = model.with_input_columns(model.B.getDenseArray().real / inputs, model.input_names)
-    if model.Ct is None:
-        return other
-    with other:
-        return other.with_output_columns(model.Ct.getDenseArray().real / outputs, model.output_names)
+    usual = model.with_input_columns(model.B.getDenseArray().real / inputs, model.input_names)
+    if model.Ct is not None:
+        usual = usual.with_output_columns(model.Ct.getDenseArray().real / outputs, model.output_names)
+    yield usual, inputs, outputs
 
 
 def unscaled(values: np.ndarray, factor: float) -> np.ndarray:

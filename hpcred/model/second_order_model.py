@@ -312,20 +312,16 @@ class SecondOrderModel:
 
     @cached_property
     def mean_diagonal_of_k(self) -> float:
-        return self._trace(self.K) / self.size
+        return self._traces["K"] / self.size
 
     @cached_property
     def mean_eigenvalue(self) -> float:
         """trace(K) / trace(M) in (rad/s)^2: a scale for "zero" among the eigenvalues. Collective."""
-        mass = self._trace(self.M)
-        return self._trace(self.K) / mass if mass else 0.0
+        return self._traces["K"] / self._traces["M"] if self._traces["M"] else 0.0
 
-    @staticmethod
-    def _trace(mat):
-        diagonal = mat.getDiagonal()
-        value = float(diagonal.sum().real)
-        diagonal.destroy()
-        return value
+    @cached_property
+    def _traces(self):
+        return {key: float(self.matrices[key].getDiagonal().sum().real) for key in "KM"}
 
     def with_interfaces(self, interfaces: Iterable[Interface]) -> SecondOrderModel:
         """Return the model with interface nodes.
@@ -351,10 +347,9 @@ class SecondOrderModel:
         marked = with_interfaces(self, interfaces)
         if self.B is not None and self.input_names != interface_targets(self.interfaces):
             return marked
-        with marked:
-            if not marked.interfaces:
-                return marked.with_fields(B=None, input_names=())
-            return marked.with_inputs([item.name for item in marked.interfaces])
+        if not marked.interfaces:
+            return marked.with_fields(B=None, input_names=())
+        return marked.with_inputs([item.name for item in marked.interfaces])
 
     def with_inputs(self, targets: Targets) -> SecondOrderModel:
         """Return the model with unit loads at dofs as inputs.

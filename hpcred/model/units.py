@@ -177,7 +177,6 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
             mats[key] = model.matrices[key].copy()
             mats[key].diagonalScale(inverse, inverse)
             mats[key].scale(units.energy * units.time**power)
-    inverse.destroy()
     dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, names, moved, scale, units))
              for mat, names in ((model.B, model.input_names), (model.Ct, model.own_output_names))]  # fmt: skip
     properties = model.properties

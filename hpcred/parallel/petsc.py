@@ -5,6 +5,7 @@ by what it asks for, before PETSc is there.
 """
 
 from contextlib import contextmanager
+from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from mpi4py import MPI
 
 from . import startup
 
+PILE = 2**24  # bytes of blocks on a rank that may wait for being freed
 SAME = True  # petsc4py's word for PETSc.Mat.Structure.SAME_NONZERO_PATTERN
 
 
@@ -39,8 +41,30 @@ def is_complex() -> bool:
 
 
 def free_dropped(comm):
-    """Free the distributed objects that Python has dropped on all ranks, which petsc4py only puts aside. Collective."""
+    """Free the objects that Python has dropped on all ranks, which petsc4py only puts aside. Collective."""
+    PETSc.garbage_cleanup(PETSc.COMM_SELF)
     PETSc.garbage_cleanup(comm)
+
+
+def make_room(comm, size: int):
+    """Free what Python has dropped, before `size` bytes are taken on a rank, the same number on all. Collective.
+
+    Blocks and dense matrices do this (linalg.blocks), so that none of them, and no vector or matrix, has to be
+    destroyed by hand. Several ranks, which it takes messages, do it once for PILE bytes.
+    """
+    if comm.size > 1:
+        comm, keyval = comm.tompi4py(), _keyval_of_taken()
+        taken = (comm.Get_attr(keyval) or 0) + max(size, PILE // 100)
+        comm.Set_attr(keyval, taken % PILE)
+        if taken < PILE:
+            return
+    free_dropped(comm)
+
+
+@cache
+def _keyval_of_taken() -> int:
+    """The attribute of communicators that has the bytes taken since the last time."""
+    return MPI.Comm.Create_keyval()
 
 
 @contextmanager
@@ -54,4 +78,4 @@ def petsc_errors():
         raise
 
 
-__all__ = ["MPI", "PETSc", "SAME", "SLEPc", "free_dropped", "is_complex", "petsc_errors"]
+__all__ = ["MPI", "PETSc", "SAME", "SLEPc", "free_dropped", "is_complex", "make_room", "petsc_errors"]

@@ -17,6 +17,7 @@ from ..model.load_columns import loads_of, resultants
 from ..model.scales import in_usual_units
 from ..model.second_order_model import require_model
 from ..parallel.failures import ComputationError, InputError, Owned
+from ..parallel.petsc import free_dropped
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
 from .checks import check_model, warnings_of
@@ -68,6 +69,7 @@ class BasisReductor(Reductor):
             )  # fmt: skip
         reduced.resultants = resultants(model)
         reduced.model = model.shared()
+        free_dropped(model.comm)
         return reduced
 
     def _reduce(self, model) -> ReducedModel:
@@ -77,7 +79,7 @@ class BasisReductor(Reductor):
         warnings = self._check(model)
         with Owned(model.comm) as owned:
             with progress.stage("frame"):
-                framed = owned.owns(apply_frame(model, self.frame, self.damping))
+                framed = apply_frame(model, self.frame, self.damping)
                 warnings += inputs_without_effect(framed)
             deflation, columns, identity = self._deflation(framed), self._expected_columns(framed), {}
             if self.store is not None:
@@ -89,10 +91,7 @@ class BasisReductor(Reductor):
                 framed, progress, deflation, self.factoring, columns, self.counts_modes, self.store, identity,
             ))  # fmt: skip
             runs = [run, *(owned.owns(other) for other in self._more_runs(run))]
-            bases = [
-                owned.owns(Basis(run.mass, framed.rigid_columns, deflation, columns, run.keeps_mass_images))
-                for _ in runs
-            ]
+            bases = [Basis(run.mass, framed.rigid_columns, deflation, columns, run.keeps_mass_images) for _ in runs]
             groups = number_of_groups(settings.groups, run, self._points(model))
             search = self._fill(bases, runs, groups)
             for each in runs:
@@ -206,15 +205,13 @@ class BasisReductor(Reductor):
         inputs = project_columns(columns, full.B)
         outputs = (inputs if full.Ct is None else project_columns(columns, full.Ct)).T.copy()
         if self.settings.coordinates == "interface":
-            with Owned(model.comm) as owned:
-                moved = to_interface_coordinates(framed, Projected(columns, **small, B=inputs, C=outputs))
-                owned.owns(moved.columns)
-                small = {"M": moved.M, "D": moved.D, "K": moved.K}
-                frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])
-                reduced = reduced_model(model, framed, small, moved.B, moved.C, frequencies)
-                reduced.interfaces = full.interfaces
-                reduced.columns = everywhere(model, framed, moved.columns)
-                return reduced, defect
+            moved = to_interface_coordinates(framed, Projected(columns, **small, B=inputs, C=outputs))
+            small = {"M": moved.M, "D": moved.D, "K": moved.K}
+            frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])
+            reduced = reduced_model(model, framed, small, moved.B, moved.C, frequencies)
+            reduced.interfaces = full.interfaces
+            reduced.columns = everywhere(model, framed, moved.columns)
+            return reduced, defect
         reduced = reduced_model(model, framed, small, inputs, outputs, frequencies)
         reduced.columns = everywhere(model, framed, columns)
         return reduced, defect
@@ -227,7 +224,7 @@ def extend_by_all(basis, bases, runs, groups, last=True):
         runs[0].progress.step("points and modes", i, len(basis), always=True)
         for r, (vectors, run) in enumerate(zip(bases, runs, strict=True)):
             if (i, r) in ready:
-                ready[i, r].join(vectors, run)
+                ready.pop((i, r)).join(vectors, run)
             else:
                 component.extend(vectors, run)
         if i + 1 < len(basis) or not last:

@@ -23,7 +23,7 @@ from ..model.dofs import DIRECTIONS
 from ..model.frames import Chord, NoFrame, Tangent
 from ..model.rigid_body_modes import RigidBodyModes
 from ..parallel.decisions import decided
-from ..parallel.failures import InputError, Owned
+from ..parallel.failures import InputError
 from .components.craig_bampton import check_directions, interface_forces
 from .projection import project, project_columns
 from .reduced_model import ReducedModel
@@ -54,28 +54,24 @@ def check_interface_coordinates(model, frame):
             "supported body and 'buckens' for a free one"
         )
     if isinstance(frame, NoFrame):
-        with Owned(model.comm) as owned:
-            rigid = owned.owns(RigidBodyModes(model))
-            if rigid.count:
-                raise InputError(
-                    f"{where}: {model.name} has {rigid.count} rigid-body motions without force; take frame kind "
-                    "'buckens', whose rigid-body modes then are part of the superelement"
-                )
+        rigid = RigidBodyModes(model)
+        if rigid.count:
+            raise InputError(
+                f"{where}: {model.name} has {rigid.count} rigid-body motions without force; take frame kind "
+                "'buckens', whose rigid-body modes then are part of the superelement"
+            )
 
 
 def to_interface_coordinates(framed, given: Projected) -> Projected:
     """Return the same span, and the rigid-body modes of the frame, in interface coordinates. Collective. Raises
     InputError."""
-    with Owned(framed.model.comm) as owned:
-        whole = given if framed.rigid is None else _with_rigid(framed, given)
-        forces = owned.owns(interface_forces(framed.model))
-        motion = inner(forces, whole.columns)
-        T = decided(framed.model.comm, transformation, motion, whole.M, whole.K, framed.model.interfaces)
-        block = create_block(framed.model.K, T.shape[1])
-        with local_rows(whole.columns) as old, local_rows(block) as new:
-            new[...] = old @ T
-        if whole is not given:
-            whole.columns.destroy()
+    whole = given if framed.rigid is None else _with_rigid(framed, given)
+    forces = interface_forces(framed.model)
+    motion = inner(forces, whole.columns)
+    T = decided(framed.model.comm, transformation, motion, whole.M, whole.K, framed.model.interfaces)
+    block = create_block(framed.model.K, T.shape[1])
+    with local_rows(whole.columns) as old, local_rows(block) as new:
+        new[...] = old @ T
     c = len(motion)
     M, K = (_symmetric(T.T @ value @ T) for value in (whole.M, whole.K))
     D = T.T @ whole.D @ T

@@ -19,7 +19,7 @@ from ..model.frames import Frame
 from ..model.second_order_model import require_model
 from ..parallel.decisions import decided
 from ..parallel.declared import as_declared
-from ..parallel.failures import InputError, Owned
+from ..parallel.failures import InputError
 from ..parallel.ranges import require_band
 from .components.component import Component
 from .reduce import reduce
@@ -50,9 +50,9 @@ class TangentialPoints(Component):
 
     def extend(self, basis, run) -> None:
         solver, found = run.solvers.complex, 0
-        with Owned(run.model.comm) as owned, run.progress.stage("solve"):
-            loads = owned.owns(from_dense(run.model.B))
-            load, solution = (owned.owns(create_block(run.model.K, 2)) for _ in range(2))
+        with run.progress.stage("solve"):
+            loads = from_dense(run.model.B)
+            load, solution = (create_block(run.model.K, 2) for _ in range(2))
             for s, parts in zip(self.points, self.outputs if run.is_dual else self.inputs, strict=True):
                 add_product(load, loads, np.array(parts), beta=0.0)
                 solver.factor(complex(*s) ** 2, complex(*s))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..linalg.blocks import apply, copy_of, create_block, from_dense, inner, view_of
+from ..linalg.blocks import copy_of, from_dense, inner, times, view_of
 from ..linalg.eigensolver import symmetric_eigenpairs
 
 WIDTH = 64  # columns projected at a time, which bounds the memory
@@ -16,20 +16,14 @@ def project(mat, columns, left=None, width=WIDTH) -> np.ndarray:
     result = np.zeros((left.stop - left.first, count))
     for low in range(0, count, width):
         high = min(low + width, count)
-        product = create_block(mat, high - low)
-        apply(mat, columns.between(low, high), product)
-        result[:, low:high] = inner(left, product)
-        product.destroy()
+        result[:, low:high] = inner(left, times(mat, columns.between(low, high)))
     columns.bv.setActiveColumns(columns.first, columns.stop)  # which parts of them have changed
     return result
 
 
 def project_columns(columns, mat) -> np.ndarray:
     """Return V^T B (m, p) for a dense B. Collective."""
-    block = from_dense(mat)
-    result = inner(columns, block)
-    block.destroy()
-    return result
+    return inner(columns, from_dense(mat))
 
 
 def diagonalise(basis, stiffness: np.ndarray):
@@ -42,9 +36,4 @@ def diagonalise(basis, stiffness: np.ndarray):
 
 def everywhere(model, framed, columns):
     """Return a basis of the framed model in all dofs of `model`, as a new block. Collective."""
-    if framed.restore is None:
-        return copy_of(columns, model.K)
-    first, last = columns.getActiveColumns()
-    result = create_block(model.K, last - first)
-    apply(framed.restore, columns, result)
-    return result
+    return copy_of(columns, model.K) if framed.restore is None else times(framed.restore, columns)

@@ -19,7 +19,6 @@ from ..model.load_columns import loads_of
 from ..model.loads import LoadColumn
 from ..parallel import processor
 from ..parallel.declared import renamed
-from ..parallel.failures import Owned
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ..parallel.progress import Timing, counted
 from .components.component import AnyKind
@@ -135,15 +134,14 @@ def signature_of(model) -> dict[str, tuple[float, ...]]:
     """Return z^T A z of M, K and D, and z^T B, z^T C^T, for a fixed random z (n,): the same model has the same.
     Collective."""
     found = {}
-    with Owned(model.comm) as owned:
-        z = owned.owns(random_block(model.K, 1, seed=1))
-        product = owned.owns(create_block(model.K, 1))
-        for key, mat in model.matrices.items():
-            apply(mat, z, product)
-            found[key] = inner(z, product)
-        for key, mat in (("B", model.B), ("C", model.Ct)):
-            if mat is not None:
-                found[key] = inner(z, owned.owns(from_dense(mat)))
+    z = random_block(model.K, 1, seed=1)
+    product = create_block(model.K, 1)
+    for key, mat in model.matrices.items():
+        apply(mat, z, product)
+        found[key] = inner(z, product)
+    for key, mat in (("B", model.B), ("C", model.Ct)):
+        if mat is not None:
+            found[key] = inner(z, from_dense(mat))
     return model.comm.bcast({key: tuple(values.ravel().tolist()) for key, values in found.items()})
 
 

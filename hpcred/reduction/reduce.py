@@ -14,7 +14,6 @@ from ..model.frames import Frame, NoFrame
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError
-from ..parallel.petsc import free_dropped
 from ..parallel.progress import Progress
 from .basis_reductor import BasisReductor
 from .components.component import Component
@@ -105,7 +104,6 @@ def reduce(
     Equations (20), (32), (41-50) and (52-54) of Lehner and Eberhard (2006); the error is (55) or that of docs/theory.
     """
     require_model(model)
-    free_dropped(model.comm)
     given = {
         "deflation_tolerance": deflation_tolerance, "drop_above": drop_above, "projection": projection,
         "allow_unstable": allow_unstable, "groups": groups, "coordinates": coordinates,

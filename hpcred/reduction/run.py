@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..linalg.basis import Extension
-from ..linalg.blocks import apply, create_block, from_dense, independent, inner, multiply
+from ..linalg.blocks import from_dense, independent, inner, multiply, times
 from ..linalg.csr import without_zeros
 from ..linalg.free_motions import check_free_motions
 from ..linalg.solvers.base import DoesNotFit, FactorRecord
@@ -31,7 +31,7 @@ DEPENDENT_LOAD = 1e-14  # square of a combination of unit loads below which they
 
 @dataclass
 class Run:
-    """One reduction under way, as a component sees it. Call close(); its methods are collective.
+    """One reduction under way, as a component sees it. Call close(), which frees factors; methods are collective.
 
     `framed`: the model in its frame; `solvers` for A(s); `notes`: what is recorded; `columns`: how many the basis is
     expected to have; `inertia`: whether negative pivots are counted on any number of ranks; `store`: a Store, or
@@ -53,7 +53,6 @@ class Run:
 
     def __post_init__(self):
         self.model, self.rigid = self.framed.model, self.framed.rigid
-        self._own_model = self._loads = self._independent_loads = self._mass = None
         self._checked = False
         self.owns_solvers = self.solvers is None
         if self.owns_solvers:
@@ -102,42 +101,33 @@ class Run:
         analyses = self.notes.analyses + (self.solvers.analyses if self.owns_solvers else 0)
         return replace(self.notes, factorisations=self.factorisations, analyses=analyses)
 
-    @property
+    @cached_property
     def loads(self):
-        """The independent columns of B, self-equilibrated for a free body, as a block; owned by the run."""
-        if self._loads is None:
-            self._loads = from_dense(self.model.B)
-            if self.rigid is not None:
-                self.rigid.equilibrate(self._loads)
-            factor, _ = decided(self.model.comm, independent, inner(self._loads, self._loads), DEPENDENT_LOAD)
-            count, kept = factor.shape
-            if kept < count:
-                multiply(self._loads, factor)
-                self._loads.setActiveColumns(0, kept)
-                self.note("inputs", count, kept)
-        return self._loads
+        """The independent columns of B, self-equilibrated for a free body, as a block."""
+        loads = from_dense(self.model.B)
+        if self.rigid is not None:
+            self.rigid.equilibrate(loads)
+        factor, _ = decided(self.model.comm, independent, inner(loads, loads), DEPENDENT_LOAD)
+        count, kept = factor.shape
+        if kept < count:
+            multiply(loads, factor)
+            loads.setActiveColumns(0, kept)
+            self.note("inputs", count, kept)
+        return loads
 
-    @property
+    @cached_property
     def independent_loads(self) -> tuple:
-        """The independent loads of inputs and outputs together, and both in terms of them; owned by the run. Raises
-        InputError."""
-        if self._independent_loads is None:
-            self._independent_loads = independent_loads(self)
-        return self._independent_loads
+        """The independent loads of inputs and outputs together, and both in terms of them. Raises InputError."""
+        return independent_loads(self)
 
-    @property
+    @cached_property
     def mass(self) -> PETSc.Mat:
-        """M for products with blocks, without its stored zeros where they are many; owned by the run."""
-        if self._mass is None:
-            self._mass = without_zeros(self.model.M)
-        return self._mass
+        """M for products with blocks, without its stored zeros where they are many."""
+        return without_zeros(self.model.M)
 
     def times_mass(self, block):
         """Return M block as a new block."""
-        first, last = block.getActiveColumns()
-        product = create_block(self.mass, last - first)
-        apply(self.mass, block, product)
-        return product
+        return times(self.mass, block)
 
     def note(self, where: str, columns: int, found: Extension | int, **more):
         """Record how many of the columns offered were new; shown by the command line, kept in the result; local."""
@@ -196,19 +186,14 @@ class Run:
         framed = FramedModel(model, rigid=self.rigid, damping=self.framed.damping)
         identity = self.identity | {"inputs": self.identity.get("outputs"), "transposed": not shares}
         own = Notes(components=self.notes.components, remarks=self.notes.remarks)
-        other = Run(framed, self.progress, self.tolerance, self.factoring, self.columns, store=self.store,
-                    identity=identity, notes=self.notes if shares else own,
-                    solvers=self.solvers if shares else None, is_dual=True)  # fmt: skip
-        other._own_model = model
-        return other
+        return Run(framed, self.progress, self.tolerance, self.factoring, self.columns, store=self.store,
+                   identity=identity, notes=self.notes if shares else own,
+                   solvers=self.solvers if shares else None, is_dual=True)  # fmt: skip
 
     def close(self):
-        for item in (self.solvers if self.owns_solvers else None, self._own_model):
-            if item is not None:
-                item.close()
-        for item in (self._loads, self._mass, *(self._independent_loads or ())[:1]):
-            if item is not None:
-                item.destroy()
+        if self.owns_solvers:
+            self.solvers.close()
+        self.solvers = None  # which refer to the run
 
 
 def identity_of_model(model, framed, **known) -> dict:

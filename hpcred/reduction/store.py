@@ -11,16 +11,12 @@ import numpy as np
 @dataclass
 class Entry:
     """What a store keeps under one key: columns as a block in `widths` columns each, facts (plain types), and small
-    arrays, the same on all ranks. `block` is None where there are no columns; who loads an entry closes it."""
+    arrays, the same on all ranks. `block` is None where there are no columns."""
 
     facts: dict
     widths: tuple[int, ...] = ()
     block: object = None
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
-
-    def close(self):
-        if self.block is not None:
-            self.block.destroy()
 
 
 @runtime_checkable

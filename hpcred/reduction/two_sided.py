@@ -67,9 +67,7 @@ def biorthogonal(left, right, run) -> float:
     Directions of one space that are M-orthogonal to the other one are dropped and reported; where the spaces have
     different sizes, the larger loses the difference.
     """
-    product = run.times_mass(right.columns)
-    u, values, vt = decided(run.model.comm, np.linalg.svd, inner(left.columns, product))
-    product.destroy()
+    u, values, vt = decided(run.model.comm, np.linalg.svd, inner(left.columns, run.times_mass(right.columns)))
     kept = int((values > LOST).sum())
     if kept == 0:
         raise ComputationError("the input and the output subspace are M-orthogonal: no two-sided model exists")
@@ -77,7 +75,5 @@ def biorthogonal(left, right, run) -> float:
     run.note("bi-orthogonal pairs", max(left.size, right.size), kept)
     left.multiply(u[:, :kept] * scale)
     right.multiply(vt[:kept].T * scale)
-    product = run.times_mass(right.columns)
-    gram = inner(left.columns, product)
-    product.destroy()
+    gram = inner(left.columns, run.times_mass(right.columns))
     return float(np.abs(gram - np.eye(kept)).max())

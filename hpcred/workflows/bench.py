@@ -59,7 +59,7 @@ def _measure(cells, folder, comm, progress):
             "bytes_per_entry": record.memory_mb_used_total * 2**20 / record.factor_entries,
         }
         for columns in (1, COLUMNS):
-            load, solution = owned.owns(random_block(model.K, columns)), owned.owns(create_block(model.K, columns))
+            load, solution = random_block(model.K, columns), create_block(model.K, columns)
             with progress.stage("solve"):
                 solver.solve(load, solution)
                 before = record.solve_seconds, record.columns_solved
@@ -69,7 +69,7 @@ def _measure(cells, folder, comm, progress):
             report[f"solve_gflops_of_{columns}"] = 4 * record.factor_entries / seconds / 1e9
         report["residual"] = record.residual
         with progress.stage("solve"):
-            load, solution = owned.owns(random_block(model.K, MANY)), owned.owns(create_block(model.K, MANY))
+            load, solution = random_block(model.K, MANY), create_block(model.K, MANY)
             report[f"solve_ms_per_column_of_{MANY}_by_width"] = {
                 width: 1e3 * _solve_seconds(solver, load, solution, width) / MANY for width in WIDTHS
             }
@@ -135,16 +135,12 @@ def _products(model, comm, progress):
         basis.extend(block)
         comm.Barrier()
         spent = time.perf_counter() - start
-    result = {
+    return {
         "multiply_ms_per_column": 1e3 * seconds / COLUMNS,
         "multiply_gflops": 2 * model.nonzeros * COLUMNS / seconds / 1e9,
         "orthogonalise_ms_per_column": 1e3 * spent / COLUMNS,
         "orthogonality_loss": basis.defect(),
     }
-    basis.close()
-    block.destroy()
-    product.destroy()
-    return result
 
 
 def _files(model, folder, comm, progress):

@@ -12,9 +12,9 @@ from ..analysis.frequency_response import frequency_response
 from ..files.hdf5 import atomic_output
 from ..files.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
 from ..files.result_file import read_basis, read_result
-from ..linalg.blocks import apply, create_block, inner
+from ..linalg.blocks import inner, times
 from ..linalg.solvers.settings import Factoring
-from ..parallel.failures import InputError, Owned, agreed
+from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
 from ..report.figures import error_figure
@@ -117,22 +117,20 @@ def _modes(full_model, count, results, labels, whole, reduced, progress):
     count = min(count, model.size - full_model.record.rigid_body_modes)
     with full_model.lowest_modes(count, progress) as reference:
         rows = [{"mode": i + 1, "f (Hz)": float(f)} for i, f in enumerate(reference.frequencies)]
-        with Owned(model.comm) as owned:
-            momentum = owned.owns(create_block(model.M, len(rows)))
-            apply(model.M, reference.columns, momentum)
-            for path, label, given, item in zip(results, labels, whole, reduced, strict=True):
-                basis = None if item.record.projection == "two_sided" else read_basis(path, model)
-                share = None
-                if basis is not None:
-                    X = scipy.linalg.eigh(given.K, given.M)[1][:, given.rigid_size :]
-                    share = (inner(momentum, owned.owns(basis)) @ X) ** 2
-                for cluster in _clusters(reference.frequencies):
-                    best, value = _nearest(reference.frequencies[cluster], item.frequencies,
-                                           None if share is None else share[cluster])  # fmt: skip
-                    for i, j in zip(cluster, best, strict=True):
-                        rows[i][f"{label} error"] = float(item.frequencies[j] / reference.frequencies[i] - 1)
-                        if share is not None:
-                            rows[i][f"{label} MAC"] = float(value[j])
+        momentum = times(model.M, reference.columns)
+        for path, label, given, item in zip(results, labels, whole, reduced, strict=True):
+            basis = None if item.record.projection == "two_sided" else read_basis(path, model)
+            share = None
+            if basis is not None:
+                X = scipy.linalg.eigh(given.K, given.M)[1][:, given.rigid_size :]
+                share = (inner(momentum, basis) @ X) ** 2
+            for cluster in _clusters(reference.frequencies):
+                best, value = _nearest(reference.frequencies[cluster], item.frequencies,
+                                       None if share is None else share[cluster])  # fmt: skip
+                for i, j in zip(cluster, best, strict=True):
+                    rows[i][f"{label} error"] = float(item.frequencies[j] / reference.frequencies[i] - 1)
+                    if share is not None:
+                        rows[i][f"{label} MAC"] = float(value[j])
     return rows
 
 

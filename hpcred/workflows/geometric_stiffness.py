@@ -17,7 +17,7 @@ from ..files.hdf5 import kind_of_file
 from ..files.model_file import FORMAT, read_model
 from ..files.text import require_file
 from ..model.units import in_si, units_of
-from ..parallel.failures import InputError, Owned, agreed
+from ..parallel.failures import InputError, agreed
 
 
 def check_geometric_stiffness(job, model):
@@ -62,10 +62,8 @@ def _matrix(item: LoadedState, model, columns) -> np.ndarray:
         element, point, stress = read(item.stresses, model.comm)
         stress = stress * (units.mass / units.length / units.time**2)
         return stiffness_of_stresses(model, columns, element, point, stress, item.stresses) / item.value
-    with Owned(model.comm) as owned:
-        others = [None if name is None else owned.owns(_loaded(name, units, item.matrix, model.comm))
-                  for name in (item.file, item.opposite)]  # fmt: skip
-        return stiffness_of_difference(model, columns, item, *others) / item.value
+    others = [name and _loaded(name, units, item.matrix, model.comm) for name in (item.file, item.opposite)]
+    return stiffness_of_difference(model, columns, item, *others) / item.value
 
 
 def _loaded(name, units, matrix, comm):

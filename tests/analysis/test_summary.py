@@ -26,7 +26,6 @@ def test_inspection(comm, linkage):
     assert supported["rigid_body_modes"] == 0
     assert supported["elastic_modes_below_hz"] == [[600.0, 13]]
     assert supported["size_hint"] == 14
-    framed.close()
 
 
 @pytest.mark.skipif(is_complex(), reason="inertia needs a real build")

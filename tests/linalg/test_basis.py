@@ -37,7 +37,6 @@ def test_basis_finds_the_rank_of_a_block(model, scale):
     assert basis.extend(block_from(model.M, block)).kept == 0
     spanned = V @ (V.T @ mass @ block)
     assert np.abs(spanned - block).max() < 1e-9 * np.abs(block).max()
-    basis.close()
 
 
 def test_basis_stays_orthogonal_to_what_it_deflates(model):
@@ -53,7 +52,6 @@ def test_basis_stays_orthogonal_to_what_it_deflates(model):
         == 3
     )
     assert np.abs(held.T @ mass @ gather(basis.columns)).max() < 1e-13
-    basis.close()
 
 
 @pytest.mark.parametrize("t", [(0.0, 1.0), (0.6, 0.8)], ids=["axis", "skew"])
@@ -67,6 +65,5 @@ def test_directions_that_move_no_mass_are_left_out_and_counted(comm, t):
         basis = Basis(model.M)
         found = basis.extend(block_from(model.M, block))
         V = gather(basis.columns)
-        basis.close()
     assert (found.kept, found.massless) == (3, 3)
     assert np.abs(V.T @ mass @ V - np.eye(3)).max() < 1e-12

@@ -33,4 +33,3 @@ def test_complex_shift_in_every_build(model):
         found = gather(solution)[:, 0::2] + 1j * gather(solution)[:, 1::2]
         assert np.allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
         solver.close()
-    framed.close()

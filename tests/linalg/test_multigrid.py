@@ -1,6 +1,5 @@
 """Conjugate gradients with multigrid against dense numpy, against factors, and what cannot be solved that way."""
 
-from contextlib import closing
 
 import numpy as np
 import pytest
@@ -83,7 +82,8 @@ MODELS = {
 @pytest.mark.parametrize("name", MODELS)
 def test_solves_are_those_of_dense_numpy(comm, name):
     make, frame = MODELS[name]
-    with make(comm) as model, closing(apply_frame(model, frame)) as framed:
+    with make(comm) as model:
+        framed = apply_frame(model, frame)
         K, M = (to_dense(mat) for mat in (framed.model.K, framed.model.M))
         loads, solver = loads_of(framed.model), solver_of(framed)
         for mass in (0.0, 1e6, np.inf):
@@ -104,7 +104,8 @@ def test_solves_are_those_of_dense_numpy(comm, name):
 @pytest.mark.mpi(ranks=(1, 3))
 def test_a_free_body_is_solved_by_inertia_relief_as_with_a_factor(comm):
     model = hpcred.solid(CELLS, inputs=3, clamped=False, comm=comm)
-    with model, closing(apply_frame(model, Buckens())) as framed:
+    with model:
+        framed = apply_frame(model, Buckens())
         loads, direct, solver = loads_of(model), ShiftedSolver(framed.model, framed.rigid), solver_of(framed)
         R = gather(framed.rigid.R)
         M = to_dense(model.M)
@@ -120,7 +121,8 @@ def test_a_free_body_is_solved_by_inertia_relief_as_with_a_factor(comm):
 
 @pytest.mark.mpi(ranks=(1, 3))
 def test_what_is_not_positive_definite_is_refused(comm):
-    with hpcred.solid(CELLS, inputs=3, clamped=False, comm=comm) as model, closing(apply_frame(model, None)) as framed:
+    with hpcred.solid(CELLS, inputs=3, clamped=False, comm=comm) as model:
+        framed = apply_frame(model, None)
         solver = solver_of(framed)
         with pytest.raises(SingularMatrix):
             solver.factor(0.0)
@@ -226,7 +228,8 @@ def test_a_tolerance_is_reached_by_the_chain_at_0_hz_and_proven_beside_the_basis
 @pytest.mark.parametrize("direct", [False, True], ids=["levels of K", "a factor above"])
 def test_below_modes_that_a_basis_has_solves_are_as_with_a_factor(comm, direct):
     """Be it with the levels of K or with the factor of another point; a mode that the basis lacks is noticed."""
-    with hpcred.solid(CELLS, inputs=3, comm=comm) as model, closing(apply_frame(model, None)) as framed:
+    with hpcred.solid(CELLS, inputs=3, comm=comm) as model:
+        framed = apply_frame(model, None)
         K, M, B = dense_model(model)
         values, shapes = scipy.linalg.eigh(K, M)
         count = 3 + int(np.diff(np.log(values[2:8])).argmax())
@@ -309,8 +312,8 @@ def test_the_smoother_is_a_chebyshev_polynomial(comm, sweeps):
     count = 12
     T = 2 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
     scale = np.diag(10.0 ** np.linspace(-2, 2, count))
-    with SecondOrderModel.from_scipy(scale @ T @ scale, np.eye(count), comm=comm) as model, closing(_Level(
-            model.K, model.K.duplicate(), False)) as level:  # fmt: skip
+    with SecondOrderModel.from_scipy(scale @ T @ scale, np.eye(count), comm=comm) as model:
+        level = _Level(model.K, model.K.duplicate())
         values, shapes = scipy.linalg.eigh(T / 2)
         assert 0.98 * values[-1] < level.top / HIGH <= values[-1] * (1 + 1e-12)
         errors = np.linalg.solve(scale, shapes)

@@ -52,10 +52,9 @@ def test_values_at_rows_are_those_of_the_columns(comm):
         whole = gather(block)
         rows = element_rows(model)["tetra"].rows
         wanted = np.where(rows[..., None] >= 0, whole.real[rows], 0.0)
-        with ValuesAtRows(model, rows) as values:
-            assert (values.of(block) == wanted).all()
-            assert (values.of(View(block, 1, 3)) == wanted[..., 1:3]).all()
-        block.destroy()
+        values = ValuesAtRows(model, rows)
+        assert (values.of(block) == wanted).all()
+        assert (values.of(View(block, 1, 3)) == wanted[..., 1:3]).all()
 
 
 def test_all_elements_of_a_solid_have_rows_and_their_volume(comm):

@@ -1,6 +1,5 @@
 """Rows of nodes in whole blocks, whatever their order, against a permutation in numpy."""
 
-from contextlib import closing
 
 import numpy as np
 import pytest
@@ -35,7 +34,8 @@ def test_matrices_are_those_of_whole_nodes(comm, order, left_out):
     dofs = hpcred.Dofs(node[rows], direction[rows], position[rows])
     K, M = K[np.ix_(rows, rows)], M[np.ix_(rows, rows)]
     model = hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, dofs=dofs)
-    with model, closing(NodeBlocks(model)) as blocks:
+    with model:
+        blocks = NodeBlocks(model)
         assert blocks.size == 3
         if order != "by node":
             assert blocks.expansion is not None
@@ -57,5 +57,6 @@ def test_matrices_are_those_of_whole_nodes(comm, order, left_out):
 
 
 def test_nodes_that_turn_have_blocks_of_six(comm):
-    with bar(comm, 1.0, 6) as model, closing(NodeBlocks(model)) as blocks:
+    with bar(comm, 1.0, 6) as model:
+        blocks = NodeBlocks(model)
         assert blocks.size == 6 and blocks.expansion is None

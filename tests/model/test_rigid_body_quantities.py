@@ -75,7 +75,6 @@ def test_rigid_body_modes_are_those_that_move_a_dof(comm, directions, places, co
         assert np.abs(inner(force, force)).max() < (1e-8 * model.K.norm()) ** 2
         assert inner(rigid.R, rigid.MR) == pytest.approx(np.eye(count), abs=1e-12)
         force.destroy()
-        rigid.close()
 
 
 def test_a_body_without_mass_is_refused():

@@ -71,9 +71,7 @@ with hpcred.linkage() as model:
         def fault(*_):
             raise {error}
         basis._append = fault
-    with Owned(comm) as owned:
-        owned.owns(basis)
-        owned.owns(block)
+    with Owned(comm):
         for _ in range(3):
             basis.extend(block)
             comm.allreduce(1.0)

@@ -41,7 +41,6 @@ def exact(model, s):
     framed = apply_frame(model, FRAME, DAMPING)
     K, M, D, B = (to_dense(mat) for mat in (framed.model.K, framed.model.M, framed.model.D, framed.model.B))
     C = B.T if framed.model.Ct is None else to_dense(framed.model.Ct).T
-    framed.close()
     return C @ np.linalg.solve(s * s * M + s * D + K, B.astype(complex))
 
 

@@ -1,7 +1,5 @@
 """The reduced matrices are projections onto an orthonormal basis."""
 
-import contextlib
-
 import numpy as np
 import pytest
 from helpers import dense_model, gather, moments
@@ -34,16 +32,13 @@ def test_the_basis_is_orthonormal_and_the_matrices_are_its_projections(solid):
 
 def test_many_columns_are_projected_in_parts_and_stay_as_they_are(solid):
     K, _, _ = dense_model(solid)
-    with contextlib.ExitStack() as stack:
-        V, W = (random_block(solid.K, count, seed=count) for count in (WIDTH + 3, 5))
-        for block in (V, W):
-            stack.callback(block.destroy)
-        before = gather(V)
-        for left in (None, W):
-            expected = (before if left is None else gather(left)).T @ K @ before
-            found = project(solid.K, V, left)
-            assert found.shape == expected.shape and np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
-            assert V.getActiveColumns() == (0, WIDTH + 3) and np.array_equal(gather(V), before)
+    V, W = (random_block(solid.K, count, seed=count) for count in (WIDTH + 3, 5))
+    before = gather(V)
+    for left in (None, W):
+        expected = (before if left is None else gather(left)).T @ K @ before
+        found = project(solid.K, V, left)
+        assert found.shape == expected.shape and np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+        assert V.getActiveColumns() == (0, WIDTH + 3) and np.array_equal(gather(V), before)
 
 
 def test_damping_that_is_given_is_projected(linkage):

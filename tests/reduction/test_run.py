@@ -20,7 +20,6 @@ def test_one_factor_at_a_time(comm):
         assert solver.factored is None and other.factored is not None
         assert context.solvers.factored(-1e4, "a point") is solver and other.factored is None
         context.close()
-        framed.close()
 
 
 def test_the_square_of_a_frequency_has_one_key_whatever_the_sign_of_its_zero():
@@ -37,7 +36,5 @@ def test_the_square_of_a_frequency_has_one_key_whatever_the_sign_of_its_zero():
         for square in (complex(-1e4, 0.0), complex(-1e4, -0.0), complex(-1e4, 1.0)):
             sequence = ComplexPencilSequence(run, square, "a point")
             keys.append(str(sequence._key))
-            sequence.close()
         run.close()
-        framed.close()
     assert keys[0] == keys[1] != keys[2]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...parallel.failures import Owned
 from ...parallel.petsc import is_complex
 from ..blocks import add_product, as_pairs, copy_of, create_block, inner, unfold
 from ..complex_forms import NativeForm, RealForm
@@ -25,12 +24,8 @@ class ComplexSolver(DirectSolver):
         self._accelerated = None
 
     def release(self):
+        self._accelerated = None
         super().release()
-        self._forget()
-
-    def close(self):
-        super().close()
-        self._forget()
 
     def factor(self, mass: complex, damping: complex = 0.0, stiffness: complex = 1.0):
         """See Solver, for mass M + damping D + stiffness K: A(s) = s^2 M + s D + (1 + i loss_factor) K."""
@@ -39,41 +34,33 @@ class ComplexSolver(DirectSolver):
         self.factored = None
         self._form.fill(mass, damping, stiffness)
         self.factors.factor(mass=str(mass), damping=str(damping), inertia_relief=False)
-        self._forget()
         if self.rigid is not None:
             # A^-1 M R, which is R / s^2 when D R = 0
-            with Owned(self.model.comm) as owned:
-                loads = owned.owns(as_pairs(self.rigid.MR, self.model.K))
-                self._accelerated = create_block(self.model.K, loads.getSizes()[1])
-                self._solve(loads, self._accelerated)
+            loads = as_pairs(self.rigid.MR, self.model.K)
+            self._accelerated = None
+            self._accelerated = create_block(self.model.K, loads.getSizes()[1])
+            self._solve(loads, self._accelerated)
             self._held = self._momentum(self._accelerated)
         self.factored = mass, damping, stiffness
 
     def solve(self, right, solution, steps=0):
-        with Owned(self.model.comm) as owned:
-            load = owned.owns(copy_of(right, self.model.K))
-            if self.rigid is not None:
-                self.rigid.equilibrate(load)
-            self._solve(load, solution, steps)
+        load = copy_of(right, self.model.K)
+        if self.rigid is not None:
+            self.rigid.equilibrate(load)
+        self._solve(load, solution, steps)
         if self.rigid is not None:
             share = np.linalg.solve(self._held, self._momentum(solution))
             add_product(solution, self._accelerated, unfold(share), alpha=-1.0)
 
     def _solve(self, load, solution, steps=0):
         columns = load.getActiveColumns()[1] // 2
-        with Owned(self.model.comm) as owned:
-            b, x = (owned.owns(create_block(self.matrix, columns)) for _ in range(2))
-            self._form.put(load, b)
-            self.factors.back_substitute(b, x)
-            self._refine(self.matrix, self.factors.back_substitute, b, x, steps=steps)
-            self._form.get(x, solution)
+        b, x = (create_block(self.matrix, columns) for _ in range(2))
+        self._form.put(load, b)
+        self.factors.back_substitute(b, x)
+        self._refine(self.matrix, self.factors.back_substitute, b, x, steps=steps)
+        self._form.get(x, solution)
 
     def _momentum(self, pairs):
         """R^T M x (count, columns) of complex columns."""
         gram = inner(self.rigid.MR, pairs)
         return gram[:, 0::2] + 1j * gram[:, 1::2]
-
-    def _forget(self):
-        if self._accelerated is not None:
-            self._accelerated.destroy()
-        self._accelerated = None

@@ -9,7 +9,6 @@ from math import inf
 import numpy as np
 
 from ...parallel.decisions import decided
-from ...parallel.failures import Owned
 from ...parallel.sums import summed
 from ..blocks import column_norms, copy_of, create_dense, local_rows
 from ..conjugate_gradients import NotSolved, conjugate_gradients
@@ -35,8 +34,8 @@ class IterativeSolves:
 
     # what a subclass has
 
-    def _preconditioner(self, room, columns):
-        """A function r, z -> z = P r for rows of this rank (rows, columns); what it needs is owned by the room."""
+    def _preconditioner(self, columns):
+        """A function r, z -> z = P r for rows of this rank (rows, columns)."""
         raise NotImplementedError
 
     def _note(self, columns, seconds, iterations, residual):
@@ -61,19 +60,18 @@ class IterativeSolves:
     def _solve(self, right, solution, terms, deflation=None):
         start = time.perf_counter()
         iterations, residual = 0, 0.0
-        with Owned(self.model.comm) as owned:
-            load = owned.owns(copy_of(right, self.model.K))
-            if self.rigid is not None:
-                self.rigid.equilibrate(load)
-            scale = column_norms(right)
-            with ExitStack() as views:
-                b, x = (views.enter_context(local_rows(block)) for block in (load, solution))
-                if deflation is not None:
-                    deflation = views.enter_context(local_rows(deflation[0])), deflation[1]
-                for low in range(0, b.shape[1], WIDTH):
-                    part = slice(low, low + WIDTH)
-                    found = self._solve_columns(b[:, part], x[:, part], scale[part], terms, deflation)
-                    iterations, residual = max(iterations, found[0]), max(residual, found[1])
+        load = copy_of(right, self.model.K)
+        if self.rigid is not None:
+            self.rigid.equilibrate(load)
+        scale = column_norms(right)
+        with ExitStack() as views:
+            b, x = (views.enter_context(local_rows(block)) for block in (load, solution))
+            if deflation is not None:
+                deflation = views.enter_context(local_rows(deflation[0])), deflation[1]
+            for low in range(0, b.shape[1], WIDTH):
+                part = slice(low, low + WIDTH)
+                found = self._solve_columns(b[:, part], x[:, part], scale[part], terms, deflation)
+                iterations, residual = max(iterations, found[0]), max(residual, found[1])
         if self.rigid is not None:
             self.rigid.project(solution)
         self._note(len(scale), time.perf_counter() - start, iterations, residual)
@@ -84,26 +82,25 @@ class IterativeSolves:
         x[...] = 0.0
         r, before, loaded = b.copy(order="F"), inf, scale > 0
         iterations = np.zeros(b.shape[1], dtype=int)
-        with Owned(comm) as room:
-            multiply = self._multiplication(room, b.shape[1], terms)
-            precondition = self._preconditioner(room, b.shape[1])
+        multiply = self._multiplication(b.shape[1], terms)
+        precondition = self._preconditioner(b.shape[1])
+        if deflation is not None:
+            V, inverse = deflation
+            momentum = self._multiplication(b.shape[1], [(1.0, self.model.M)])
+            precondition = self._beside(V, inverse, multiply, momentum, precondition)
+        for turn in range(RESTARTS + 2):
             if deflation is not None:
-                V, inverse = deflation
-                momentum = self._multiplication(room, b.shape[1], [(1.0, self.model.M)])
-                precondition = self._beside(V, inverse, multiply, momentum, precondition)
-            for turn in range(RESTARTS + 2):
-                if deflation is not None:
-                    x += V @ (inverse @ summed(comm, V.T @ r))
-                    _residual(multiply, b, x, r)
-                size, far = self._norms(r), self._norms(x)
-                floor = np.maximum(self._goal * scale, ROUND_OFF * self._norm * far)
-                relative = float((size[loaded] / scale[loaded]).max(initial=0.0))
-                backward = float((size / np.maximum(self._norm * far + scale, 1e-300)).max(initial=0.0))
-                if (size <= floor).all() or not relative < before / 2 or turn > RESTARTS:
-                    break
-                before = relative
-                iterations += conjugate_gradients(comm, multiply, precondition, r, x, floor, self._most)
+                x += V @ (inverse @ summed(comm, V.T @ r))
                 _residual(multiply, b, x, r)
+            size, far = self._norms(r), self._norms(x)
+            floor = np.maximum(self._goal * scale, ROUND_OFF * self._norm * far)
+            relative = float((size[loaded] / scale[loaded]).max(initial=0.0))
+            backward = float((size / np.maximum(self._norm * far + scale, 1e-300)).max(initial=0.0))
+            if (size <= floor).all() or not relative < before / 2 or turn > RESTARTS:
+                break
+            before = relative
+            iterations += conjugate_gradients(comm, multiply, precondition, r, x, floor, self._most)
+            _residual(multiply, b, x, r)
         if not (relative <= self._accepted or backward <= BACKWARD):
             raise NotSolved(
                 f"the relative residual stays at {relative:.1e} (backward error {backward:.1e}) after "
@@ -130,9 +127,9 @@ class IterativeSolves:
         squared = np.array([np.vdot(column, column).real for column in rows.T])
         return np.sqrt(summed(self.model.comm, squared))
 
-    def _multiplication(self, room, columns, terms):
+    def _multiplication(self, columns, terms):
         """p, q -> q = A p for the rows of this rank."""
-        source, target = (room.owns(create_dense(self.model.K, columns)) for _ in range(2))
+        source, target = (create_dense(self.model.K, columns) for _ in range(2))
 
         def multiply(p, q):
             source.getDenseArray()[...] = p

@@ -8,7 +8,7 @@ from math import inf
 import numpy as np
 
 from ...parallel.failures import InputError
-from ...parallel.petsc import SAME, PETSc
+from ...parallel.petsc import SAME, PETSc, free_dropped
 from ...parallel.sums import summed
 from ..blocks import create_dense, local_rows
 from ..csr import diagonal_of
@@ -23,7 +23,7 @@ ACCEPTED = 1e-10  # relative residual of a solution
 class MultigridSolver(IterativeSolves, Solver):
     """Solves with A for real, non-negative coefficients, or with M, in place of a ShiftedSolver.
 
-    `blocks`: a model.NodeBlocks, closed here. A is positive definite. `records` has one FactorRecord for each hierarchy
+    `blocks`: a model.NodeBlocks. A is positive definite. `records` has one FactorRecord for each hierarchy
     of levels. Raises InputError for an unsymmetric model.
     """
 
@@ -38,22 +38,16 @@ class MultigridSolver(IterativeSolves, Solver):
         self.records: list[FactorRecord] = []
         self.factored, self._levels, self._matrix = None, None, None
         if not model.symmetric:
-            blocks.close()
             raise InputError(
                 f"solver.kind: found 'multigrid', but D of {model.name} is not symmetric; take 'direct'"
             )
 
     def release(self):
-        self.factored = None
-        if self._levels is not None:
-            self._levels.close()
-        if self._matrix is not None:
-            self._matrix.destroy()
-        self._levels = self._matrix = None
+        self.factored = self._levels = self._matrix = None
+        free_dropped(self.model.comm)
 
     def close(self):
         self.release()
-        self._blocks.close()
 
     def factor(self, mass, damping=0.0):
         """See Solver. Raises InputError for A that is not definite."""
@@ -77,8 +71,7 @@ class MultigridSolver(IterativeSolves, Solver):
             matrix.axpy(factor, mat, structure=SAME)
         matrix.stateIncrease()
         self._matrix = self._blocks.expanded(matrix, model.mean_diagonal_of_k)
-        if self._matrix is not matrix:
-            matrix.destroy()
+        del matrix
         threshold, sweeps = self.settings.threshold, self.settings.sweeps
         self._levels = Multigrid(self._matrix, self._blocks.motions, self._prefix, threshold, sweeps)
         self._began(str(mass), str(damping), "multigrid", start, self._levels.levels, self._levels.entries)
@@ -116,12 +109,12 @@ class MultigridSolver(IterativeSolves, Solver):
         record.iterations = max(record.iterations, iterations)
         record.residual = max(record.residual, residual)
 
-    def _preconditioner(self, room, columns):
+    def _preconditioner(self, columns):
         if self._levels is None:
             return lambda r, z: np.multiply(r, self._inverse, out=z)
         cycle, blocks = self._levels.apply, self._blocks
         if blocks.expansion is not None:
-            plain, wide, made = (room.owns(create_dense(mat, columns)) for mat in (self.model.K, *[self._matrix] * 2))
+            plain, wide, made = (create_dense(mat, columns) for mat in (self.model.K, self._matrix, self._matrix))
 
             def cycle(r, z):
                 plain.getDenseArray()[...] = r

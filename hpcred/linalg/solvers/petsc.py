@@ -1,6 +1,6 @@
 """Factor by what PETSc reaches through its PC: its own Cholesky and LU, SuperLU_DIST, and (see mumps.py) MUMPS."""
 
-from ...parallel.failures import ComputationError, InputError, Owned
+from ...parallel.failures import ComputationError, InputError
 from ...parallel.petsc import PETSc
 from .base import DoesNotFit, Factorisation, SingularMatrix
 
@@ -102,8 +102,7 @@ class SuperluDist(PetscFactorisation):
     def _solve(self, right, solution):
         if right.getSize()[1] != self._width:
             # on several ranks it writes past arrays made for fewer columns, unless a single vector came in between
-            with Owned(right.comm.tompi4py()) as owned:
-                b, x = owned.owns(self.matrix.createVecLeft()), owned.owns(self.matrix.createVecRight())
-                self._ksp.getPC().getFactorMatrix().solve(b, x)
+            b, x = self.matrix.createVecLeft(), self.matrix.createVecRight()
+            self._ksp.getPC().getFactorMatrix().solve(b, x)
             self._width = right.getSize()[1]
         super()._solve(right, solution)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from math import inf
 
 import numpy as np
 
-from ...parallel.failures import Owned
 from ...parallel.petsc import SAME, PETSc, SLEPc
 from ..blocks import apply, column_norms, copy_of, create_block, inner, local_rows, random_block
 from .base import SingularMatrix
@@ -31,8 +29,8 @@ class NearbyFactor(IterativeSolves):
         self._records, self._back_substitute = solver.records, back_substitute
         self._norm = solver.model.K.norm(PETSc.NormType.INFINITY)
 
-    def _preconditioner(self, room, columns):
-        load, made = (room.owns(create_block(self.model.K, columns)) for _ in range(2))
+    def _preconditioner(self, columns):
+        load, made = (create_block(self.model.K, columns) for _ in range(2))
 
         def precondition(r, z):
             with local_rows(load) as rows:
@@ -77,11 +75,7 @@ class ShiftedSolver(DirectSolver):
 
     def solve_below(self, mass, right, solution, basis, stiffness):
         """Solve with K + mass M by the factor that there is for another mass; see IterativeSolves."""
-        self._nearby.solve_below(mass, right, solution, basis, stiffness)
-
-    @cached_property
-    def _nearby(self):  # which takes the norm of K
-        return NearbyFactor(self, self._back_substitute)
+        NearbyFactor(self, self._back_substitute).solve_below(mass, right, solution, basis, stiffness)
 
     def factor(self, mass, damping=0.0):
         """See Solver. Raises SingularMatrix also when s^2 is an undamped eigenvalue.
@@ -108,15 +102,14 @@ class ShiftedSolver(DirectSolver):
         self.factored = mass, damping
 
     def solve(self, right: SLEPc.BV, solution: SLEPc.BV, steps=0):
-        with Owned(self.model.comm) as owned:
-            load = right
-            if self.rigid is not None:
-                load = owned.owns(copy_of(right, self.model.K))
-                self.rigid.equilibrate(load)
-            self._back_substitute(load, solution)
-            # with the true K where rows are held: the supports take no force
-            matrix = self.model.K if self._relief else self.matrix
-            self._refine(matrix, self._back_substitute, load, solution, column_norms(right), steps)
+        load = right
+        if self.rigid is not None:
+            load = copy_of(right, self.model.K)
+            self.rigid.equilibrate(load)
+        self._back_substitute(load, solution)
+        # with the true K where rows are held: the supports take no force
+        matrix = self.model.K if self._relief else self.matrix
+        self._refine(matrix, self._back_substitute, load, solution, column_norms(right), steps)
 
     def _back_substitute(self, load, solution):
         if not self._relief:
@@ -126,7 +119,6 @@ class ShiftedSolver(DirectSolver):
             with local_rows(held) as rows:
                 rows[self.rigid.supports - self.model.first_row] = 0.0
             self.factors.back_substitute(held, solution)
-            held.destroy()
         if self.rigid is not None:
             self.rigid.project(solution)
 
@@ -139,23 +131,22 @@ class ShiftedSolver(DirectSolver):
         """
         model = self.model
         scale = max(abs(mass), model.mean_eigenvalue * ROUND_OFF / NEAR_POLE)
-        with Owned(model.comm) as owned:
-            x, product = owned.owns(random_block(model.K, 1)), owned.owns(create_block(model.K, 1))
-            if self.rigid is not None:
-                self.rigid.project(x)
+        x, product = random_block(model.K, 1), create_block(model.K, 1)
+        if self.rigid is not None:
+            self.rigid.project(x)
+        apply(model.M, x, product)
+        for step in range(4):
+            before = _mass_norm(x, product)
+            self._back_substitute(product, x)
             apply(model.M, x, product)
-            for step in range(4):
-                before = _mass_norm(x, product)
-                self._back_substitute(product, x)
-                apply(model.M, x, product)
-                after = _mass_norm(x, product)
-                distance = before / after / scale if 0 < after < inf else 0.0
-                # a random vector has about 1 / sqrt(n) of the mode in it
-                close = distance < NEAR_POLE * (100 * model.size**0.5 if step == 0 else 1.0)
-                if not close and (step == 0 or distance > 10 * NEAR_POLE):
-                    return
-            if close:
-                raise SingularMatrix(distance)
+            after = _mass_norm(x, product)
+            distance = before / after / scale if 0 < after < inf else 0.0
+            # a random vector has about 1 / sqrt(n) of the mode in it
+            close = distance < NEAR_POLE * (100 * model.size**0.5 if step == 0 else 1.0)
+            if not close and (step == 0 or distance > 10 * NEAR_POLE):
+                return
+        if close:
+            raise SingularMatrix(distance)
 
 
 def _mass_norm(block, product):

@@ -22,7 +22,7 @@ from ...linalg.solvers.base import SingularMatrix
 from ...model.dofs import DIRECTIONS
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
-from ...parallel.failures import HpcredError, InputError, Owned
+from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, require_band, within
 from ..run import Run
 from ..store import Entry
@@ -44,8 +44,7 @@ class ConstraintModes(Component):
         return 0
 
     def extend(self, basis, run) -> None:
-        with Owned(run.model.comm) as owned:
-            _add_constraint_modes(basis, run, owned.owns(InterfaceSolver(run)))
+        _add_constraint_modes(basis, run, InterfaceSolver(run))
 
 
 @dataclass(frozen=True)
@@ -76,8 +75,7 @@ class FixedInterfaceModes(Component):
         return self.count or 0
 
     def extend(self, basis, run) -> None:
-        with Owned(run.model.comm) as owned:
-            self._add_modes(basis, run, owned.owns(InterfaceSolver(run)))
+        self._add_modes(basis, run, InterfaceSolver(run))
 
     def _add_modes(self, basis, run, solver):
         free = run.model.size - solver.size
@@ -92,8 +90,8 @@ class FixedInterfaceModes(Component):
         if block is None:
             run.note(where, 0, 0, frequencies_hz=(), from_store=served)
             return
-        with Owned(run.model.comm) as owned, run.progress.stage("orthogonalise"):
-            found = basis.extend(owned.owns(block))
+        with run.progress.stage("orthogonalise"):
+            found = basis.extend(block)
         run.note(where, len(values), found, frequencies_hz=frequencies, from_store=served)
 
     def _modes(self, run, solver, free):
@@ -112,10 +110,9 @@ class CraigBampton(FixedInterfaceModes):
     per_direction = 1
 
     def extend(self, basis, run) -> None:
-        with Owned(run.model.comm) as owned:
-            solver = owned.owns(InterfaceSolver(run))
-            _add_constraint_modes(basis, run, solver)
-            self._add_modes(basis, run, solver)
+        solver = InterfaceSolver(run)
+        _add_constraint_modes(basis, run, solver)
+        self._add_modes(basis, run, solver)
 
 
 @dataclass(frozen=True)
@@ -134,18 +131,17 @@ class ResidualAttachment(Component):
         return 0
 
     def extend(self, basis, run) -> None:
-        with Owned(run.model.comm) as owned:
-            solver = owned.owns(InterfaceSolver(run))
-            with run.progress.stage("orthogonalise"):
-                found = basis.extend(solver.flexible)
-            run.note("residual attachment modes", solver.size, found, from_store=solver.from_store)
+        solver = InterfaceSolver(run)
+        with run.progress.stage("orthogonalise"):
+            found = basis.extend(solver.flexible)
+        run.note("residual attachment modes", solver.size, found, from_store=solver.from_store)
 
 
 class InterfaceSolver:
     """Solves K x = f + G^T lambda, G x = g with the factor of K that the run has; `size`: 6k directions.
 
-    `flexible`: X = K^-1 G^T (n, 6k) as a block. Owns PETSc objects: call close(). Collective throughout. Raises
-    InputError for a singular K, and for directions that depend on each other.
+    `flexible`: X = K^-1 G^T (n, 6k) as a block. Collective throughout. Raises InputError for a singular K, and for
+    directions that depend on each other.
     """
 
     def __init__(self, run: Run):
@@ -154,18 +150,10 @@ class InterfaceSolver:
         self._forces = interface_forces(model)
         self.size = self._forces.getActiveColumns()[1]
         self.flexible = create_block(model.K, self.size)
-        try:
-            self.from_store = self._take_flexible()
-            small = inner(self._forces, self.flexible)
-            rigid = inner(self._forces, run.rigid.R) if run.rigid is not None else np.zeros((self.size, 0))
-            self._system, self._scale = decided(model.comm, _interface_system, small, rigid, model.interfaces)
-        except HpcredError:
-            self.close()  # a refusal of all ranks
-            raise
-
-    def close(self):
-        self._forces.destroy()
-        self.flexible.destroy()
+        self.from_store = self._take_flexible()
+        small = inner(self._forces, self.flexible)
+        rigid = inner(self._forces, run.rigid.R) if run.rigid is not None else np.zeros((self.size, 0))
+        self._system, self._scale = decided(model.comm, _interface_system, small, rigid, model.interfaces)
 
     def _factored(self):
         """Return the solver of the run with the factor of K."""
@@ -184,7 +172,7 @@ class InterfaceSolver:
         entry = run.stored(key)
         run.notes.needs("0.0", "0.0")
         if entry is not None:
-            with Owned(run.model.comm) as owned, dense(owned.owns(entry).block) as source, dense(self.flexible) as X:
+            with dense(entry.block) as source, dense(self.flexible) as X:
                 source.copy(X)
             return True
         solver = self._factored()
@@ -251,13 +239,10 @@ def check_directions(model):
 
 def interface_forces(model):
     """Return G^T as a new block (n, 6k). Collective."""
-    dense = model.Gt.copy().convert("dense")
-    block = from_dense(dense)
-    dense.destroy()
-    return block
+    return from_dense(model.Gt.copy().convert("dense"))
 
 
 def _add_constraint_modes(basis: Basis, run: Run, solver: InterfaceSolver):
-    with Owned(run.model.comm) as owned, run.progress.stage("orthogonalise"):
-        found = basis.extend(owned.owns(solver.constraint_modes()))
+    with run.progress.stage("orthogonalise"):
+        found = basis.extend(solver.constraint_modes())
     run.note("constraint modes", solver.size, found, from_store=solver.from_store)

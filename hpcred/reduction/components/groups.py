@@ -15,7 +15,7 @@ from ...model.rigid_body_modes import RigidBodyModes
 from ...model.second_order_model import SecondOrderModel
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, Owned, agreed, forget
-from ...parallel.petsc import PETSc
+from ...parallel.petsc import PETSc, free_dropped
 from .component import PointComponent
 from .point_blocks import join
 
@@ -24,7 +24,7 @@ class Group:
     """A copy of a framed model on the group of this rank: `framed`, the `number` of the group, its communicator.
 
     The ranks are split into `groups` groups of consecutive ranks, as equal as possible. Call close(), on all ranks of a
-    group together. Making one is collective over all ranks of the model.
+    group together, when nothing refers to its objects any more. Making one is collective over all ranks of the model.
     """
 
     def __init__(self, framed: FramedModel, groups: int):
@@ -41,7 +41,8 @@ class Group:
         return self.comm.rank == 0
 
     def close(self):
-        self.framed.close()
+        self.framed = None
+        free_dropped(self.comm)
         forget(self.comm)
         self.comm.Free()
 
@@ -118,10 +119,6 @@ class _Arrived:
 
     def join(self, basis, run):
         join(self.parts, self.between, basis, run)
-        self.close()
-
-    def close(self):
-        self.block.destroy()
 
 
 def blocks_in_groups(basis, runs, groups) -> dict:
@@ -129,12 +126,17 @@ def blocks_in_groups(basis, runs, groups) -> dict:
 
     Numbers are places in the lists. `runs` get the records of all factorisations. Collective.
     """
+    with Owned(runs[0].model.comm) as owned:
+        return _blocks_by(owned.owns(Group(runs[0].framed, groups)), basis, runs, groups)
+
+
+def _blocks_by(group, basis, runs, groups) -> dict:
+    """The same, with this group."""
     model, progress = runs[0].model, runs[0].progress
     comm = model.comm
     points = [i for i, item in enumerate(basis) if isinstance(item, PointComponent)]
     arrived = {}
     with Owned(comm) as owned:
-        group = owned.owns(Group(runs[0].framed, groups))
         own = [owned.owns(runs[0].on_group(group.framed))]
         if len(runs) > 1:
             own.append(owned.owns(own[0].dual()))
@@ -148,7 +150,7 @@ def blocks_in_groups(basis, runs, groups) -> dict:
             for i in points[first : first + groups]:
                 for c in range(len(runs)):
                     with progress.stage("merge"):
-                        arrived[i, c] = bring(model, group, made.get((i, c)))
+                        arrived[i, c] = bring(model, group, made.pop((i, c), None))
         for c, run in enumerate(runs):
             if c == 0 or run.notes is not runs[0].notes:
                 run.take_over(own[c], group.leads, components=c == 0)
@@ -167,7 +169,6 @@ def bring(model, group, blocks):
         rows = np.arange(first, first + group.framed.model.local_rows)
         with local_rows(blocks.vectors.columns) as values:
             columns = list(values.real.T.copy())
-        blocks.vectors.close()
     owner = np.searchsorted(model.row_starts, rows, side="right") - 1
     rows, *columns = exchange(comm, owner, [rows, *columns])
     block = create_block(model.K, max(count, 1))

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from ...linalg.basis import ComplexBasis
-from ...linalg.blocks import apply, as_pairs, copy_of, create_block
+from ...linalg.blocks import as_pairs, copy_of, times
 from ...linalg.free_motions import free_motions_refused
 from ...linalg.solvers.base import SingularMatrix
 from ...model.damping import is_proportional
@@ -50,10 +50,8 @@ class PencilSequence(KrylovSequence):
         mass_images = self.vectors.mass_images_between(start, stop)
         if mass_images is not None and self._square != np.inf:
             return copy_of(mass_images, self.run.model.K)
-        load = create_block(self.run.model.K, self.vectors.width * (stop - start))
         matrix = self.run.model.K if self._square == np.inf else self.run.model.M
-        apply(matrix, self.vectors.columns_between(start, stop), load)
-        return load
+        return times(matrix, self.vectors.columns_between(start, stop))
 
 
 class ComplexPencilSequence(PencilSequence):
@@ -134,7 +132,6 @@ class Krylov(PointComponent):
         try:
             return sequence.blocks(self.order + 1, f"krylov {self.name}")
         except SingularMatrix as error:
-            sequence.close()  # a refusal of all ranks
             raise self._refusal(model, run.rigid, error) from error
 
     def _refusal(self, model, rigid, error):

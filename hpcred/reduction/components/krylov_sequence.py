@@ -10,7 +10,7 @@ import numpy as np
 
 from ...linalg.basis import Basis
 from ...linalg.blocks import create_block
-from ...parallel.failures import ComputationError, Owned
+from ...parallel.failures import ComputationError
 from ..store import Entry
 from .point_blocks import Part, PointBlocks
 
@@ -35,9 +35,6 @@ class KrylovSequence:
         self._take_stored(wanted)
         self.stored = len(self.ends)
 
-    def close(self):
-        self.vectors.close()
-
     # what a subclass has
 
     def _load_columns(self) -> int:
@@ -49,7 +46,7 @@ class KrylovSequence:
         raise NotImplementedError
 
     def _next_load(self):
-        """Return the loads of the next block, as a block that the caller destroys."""
+        """Return the loads of the next block, as a block."""
         raise NotImplementedError
 
     def _took(self, load, block):
@@ -91,18 +88,17 @@ class KrylovSequence:
     def _make(self):
         model, progress = self.run.model, self.run.progress
         self.factor()
-        with Owned(model.comm) as owned:
-            load = owned.owns(self._next_load())
-            columns = load.getActiveColumns()[1]
-            block = owned.owns(create_block(model.K, columns))
-            with progress.stage("solve"):
-                self._solver.solve(load, block)
-            with progress.stage("orthogonalise"):
-                start = self.vectors.size
-                self.massless |= self.vectors.extend(block).massless > 0
-                self.vectors.renew_mass_images(start, self.vectors.size)  # as those that come from a store have them
-                self.complete = self.vectors.size == start
-                self._took(load, block)
+        load = self._next_load()
+        columns = load.getActiveColumns()[1]
+        block = create_block(model.K, columns)
+        with progress.stage("solve"):
+            self._solver.solve(load, block)
+        with progress.stage("orthogonalise"):
+            start = self.vectors.size
+            self.massless |= self.vectors.extend(block).massless > 0
+            self.vectors.renew_mass_images(start, self.vectors.size)  # as those that come from a store have them
+            self.complete = self.vectors.size == start
+            self._took(load, block)
         self.run.notes.massless |= self.massless
         self.offered.append(self._offers(columns))
         self.ends.append(self.vectors.size)
@@ -134,17 +130,15 @@ class KrylovSequence:
         entry = self.run.stored(self._key, wanted)
         if entry is None:
             return
-        with Owned(self.run.model.comm) as owned:
-            owned.owns(entry)
-            count, facts = len(entry.widths), entry.facts
-            try:
-                if entry.block is not None:
-                    self.vectors.restore(entry.block, facts["ends"][:count])
-            except ComputationError as error:
-                self.run.remark(f"store: {error}; the point is made again")
-                self.vectors.close()
-                self.vectors = self.kind(self.run.mass, tolerance=self.run.tolerance, keeps=self.run.keeps_mass_images)
-                return
+        count, facts = len(entry.widths), entry.facts
+        try:
+            if entry.block is not None:
+                self.vectors.restore(entry.block, facts["ends"][:count])
+        except ComputationError as error:
+            self.run.remark(f"store: {error}; the point is made again")
+            self.vectors = None  # whose memory is for the next ones
+            self.vectors = self.kind(self.run.mass, tolerance=self.run.tolerance, keeps=self.run.keeps_mass_images)
+            return
         self.massless = facts["massless"]
         self.run.notes.massless |= self.massless
         self.ends, self.offered = facts["ends"][:count], facts["offered"][:count]

@@ -6,14 +6,14 @@ from typing import Literal
 import numpy as np
 
 from ...linalg.basis import Basis, Extension
-from ...linalg.blocks import add_product, apply, column_norms, copy_of, create_block, inner, local_rows
+from ...linalg.blocks import add_product, column_norms, copy_of, create_block, inner, local_rows, times
 from ...linalg.eigensolver import lowest_modes, modes_in_interval
 from ...linalg.free_motions import free_motions_refused
 from ...linalg.solvers.base import DoesNotFit, SingularMatrix
 from ...model.damping import ModalDamping
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
-from ...parallel.failures import ComputationError, InputError, Owned
+from ...parallel.failures import ComputationError, InputError
 from ...parallel.petsc import is_complex
 from ...parallel.ranges import COUNT, require_band, within
 from ..projection import diagonalise, project, project_columns
@@ -99,7 +99,6 @@ class Modes(Component):
         if block is not None:
             with run.progress.stage("orthogonalise"):
                 found = basis.extend(block)
-            block.destroy()
         run.note(self._name(), len(values), found, frequencies_hz=frequencies, residual=residual,
                  from_store=served, **more)  # fmt: skip
 
@@ -146,8 +145,6 @@ def kept_modes(run, rule, count, find):
     if entry is not None and len(entry.facts["values"]) >= (count or 0):
         values, block = np.array(entry.facts["values"]), entry.block
         return (values, block, True) if count is None else (values[:count], choose(run, block, np.arange(count)), True)
-    if entry is not None:
-        entry.close()
     values, block = find()
     widths = () if block is None else (len(values),)
     run.keep(key, Entry({"values": values.tolist()}, widths, block))
@@ -162,7 +159,7 @@ def all_between(run, low, high, most, find):
         values, block = find(min(count, most))
         if values[-1] > high or len(values) == most:
             break
-        block.destroy()
+        del block  # its memory is for the next one
         count *= 2
     inside = np.flatnonzero((values >= low) & (values <= high))
     return values[inside], choose(run, block, inside)
@@ -196,24 +193,20 @@ def lowest_modes_by(run, count, most, solve):
 
     Collective. Raises ComputationError.
     """
-    with Owned(run.model.comm) as owned:
-        right, left = (owned.owns(create_block(run.model.K, 1)) for _ in range(2))
+    right, left = (create_block(run.model.K, 1) for _ in range(2))
 
-        def invert(x, y):
-            with local_rows(right) as rows:
-                rows[:, 0] = x.getArray(readonly=True)
-            solve(right, left)
-            with local_rows(left) as rows:
-                y.setArray(rows[:, 0])
+    def invert(x, y):
+        with local_rows(right) as rows:
+            rows[:, 0] = x.getArray(readonly=True)
+        solve(right, left)
+        with local_rows(left) as rows:
+            y.setArray(rows[:, 0])
 
-        values, block = lowest_modes(
-            run.model.K, run.model.M, count, most, invert,
-            monitor=lambda found: run.progress.step("modes", found, count),
-        )  # fmt: skip
-        if not count:
-            return values, block
-        owned.owns(block)
-        return _polish(run, block, count, solve)
+    values, block = lowest_modes(
+        run.model.K, run.model.M, count, most, invert,
+        monitor=lambda found: run.progress.step("modes", found, count),
+    )  # fmt: skip
+    return _polish(run, block, count, solve) if count else (values, block)
 
 
 def _polish(run, block, count, solve):
@@ -222,15 +215,14 @@ def _polish(run, block, count, solve):
     What follows modes in a basis is the small rest that they leave, and shares their round-off. The columns of the
     block span the modes; there may be more of them, dependent ones.
     """
-    with Owned(run.model.comm) as owned:
-        load = owned.owns(run.times_mass(block))
-        solve(load, block, steps=1)
-        vectors = owned.owns(Basis(run.mass, tolerance=INDEPENDENT, room=block.getSizes()[1]))
-        vectors.extend(block)
-        if vectors.size < count:
-            raise ComputationError(f"only {vectors.size} of the {count} modes found are independent")
-        values = diagonalise(vectors, project(run.model.K, vectors.columns))
-        return values[:count], copy_of(vectors.columns_between(0, count), run.model.K)
+    load = run.times_mass(block)
+    solve(load, block, steps=1)
+    vectors = Basis(run.mass, tolerance=INDEPENDENT, room=block.getSizes()[1])
+    vectors.extend(block)
+    if vectors.size < count:
+        raise ComputationError(f"only {vectors.size} of the {count} modes found are independent")
+    values = diagonalise(vectors, project(run.model.K, vectors.columns))
+    return values[:count], copy_of(vectors.columns_between(0, count), run.model.K)
 
 
 def _dominant(run, values, block, count):
@@ -251,14 +243,7 @@ def _dominant(run, values, block, count):
 
 
 def choose(run, block, columns):
-    """Return the chosen columns as a new block, None for none; the block is destroyed."""
-    chosen = _chosen(run, block, columns)
-    block.destroy()
-    return chosen
-
-
-def _chosen(run, block, columns):
-    """Return the same of a block that stays."""
+    """Return the chosen columns as a new block, None for none."""
     if not len(columns):
         return None
     chosen = create_block(run.model.K, len(columns))
@@ -274,35 +259,29 @@ def _without_rigid(run, values, block):
     """
     if block is None or run.rigid is None:
         return values, block
-    with Owned(run.model.comm) as owned:
-        owned.owns(block)
-        product = owned.owns(run.times_mass(block))
-        share = (inner(run.rigid.R, product) ** 2).sum(axis=0) / np.diag(inner(block, product))
-        elastic, quotients = np.flatnonzero(share < MIXED), np.zeros(0)
-        vectors = owned.owns(Basis(run.mass, run.rigid.R, MIXED, len(values)))
-        mixed = _chosen(run, block, np.flatnonzero(share >= MIXED))
-        if mixed is not None:
-            vectors.extend(owned.owns(mixed))
-            quotients = np.diag(project(run.model.K, vectors.columns)) if vectors.size else quotients
-        values = np.concatenate([quotients, values[elastic]])
-        if not len(values):
-            return values, None
-        found = create_block(run.model.K, len(values))
-        with local_rows(vectors.columns) as first, local_rows(block) as others, local_rows(found) as rows:
-            rows[:, : vectors.size], rows[:, vectors.size :] = first, others[:, elastic]
-        run.rigid.project(found)
-        return values, found
+    product = run.times_mass(block)
+    share = (inner(run.rigid.R, product) ** 2).sum(axis=0) / np.diag(inner(block, product))
+    elastic, quotients = np.flatnonzero(share < MIXED), np.zeros(0)
+    vectors = Basis(run.mass, run.rigid.R, MIXED, len(values))
+    mixed = choose(run, block, np.flatnonzero(share >= MIXED))
+    if mixed is not None:
+        vectors.extend(mixed)
+        quotients = np.diag(project(run.model.K, vectors.columns)) if vectors.size else quotients
+    values = np.concatenate([quotients, values[elastic]])
+    if not len(values):
+        return values, None
+    found = create_block(run.model.K, len(values))
+    with local_rows(vectors.columns) as first, local_rows(block) as others, local_rows(found) as rows:
+        rows[:, : vectors.size], rows[:, vectors.size :] = first, others[:, elastic]
+    run.rigid.project(found)
+    return values, found
 
 
 def residuals(run, values, block) -> np.ndarray:
     """Return ||K x - lambda M x|| / (lambda ||M x||) of the modes. Collective."""
     if block is None:
         return np.zeros(0)
-    product, force = run.times_mass(block), create_block(run.model.K, len(values))
-    apply(run.model.K, block, force)
+    product, force = run.times_mass(block), times(run.model.K, block)
     size = column_norms(product)
     add_product(force, product, np.diag(values), alpha=-1.0)
-    found = column_norms(force) / np.maximum(np.abs(values) * size, 1e-300)
-    product.destroy()
-    force.destroy()
-    return found
+    return column_norms(force) / np.maximum(np.abs(values) * size, 1e-300)

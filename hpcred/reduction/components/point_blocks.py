@@ -24,9 +24,8 @@ class PointBlocks:
     parts: list[Part] = field(default_factory=list)
 
     def join(self, basis, run):
-        """Add the vectors to the basis, block by block, and free them. Collective."""
+        """Add the vectors to the basis, block by block. Collective."""
         join(self.parts, self.vectors.columns_between, basis, run, self.vectors.mass_images_between)
-        self.vectors.close()
 
 
 def join(parts, columns_between, basis, run, mass_images_between=lambda start, stop: None):

@@ -12,12 +12,12 @@ from typing import Literal
 import numpy as np
 
 from ...linalg.basis import ComplexBasis
-from ...linalg.blocks import add_product, apply, as_pairs, create_block, inner, unfold
+from ...linalg.blocks import add_product, as_pairs, create_block, inner, times, unfold
 from ...linalg.solvers.base import SingularMatrix
 from ...model.damping import caughey_terms
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
-from ...parallel.failures import InputError, Owned
+from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, within
 from ..points import laplace, point_name
 from .component import PointComponent
@@ -78,7 +78,6 @@ class SecondOrderKrylov(PointComponent):
         try:
             return sequence.blocks(self.order + 1, f"second-order krylov {point_name(s)}")
         except SingularMatrix as error:
-            sequence.close()  # a refusal of all ranks
             raise InputError(f"second_order_krylov: the point {point_name(s)} is a pole of the model") from error
 
 
@@ -125,11 +124,9 @@ class SecondOrderSequence(KrylovSequence):
             (model.M, scale * (2 * s * upper + scale * lower)),
             (model.D, scale * upper),
         ):
-            with Owned(model.comm) as owned:
-                combined, product = (owned.owns(create_block(model.K, 2 * columns)) for _ in range(2))
-                add_product(combined, self.vectors.columns, unfold(coefficients), beta=0.0)
-                apply(mat, combined, product)
-                add_product(load, product, np.eye(2 * columns), alpha=-1.0)
+            combined = create_block(model.K, 2 * columns)
+            add_product(combined, self.vectors.columns, unfold(coefficients), beta=0.0)
+            add_product(load, times(mat, combined), np.eye(2 * columns), alpha=-1.0)
         return load
 
     def _took(self, load, block):
@@ -152,10 +149,7 @@ class SecondOrderSequence(KrylovSequence):
 
 def _rayleigh_frequency(load, block, mass):
     """Return sqrt(x^T K x / x^T M x) in rad/s of the static deflections x = K^-1 load."""
-    product = create_block(mass, block.getActiveColumns()[1])
-    apply(mass, block, product)
-    square = np.trace(inner(load, block)) / np.trace(inner(block, product))
-    product.destroy()
+    square = np.trace(inner(load, block)) / np.trace(inner(block, times(mass, block)))
     return float(np.sqrt(abs(square)))
 
 

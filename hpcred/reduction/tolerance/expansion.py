@@ -8,7 +8,7 @@ import numpy as np
 
 from ...linalg.basis import Basis
 from ...parallel.decisions import decided
-from ...parallel.failures import InputError, Owned
+from ...parallel.failures import InputError
 from ..components.point_blocks import Part, PointBlocks
 from ..run import Run
 from .accuracy import UNDAMPED, Adaptive, Point, measured_damping
@@ -73,15 +73,14 @@ class Expansion:
         """
         run, solver, before = self.run, self.solver, self.projections.basis.size
         run.progress.step("points", len(self.points))
-        with Owned(run.model.comm) as owned:
-            f, count = solver.open(f, nearby)
-            self._look_at_count(f, count)
-            blocks, sequence = Blocks(f, proving), None
-            if self.by_mass and (solver.nearby is None or not (f or self.points)):
-                sequence = owned.owns(solver.sequence(f))
-            judged = self._extend(blocks, sequence)
-            if sequence is not None:
-                sequence.keep()
+        f, count = solver.open(f, nearby)
+        self._look_at_count(f, count)
+        blocks, sequence = Blocks(f, proving), None
+        if self.by_mass and (solver.nearby is None or not (f or self.points)):
+            sequence = solver.sequence(f)
+        judged = self._extend(blocks, sequence)
+        if sequence is not None:
+            sequence.keep()
         made = self._unaccounted()
         stored, columns = not made and solver.nearby is None, self.projections.basis.size - before
         run.notes.needs(str(solver.factored), "0.0")

@@ -6,7 +6,6 @@ import numpy as np
 
 from ...linalg.blocks import add_product, create_block
 from ...parallel.decisions import decided
-from ...parallel.failures import Owned
 from .error_estimate import grid, missing, unsettled
 from .judging import Judge
 from .point_solver import PointSolver
@@ -41,10 +40,9 @@ def find_hidden(solver: PointSolver, judge: Judge, counted) -> tuple[int, float]
 def _extend_by_modes(solver, factor):
     """Add A^-1 M x of the combinations x = V factor."""
     run = solver.run
-    with Owned(run.model.comm) as owned:
-        x = owned.owns(create_block(run.model.K, factor.shape[1]))
-        add_product(x, solver.projections.basis.columns, factor, beta=0.0)
-        return solver.extend_by_basis(lambda: run.times_mass(x))
+    x = create_block(run.model.K, factor.shape[1])
+    add_product(x, solver.projections.basis.columns, factor, beta=0.0)
+    return solver.extend_by_basis(lambda: run.times_mass(x))
 
 
 def _moving(projections, before, counted):

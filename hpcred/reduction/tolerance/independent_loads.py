@@ -7,7 +7,7 @@ import numpy as np
 from ...linalg.blocks import create_block, from_dense, inner, local_rows, multiply
 from ...model.frames import ONLY_RIGID
 from ...parallel.decisions import decided
-from ...parallel.failures import InputError, Owned
+from ...parallel.failures import InputError
 from .pseudo_modal import InputsOutputs
 
 GONE = ONLY_RIGID  # of the norm of a load: what is left without its rigid-body part is round-off
@@ -15,17 +15,16 @@ DEPENDENT = 1e-13  # of the squared norm of a load: what others leave of it, bel
 
 
 def independent_loads(run):
-    """Return L, the independent columns of [B, C^T] as a block that the caller destroys, and the inputs and outputs in
-    terms of them. Collective. Raises InputError where inputs or outputs have no part in the elastic motion."""
+    """Return L, the independent columns of [B, C^T] as a block, and the inputs and outputs in terms of them.
+    Collective. Raises InputError where inputs or outputs have no part in the elastic motion."""
     model = run.model
-    with Owned(model.comm) as owned:
-        both = [owned.owns(from_dense(mat)) for mat in (model.B, model.Ct) if mat is not None]
-        widths = [block.getActiveColumns()[1] for block in both]
-        L = create_block(model.K, sum(widths))
-        with local_rows(L) as target:
-            for place, block in zip(np.cumsum([0, *widths]), both, strict=False):
-                with local_rows(block) as source:
-                    target[:, place : place + source.shape[1]] = source
+    both = [from_dense(mat) for mat in (model.B, model.Ct) if mat is not None]
+    widths = [block.getActiveColumns()[1] for block in both]
+    L = create_block(model.K, sum(widths))
+    with local_rows(L) as target:
+        for place, block in zip(np.cumsum([0, *widths]), both, strict=False):
+            with local_rows(block) as source:
+                target[:, place : place + source.shape[1]] = source
     before = np.sqrt(np.diag(inner(L, L)))
     if run.rigid is not None:
         run.rigid.equilibrate(L)
@@ -33,18 +32,16 @@ def independent_loads(run):
     turn = np.eye(sum(widths))[:, kept]
     others = np.setdiff1d(np.arange(sum(widths)), kept)
     if len(kept) and len(others):  # what is left of them, which their Gram matrix has no digits for
-        with Owned(model.comm) as owned:
-            rest = owned.owns(L.copy())
-            rest_of = np.eye(sum(widths))[:, others] - turn @ factor[:, others]
-            multiply(rest, rest_of)
-            rest.setActiveColumns(0, len(others))
-            more, part = decided(model.comm, _independent_columns, inner(rest, rest), before[others])
+        rest = L.copy()
+        rest_of = np.eye(sum(widths))[:, others] - turn @ factor[:, others]
+        multiply(rest, rest_of)
+        rest.setActiveColumns(0, len(others))
+        more, part = decided(model.comm, _independent_columns, inner(rest, rest), before[others])
         turn = np.hstack([turn, rest_of[:, more]])
         factor = np.vstack([factor, np.zeros((len(more), sum(widths)))])
         factor[len(kept) :, others] = part
     for columns_of, what in ((factor[:, : widths[0]], "input loads"), (factor[:, -widths[-1] :], "output measures")):
         if not columns_of.any():
-            L.destroy()
             raise InputError(f"{model.name}: no {what} the elastic dofs of the model; the response is zero")
     multiply(L, turn)
     L.setActiveColumns(0, turn.shape[1])

@@ -15,7 +15,7 @@ from ...linalg.blocks import copy_of, create_block, random_block
 from ...linalg.conjugate_gradients import NegativeCurvature, NotSolved
 from ...linalg.solvers.base import SingularMatrix
 from ...parallel.decisions import decided
-from ...parallel.failures import ComputationError, InputError, Owned
+from ...parallel.failures import ComputationError, InputError
 from ..components.krylov import PencilSequence
 from ..store import Entry
 from .accuracy import Adaptive, Point
@@ -131,7 +131,7 @@ class PointSolver:
         return self.run.solvers.factored(mass, f"{(-mass) ** 0.5 / (2 * np.pi):.6g} Hz", may_give_up=self.multigrid)
 
     def sequence(self, f) -> SearchSequence:
-        """Return the Krylov sequence of blocks of the point, for the caller to close."""
+        """Return the Krylov sequence of blocks of the point."""
         loads = self.projections.loads
         return SearchSequence(self.run, self._mass, f"{f:.6g} Hz", None, loads, ("inputs", "outputs"))
 
@@ -141,26 +141,25 @@ class PointSolver:
 
     def extend_by(self, rule: dict, make_load) -> int:
         """Add A^-1 times a load, at the point; returns how many columns are new. `rule`: what tells the load in the key
-        of the store from others at the point; `make_load` gives a block that is destroyed here. Raises NotSolved."""
+        of the store from others at the point; `make_load` gives it as a block. Raises NotSolved."""
         run = self.run
         key = {"kind": "solution", "square": self._mass, **rule, **run.identity_of("M", "K", "inputs", "outputs")}
         if self.is_nearby:  # whose residuals are not those of a factor
             key["nearby"] = True
         failed = key | {"failed": True} | self._history()  # for it is the basis that makes a solve nearby fail
-        with Owned(run.model.comm) as owned:
-            entry = run.stored(key)
-            if entry is None and self.is_nearby and run.stored(failed) is not None:
-                self.failed_nearby = True
-                raise NegativeCurvature("as in an earlier run")
-            if entry is not None:
-                block = owned.owns(entry).block
-            else:
-                solver, load = self._factor(), owned.owns(make_load())
-                block = owned.owns(create_block(run.model.K, load.getActiveColumns()[1]))
-                with run.progress.stage("solve"):
-                    self._solve(solver, load, block, failed)
-                run.keep(key, Entry({}, (block.getActiveColumns()[1],), block))
-            return self.projections.extend(block)
+        entry = run.stored(key)
+        if entry is None and self.is_nearby and run.stored(failed) is not None:
+            self.failed_nearby = True
+            raise NegativeCurvature("as in an earlier run")
+        if entry is not None:
+            block = entry.block
+        else:
+            solver, load = self._factor(), make_load()
+            block = create_block(run.model.K, load.getActiveColumns()[1])
+            with run.progress.stage("solve"):
+                self._solve(solver, load, block, failed)
+            run.keep(key, Entry({}, (block.getActiveColumns()[1],), block))
+        return self.projections.extend(block)
 
     def _solve(self, solver, load, block, failed):
         """block = A^-1 load; a solve nearby that fails is kept in the store under `failed`."""
@@ -195,9 +194,8 @@ class PointSolver:
     def extend_by_random(self) -> int:
         """extend_by() M times two random columns, others each time."""
         self._random += 1
-        with Owned(self.run.model.comm) as owned:
-            x = owned.owns(random_block(self.run.model.K, 2, seed=self._random))
-            return self.extend_by({"random": self._random}, lambda: self.run.times_mass(x))
+        x = random_block(self.run.model.K, 2, seed=self._random)
+        return self.extend_by({"random": self._random}, lambda: self.run.times_mass(x))
 
     def smooth(self) -> bool:
         """Replace the basis by A^-1 M times its pseudo-modes, which spans the same where it can hold nothing more, but
@@ -206,11 +204,10 @@ class PointSolver:
         if self.multigrid or not projections.basis.size:
             return False
         projections.rotate(decided(run.model.comm, projections.model).vectors)
-        with Owned(run.model.comm) as owned:
-            load = owned.owns(run.times_mass(projections.basis.columns))
-            block = owned.owns(create_block(run.model.K, projections.basis.size))
-            self._factor().solve(load, block)
-            projections.replace(block)
+        load = run.times_mass(projections.basis.columns)
+        block = create_block(run.model.K, projections.basis.size)
+        self._factor().solve(load, block)
+        projections.replace(block)
         self._smooth = projections.basis.size
         return True
 

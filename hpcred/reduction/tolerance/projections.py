@@ -6,7 +6,6 @@ import numpy as np
 
 from ...linalg.basis import Basis
 from ...linalg.blocks import copy_of, inner
-from ...parallel.failures import Owned
 from ..projection import project
 from ..run import Run
 from .pseudo_modal import Proportional, PseudoModal, diagonalised
@@ -76,8 +75,8 @@ class Projections:
         model, stop = self.run.model, self.basis.size
         if stop == start:
             return
-        with self.run.progress.stage("project"), Owned(model.comm) as owned:
-            new = owned.owns(copy_of(self.basis.columns_between(start, stop), model.K))
+        with self.run.progress.stage("project"):
+            new = copy_of(self.basis.columns_between(start, stop), model.K)
             self.L = np.vstack([self.L, inner(new, self.loads)])
             right = project(model.K, new, self.basis.columns)
             self.K = np.block([[self.K, right[:start]], [right[:start].T, right[start:]]])

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...linalg.blocks import add_product, apply, copy_of, create_block, inner, local_rows, multiply
+from ...linalg.blocks import add_product, copy_of, create_block, inner, local_rows, multiply, times
 from ...linalg.csr import diagonal_of
 from ...parallel.decisions import decided
-from ...parallel.failures import Owned
 from ...parallel.petsc import PETSc
 from .error_estimate import measure_over
 from .pseudo_modal import columns
@@ -22,8 +21,7 @@ WEAKEST = 1e-14  # of the largest eigenvalue of a Gram matrix: below it is round
 
 def residual_block(projections, settings, f, width):
     """Return the `width` leading directions of the residuals over the band and at f (Hz), each over the scale of its
-    input or output (see the module measure), as a block (n, width) that the caller destroys: randomised, with one power
-    step. Collective.
+    input or output (see the module measure), as a block (n, width): randomised, with one power step. Collective.
 
     `projections`: of the basis that leaves the residuals; `settings` of the search, with its band and measure.
     """
@@ -40,10 +38,8 @@ def residual_block(projections, settings, f, width):
     def products_with(block):
         return _products_with(block, projections, matrices, scale)
 
-    first = combine(decided(comm, samples.take, projections, settings, S, 2 * width))
-    with Owned(comm) as owned:
-        owned.owns(first)
-        block = combine(decided(comm, samples.power, products_with(first)))
+    block = combine(decided(comm, samples.take, projections, settings, S, 2 * width))
+    block = combine(decided(comm, samples.power, products_with(block)))
     turn = decided(comm, samples.directions, products_with(block), width)
     multiply(block, turn)
     block.setActiveColumns(0, turn.shape[1])
@@ -58,11 +54,10 @@ def largest_residual(projections, frequencies, damped=True) -> float:
     model = projections.run.model
     matrices, scale = _matrices(projections)[: None if damped else 2], _row_scale(model)
     factors = decided(model.comm, _residual_coefficients, projections, None, np.array(frequencies), damped)
-    with Owned(model.comm) as owned:
-        whole = owned.owns(_combined(projections, [], factors[:1], scale))
-        rest = owned.owns(_combined(projections, matrices, factors, scale))
-        # real and imaginary parts are columns of their own
-        rest, whole = (np.hypot(*np.split(np.sqrt(np.diag(inner(block, block))), 2)) for block in (rest, whole))
+    whole = _combined(projections, [], factors[:1], scale)
+    rest = _combined(projections, matrices, factors, scale)
+    # real and imaginary parts are columns of their own
+    rest, whole = (np.hypot(*np.split(np.sqrt(np.diag(inner(block, block))), 2)) for block in (rest, whole))
     return float(decided(model.comm, lambda: np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0).max()))
 
 
@@ -103,19 +98,15 @@ def _matrices(projections):
 def _products_with(block, projections, matrices, scale):
     """L^T S Y and V^T A^T S Y for M, K, D, with S the scaling of the rows."""
     model = projections.run.model
-    with Owned(model.comm) as owned:
-        scaled = owned.owns(copy_of(block, model.K))
-        with local_rows(scaled) as rows:
-            rows *= scale[:, None]
-        found = [inner(projections.loads, scaled)]
-        for mat in matrices:
-            product = owned.owns(create_block(mat, scaled.getActiveColumns()[1]))
-            if mat is model.D and not model.symmetric:
-                _apply_transposed(mat, scaled, product)
-            else:
-                apply(mat, scaled, product)
-            found.append(inner(projections.basis.columns, product))
-        return found
+    scaled = copy_of(block, model.K)
+    with local_rows(scaled) as rows:
+        rows *= scale[:, None]
+    found = [inner(projections.loads, scaled)]
+    for mat in matrices:
+        if mat is model.D and not model.symmetric:
+            mat = mat.transpose(PETSc.Mat())
+        found.append(inner(projections.basis.columns, times(mat, scaled)))
+    return found
 
 
 def _combined(projections, matrices, factors, scale):
@@ -124,11 +115,9 @@ def _combined(projections, matrices, factors, scale):
     block = create_block(run.model.K, factors[0].shape[1])
     add_product(block, projections.loads, factors[0], beta=0.0)
     for mat, factor in zip(matrices, factors[1:], strict=True):
-        with Owned(run.model.comm) as owned:
-            part, product = (owned.owns(create_block(mat, factor.shape[1])) for _ in range(2))
-            add_product(part, projections.basis.columns, factor, beta=0.0)
-            apply(mat, part, product)
-            add_product(block, product, np.eye(factor.shape[1]), alpha=-1.0)
+        part = create_block(mat, factor.shape[1])
+        add_product(part, projections.basis.columns, factor, beta=0.0)
+        add_product(block, times(mat, part), np.eye(factor.shape[1]), alpha=-1.0)
     if run.rigid is not None:
         run.rigid.equilibrate(block)
     with local_rows(block) as rows:
@@ -169,10 +158,3 @@ def _orthonormalise(block, comm):
         kept = values > WEAKEST * values.max()
         multiply(block, vectors[:, kept] / np.sqrt(values[kept]))
         block.setActiveColumns(0, int(kept.sum()))
-
-
-def _apply_transposed(mat, block, result):
-    transposed = PETSc.Mat()
-    mat.transpose(transposed)
-    apply(transposed, block, result)
-    transposed.destroy()

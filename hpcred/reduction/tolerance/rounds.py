@@ -42,11 +42,16 @@ def take_round(expansion: Expansion, groups: int, frequencies) -> tuple[Judgemen
 def _made_in_groups(run, settings, groups, frequencies):
     """Return the blocks of each point (Hz), with the rows of the world, and the Points; `run` gets all records.
     Collective."""
+    with Owned(run.model.comm) as owned:
+        return _made_by(owned.owns(Group(run.framed, groups)), run, settings, frequencies)
+
+
+def _made_by(group, run, settings, frequencies):
+    """The same, with this group."""
     low, high = settings.band
     width = (high - low) / len(frequencies)
     comm, arrived = run.model.comm, []
     with Owned(comm) as owned:
-        group = owned.owns(Group(run.framed, groups))
         own = owned.owns(run.on_group(group.framed))
         made = None
         with agreed(comm), Owned(group.comm):
@@ -63,7 +68,7 @@ def _made_in_groups(run, settings, groups, frequencies):
 
 
 def _join(projections, arrived, proves) -> tuple[np.ndarray, int]:
-    """Add the blocks of several points to the basis, and free them. Collective.
+    """Add the blocks of several points to the basis. Collective.
 
     Returns the columns of the basis but for those of the last block of each point, which are held back; and, where the
     last point `proves` the model of the others and so comes after them, how many columns came before it.
@@ -77,6 +82,4 @@ def _join(projections, arrived, proves) -> tuple[np.ndarray, int]:
                     start = basis.size
                     projections.extend(blocks.between(part.start, part.stop))
                     held_back += range(start, basis.size) if last else ()
-    for blocks in arrived:
-        blocks.close()
     return np.setdiff1d(np.arange(basis.size), held_back), seen
