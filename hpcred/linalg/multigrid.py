@@ -100,10 +100,9 @@ class Multigrid:
 class _Level:
     """A matrix, the interpolation from the next coarser level, and room for blocks: x, b, r = b - A x, d, A d."""
 
-    def __init__(self, matrix, interpolation, owned):
-        self.matrix, self.interpolation, self._owned = matrix, interpolation, owned
+    def __init__(self, matrix, interpolation):
+        self.matrix, self.interpolation = matrix, interpolation
         self.comm = matrix.comm.tompi4py()
-        self._room = []
         values = diagonal_of(matrix)
         self.inverse = np.divide(1.0, values, out=np.zeros_like(values), where=values > 0)[:, None]
         if interpolation is not None:
