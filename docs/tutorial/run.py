@@ -6,6 +6,7 @@ from the folder of the run. From the root of the repository, with gmsh and Calcu
 
     python docs/tutorial/run.py docs/tutorial/1-lever.md
     python docs/tutorial/run.py docs/tutorial/2-crank.md
+    python docs/tutorial/run.py docs/tutorial/3-stress.md
 """
 
 from __future__ import annotations
@@ -60,11 +61,12 @@ def _output(command, folder, environment):
 
 
 def _environment(folder):
-    """`hpcred` is the one of this repository; as many ranks as a page asks for; tables as wide as a page."""
+    """`hpcred` and `python` are those of this repository; as many ranks as a page asks for; tables as wide as a page."""
     tools = Path(tempfile.mkdtemp(dir=folder, prefix=".bin"))
-    shim = tools / "hpcred"
-    shim.write_text(f'#!/bin/sh\nexec {sys.executable} -m hpcred "$@"\n')
-    shim.chmod(0o755)
+    for name, command in (("hpcred", f"{sys.executable} -m hpcred"), ("python", sys.executable)):
+        shim = tools / name
+        shim.write_text(f'#!/bin/sh\nexec {command} "$@"\n')
+        shim.chmod(0o755)
     return {
         "OPENBLAS_NUM_THREADS": "1",
         **os.environ,

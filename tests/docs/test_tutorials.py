@@ -24,6 +24,7 @@ def said(text):
     [
         pytest.param(DOCS / "tutorial" / "1-lever.md", marks=[pytest.mark.ccx, needs_programs]),
         pytest.param(DOCS / "tutorial" / "2-crank.md", marks=pytest.mark.slow),
+        pytest.param(DOCS / "tutorial" / "3-stress.md", marks=[pytest.mark.ccx, needs_programs]),
         ROOT / "README.md",
     ],
     ids=lambda page: page.stem,
