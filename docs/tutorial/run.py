@@ -61,7 +61,7 @@ def _output(command, folder, environment):
 
 
 def _environment(folder):
-    """`hpcred` and `python` are those of this repository; as many ranks as a page asks for; tables as wide as a page."""
+    """`hpcred` and `python` are of this repository; as many ranks as a page asks for; tables as wide as a page."""
     tools = Path(tempfile.mkdtemp(dir=folder, prefix=".bin"))
     for name, command in (("hpcred", f"{sys.executable} -m hpcred"), ("python", sys.executable)):
         shim = tools / name
