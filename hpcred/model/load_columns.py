@@ -23,6 +23,10 @@ from .thermal_loads import thermal_forces
 
 ROUND_OFF = 1e-13  # of the largest force, or of a sum of sizes: what is left in directions without a load
 STRIDE = 8  # of keys of node and direction
+OF_TEMPERATURE = (
+    "recovered stresses are those of the displacements, E B u; the stress is less by E alpha T / (1 - 2 nu) in "
+    "its normal components"
+)
 
 
 def with_loads(model, loads, given=None):
@@ -228,8 +232,9 @@ def column_of(model, forces: NodalForces, name, kind):
     total, lost = (_sums(comm, forces.position, part) for part in (forces.value, still))
     parts = {"force": total[:3], "moment": total[3:], "held_force": lost[:3], "held_moment": lost[3:]}
     return column, LoadColumn(
-        name=name, kind=kind, area=forces.area, **{key: tuple(part.tolist()) for key, part in parts.items()}
-    )
+        name=name, kind=kind, area=forces.area, remark=OF_TEMPERATURE if kind == "temperature" else "",
+        **{key: tuple(part.tolist()) for key, part in parts.items()},
+    )  # fmt: skip
 
 
 def _keys(dofs):

@@ -156,7 +156,8 @@ class Solids:
         """Note elements with nodes that have no displacement; refused where there are no others."""
         comm = self.model.comm
         kept = comm.allreduce(sum(len(group.nodes) for group in self.groups))
-        lost = comm.allreduce(int((~np.isfinite(self.position).all(axis=1)).sum()))
+        lost, _ = number_over_ranks(comm, self.number[~np.isfinite(self.position).all(axis=1)])
+        lost = comm.allreduce(len(lost))
         if not kept:
             raise InputError(
                 f"{self.model.name}: stress: found only elements with nodes that have no row, as those of rigid "

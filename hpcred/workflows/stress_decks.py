@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
+import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -70,28 +71,29 @@ def write_deck(result, program: str, original, folder, *, units: str = "SI", com
         count = _check_rows(source)
         text = _whole_text(Path(original), deck.include) if comm.rank == 0 else ""
     names = [deck.column % number for number in range(1, count + 1)]
-    fresh = None
-    with agreed(comm):
+    fresh = folder.with_name(f".{folder.name}-{comm.bcast(os.getpid())}")
+    try:
+        with agreed(comm), writing_to(folder, fresh):
+            if comm.rank == 0:
+                try:
+                    main = deck.main(text, names)
+                except InputError as error:
+                    raise InputError(f"{original}: {error}") from error
+                fresh.mkdir(parents=True)
+                (fresh / deck.job).write_text(main, encoding="latin-1")
+        comm.Barrier()
+        with agreed(comm), progress.stage("write", str(folder)), writing_to(folder, fresh):
+            for number in range(comm.rank, count, comm.size):
+                _write_column(source, number, length, deck, fresh / names[number])
+            if deck.supports and comm.rank == comm.size - 1:
+                _write_supports(source, deck, fresh / deck.supports)
+        comm.Barrier()
+        with agreed(comm), writing_to(folder, fresh):
+            if comm.rank == 0:
+                fresh.replace(folder)
+    finally:
         if comm.rank == 0:
-            try:
-                main = deck.main(text, names)
-            except InputError as error:
-                raise InputError(f"{original}: {error}") from error
-            with writing_to(folder, folder):
-                folder.parent.mkdir(parents=True, exist_ok=True)
-                fresh = tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent)
-                (Path(fresh) / deck.job).write_text(main, encoding="latin-1")
-    fresh = Path(comm.bcast(fresh))
-    with agreed(comm), progress.stage("write", str(folder)), writing_to(folder, fresh):
-        for number in range(comm.rank, count, comm.size):
-            _write_column(source, number, length, deck, fresh / names[number])
-        if deck.supports and comm.rank == comm.size - 1:
-            _write_supports(source, deck, fresh / deck.supports)
-    comm.Barrier()
-    with agreed(comm), writing_to(folder, fresh):
-        if comm.rank == 0:
-            fresh.chmod(0o777 & ~_umask())
-            fresh.replace(folder)
+            shutil.rmtree(fresh, ignore_errors=True)
     return {"folder": str(folder), "files": [deck.job, *names], "columns": count, "run": deck.run}
 
 
@@ -227,12 +229,3 @@ def _check_displacements(answers, source, found, points, length, comm):
         raise InputError(f"{answers}: found displacements in step {k + 1} that differ by {off[k] / size[k]:.1e} of the "
                          f"largest one from column {k + 1} of {source}; the answers are those of another basis or "
                          "model")  # fmt: skip
-
-
-def _umask() -> int:
-    """Return the permissions that this process does not give."""
-    import os
-
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
