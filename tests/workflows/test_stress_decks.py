@@ -73,6 +73,8 @@ def test_answers_become_stress_modes_of_a_new_result(comm, folder):
                 assert (old[key][()] == new[key][()]).all() if old[key].shape else old[key][()] == new[key][()]
     comm.Barrier()
     assert hpcred.verify_file(folder / "with.h5", comm=comm)
+    about = hpcred.describe_file(folder / "with.h5", comm=comm)
+    assert about["stress"] == "8 nodes; CalculiX, means at nodes in .frd"
 
 
 @pytest.mark.mpi
