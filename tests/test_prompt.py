@@ -145,7 +145,7 @@ def test_modes_of_a_file(linkage_folder, capsys):
 
 def test_a_picture_numbers_modes_as_the_table_does(linkage_folder, monkeypatch):
     seen = []
-    monkeypatch.setattr(workflow, "draw_shapes", lambda path, shapes, kind: (Path(path).touch(), seen.append(shapes)))
+    monkeypatch.setattr(workflow, "draw_shapes", lambda path, shapes: (Path(path).touch(), seen.append(shapes)))
     assert run(["modes", "model.h5", "--count", "8", "--figure", "m.png", "--json", "m.json"]) == 0
     frequencies = json.loads(Path("m.json").read_text())["frequencies_hz"]
     (shapes,) = seen

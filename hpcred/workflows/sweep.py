@@ -279,9 +279,9 @@ def response_of(sweep, run, content) -> Path:
     """Return the file of the full response that a run is compared with; its name stands for all that it depends on."""
     job, asked = plain(run.job), sweep.evaluate
     full = os.path.abspath(asked.full or run.job.model)
-    asked = [job[key] for key in ("inputs", "outputs", "interface", "frame", "damping")]
+    settings = [job[key] for key in ("inputs", "outputs", "interface", "frame", "damping")]
     grid = asked.frequencies or [asked.band or run.job.band, asked.points]
-    what = [content(full), [content(name) for name in run.job.files[1:]], *asked, grid]
+    what = [content(full), [content(name) for name in run.job.files[1:]], *settings, grid]
     digest = hashlib.blake2b(json.dumps(what).encode(), digest_size=6).hexdigest()
     return sweep.folder / f"full-{digest}.h5"
 

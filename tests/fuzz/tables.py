@@ -71,6 +71,8 @@ JOBS = [
         ("line", "on = [13, 14]\nvalue = [1.0, 0.0, 0.0]\n"), ("temperature", "value = 10.0\n"),
         ("moving", "on = [1, 5, 9, 13]\nvalue = [0.0, 1.0, 0.0]\npoints = 3\n"),
         ("given", 'file = "wind.mtx"\n'), ("deck", 'file = "loads.inp"\nstep = 1\n'))),
+    'model = "block.h5"\ninputs = [[13, "x"]]\n' + MODES + '[[geometric_stiffness]]\nstate = "wz^2"\nvalue = 1e4\n'
+    'file = "loaded.h5"\n',
 ]  # fmt: skip
 MOTION = 'body = "result.h5"\nend = 0.01\nsteps = 4\n'
 HOLD = '[[constraint]]\nnode = 1\n[[constraint]]\nnode = 7\ndirections = ["x", "z"]\n[[constraint]]\nnode = 14\n' \
@@ -107,6 +109,8 @@ def good_files() -> dict[str, bytes]:
         steel = hpcred.Material(name="steel", young=2.1e11, poisson=0.3, density=7850.0, expansion=1.2e-5)
         with hpcred.solid((4, 1, 1)) as model:
             hpcred.write_model("block.h5", model.with_material(steel))
+            model.K.scale(1.001)
+            hpcred.write_model("loaded.h5", model)
             scipy.io.mmwrite("wind.mtx", scipy.sparse.coo_matrix(np.ones((model.size, 1))))
         Path("loads.inp").write_text("*NODE\n16, 0.04, 0.01, 0.01\n*STEP\n*STATIC\n*CLOAD\n16, 2, 1.0\n*END STEP\n")
         chain = np.diag([2.0, 2, 2, 2, 2, 1]) - np.eye(6, k=1) - np.eye(6, k=-1)
