@@ -158,8 +158,8 @@ def _without_jumps(vectors):
     return np.concatenate([vectors[:1], np.where(jump[..., None], np.nan, vectors[1:])])
 
 
-def time_figure(path, t, panels):
-    """Draw curves over time as PNG, one panel below the other. `panels`: (label of the axis, [(label, values)])."""
+def time_figure(path, t, panels, kind="png"):
+    """Draw curves over time, one panel below the other. `panels`: (label of the axis, [(label, values)])."""
     plt = pyplot()
     figure, axes = plt.subplots(len(panels), figsize=(9.0, 2.9 * len(panels)), sharex=True, squeeze=False,
                                 layout="constrained")  # fmt: skip
@@ -171,7 +171,7 @@ def time_figure(path, t, panels):
         add_grid(panel)
         legend_beside(panel)
     axes[-1, 0].set(xlabel="time (s)", xlim=(t[0], t[-1]))
-    figure.savefig(path, dpi=150, format="png")
+    save_as(figure, path, kind)
     plt.close(figure)
 
 

@@ -37,6 +37,7 @@ MARK = tuple(int(COLOURS[1][k : k + 2], 16) / 255 for k in (1, 3, 5))
 
 
 COLOUR_BARS = {"displacement": "displacement / its largest", "stress": "von Mises stress / its largest"}
+MEGAPASCAL = 1e6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,20 +89,23 @@ def draw_shapes(path, shapes, modes=None, kind="png", colour="displacement") -> 
     """
     pyplot()
     chosen = _chosen(shapes, modes, FIRST)
-    save_as(_figure(shapes, _panels(shapes, chosen, colour), colour), path, kind, DOTS)
+    save_as(_figure(shapes, _panels(shapes, chosen, colour), (COLOUR_BARS[colour], 1.0)), path, kind, DOTS)
     return [shapes.names[k] for k in chosen]
 
 
 def figure_of_shapes(shapes, modes=None):
     """Return the picture of draw_shapes as a matplotlib Figure. Raises InputError."""
-    return _figure(shapes, _panels(shapes, _chosen(shapes, modes, FIRST), "displacement"), "displacement")
+    return _figure(shapes, _panels(shapes, _chosen(shapes, modes, FIRST), "displacement"),
+                   (COLOUR_BARS["displacement"], 1.0))  # fmt: skip
 
 
 def draw_state(path, shapes, q, title: str, kind="png"):
     """Draw the body at coordinates q (m,) in colours of von Mises' stress; call it on one rank. Raises InputError."""
     pyplot()
     field, marks = shapes.moved(q)
-    save_as(_figure(shapes, [Panel(title, field, marks, von_mises(shapes.stress(q)))], "stress"), path, kind, DOTS)
+    stress = von_mises(shapes.stress(q))
+    bar = "von Mises stress (MPa)", float(np.nanmax(stress, initial=0.0)) / MEGAPASCAL
+    save_as(_figure(shapes, [Panel(title, field, marks, stress)], bar), path, kind, DOTS)
 
 
 def _panels(shapes, chosen, colour) -> list[Panel]:
@@ -117,8 +121,8 @@ def _panels(shapes, chosen, colour) -> list[Panel]:
     return panels
 
 
-def _figure(shapes, panels, colour):
-    stage = _Stage(shapes, panels, colour, DOTS)
+def _figure(shapes, panels, bar):
+    stage = _Stage(shapes, panels, bar, DOTS)
     figure, images = stage.figure()
     for k, image in enumerate(images):
         image.set_data(stage.picture(k, 1.0))
@@ -132,7 +136,7 @@ def animate_shapes(path, shapes, modes=None, kind="gif", colour="displacement") 
     from PIL import Image
 
     chosen = _chosen(shapes, modes, 1)
-    stage = _Stage(shapes, _panels(shapes, chosen, colour), colour, MOVING_DOTS)
+    stage = _Stage(shapes, _panels(shapes, chosen, colour), (COLOUR_BARS[colour], 1.0), MOVING_DOTS)
     figure, images = stage.figure()
     canvas, frames = FigureCanvasAgg(figure), {}
     amplitudes = np.sin(2 * np.pi * np.arange(FRAMES) / FRAMES).round(12)
@@ -199,10 +203,11 @@ def axes_of_view(points, behind=False) -> np.ndarray:
 
 
 class _Stage:
-    """The body, the chosen shapes on its surface, and how they are laid out in one figure."""
+    """The body, the chosen shapes on its surface, and how they are laid out in one figure. `bar`: what the colours
+    are, and the number at the end of their bar."""
 
-    def __init__(self, shapes, panels, colour, dots):
-        self.shapes, self.panels, self.colour, self.dots = shapes, panels, colour, dots
+    def __init__(self, shapes, panels, bar, dots):
+        self.shapes, self.panels, self.bar, self.dots = shapes, panels, bar, dots
         self.surface = surface_of(shapes.points, shapes.cells)
         points = self.surface.points
         diagonal = max(np.linalg.norm(np.ptp(shapes.points, axis=0)), 1e-12)
@@ -268,10 +273,12 @@ class _Stage:
             axes.plot([left + 1.3, left + 1.65], [0.30, 0.30], color=UNDEFORMED, linewidth=1.2)
             axes.text(left + 1.75, 0.30, "undeformed", fontsize=9, color=INK, va="center")
         bar = figure.add_axes([(WIDTH - 3.0) / WIDTH, 0.27 / tall, 2.6 / WIDTH, 0.12 / tall])
+        label, largest = self.bar
         bar.imshow(np.linspace(0, 1, 256)[None], cmap="viridis", aspect="auto", extent=(0, 1, 0, 1))
-        bar.set(yticks=[], xticks=[0, 0.5, 1])
+        ticks = [0, 0.5, 1]
+        bar.set(yticks=[], xticks=ticks, xticklabels=[f"{largest * tick:.4g}" for tick in ticks])
         bar.tick_params(labelsize=8, length=2, pad=2, color=INK, labelcolor=INK)
-        bar.set_title(COLOUR_BARS[self.colour], fontsize=9, color=INK, pad=3)
+        bar.set_title(label, fontsize=9, color=INK, pad=3)
         for spine in bar.spines.values():
             spine.set_linewidth(0.4)
 

@@ -15,7 +15,7 @@ from .pair_figures import check_drawing, pairs_by_name, pairs_to_show
 from .report_files import draw_files, make_folder, stress_pictures, write_tables
 from .report_page import page_of
 from .report_sheets import Sheet, sheets_of
-from .stress_state import state_of_largest_stress
+from .stress_state import stress_of_motion
 from .workflow import workflow
 
 MOST_PAIRS = 36  # responses on a page, the largest
@@ -55,7 +55,7 @@ def report_file(
                 f"--motion: found {len(sheets)} results, expected the one that moved so; report on it alone"
             )
         with progress.stage("motion", str(motion)):
-            sheets[0].state = state_of_largest_stress(sheets[0].result, motion, comm)
+            sheets[0].moved = stress_of_motion(sheets[0].result, motion, comm)
     report = None
     with atomic_output(output, comm) as temporary, agreed(comm):
         if comm.rank == 0:

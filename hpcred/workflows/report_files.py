@@ -10,7 +10,7 @@ from ..files.hdf5 import atomic_output
 from ..files.response_file import Responses, write_responses
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
-from ..report.figures import errors_figure, pair_figure
+from ..report.figures import errors_figure, pair_figure, time_figure
 from ..report.mode_pictures import draw_shapes, draw_state
 from .pair_figures import in_file_name
 from .report_page import directions_of, frequency_rows
@@ -57,11 +57,15 @@ def draw_files(folder, kind, sheets, chosen) -> list[str]:
 
 
 def stress_pictures(sheet, shapes, kind):
-    """Names, and functions of a path that draw pictures of stresses: of the pseudo-modes, and of a motion."""
+    """Names, and functions of a path that draw pictures of stresses: of the pseudo-modes, and of a motion at its
+    worst instant and over time."""
     if sheet.has_stress:
         yield "stress", lambda path: draw_shapes(path, shapes, kind=kind, colour="stress")
-    if sheet.state is not None:
-        yield "stress_of_motion", lambda path: draw_state(path, shapes, *sheet.state, kind)
+    if (moved := sheet.moved) is not None:
+        yield "stress_of_motion", lambda path: draw_state(path, shapes, moved.worst, moved.title, kind)
+        if len(moved.t) > 1:
+            panels = [("von Mises stress (MPa)", moved.curves)]
+            yield "stress_over_time", lambda path: time_figure(path, moved.t, panels, kind)
 
 
 def _curves_of(name, sheets, chosen):

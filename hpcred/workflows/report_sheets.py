@@ -20,6 +20,7 @@ from ..reduction.reduced_model import ReducedModel, as_measured
 from ..report.tables import in_words
 from .evaluate import band_of, short_names
 from .full_model import difference_of, factoring_of, full_of_record, start_for
+from .stress_state import StressOfMotion
 
 BESIDE = 1.0003  # times a pseudo-frequency
 BESIDE_AT_MOST = 8  # frequencies beside pseudo-frequencies
@@ -44,8 +45,7 @@ class Sheet:
 
     With a full model: `full`, which may be that of a sheet before (`full_as_before`), and the `errors` at its
     frequencies. `body`: shapes for the page and a sentence, by body_for_page. `has_stress`: whether the result has
-    stress modes. `state`: coordinates of a motion at its largest stress, and a title for their picture. `pictures`:
-    of stresses, for the page.
+    stress modes. `moved`: stresses of a motion. `pictures`: of stresses, for the page.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Sheet:
     body: dict | None = None
     body_sentence: str = ""
     has_stress: bool = False
-    state: tuple[np.ndarray, str] | None = None
+    moved: StressOfMotion | None = None
     pictures: list[str] = field(default_factory=list)
     notes: list = field(default_factory=list)
 

@@ -1,6 +1,8 @@
-"""Find where in a motion the stress of a reduced body is largest."""
+"""Find when and where in a motion the stress of a reduced body is largest."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,27 +12,55 @@ from ..parallel.failures import agreed
 from .recover import coordinates_of
 
 AT_ONCE = 2**24  # numbers of stresses that are held at a time
+CURVES = 4  # nodes whose stress over time is kept
+APART = 0.1  # of the diagonal of the body, between these nodes: the neighbours of the worst node show nothing new
 
 
-def state_of_largest_stress(result: Result, motion, comm) -> tuple[np.ndarray, str] | None:
-    """The coordinates (m,) of the instant with the largest von Mises stress of a motion, and a title with its numbers;
-    None on other ranks than the first. Collective. Raises InputError for another body, and without stress modes.
+@dataclass(frozen=True)
+class StressOfMotion:
+    """Coordinates (m,) at the `worst` instant, that of the largest von Mises stress, a `title` with its numbers, and
+    `curves` over the times `t` (nt,): a label and the stress in MPa (nt,) of the nodes with the largest peaks."""
+
+    worst: np.ndarray
+    title: str
+    t: np.ndarray
+    curves: list[tuple[str, np.ndarray]]
+
+
+def stress_of_motion(result: Result, motion, comm) -> StressOfMotion | None:
+    """Return the stresses of a motion that figures show; None on other ranks than the first.
+
+    Collective. Raises InputError for the motion of another body, and without stress modes.
     """
     coordinates = coordinates_of(result, motion, comm)
     with agreed(comm):
         if comm.rank:
             return None
-        modes = result.stress_modes()
-        flat, largest, where = modes.stress.reshape(len(modes.stress), -1), -1.0, (0, 0)
+        modes, q = result.stress_modes(), coordinates.q
+        flat, peaks, instants = modes.stress.reshape(len(modes.stress), -1), -1.0, 0
         step = max(1, AT_ONCE // flat.shape[1])
-        for first in range(0, len(coordinates.t), step):
-            found = von_mises((coordinates.q[first : first + step] @ flat).reshape(-1, len(modes.node), 6))
-            if found.max() > largest:
-                largest = float(found.max())
-                instant, place = np.unravel_index(found.argmax(), found.shape)
-                where = first + int(instant), int(place)
-        instant, place = where
-        return coordinates.q[instant], (
-            f"t = {coordinates.t[instant]:.4g} s: von Mises stress up to {largest / 1e6:.4g} MPa, at node "
-            f"{modes.node[place]}"
+        for first in range(0, len(q), step):
+            found = von_mises((q[first : first + step] @ flat).reshape(-1, len(modes.node), 6))
+            instants = np.where(found.max(axis=0) > peaks, first + found.argmax(axis=0), instants)
+            peaks = np.maximum(found.max(axis=0), peaks)
+        with result.shapes() as shapes:
+            places = shapes.points[np.searchsorted(shapes.nodes, modes.node)]
+            chosen = _apart(peaks, places, APART * np.linalg.norm(np.ptp(shapes.points, axis=0)))
+        found = von_mises(np.einsum("tm,msc->tsc", q, modes.stress[:, chosen])) / 1e6
+        worst = instants[chosen[0]]
+        return StressOfMotion(
+            q[worst],
+            f"t = {coordinates.t[worst]:.4g} s: von Mises stress up to {found.max():.4g} MPa, at node "
+            f"{modes.node[chosen[0]]}",
+            coordinates.t,
+            [(f"node {node}", values) for node, values in zip(modes.node[chosen], found.T, strict=True)],
         )
+
+
+def _apart(peaks, places, distance) -> list[int]:
+    """Return which nodes have the largest peaks (s,), the largest first, at a distance from each other."""
+    chosen, left = [], np.ones(len(peaks), bool)
+    while left.any() and len(chosen) < CURVES:
+        chosen.append(int(np.argmax(np.where(left, peaks, -np.inf))))
+        left &= np.linalg.norm(places - places[chosen[-1]], axis=1) > distance
+    return chosen

@@ -105,14 +105,26 @@ def test_pictures_of_stresses_of_shapes_and_of_a_motion(folder, comm, monkeypatc
     whole = von_mises(np.einsum("tm,msc->tsc", q, modes.stress))
     instant, place = np.unravel_index(whole.argmax(), whole.shape)
     monkeypatch.setattr(stress_state, "AT_ONCE", 2 * modes.stress[0].size)
-    coordinates, title = stress_state.state_of_largest_stress(result, "motion.csv", comm)
-    assert np.allclose(coordinates, q[instant]) and 0 < instant < len(q) - 1
-    assert title == (f"t = {instant / 10:.4g} s: von Mises stress up to {whole.max() / 1e6:.4g} MPa, at node "
-                     f"{modes.node[place]}")  # fmt: skip
+    found = stress_state.stress_of_motion(result, "motion.csv", comm)
+    assert np.allclose(found.worst, q[instant]) and 0 < instant < len(q) - 1
+    assert found.title == (f"t = {instant / 10:.4g} s: von Mises stress up to {whole.max() / 1e6:.4g} MPa, at node "
+                           f"{modes.node[place]}")  # fmt: skip
+    with result.shapes() as shapes:
+        points = shapes.points
+        at = [int(np.searchsorted(shapes.nodes, int(name.removeprefix("node ")))) for name, _ in found.curves]
+        known = np.searchsorted(shapes.nodes, modes.node)
+    assert np.allclose(found.t, np.arange(len(q)) / 10) and len(at) == 4 and at[0] == known[place]
+    peaks, far = np.full(len(points), -1.0), 0.1 * np.linalg.norm(np.ptp(points, axis=0))
+    peaks[known] = whole.max(axis=0) / 1e6
+    for k, (i, (_, values)) in enumerate(zip(at, found.curves, strict=True)):
+        assert np.allclose(values, whole[:, np.searchsorted(known, i)] / 1e6)
+        free = np.linalg.norm(points[:, None] - points[at[:k]], axis=2).min(axis=1, initial=np.inf) > far
+        assert free[i] and values.max() == pytest.approx(peaks[free].max())
     found = hpcred.report_file(["r.h5"], motion="motion.csv", output="page.html", png="figures", comm=comm)
-    assert {"figures/stress_r.png", "figures/stress_of_motion_r.png"} <= set(found["files"])
+    drawn = {f"figures/{name}_r.png" for name in ("stress", "stress_of_motion", "stress_over_time")}
+    assert drawn <= set(found["files"])
     text = (folder / "page.html").read_text()
-    assert text.count('<img class="drawn" src="data:image/png;base64,') == 2 and '<section id="stress">' in text
+    assert text.count('<img class="drawn" src="data:image/png;base64,') == 3 and '<section id="stress">' in text
     assert run(["export", "r.h5", "--format", "png", "--set", "png.colour=stress", "-o", "a.png"]) == 0
     assert (folder / "a.png").read_bytes()[:4] == b"\x89PNG"
     with pytest.raises(InputError, match=r"^--motion: found 2 results, expected the one that moved so"):
