@@ -1,8 +1,9 @@
 """Runs a page: its files are written, its commands run in order, and what they print is put in the page.
 
 A block ```toml title="job.toml" (or of any other language with a title) is a file. A block ```console has commands
-behind "$ " and below each what it prints. Pictures of the page that lie in a folder with its name are taken over
-from the folder of the run. From the root of the repository, with gmsh and CalculiX for the first page:
+behind "$ " and below each what it prints. A folder with the name of the page has scripts that its commands run, and its
+pictures, which are taken over from the folder of the run. From the root of the repository, with gmsh and CalculiX for
+the first and the third page, and Exudyn for the third:
 
     python docs/tutorial/run.py docs/tutorial/1-lever.md
     python docs/tutorial/run.py docs/tutorial/2-crank.md
@@ -30,9 +31,12 @@ class Failed(Exception):
     """A command of the page did not end as it should."""
 
 
-def run_page(text: str, folder: Path) -> str:
-    """The text of the page with what its commands print when they run in the folder. Raises Failed."""
+def run_page(text: str, folder: Path, beside: Path | None = None) -> str:
+    """The text of the page with what its commands print when they run in the folder, with the scripts of another folder
+    `beside` them. Raises Failed."""
     environment = _environment(folder)
+    for script in beside.glob("*.py") if beside is not None else ():
+        shutil.copy(script, folder)
 
     def replaced(found):
         if found[1]:
@@ -81,7 +85,7 @@ def _environment(folder):
 
 def pictures(text: str, page: Path) -> list[str]:
     """The names of the pictures that the page has of the run."""
-    return re.findall(rf"\]\({re.escape(page.stem)}/([^)/]+)\)", text)
+    return re.findall(rf"!\[[^]]*\]\({re.escape(page.stem)}/([^)/]+)\)", text)
 
 
 def picture(folder, name) -> Path:
@@ -94,7 +98,7 @@ def picture(folder, name) -> Path:
 def main(page):
     page = Path(page)
     with tempfile.TemporaryDirectory() as folder:
-        text = run_page(page.read_text(), Path(folder))
+        text = run_page(page.read_text(), Path(folder), page.with_suffix(""))
         for name in pictures(text, page):
             page.with_suffix("").mkdir(exist_ok=True)
             shutil.copy(picture(folder, name), page.with_suffix("") / name)

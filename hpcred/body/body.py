@@ -233,12 +233,16 @@ def resultants_of(body: Body) -> np.ndarray | None:
     return np.hstack([found[:, :3], found[:, 3:] - np.cross(body.floating_frame.origin, found[:, :3])])
 
 
+def without_node(names) -> list[str]:
+    """Return which inputs or outputs belong to no node."""
+    return [name for name in names if node_of(name) is None]
+
+
 def inputs_without_node(body: Body) -> list[str]:
     """Return remarks on inputs and outputs that belong to no node, which formats of nodes leave out."""
     found = []
     for kind, names in (("inputs", body.reduced.input_names), ("outputs", body.reduced.output_names)):
-        lost = [name for name in names if node_of(name) is None]
-        if lost:
+        if lost := without_node(names):
             found.append(f"{kind} that belong to no node are left out: {', '.join(lost)}")
     return found
 

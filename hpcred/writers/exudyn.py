@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..body.body import check_moving, inputs_without_node, remarks, resultants_of
+from ..body.body import check_moving, remarks, resultants_of, without_node
 from ..files.outputs import ZIP
 from .arrays import save_npz
 from .base import Writer
@@ -69,6 +69,10 @@ def _notes(body):
             "LoadFromFile passes over the damping: give it to the object by mbs.SetObjectParameter(object, "
             "'dampingMatrixReduced', exudyn.MatrixContainer(numpy.load(file)['dampingMatrixReduced']))"
         )
+    if loads := without_node(body.reduced.input_names):
+        notes.append(f"inputs {', '.join(loads)}: by a user function with inputMatrixReduced and inputResultants")
+    if lost := without_node(body.reduced.output_names):
+        notes.append(f"outputs that belong to no node are left out: {', '.join(lost)}")
     if body.surface is None:
         notes.append("no surface is drawn: the result has no faces, no basis, or too many dofs")
     if body.stress is None:
@@ -126,4 +130,4 @@ class Exudyn(Writer):
         if resultants is not None:
             data["inputResultants"] = resultants
         save_npz(target, data)
-        return [*remarks(body), *_notes(body), *inputs_without_node(body)]
+        return [*remarks(body), *_notes(body)]

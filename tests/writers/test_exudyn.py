@@ -274,7 +274,9 @@ def test_exudyn_moves_the_body_under_a_load_as_we_do(tmp_path):
         hpcred.reduce(loaded, [Modes(count=4), hpcred.StaticCorrection()], Buckens(), ModalDamping(ratio=0.02)) as rom,
     ):  # fmt: skip
         body = body_of(loaded, rom, origin=(0.02, 0.01, 0.0))
-    exported(Exudyn, tmp_path / "body.npz", body)
+    notes = exported(Exudyn, tmp_path / "body.npz", body)
+    assert "inputs side: by a user function with inputMatrixReduced and inputResultants" in notes
+    assert "outputs that belong to no node are left out: side" in notes
     file = np.load(tmp_path / "body.npz", allow_pickle=True)
     interface = ObjectFFRFreducedOrderInterface()
     interface.LoadFromFile(str(tmp_path / "body.npz"))
