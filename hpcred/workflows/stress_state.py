@@ -44,7 +44,9 @@ def stress_of_motion(result: Result, motion, comm) -> StressOfMotion | None:
             instants = np.where(found.max(axis=0) > peaks, first + found.argmax(axis=0), instants)
             peaks = np.maximum(found.max(axis=0), peaks)
         with result.shapes() as shapes:
-            places = shapes.points[np.searchsorted(shapes.nodes, modes.node)]
+            place = np.searchsorted(shapes.nodes, modes.node).clip(max=len(shapes.nodes) - 1)
+            there = shapes.nodes[place] == modes.node  # a program also has stresses of nodes that follow others
+            places = np.where(there[:, None], shapes.points[place], np.nan)
             chosen = _apart(peaks, places, APART * np.linalg.norm(np.ptp(shapes.points, axis=0)))
         found = von_mises(np.einsum("tm,msc->tsc", q, modes.stress[:, chosen])) / 1e6
         worst = instants[chosen[0]]
