@@ -124,7 +124,7 @@ class Coordinates:
         return np.gradient(values, self.t, axis=0, edge_order=2)
 
     def thinned(self, path, first=None, last=None, every=1) -> Coordinates:
-        """Return every so-many-th instant from `first` to `last` (s). Raises InputError where none is left."""
+        """Return one of `every` instants from `first` to `last` (s). Raises InputError where none is left."""
         slack = SAME_TIME * np.abs(self.t).max()
         low = -np.inf if first is None else first - slack
         high = np.inf if last is None else last + slack

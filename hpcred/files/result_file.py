@@ -203,8 +203,7 @@ class Result:
         Raises InputError where the file has none, or not of such a node.
         """
         with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
-            if "basis/stress" not in file:
-                raise InputError(f"{self.path}: {NO_STRESS}")
+            require_stress(file, self.path)
             known = file["basis/stress_node"][...]
             order = np.argsort(known)
             wanted = known[order] if nodes is None else np.unique(np.asarray(nodes, np.int64))
@@ -229,6 +228,20 @@ class Result:
             yield Shapes(file, self.path)
 
 
+def require_basis(file, name):
+    """Raise InputError for an open result without basis or node coordinates."""
+    if "basis/V" not in file or "dofs" not in file:
+        raise InputError(
+            f"{name}: no basis with node coordinates; reduce a model with nodes, and with write_basis = true"
+        )
+
+
+def require_stress(file, name):
+    """Raise InputError for an open result without stress modes."""
+    if "basis/stress" not in file:
+        raise InputError(f"{name}: {NO_STRESS}")
+
+
 class Shapes:
     """Shapes of the columns of a basis at the nodes, read from an open file one by one.
 
@@ -240,10 +253,7 @@ class Shapes:
     """
 
     def __init__(self, file, name):
-        if "basis/V" not in file or "dofs" not in file:
-            raise InputError(
-                f"{name}: no basis with node coordinates; reduce a model with nodes, and with write_basis = true"
-            )
+        require_basis(file, name)
         self._rows = np.flatnonzero(file["dofs/direction"][...] != SCALAR)  # scalar dofs have no place
         node, self._direction = (file[f"dofs/{key}"][...][self._rows] for key in ("node", "direction"))
         position = file["dofs/position"][...][self._rows]

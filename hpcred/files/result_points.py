@@ -17,7 +17,7 @@ from ..parallel.lookup import look_up, sort_over_ranks
 from ..parallel.shares import row_range
 from .hdf5 import reading, texts
 from .model_file import sets_of
-from .result_file import FORMAT, SCHEMA, VERSION
+from .result_file import FORMAT, SCHEMA, VERSION, require_basis, require_stress
 
 NONE = np.zeros(0, np.int64)
 NO_ROW = -1  # of a dof that is held
@@ -138,15 +138,9 @@ def read_points(path, comm, nodes=None, stress: bool = False) -> Points:
 
 def _labels(path, file, comm, stress) -> _Labels:
     """Read the parts of this rank. Raises InputError."""
-    if "basis/V" not in file or "dofs" not in file:
-        raise InputError(
-            f"{path}: no basis with node coordinates; reduce a model with nodes, and with write_basis = true"
-        )
-    if stress and "basis/stress" not in file:
-        raise InputError(
-            f"{path}: no stress modes; reduce with stress = true, or let the finite-element program compute the "
-            "stresses (`hpcred recover --deck`)"
-        )
+    require_basis(file, path)
+    if stress:
+        require_stress(file, path)
     rows = slice(*row_range(comm, file["basis/V"].shape[1]))
     parts = [(file["dofs"], rows, np.arange(rows.start, rows.stop))]
     if "held" in file:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..files.text import first_bytes, pieces
+from ..files.text import end_to_end, first_bytes, pieces
 from ..files.text_numbers import labels, numbers
 from ..model.dofs import SCALAR, require_dofs
 from ..model.face_loads import NodalForces, forces_on_faces
@@ -17,7 +17,7 @@ from ..model.thermal_loads import thermal_forces
 from ..model.units import SI, Units, units_of
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
-from ..parallel.lookup import look_up, repeated_key
+from ..parallel.lookup import look_up, require_once
 from .abaqus import input_file as abaqus_input
 from .abaqus import loads as abaqus_loads
 from .assembly import read_columns
@@ -65,15 +65,18 @@ def read_load(model, load: GivenLoad | DeckLoad | Temperature) -> tuple[np.ndarr
 
 def _temperatures(comm, load):
     """Return a function of nodes (k,) that gives the temperatures (k,) of a file. Collective, as the function is."""
+
+    def decode(piece):
+        values, lines = numbers(piece, 2)
+        node = labels(piece, values[:, 0], lines)
+        piece.require(np.isfinite(values[:, 1]), lines, "a finite temperature in K")
+        return node, values[:, 1]
+
     with agreed(comm):
-        parts = [(np.zeros(0, np.int64), np.zeros(0))]
-        for piece in pieces(load.file, comm):
-            values, lines = numbers(piece, 2)
-            parts.append((labels(piece, values[:, 0], lines), values[:, 1]))
-            piece.require(np.isfinite(values[:, 1]), lines, "a finite temperature in K")
-        node, rise = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if (twice := repeated_key(comm, node)) is not None:
-        raise InputError(f"{load.file}: found the node {twice} twice, expected one temperature for each node")
+        node, rise = end_to_end(pieces(load.file, comm), decode)
+    require_once(
+        comm, node, lambda twice: f"{load.file}: found the node {twice} twice, expected one temperature for each node"
+    )
 
     def at(nodes):
         there, (found,) = look_up(comm, node, [rise], nodes)

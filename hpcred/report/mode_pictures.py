@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..body.recovery import von_mises
+from ..body.stress import von_mises
 from ..files.outputs import PDF, PICTURES, SVG
 from ..parallel.failures import InputError
 from ..writers.base import Writer

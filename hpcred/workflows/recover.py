@@ -52,7 +52,7 @@ def recover(
     start, end : float, optional
         First and last instant in s.
     every : int, default 1
-        Every so-many-th instant is written.
+        One of so many instants is written.
     single : bool, default False
         Whether numbers are written in single precision, which halves the file.
     first : int, optional

@@ -12,7 +12,7 @@ from ..body.stress import StressModes
 from ..files.hdf5 import reading, require_name
 from ..files.outputs import check_outputs, hdf5_kind
 from ..files.result_copy import copy_with_stress
-from ..files.result_file import FORMAT, ROWS_AT_A_TIME, SCHEMA, VERSION, Result
+from ..files.result_file import FORMAT, ROWS_AT_A_TIME, SCHEMA, VERSION, Result, require_basis
 from ..files.result_points import read_points
 from ..files.system_errors import open_input, writing_to
 from ..model.dofs import SCALAR
@@ -149,10 +149,7 @@ def _check_rows(source) -> int:
     Scalar rows, such as internal modes of elements, may be there: the program computes these at rest.
     """
     with reading(source, FORMAT, VERSION, SCHEMA) as file:
-        if "basis/V" not in file or "dofs" not in file:
-            raise InputError(
-                f"{source}: no basis with node coordinates; reduce a model with nodes, and with write_basis = true"
-            )
+        require_basis(file, source)
         rows = file["basis/V"].shape[1]
         for low in range(0, rows, ROWS_AT_A_TIME):
             if (file["dofs/direction"][low : low + ROWS_AT_A_TIME] > SCALAR).any():
@@ -213,11 +210,9 @@ def _rows(file, group):
 
 def _check_displacements(answers, source, found, points, length, comm):
     """Raise InputError where the displacements of the answers are not those of the columns of the basis."""
-    mesh = len(points.node) - len(points.names) * (comm.rank == comm.size - 1)
-    count = len(points.shapes)
-    moved = points.shapes.reshape(count, -1, 3)[:, :mesh]
-    moved = list(moved.transpose(0, 2, 1).reshape(3 * count, mesh))
-    there, values = look_up(comm, points.node[:mesh], moved, found.node)
+    count, nodes = len(points.shapes), len(points.node)
+    moved = points.shapes.reshape(count, nodes, 3).transpose(0, 2, 1).reshape(3 * count, nodes)
+    there, values = look_up(comm, points.node, list(moved), found.node)
     if not comm.allreduce(int(there.sum())):
         raise InputError(f"{answers}: found none of the nodes of {source}; it belongs to another model")
     expected = np.array(values).reshape(count, 3, -1).transpose(0, 2, 1)[:, there]

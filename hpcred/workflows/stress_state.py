@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body.recovery import von_mises
+from ..body.stress import von_mises
 from ..files.result_file import Result
 from ..parallel.failures import agreed
 from .recover import coordinates_of

@@ -17,7 +17,8 @@ from ...parallel.shares import row_range
 from ..ansys.records import STANDARD, RecordFile
 from ..ansys.rst import FILE, geometry_of
 
-SETS, INDEX, NODES = 8, 10, 14  # in the header: number of sets, where their places are, and where the node numbers are
+IN_ALL, SETS = 6, 8  # in the header: how many elements, and sets of results
+INDEX, NODES = 10, 14  # in the header: where the places of the sets are, and where the node numbers are
 ELEMENTS_OLD, ELEMENTS = 10, 28  # in the geometry: where the places of the elements are
 NUMBER, CORNERS = 8, 10  # in the record of an element: its number, and where its nodes begin
 COUNT, DISPLACEMENTS, STRESSES, DOFS, KINDS = 1, 10, 11, 19, 20  # in the header of a set
@@ -72,7 +73,7 @@ def _nodes(file, header, share) -> np.ndarray:
     _, geometry = geometry_of(file, header)
     start = int(geometry[ELEMENTS]) or int(geometry[ELEMENTS_OLD])
     table = file.record(start)[0]
-    width = len(table) // max(int(header[6]), 1)  # words of a place
+    width = len(table) // max(int(header[IN_ALL]), 1)  # words of a place
     places = table[::width][share].astype(np.int64)
     found = np.zeros((len(places), 0), np.int64)
     for which, numbers in _alike(file, places + (start if width == 2 else 0)):
