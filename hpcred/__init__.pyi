@@ -63,6 +63,9 @@ from .model.loads import Temperature as Temperature
 from .model.loads import Traction as Traction
 from .model.materials import ElementProperties as ElementProperties
 from .model.materials import Material as Material
+from .model.parameters import Parameter as Parameter
+from .model.parameters import Term as Term
+from .model.parametric_model import ParametricModel as ParametricModel
 from .model.second_order_model import SecondOrderModel as SecondOrderModel
 from .model.stress_outputs import StressOutput as StressOutput
 from .model.units import Units as Units

@@ -118,14 +118,14 @@ def real_values(values, what) -> np.ndarray:
 
 
 def coordinates(key, mat):
-    """Return Rows, columns, real values and size of a SciPy sparse or a dense matrix. Raises InputError."""
+    """Return rows, columns, real values and size of a SciPy sparse or a dense matrix. Raises InputError."""
     mat = mat if hasattr(mat, "tocoo") else np.asarray(mat)
     if mat.ndim != 2 or mat.shape[0] != mat.shape[1] or mat.dtype.kind not in "biufc":
-        raise InputError(f"from_scipy: {key}: found {mat.shape} of {mat.dtype}, expected a square matrix of numbers")
+        raise InputError(f"{key}: found {mat.shape} of {mat.dtype}, expected a square matrix of numbers")
     if hasattr(mat, "tocoo"):
         mat = mat.tocoo()
         i, j, v = mat.row.astype(np.int64), mat.col.astype(np.int64), mat.data
     else:
         i, j = np.nonzero(mat)
         v = mat[i, j]
-    return i, j, real_values(v, f"from_scipy: {key}").astype(float), mat.shape[0]
+    return i, j, real_values(v, key).astype(float), mat.shape[0]

@@ -78,7 +78,8 @@ def from_csr(comm, size, indptr, indices, values, inputs=None, outputs=None, *, 
 
 def from_arrays(K, M, D, comm, inputs=None, outputs=None, **labels) -> dict:
     """Return the fields from matrices, columns and labels that every rank holds."""
-    given = {key: coordinates(key, mat) for key, mat in (("K", K), ("M", M), ("D", D)) if mat is not None}
+    given = {"K": K, "M": M, "D": D}
+    given = {key: coordinates(f"from_scipy: {key}", mat) for key, mat in given.items() if mat is not None}
     sizes = {key: item[3] for key, item in given.items()}
     size = max(sizes.values(), default=0)
     if len(set(sizes.values())) > 1:

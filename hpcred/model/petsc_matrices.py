@@ -33,7 +33,7 @@ def taken(given: dict[str, PETSc.Mat], held, name: str) -> tuple[dict[str, PETSc
     watched(comm)
     with agreed(comm):
         _check_layout(given, name)
-    mats = {key: _as_aij(mat, f"{name}: {key}") for key, mat in given.items()}
+    mats = {key: as_aij(mat, f"{name}: {key}") for key, mat in given.items()}
     rows, size = mats["K"].getLocalSize()[0], mats["K"].getSize()[0]
     free = np.setdiff1d(np.arange(rows), _held_rows(comm, mats["K"], held, name))
     remaining = comm.allreduce(len(free))
@@ -46,7 +46,7 @@ def taken(given: dict[str, PETSc.Mat], held, name: str) -> tuple[dict[str, PETSc
         first = mats["K"].getOwnershipRange()[0]
         keep = PETSc.IS().createGeneral((first + free).astype(PETSc.IntType), comm=mats["K"].comm)
         mats = {key: mat.createSubMatrix(keep, keep) for key, mat in mats.items()}
-    mats = _on_one_pattern(mats)
+    mats = on_one_pattern(mats)
     free_dropped(comm)
     return mats, free
 
@@ -72,7 +72,7 @@ def _check_layout(given, name):
             )
 
 
-def _as_aij(mat, what):
+def as_aij(mat, what):
     """Return a reference to an AIJ matrix, or a copy as AIJ of another storage type (SBAIJ, BAIJ, nest, ...)."""
     if mat.getType() in ("seqaij", "mpiaij"):
         return copy(mat)
@@ -99,22 +99,22 @@ def _held_rows(comm, mat, held, name):
     return np.unique(exchange(comm, owner, [rows])[0]) - ranges[comm.rank]
 
 
-def _on_one_pattern(mats):
+def on_one_pattern(mats, others=()):
     """Return the matrices where they have one pattern that serves, else copies on the union of all. Collective.
 
-    An unsymmetric D brings the pattern of its transpose.
+    An unsymmetric D brings the pattern of its transpose; `others` bring theirs, and those of their transposes.
     """
     K = mats["K"]
     comm = K.comm.tompi4py()
-    patterns = dict(mats)
-    if "D" in mats:
-        patterns["transposed D"] = mats["D"].transpose(PETSc.Mat())
-    signs = [_signature(mat) for mat in patterns.values()]
+    patterns = list(mats.values())
+    for mat in ([mats["D"]] if "D" in mats else []) + list(others):
+        patterns += [mat, mat.transpose(PETSc.Mat())]
+    signs = [_signature(mat) for mat in patterns]
     full = all(diagonal for _, diagonal in signs)
     if all(comm.allgather(full and len({sign for sign, _ in signs}) == 1)):
         return mats
     union = _diagonal_of_zeros(K)
-    for mat in patterns.values():
+    for mat in patterns:
         zeros = mat.duplicate(copy=False)  # axpy leaves at once where the factor is zero
         zeros.zeroEntries()
         union.axpy(1.0, zeros, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
