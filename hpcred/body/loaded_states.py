@@ -13,15 +13,14 @@ import numpy as np
 
 from ..model.dofs import position_of_node, row_of, target_of
 from ..model.element_rows import ValuesAtRows, element_rows
-from ..model.element_rules import FULL, REDUCED, UNIFORM
+from ..model.element_rules import UNIFORM, Rule
 from ..model.interfaces import find_interface, node_number
 from ..model.materials import NUMBER
+from ..model.point_stresses import PointStresses
 from ..model.rigid_body_modes import rigid_body_quantities
-from ..model.shape_functions import integration_points
 from ..model.units import units_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
-from ..parallel.lookup import look_up, repeated_key
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import ANYTHING, within
 from ..parallel.sums import summed
@@ -30,11 +29,9 @@ from .geometric_stiffness import ACCELERATIONS, SIX, check_state
 from .preload import spin_softening
 from .stress_stiffness import node_stiffness, projected
 
-MOST_POINTS = 64  # more than any element has
 AXIAL = 0.02  # sine of the angle, and offset in radii of gyration, up to which a load counts as axial
 SLENDER = 0.2  # of the other moments of inertia: the largest one about the axis of a slender body
 SAME_MASS = 1e-6  # ||M - M'|| / ||M|| that digits explain
-RULES = {"hexahedron": (FULL, UNIFORM), "hexahedron20": (FULL, REDUCED)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,41 +97,16 @@ def stiffness_of_stresses(model, columns, element, point, stress, name) -> np.nd
     """
     if model.properties is None:
         raise InputError(f"{name}: the elements of {model.name} have no numbers; convert it from its input file")
-    keys = element.astype(np.int64) * MOST_POINTS + point
-    if (again := repeated_key(model.comm, keys)) is not None:
-        raise InputError(
-            f"{name}: found element {again // MOST_POINTS}, point {again % MOST_POINTS} twice, expected the stresses "
-            "of one time, of each element once"
-        )
     count = int(np.diff(columns.getActiveColumns())[0])
-    total, used = np.zeros((1, count, count)), 0
+    total, found = np.zeros((1, count, count)), PointStresses(model.comm, element, point, stress, name, model.name)
     for kind, cells in element_rows(model).items():
         number = model.properties.table[kind][:, NUMBER]
-        left = np.ones(len(number), bool)
         shapes = ValuesAtRows(model, cells.rows).of(columns)
-        for rule in RULES.get(kind, (FULL,)):
-            points = 1 if rule is UNIFORM else len(integration_points(kind, rule.scheme)[1])
-            wanted = number[:, None] * MOST_POINTS + np.arange(1, points + 2)  # and none more
-            found, parts = look_up(model.comm, keys, list(stress.T), wanted.ravel())
-            found = found.reshape(wanted.shape)
-            mine = left & found[:, :-1].all(axis=1) & ~found[:, -1] & cells.placed
-            left &= ~mine
-            sigma = np.stack(parts, axis=-1).reshape(*wanted.shape, 6)[mine, :-1]
+        for scheme, mine, sigma in found.of_elements(kind, number, cells.placed):
+            rule = UNIFORM if (kind, scheme) == ("hexahedron", "reduced") else Rule(scheme)
             matrices = node_stiffness(kind, rule, cells.position[mine], sigma[..., None])
             total += projected(matrices, shapes[mine])
-            used += int(mine.sum()) * points
-        lost = [item for part in model.comm.allgather(number[left][:1].tolist()) for item in part]
-        if lost:
-            raise InputError(
-                f"{name}: found no stresses of element {lost[0]} ({kind}) of {model.name} at all its integration "
-                "points, expected those of every solid; print S of all elements, or take the file of this mesh"
-            )
-    given, used = model.comm.allreduce(len(keys)), model.comm.allreduce(used)
-    if given != used:
-        raise InputError(
-            f"{name}: found stresses at {given} integration points, expected {used} as the solids of {model.name} "
-            "have; the file is that of another mesh"
-        )
+    found.require_all()
     return _symmetric(model, summed(model.comm, total)[0])
 
 

@@ -38,7 +38,7 @@ def write_deck(result, program: str, original, folder, *, units: str = "SI", com
     ----------
     result : Result or path
         result.h5, with its basis and nodes.
-    program : {"calculix", "ansys", "nastran"}
+    program : {"calculix", "calculix-dat", "ansys", "nastran"}
     original : path
         The input file that the matrices came from; its model is taken, and its steps are left out.
     folder : path
@@ -108,7 +108,8 @@ def add_stresses(result, answers, output, *, units: str = "SI", comm=None, progr
     result : Result or path
         The result.h5 that write_deck was given.
     answers : path
-        The results of the program: .frd of CalculiX, .rst of ANSYS, punch file of Nastran.
+        The results of the program: .frd of CalculiX, or .dat beside its input file, .rst of ANSYS, punch file of
+        Nastran.
     output : path
         A new result.h5, with `basis/stress`.
     units : str, default "SI"

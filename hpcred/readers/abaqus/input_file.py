@@ -128,16 +128,17 @@ def begins(start: bytes) -> bool:
     return first_line(REDIRECTED.sub(b"", start))[:1] == b"*"
 
 
-def read(path, comm, calculix=False, surfaces=False) -> Mesh:
+def read(path, comm, calculix=False, surfaces=False, steps=True) -> Mesh:
     """Return the mesh of an input file. Collective. Raises InputError.
 
     `calculix`: whether it is read as CalculiX does. Then matrices are in global directions in spite of *Transform;
     what stands on a line behind the nodes of an element does not count, nor do keywords that CalculiX does not know
     (one without a name is among them, if it has no data lines), and a node may have no coordinates, which are zero; no
     keyword goes on in the next line; lines of >** above the first keyword are comments. `surfaces`: whether the
-    internal sets of elements that surfaces name are read as well.
+    internal sets of elements that surfaces name are read as well. `steps`: whether the file is read beyond its first
+    *Step, with the files that it includes there.
     """
-    sections = _sections(Path(path), comm, (), calculix)
+    sections = _sections(Path(path), comm, (), calculix, steps)
     if calculix:
         sections = [section for section in sections if section.keyword not in UNKNOWN_TO_CALCULIX]
     blocks = decided(comm, _blocks, path, sections, calculix)
@@ -161,8 +162,8 @@ def read(path, comm, calculix=False, surfaces=False) -> Mesh:
     return Mesh(nodes, elements, sets, sections, counts, properties, remarks, keys, members)
 
 
-def _sections(path, comm, including, calculix):
-    """Return all keywords of a file and of those it includes, in order. Collective."""
+def _sections(path, comm, including, calculix, steps):
+    """Return all keywords of a file and of those it includes, in order; without `steps` up to one. Collective."""
     with agreed(comm):
         require_file(path)
         refuse_packed(path)
@@ -170,6 +171,8 @@ def _sections(path, comm, including, calculix):
     positions = sum(comm.allgather(found), [])
     result = []
     for section in decided(comm, _keywords, path, positions, calculix):
+        if section.keyword == "step" and not steps:
+            break
         if section.keyword != "include":
             result.append(section)
             continue
@@ -184,7 +187,7 @@ def _sections(path, comm, including, calculix):
                 raise section.refusal(f"found *Include of {file}, which includes itself")
             if data_lines(section):
                 raise section.refusal("found data lines below *Include, expected a keyword")
-        result += _sections(file, comm, (path, *including), calculix)
+        result += _sections(file, comm, (path, *including), calculix, steps)
     return result
 
 

@@ -7,7 +7,8 @@ import re
 import numpy as np
 
 from ...files.text import Piece, pieces
-from ...files.text_numbers import numbers
+from ...files.text_numbers import labels, numbers, whole
+from ...model.point_stresses import MOST_POINTS
 from ...parallel.failures import InputError, agreed
 from ..entries import joined
 
@@ -29,9 +30,7 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                         "directions only; print nothing but S by *EL PRINT"
                     )
                 times.add(time)
-            text = TITLE.sub(b"", piece.text)
-            table, _ = numbers(Piece(path, text, piece.start), 8)
-            parts.append((table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, IN_ORDER]))
+            parts.append(stresses_of(Piece(path, TITLE.sub(b"", piece.text), piece.start)))
         element, point, stress = joined(parts, (np.int64, np.int64, float))
     stress = stress.reshape(-1, 6)
     found = sorted(set().union(*comm.allgather(times)))
@@ -39,3 +38,12 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         listed = ", ".join(time.decode(errors="replace") for time in found) or "none"
         raise InputError(f"{path}: found stresses of the times {listed}, expected those of one")
     return element, point, stress
+
+
+def stresses_of(piece: Piece) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return numbers of elements (r,) and of points (r,), and stresses (r, 6), of the lines of a piece."""
+    table, lines = numbers(piece, 8, commas=False)
+    piece.require(np.isfinite(table).all(axis=1), lines, "an element, a point and six finite stresses")
+    element = labels(piece, table[:, 0], lines, "the number of an element")
+    point = whole(piece, table[:, 1], lines, "the number of an integration point", 1, MOST_POINTS - 1)
+    return element, point, table[:, IN_ORDER]

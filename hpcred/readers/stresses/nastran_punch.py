@@ -18,7 +18,7 @@ from ...files.system_errors import open_input
 from ...files.text import end_to_end, records
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import look_up, sort_over_ranks
+from .means import means_at_nodes
 
 HEADING = re.compile(rb"(?m)(?:^\$[^\n]*\n)+")
 FIRST = re.compile(rb"(?m)^(?!-CONT-)")
@@ -55,22 +55,9 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         for block in blocks:
             found = end_to_end(records(path, comm, block.start, block.stop, FIRST), _reader_of(block))
             (stressed if block.kind else moved).setdefault(block.subcase, []).append(found)
-    nodes, steps = None, []
-    for subcase in sorted(moved):
-        label, place = (np.concatenate(part) for part in zip(*moved[subcase], strict=True))
-        at, stress = (np.concatenate(part) for part in zip(*stressed[subcase], strict=True))
-        at, *columns = sort_over_ranks(comm, at, list(stress.T))
-        node, start, counts = np.unique(at, return_index=True, return_counts=True)
-        mean = np.array([np.add.reduceat(item, start) if len(start) else item for item in columns]).T / counts[:, None]
-        there, values = look_up(comm, label, list(place.T), node)
-        if comm.allreduce(int((~there).sum())):
-            raise InputError(f"{path}: found stresses at nodes without displacements; take DISPLACEMENT(PUNCH) = ALL")
-        same = nodes is None or np.array_equal(nodes, node)
-        if not all(comm.allgather(same)):
-            raise InputError(f"{path}: found subcases with stresses of different nodes")
-        nodes = node
-        steps.append((np.array(values).T, mean))
-    return nodes, *(np.stack(part) for part in zip(*steps, strict=True))
+    parts = ((np.concatenate(part) for table in (moved, stressed) for part in zip(*table[subcase], strict=True))
+             for subcase in sorted(moved))  # fmt: skip
+    return means_at_nodes(path, comm, parts)
 
 
 def _blocks(path) -> list[Block]:

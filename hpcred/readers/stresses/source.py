@@ -10,10 +10,11 @@ from ...files.text import first_bytes
 from ...parallel.failures import InputError, agreed
 from ..ansys import rst
 from ..calculix import frd
-from . import ansys_rst, calculix_frd, nastran_punch
+from . import ansys_rst, calculix_dat, calculix_frd, nastran_punch
 
 FORMATS = (
     (frd.begins, calculix_frd.read, "CalculiX, means at nodes in .frd"),
+    (calculix_dat.begins, calculix_dat.read, "CalculiX, points of elements in .dat, means at nodes"),
     (rst.begins, ansys_rst.read, "ANSYS, means at corner nodes in .rst"),
     (nastran_punch.begins, nastran_punch.read, "Nastran, means at corner nodes in the punch file"),
 )
@@ -45,7 +46,7 @@ def read_answers(path, comm) -> Answers:
         start = first_bytes(path)
         known = [item for item in FORMATS if item[0](start)]
         if not known:
-            raise InputError(f"{path}: found no results of a known program, expected a .frd file of CalculiX, a .rst "
-                             "file of ANSYS, or a punch file of Nastran")  # fmt: skip
+            raise InputError(f"{path}: found no results of a known program, expected a .frd or .dat file of CalculiX, "
+                             "a .rst file of ANSYS, or a punch file of Nastran")  # fmt: skip
     _, read, source = known[0]
     return Answers(*read(path, comm), source)

@@ -3,10 +3,10 @@
 from ...parallel.failures import InputError
 from .ansys import AnsysDeck
 from .base import Deck
-from .calculix import CalculixDeck
+from .calculix import CalculixDeck, CalculixPointsDeck
 from .nastran import NastranDeck
 
-DECKS = {"calculix": CalculixDeck, "ansys": AnsysDeck, "nastran": NastranDeck}
+DECKS = {"calculix": CalculixDeck, "calculix-dat": CalculixPointsDeck, "ansys": AnsysDeck, "nastran": NastranDeck}
 
 
 def deck_called(word: str) -> Deck:
